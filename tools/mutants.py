@@ -34,8 +34,8 @@ COPIED = (
     "docs",
     "sample",
 )
-GROUPS = (("test/metrics/test_formulas.py",), ("test/metrics",), ("test/geometry",))
-"""The tests, in the order in which they run."""
+GROUPS = (("test/metrics",), ("test/geometry",))
+"""The tests."""
 LIBRARIES = ("hypothesis", "msgspec", "numba", "numpy", "scipy.spatial.transform", "scipy.stats", "yaml")
 """What is loaded once for all mutations."""
 
@@ -261,6 +261,13 @@ def fails(folder: Path, tests: Sequence[str], marks: str) -> bool:
     return code == 1
 
 
+def nearest_tests(path: str) -> tuple[str, ...]:
+    """Return the test modules that are named after a module; they run first, because they fail first."""
+    module = Path(path)
+    found = sorted((ROOT / "test" / module.parent).glob(f"test_*{module.stem}*.py"))
+    return tuple(str(each.relative_to(ROOT)) for each in found)
+
+
 def is_killed(mutation: Mutation, folder: Path, marks: str) -> bool:
     """Tell whether a test fails with a mutation in a copy of the sources; the tests nearest to it come first."""
     path = folder / "sfr_loc_map" / mutation.path
@@ -268,7 +275,7 @@ def is_killed(mutation: Mutation, folder: Path, marks: str) -> bool:
     if text.count(mutation.text) != 1:
         raise SystemExit(f"{mutation.path}: found {text.count(mutation.text)} times, once is required: {mutation.text}")
     path.write_text(text.replace(mutation.text, mutation.instead), encoding="utf-8")
-    groups = GROUPS if mutation.path.startswith("metrics") else GROUPS[::-1]
+    groups = [tests for tests in (nearest_tests(mutation.path), *GROUPS) if tests]
     try:
         return any(fails(folder, tests, marks) for tests in groups)
     finally:

@@ -1,6 +1,6 @@
 """Which estimate belongs to which truth: one to one, on integer nanoseconds.
 
-docs/metrics.md, "From poses to frames", says what `match`, `interpolate` and `auto` mean, and why.
+docs/metrics.md, "From poses to frames", defines the modes `match`, `interpolate` and `auto` and gives their reasons.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Number = TypeVar("Number", bound=np.generic)
 UPPER = np.triu_indices(6)  #: Places of the upper triangle of a 6 x 6 covariance, row by row.
 COVARIANCE_SIZE = len(UPPER[0])
 AUTO_STAMPS = 16  #: Stamps of each kind in the common span that `auto` examines.
-MATCHES_PER_STAMP = 4  #: One stamp in so many must match, or `auto` interpolates.
+MATCHES_PER_STAMP = 4  #: `auto` matches if at least one of this number of stamps has a partner, else it interpolates.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,10 +33,10 @@ class Estimates:
 
     trajectory: Trajectory  #: Estimated poses of RB in DS, in any order.
     lost: Mask  #: `(N,)` bool, pose was repeated because the localiser was lost.
-    degraded: Mask  #: `(N,)` bool, the localiser had a reason to doubt the pose.
+    degraded: Mask  #: `(N,)` bool, a check of the localiser reported a problem with the pose.
     #: `(N, 21)` float64, upper triangle, ROS order (m^2, rad^2), NaN where not known; None if known of none.
     covariance: FloatArray | None
-    #: `(N, 48)` float64, step to each pose (see `metrics.consistency`), alike.
+    #: `(N, 48)` float64, step to each pose (see `metrics.consistency`), NaN where unknown; None without steps.
     steps: FloatArray | None = None
 
     @classmethod
@@ -55,7 +55,7 @@ class Estimates:
 
 
 def lost_by_covariance(covariance: FloatArray) -> Mask:
-    """Tell for which covariances `(N, 21)` the pose is not known: 9999 on the whole diagonal."""
+    """Return for which covariances `(N, 21)` the pose is unknown: the complete diagonal is 9999."""
     return np.asarray((covariance[:, UPPER[0] == UPPER[1]] >= LOST_VARIANCE).all(axis=1))
 
 

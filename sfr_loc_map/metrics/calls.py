@@ -3,7 +3,7 @@
 Memory: before a call the kernel's high-water mark of the process' resident memory is set back to what is resident
 now (`5` written to `/proc/self/clear_refs`), after it the mark is read (`VmHWM` in `/proc/self/status`): the kernel's
 own peak, of all threads together, exact to some hundred KiB. Memory "above the idle process" is the peak less what was
-resident when the meter was made or told so (`mark_idle`).
+resident when the meter was made, or at the last `mark_idle`.
 """
 
 from __future__ import annotations
@@ -164,8 +164,8 @@ def joined(parts: Sequence[ScoredCalls]) -> ScoredCalls:
 
 
 def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) -> ScoredCalls:
-    """Return times (with the name of their clock) and memory of calls, whose states tell what kind they are."""
-    # a system that cannot tell its memory may say 0: that is not known; above the idle process 0 may be true
+    """Return times (with the name of their clock) and memory of calls, whose states give their kinds."""
+    # a system without this measurement may report 0, which is unknown; above the idle process 0 is possible
     peak = np.where(calls.peak_bytes > 0.0, calls.peak_bytes, np.nan)
     above = np.where(np.isfinite(peak) | (calls.above_idle_bytes > 0.0), calls.above_idle_bytes, np.nan)
     calls = replace(calls, peak_bytes=peak, above_idle_bytes=above)
@@ -310,7 +310,7 @@ def of_target(row: Figure) -> Figure:
 
 
 def stage_of(figure: str) -> str | None:
-    """Return the name of the stage whose time a figure of a call is (`stage_NAME_s`), None if it is none."""
+    """Return the stage whose time a figure of a call is (`stage_NAME_s`), None if the figure is no such time."""
     found = re.fullmatch(r"stage_(.+)_s", figure)
     return None if found is None else found[1]
 

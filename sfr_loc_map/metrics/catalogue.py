@@ -114,7 +114,7 @@ CATALOGUE = (
     FigureKind("bound", Subject.EVIDENCE, "", "1", "tolerance bound"),
 )
 KINDS: dict[str, FigureKind] = {kind.name: kind for kind in CATALOGUE}
-"""The catalogue by the names of the figures, each of which is used once."""
+"""The catalogue by the names of its figures, which are unique."""
 TARGET = "target"  #: First word of the part of a row of calls that were measured on a target.
 MAPPING_MEMORY = "4.3.2"
 

@@ -131,7 +131,7 @@ class PointErrors:
 
 
 def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
-    """Return the errors of all points whose pixel has a truth; MetricsError if a point is none of this source."""
+    """Return the errors of all points whose pixel has a truth; MetricsError if a point is not of this source."""
     if not np.isfinite(cloud.xyz).all():
         raise MetricsError("the cloud has points that are not finite: leave them out")
     if len(cloud) and int(last := cloud.pair.max()) >= len(truths):

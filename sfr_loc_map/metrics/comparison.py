@@ -1,8 +1,8 @@
 """Which of several estimates is better, by how much, and is that more than chance?
 
-Sub-trajectories of the same condition with the same first and last stamp are paired, so that what makes a stretch hard
-for both does not blur the difference. For the interval on the difference both series are resampled in the very same
-blocks (circular block bootstrap, as for the interval of one figure, see `metrics.statistics`), which keeps the pairing.
+Sub-trajectories of the same condition with the same first and last stamp are paired, so that an interval which is
+difficult for both does not add to the scatter of the difference. For the interval of the difference both series are
+resampled in the same blocks, which keeps the pairing (circular block bootstrap, see `metrics.statistics`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _PRECISION = 1e-9  #: The errors in a score's details are rounded to this.
 
 
 class Outcome(StrEnum):
-    """What is said of the other score."""
+    """How the other score compares with the first."""
 
     BETTER = "better"
     WORSE = "worse"
@@ -53,14 +53,14 @@ class PairedDifference(Record, frozen=True, kw_only=True, omit_defaults=False):
     other: float | None = None  #: The same of the other score.
     difference: float | None = None  #: Other less first: below zero the other is better.
     ci95: Interval | None = None  #: 95 % interval of the difference.
-    #: What it says; `no difference shown` if the interval holds zero, or chance is as likely as 0.05 (`p_corrected`).
+    #: Outcome; `no difference shown` if the interval holds zero, or chance is as likely as 0.05 (`p_corrected`).
     outcome: Outcome = msgspec.field(name="verdict", default=Outcome.NOT_ENOUGH_DATA)
     p: float | None = None  #: Probability of such a difference by chance, by the same scatter; None without one.
     p_corrected: float | None = None  #: The same corrected for the number of comparisons (Holm).
 
 
 class SideBySide(Record, frozen=True, kw_only=True, omit_defaults=False):
-    """One figure of whole runs, which cannot be paired: a value for each (None: no value)."""
+    """One figure of complete runs, which cannot be paired: the value of each run, None where unknown."""
 
     figure: str  #: Name of the figure, part and statistic for people.
     unit: str
@@ -96,13 +96,13 @@ def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
     pairs = [replace(it, outcome=Outcome.INCOMPLETE) if it.name in parts else it for it in pairs]
     whole = tuple(_side_by_side(scores))
     if not pairs and not whole:
-        raise MetricsError("the scores have no condition and no figure in common: score the same data alike")
+        raise MetricsError("the scores have no condition and no figure in common: score the same data and conditions")
     methods = tuple(score.method for score in scores)
     return Comparison(names=tuple(names), methods=methods, pairs=tuple(pairs), side_by_side=whole)
 
 
 def _side_by_side(scores: Sequence[Score]) -> Iterator[SideBySide]:
-    """Yield every figure of whole runs that two scores or more have, by the statistics of the catalogue."""
+    """Yield every figure of complete runs that two scores or more have, by the statistics of the catalogue."""
     rows = {_key(row): row for score in scores for row in score.figures if _is_of_a_whole_run(score, row)}
     of_scores = [{_key(row): row for row in score.figures} for score in scores]
     for key, row in rows.items():
@@ -121,7 +121,7 @@ def _is_of_a_whole_run(score: Score, row: Figure) -> bool:
 
 
 def _statistics_side_by_side(row: Figure) -> Sequence[str]:
-    """Return the statistics by which runs are compared, without the one of which pairs are compared."""
+    """Return the statistics by which runs are compared, except that which is compared by pairs."""
     compared = KINDS[row.figure].compared if row.figure in KINDS else ()
     return [name for name in compared if row.subject is not Subject.TRAJECTORY or name != TOTAL]
 
@@ -135,7 +135,8 @@ def _paired(first: Score, other: Score, name: str) -> Iterator[PairedDifference]
         return
     readings = first.association.rebase, other.association.rebase
     if readings[0] != readings[1]:
-        raise MetricsError(f"'{name}' is re-based by {readings[1]}, the first score by {readings[0]}: score both alike")
+        used = f"'{name}' is re-based by {readings[1]}, the first score by {readings[0]}"
+        raise MetricsError(f"{used}: score both with the same --rebase")
     for mine, theirs in itertools.product(_sub_trajectories(first), _sub_trajectories(other)):
         if mine.condition == theirs.condition:
             yield from _paired_rows(mine, theirs, name)

@@ -21,13 +21,14 @@ class AssociationMode(StrEnum):
 
 
 class Rebase(StrEnum):
-    """How error from before the start of a sub-trajectory is kept out; see `metrics.trajectory_error`."""
+    """How error from before the start of a sub-trajectory is removed; see `metrics.formulas`."""
 
-    POSE = "pose"  #: The whole pose of the estimate at the start is taken away.
+    POSE = "pose"  #: The estimate is re-based at the start by its complete pose.
     DISPLACEMENT = "displacement"  #: The document to the letter: differences of displacement and of change of attitude.
-    POSITION = "position"  #: Only its position is taken away.
-    YAW_ALIGNED = "yaw_aligned"  #: The same after a fit of yaw and translation, where the truth has no attitudes.
-    ROTATION_ALIGNED = "rotation_aligned"  #: After a fit of the whole rotation, where z of the estimate is tilted.
+    POSITION = "position"  #: The estimate is re-based at the start by its position alone.
+    YAW_ALIGNED = "yaw_aligned"  #: As position, after a fit of yaw and translation, where the truth has no attitudes.
+    #: As position, after a fit of the complete rotation, where z of the estimate is tilted.
+    ROTATION_ALIGNED = "rotation_aligned"
 
     @property
     def is_fit(self) -> bool:
@@ -188,17 +189,19 @@ class TrajectoryScoreConfig:
     )
     rebase: str = param(
         "pose",
-        doc="How error from before the start is kept out: its whole pose is taken away, displacements and changes are "
-        "compared (the document to the letter), or its position alone is taken away.",
+        doc="How error from before the start is removed: re-basing by the complete pose, differences of displacements "
+        "and of changes of attitude (the document to the letter), or re-basing by the position alone.",
         choices=("pose", "displacement", "position"),
     )
-    partial: bool = param(False, doc="Judge an estimate of a part of the drive as if it were the whole, and say so.")
+    partial: bool = param(
+        False, doc="Judge an estimate of a part of the drive as if it were the complete drive, and report that."
+    )
     association: AssociationConfig = field(default_factory=AssociationConfig)
 
 
 @dataclass(frozen=True, slots=True)
 class AlignedErrorConfig:
-    """Settings of the errors that are given beside the specification's; see `metrics.aligned_error`."""
+    """Settings of errors that the specification does not define; see `metrics.aligned_error`."""
 
     align: str = param(
         "se3",
@@ -230,7 +233,7 @@ class MapScoreConfig:
 
 @dataclass(frozen=True, slots=True)
 class ScoreConfig:
-    """Settings of the whole score."""
+    """Settings of the score."""
 
     trajectory: TrajectoryScoreConfig = field(default_factory=TrajectoryScoreConfig)
     map: MapScoreConfig = field(default_factory=MapScoreConfig)

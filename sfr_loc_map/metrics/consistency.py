@@ -1,9 +1,9 @@
-"""Is the covariance honest? Normalised estimation error squared (NEES) of sub-trajectories, see docs/metrics.md.
+"""Normalised estimation error squared (NEES) of sub-trajectories: tests the covariance. See docs/metrics.md.
 
-Q, the covariance of the end given the start, comes from the steps between them. A step is the motion since the pose
-before, with a covariance that is independent from step to step and a vector: one standard deviation of the error that
-all steps have alike. Each pose has white noise N besides. An error of a pose moves what comes after it, by F of
-`geometry.transform.propagation`, so with both sums taken to the origin of DS, C of `F S F^T` and G of `F g`, and W =
+Q, the covariance of the end given the start, is computed from the steps between them. A step is the motion since the
+previous pose. It has a covariance, which is independent from step to step, and a vector: one standard deviation of the
+error that all steps share. In addition each pose has white noise N. An error of a pose propagates to later poses by F
+of `geometry.transform.propagation`, so with both sums taken to the origin of DS, C of `F S F^T` and G of `F g`, and W =
 `F N F^T` likewise,
 
     Q(i, j) = F(p_j) (C_j - C_i + W_i + W_j + (G_j - G_i) (G_j - G_i)^T) F(p_j)^T

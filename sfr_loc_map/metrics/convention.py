@@ -5,7 +5,7 @@ disagreement (a third, if numbers are fitted to undo it), explains nine tenths o
 than the plain reading by that factor on the median of them. A few outliers explain nothing, frames that are left out
 are not explained, and what a scale error of the estimate explains as well is no mismatch of a convention.
 
-The disagreement is that whatever the placing of the world frame: the mean over sub-trajectories of the position error
+The disagreement does not depend on the world frame: the mean over sub-trajectories of the position error
 as a share of the path and the attitude error in radians, root of the sum of squares, re-based by the whole pose.
 """
 
@@ -81,9 +81,9 @@ class Hypothesis(Record, frozen=True, kw_only=True):
 class Diagnosis(Record, frozen=True, kw_only=True):
     """What was found."""
 
-    disagreement: float | None  #: As the estimate stands; None where both have no stamp in common.
+    disagreement: float | None  #: Of the estimate as given; None where both have no stamp in common.
     hypotheses: tuple[Hypothesis, ...]  #: Mismatches, the best explanation first.
-    found: Hypothesis | None  #: That which explains the disagreement, None if none does or there is none.
+    found: Hypothesis | None  #: Mismatch that explains the disagreement; None without a disagreement or an explanation.
 
 
 def diagnose(
@@ -132,7 +132,7 @@ def diagnose(
 
 
 def _in_order(poses: Trajectory, step: int) -> Trajectory:
-    """Return poses in the order of their stamps, each stamp once, every so many."""
+    """Return one pose per `step` poses in the order of their stamps, each stamp once."""
     rows = unique_rows(poses.stamps_ns)[::step]
     return Trajectory(poses.stamps_ns[rows], poses.positions[rows], poses.quats_xyzw[rows])
 
@@ -424,7 +424,7 @@ def converted_estimates(
     """Return estimates (of a child frame of RB, as they were written) as poses of RB in DS.
 
     A world frame that is the first pose is aligned there with the truth; without one the first pose is the identity. A
-    covariance is carried along; where poses are inverted or mirrored it is left out. Steps (`step_cov`) are motions of
+    covariance is propagated; where poses are inverted or mirrored it is removed. Steps (`step_cov`) are motions of
     RB: they stay only where nothing but the world frame or the stamps differ. MetricsError if no pose has a true pose.
     """
     poses = converted(estimates.trajectory, convention, T_rb_child)

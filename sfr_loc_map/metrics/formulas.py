@@ -5,7 +5,8 @@ of such frames, so that `true_position[ends]` is the true position at N+x of eve
 are of the RB origin in DS, metres. Quaternions `(F, 4)` are scalar last [3.1.1], of unit length, and take components
 in RB to components in DS (the conjugate of `att_q_DsToRb` [3.1.2]).
 
-test/helpers/metrics_reference.py says the same with loops and SciPy's rotations, and shares nothing with this module.
+test/helpers/metrics_reference.py has the same formulas with loops and SciPy's rotations. It shares no code with this
+module.
 """
 
 from __future__ import annotations
@@ -41,19 +42,19 @@ def path_length_m(true_position: FloatArray) -> Lengths:
 
 
 def ends_by_distance(starts: IntArray, length_m: Lengths, distance_m: float) -> IntArray:
-    """Return the first frame N+x to which the true path from N is so long; the number of frames if there is none."""
+    """Return the first frame N+x at which the true path from N has the distance; the number of frames without one."""
     needed = length_m[starts] + (distance_m - DISTANCE_TOLERANCE_M)
     return np.maximum(np.searchsorted(length_m, needed, side="left"), starts + 1)
 
 
 def ends_by_time(starts: IntArray, stamps_ns: IntArray, time_ns: int) -> IntArray:
-    """Return the first frame N+x whose stamp is so much later than that of N; the number of frames if none is."""
+    """Return the first frame N+x whose stamp is that of N plus the time or later; the number of frames without one."""
     since_first = stamps_ns - stamps_ns[:1]
     return np.maximum(np.searchsorted(since_first, since_first[starts] + time_ns, side="left"), starts + 1)
 
 
 def ends_by_frames(starts: IntArray, frames: int) -> IntArray:
-    """Return the frame N+x that is so many frames after N."""
+    """Return the frame N+x that is the given number of frames after N."""
     return starts + frames
 
 
@@ -65,9 +66,9 @@ def ends_apart(
     metres: float,
     turn_deg: float,
 ) -> IntArray:
-    """Return the first frame N+x, from the earliest on, that is so far from N in a straight line and turned so much."""
+    """Return the first frame N+x, not before the earliest, at the straight distance from N and with the rotation."""
     ends = earliest.copy()
-    half_turn_cosine = np.cos(0.5 * np.radians(turn_deg)) + 1e-12  # a turn of exactly so much is enough
+    half_turn_cosine = np.cos(0.5 * np.radians(turn_deg)) + 1e-12  # a rotation of exactly this angle is enough
     searching = np.flatnonzero(ends < len(true_position))
     while len(searching):
         first, last = starts[searching], ends[searching]
@@ -101,7 +102,7 @@ class Poses(NamedTuple):
 
 
 def pose_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajectoryErrors:
-    """Return the errors if the whole pose at N is taken away.
+    """Return the errors of the estimate that is re-based at N by its complete pose.
 
     `T_gt(N) inv(T_est(N)) T_est(N+x)` is compared with `T_gt(N+x)`.
     """
@@ -131,7 +132,7 @@ def displacement_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubT
 
 
 def position_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajectoryErrors:
-    """Return the errors if the position at N alone is taken away, as other tools do; attitudes are compared at N+x."""
+    """Return the errors of the estimate that is re-based at N by its position alone; attitudes are those at N+x."""
     true_position, true_attitude, position, attitude = poses
     return SubTrajectoryErrors(
         position_error(displacement(position, starts, ends), displacement(true_position, starts, ends)),
@@ -212,7 +213,7 @@ def point_error(actual: FloatArray, estimated: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(actual - estimated, axis=1))
 
 
-# ---- beside the document: robust figures of maps (Höhle and Höhle 2009; NATO STANAG 2215)
+# ---- not in the document: robust figures of maps (Höhle and Höhle 2009; NATO STANAG 2215)
 
 
 def nmad(vertical: FloatArray) -> float:
@@ -230,7 +231,7 @@ def ce90(horizontal: FloatArray) -> float:
     return float(np.percentile(horizontal, 90.0))
 
 
-# ---- beside the document: the same errors by direction, without attitudes, and along the ray of a pixel
+# ---- not in the document: the same errors by direction, without attitudes, and along the ray of a pixel
 
 
 def chord_error(poses: Poses, starts: IntArray, ends: IntArray) -> FloatArray:
@@ -256,7 +257,7 @@ def disparity_error(focal_px: float, baseline_m: float, depth_m: FloatArray, tru
     return np.asarray(focal_px * baseline_m / depth_m - focal_px * baseline_m / true_depth_m)
 
 
-# ---- what is said of n errors: a row of the table of figures
+# ---- statistics of n errors: a row of the table of figures
 
 
 class Statistics(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):

@@ -62,7 +62,7 @@ class Columns(Record, frozen=True, kw_only=True):
 
 
 class Numbers(Statistics, frozen=True, kw_only=True):
-    """The numbers of a row: statistics of its values, and what is known beside them."""
+    """The numbers of a row: the statistics of its values and other numbers."""
 
     independent: float | None = None  #: How many values are independent: n over the overlap of sub-trajectories.
     low95: float | None = None  #: Lower bound of the 95 % interval of mean + 3 sigma; of a NEES, of consistent means.
@@ -264,10 +264,10 @@ class Association(Record, frozen=True, kw_only=True, omit_defaults=False):
     tolerance_s: float = 0.0  #: Stamps this close are the same.
     max_gap_s: float = 0.0  #: Longest gap of the ground truth that is interpolated.
     spacing_frames: int = 10  #: Frames from one start of a sub-trajectory to the next [4.1.1].
-    #: How error from before N is kept out [4.1.2]: `T_gt(N) inv(T_est(N)) T_est(N+x)` is compared with `T_gt(N+x)`
+    #: How error from before N is removed [4.1.2]: `T_gt(N) inv(T_est(N)) T_est(N+x)` is compared with `T_gt(N+x)`
     #: (pose); displacements in DS, and changes of attitude and heading since N, are compared (displacement); or the
-    #: position at N alone is taken away (position). Where the ground truth has no attitudes, the yaw (yaw_aligned) or
-    #: the whole rotation (rotation_aligned) of the estimate is fitted over the drive, then as position.
+    #: position at N alone is subtracted (position). Where the ground truth has no attitudes, the yaw (yaw_aligned) or
+    #: the complete rotation (rotation_aligned) of the estimate is fitted over the drive, then as position.
     rebase: Rebase = Rebase.POSE
     incomplete: str | None = None  #: Why the estimate does not cover the whole drive; null if it does.
 
@@ -322,7 +322,7 @@ class CallRecords(Record, frozen=True, kw_only=True):
 
 
 class TargetRecord(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
-    """What a target says of itself (`target.json` of the harness); what it does not say is null."""
+    """What a target reports about itself (`target.json` of the harness); unknown facts are null."""
 
     candidate: str | None = None  #: Version of the item under test.
     board: str | None = None  #: Board.
@@ -339,7 +339,7 @@ class TargetRun(Record, frozen=True, kw_only=True):
     """Where calls were measured that are not of this host [4.2.1, 4.3.1]; their rows have the part `target`."""
 
     name: str  #: Name of the target.
-    about: TargetRecord | None = None  #: What the board says of itself; null where it was not a run of the harness.
+    about: TargetRecord | None = None  #: Facts reported by the board; null where it was not a run of the harness.
     matched_share: float | None = None  #: Fraction of estimates that have a call; null where calls have no stamps.
     other_run: str | None = None  #: Which run the calls are of, where it is not the estimate's.
     memory_method: str | None = None  #: How memory was measured; null if it was not.
@@ -383,7 +383,7 @@ class MethodRecord(Record, frozen=True, kw_only=True):
     """The software that made the estimate or the cloud."""
 
     name: str  #: Its name.
-    version: str | None  #: As it says itself, null where it does not.
+    version: str | None  #: As the method reports it; null where it does not.
     kind: MethodKind  #: How it is reached.
     sha256: str | None = None  #: Hash of the file that it was loaded from; null where it is not one file.
     isolation: str | None = None  #: What its process was kept from; null where that is unknown, or not needed.
@@ -603,7 +603,7 @@ class Details(Record, frozen=True, kw_only=True):
     map: MapDetails | None = None  #: Map.
 
 
-# ---- the whole
+# ---- the score
 
 
 def written(default: Any) -> Any:  # noqa: ANN401 - stands for the field's value, as msgspec.field does
@@ -612,9 +612,9 @@ def written(default: Any) -> Any:  # noqa: ANN401 - stands for the field's value
 
 
 class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
-    """The whole score."""
+    """The score of a run."""
 
-    #: Verdict over all limits; null where there are none, or nothing is judged.
+    #: Verdict over all limits; null without limits, or where nothing is judged.
     verdict: VerdictState | None = written(None)
     figures: tuple[Figure, ...] = written(())  #: The table of figures.
     #: One for each limit, in their order, after those on findings and on what is missing.
@@ -662,7 +662,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         """Return the row of a figure that verdicts are on, whatever the order of the rows; None without one.
 
         Errors of sub-trajectories are judged by one reading of the document (`association.rebase`), those of a suite
-        over all drives (`pooled`). Every other figure is judged as a whole: its row has no part.
+        over all drives (`pooled`). Of every other figure the row without a part is judged.
         """
         reading = None if self.association is None else str(self.association.rebase)
         for row in self.rows(figure, subject=subject, condition=condition):

@@ -1,13 +1,13 @@
 """The 95 % interval of mean + 3 sigma from sub-trajectories that overlap, and the distributions that tests need.
 
 Sub-trajectories that share frames share errors: n of them, each overlapping L starts, are worth about m = n / L. So
-blocks of at least L consecutive ones are drawn (circular block bootstrap, Politis and Romano 1992). What blocks cannot
-show is corrected by what is known of overlapping sums, whose correlation falls off in a straight line over L:
+blocks of at least L consecutive ones are drawn (circular block bootstrap, Politis and Romano 1992). The
+shortfall of blocks is corrected for overlapping sums, whose correlation falls linearly to 0 over L starts:
 
 - A block of length l shows a variance that is too small by the factor r = sum (1 - |h|/l)(1 - |h|/L) / sum (1 - |h|/L)
   over |h| < L; m blocks, by (m - 1) / m.
 - The sample variance is itself too small, by (1 - 1/m) / (1 - 1/n), and the norm of a mean vector too large, by the
-  scatter of the mean. The interval is laid around the figure without these two.
+  scatter of the mean. The interval is centred on the figure corrected for both.
 - The scatter of the resampled figures is scaled by Student's t on a logarithmic scale, since the figure is positive.
   Its degrees of freedom, (m - 1) times the root of the number of directions that the errors have, at least 1.5, and a
   widening by a tenth (unsigned errors: a quarter, for they are skewed) are set by experiment.
@@ -27,11 +27,11 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatArray
 
 Interval = tuple[float, float]  #: Lower and upper bound of a 95 % interval.
-MAX_BLOCKS = 512  #: Sums are taken over at most so many groups of consecutive errors; a group has a power of two.
+MAX_BLOCKS = 512  #: Largest number of groups of consecutive errors; the size of a group is a power of two.
 RESAMPLES = 1000
 SEED = 20240229
 WIDENING, WIDENING_UNSIGNED = 1.1, 1.25
-"""Resampled figures scatter that much less than the true ones; the second of errors that are never negative."""
+"""Factors by which resampled figures scatter less than the true ones; the second is for unsigned errors."""
 MIN_FREEDOM = 1.5
 MIN_INDEPENDENT = 2.0  #: With fewer independent sub-trajectories there is no interval.
 
@@ -49,7 +49,7 @@ class Scatter(NamedTuple):
 
 
 def interval95(errors: FloatArray, overlap: float, *, unsigned: bool) -> Interval | None:
-    """Return the 95 % interval of mean + 3 sigma of errors `(n,)` or `(n, d)`; None of too few independent ones.
+    """Return the 95 % interval of mean + 3 sigma of errors `(n,)` or `(n, d)`; None if too few are independent.
 
     `overlap` starts lie within one sub-trajectory on average; unsigned errors are never negative.
     """
@@ -83,7 +83,7 @@ def interval95(errors: FloatArray, overlap: float, *, unsigned: bool) -> Interva
 def scatter_of_difference(a: FloatArray, b: FloatArray, overlap: float, *, unsigned: bool) -> Scatter | None:
     """Return the scatter of the difference of mean + 3 sigma of paired errors `(n, d)`; None of too few.
 
-    Both series are resampled in the same blocks, so that what they have in common does not count.
+    Both series are resampled in the same blocks, so that errors which they share do not count.
     """
     independent = len(a) / overlap
     if independent < MIN_INDEPENDENT:
@@ -99,7 +99,7 @@ def scatter_of_difference(a: FloatArray, b: FloatArray, overlap: float, *, unsig
 
 
 def scatter_of(figures: FloatArray, share: float, freedom: float, *, unsigned: bool) -> Scatter:
-    """Return the scatter of a figure from resampled ones `(B,)`, which show that share of its variance."""
+    """Return the scatter of a figure from resampled ones `(B,)`, which show this fraction of its variance."""
     widening = WIDENING_UNSIGNED if unsigned else WIDENING
     return Scatter(float(widening * np.std(figures) / np.sqrt(share)), max(freedom, MIN_FREEDOM))
 
@@ -138,7 +138,7 @@ def joined(parts: Moments) -> Moments:
 
 
 def resampled(groups: Moments, mean: FloatArray, overlap: float, size: int = 1) -> tuple[FloatArray, FloatArray, float]:
-    """Return mean vectors `(B, d)` and figures `(B,)` of resampled series, and the share of the variance they show.
+    """Return mean vectors `(B, d)` and figures `(B,)` of resampled series, and the fraction of the variance they show.
 
     `groups` are those of `group_moments`, of `size` offsets from the mean each. The same number of groups is drawn the
     same way each time.

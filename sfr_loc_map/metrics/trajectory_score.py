@@ -48,8 +48,8 @@ READINGS: dict[Rebase, Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors
 }
 """The readings of the document; see `Rebase`."""
 MIN_TILT_DEG, TILT_GAIN = 0.1, 3.0
-"""The whole rotation is fitted to positions alone where it tilts z by so much and leaves so many times less."""
-ROLL_GAIN = 1.1  #: A turn about the line of the drive is fitted where it leaves so many times less: else it is noise.
+"""The complete rotation is fitted where it tilts z by this angle and reduces the residual by this factor."""
+ROLL_GAIN = 1.1  #: A rotation about the line of the drive is fitted only if it reduces the residual by this factor.
 PATH_ROWS, DETAIL_ROWS = 2000, 1000  #: Frames, and sub-trajectories of each condition, that are kept for plots.
 POSITION_VARIANCES = [0, 6, 11]
 """Columns of the upper triangle of a 6 x 6 covariance that hold the variances of x, y and z."""
@@ -57,8 +57,8 @@ DISTANCES_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 """Distances of the error against distance travelled."""
 DISTANCES_SPACING, DISTANCES_BASE_M = 10, 50.0
 """Their starts are at least this many frames apart, whatever the spacing of the conditions; beyond the base in
-proportion to the distance: the more sub-trajectories overlap, the less one more says."""
-DISTANCES_MAX_STARTS = 5000  #: Through more starts than this a sub-trajectory of theirs is ignored: the rover stood.
+proportion to the distance: overlapping sub-trajectories add little information."""
+DISTANCES_MAX_STARTS = 5000  #: A sub-trajectory over more starts is ignored, because the rover was stationary.
 
 
 class Pieces(NamedTuple):
@@ -70,7 +70,7 @@ class Pieces(NamedTuple):
     errors: SubTrajectoryErrors
 
     def every(self, step: int) -> Pieces:
-        """Return one sub-trajectory of so many."""
+        """Return one sub-trajectory per `step` sub-trajectories."""
         errors = SubTrajectoryErrors(*(values[::step] for values in self.errors))
         return self._replace(starts=self.starts[::step], ends=self.ends[::step], errors=errors)
 
@@ -194,7 +194,7 @@ class PlacedFrames(NamedTuple):
 
 
 def parsed_conditions(config: TrajectoryScoreConfig) -> list[Condition]:
-    """Return the conditions of the settings; MetricsError if there is none."""
+    """Return the conditions of the settings; MetricsError without one."""
     if not config.conditions:
         raise MetricsError("no condition of a sub-trajectory given: give at least one, such as distance=5")
     return [Condition.parse(text) for text in config.conditions]
@@ -225,7 +225,7 @@ def placed_frames(
 
 
 def nothing_matched(estimate: Trajectory, truth: Trajectory) -> str:
-    """Return what is said of an estimate without a ground truth at its stamps."""
+    """Return the message about an estimate without a ground truth at its stamps."""
     spans = []
     for poses in (estimate, truth):
         stamps = poses.stamps_ns
@@ -240,11 +240,12 @@ def nothing_matched(estimate: Trajectory, truth: Trajectory) -> str:
 def associate_positions(
     estimates: Estimates, truth: Trajectory, conditions: Sequence[Condition], config: AssociationConfig
 ) -> tuple[Estimates, Frames, Association, Placement]:
-    """Return estimates of the point whose positions a truth has, and their frames, turned and moved to it.
+    """Return estimates of the point whose positions a truth has, and their frames, aligned with the truth.
 
     Yaw and translation are fitted by least squares: what neither vision nor gravity observes (Zhang, Scaramuzza 2018,
-    section IV-B). An estimate by vision alone that begins at the identity on a slope has a tilted z: where the whole
-    rotation tilts z and leaves much less, it is the fit. MetricsError for a condition that needs attitudes.
+    section IV-B). An estimate by vision alone that begins at the identity on a slope has a tilted z. Where the complete
+    rotation tilts z and leaves a much smaller residual, the complete rotation is fitted. MetricsError for a condition
+    that needs attitudes.
     """
     if any(part.kind is ConditionKind.TURN for condition in conditions for part in condition.parts):
         raise MetricsError("a condition turn=DEG needs attitudes of the truth, which has none: leave it out")
@@ -260,7 +261,7 @@ def associate_positions(
         translation = true_middle - turn @ middle
         est_quat = quat_multiply(quat_from_matrix(turn), frames.est_quat)
         frames = frames._replace(est_pos=frames.est_pos @ turn.T + translation, est_quat=est_quat)
-    known = Estimates(poses, estimates.lost, estimates.degraded, None)  # its covariance says nothing of the fit
+    known = Estimates(poses, estimates.lost, estimates.degraded, None)  # its covariance does not describe the fit
     yaw_deg = float(np.degrees(np.arctan2(turn[1, 0], turn[0, 0])))
     return known, frames, association, Placement(yaw_deg, tilt_deg, tuple(translation.tolist()))
 
@@ -319,7 +320,7 @@ def overlap_of(starts: IntArray, ends: IntArray, spacing: int) -> float:
     return int(np.sum(-(-(ends - starts) // spacing))) / max(len(starts), 1)
 
 
-# ---- error, and what is said of errors
+# ---- errors and their statistics
 
 
 def error_row(kind: ErrorFigure, condition: str | None, part: str, pieces: Pieces, overlap: float = 0.0) -> Figure:
@@ -436,7 +437,7 @@ def pieces_table(estimates: Estimates, truth: Trajectory, config: TrajectoryScor
 
 
 def every_nth(count: int, most: int) -> int:
-    """Return the power of two of which every one is kept, so that at most so many remain."""
+    """Return the power of two n for which every n-th row is kept, so that at most `most` rows remain."""
     return 1 << (max(-(-count // most), 1) - 1).bit_length()
 
 

@@ -58,7 +58,7 @@ def benchmark_tables(result: Mapping[str, Any]) -> list[Table]:
 def _table(
     name: str, title: str, result: Mapping[str, Any], figures: tuple[Figure, ...] | list[Figure], word: str = "version"
 ) -> Table:
-    """Return a table with a row for each entry, its `word` beside its name, then one for each ratio of ours to it."""
+    """Return a table: a row for each entry, with its name and `word`, then for each ratio of ours to the entry."""
     rows: list[Row] = []
     for entry, values in result["entries"].items():
         cells = [_cell(values, place, unit) for _, unit, place in figures]

@@ -28,7 +28,7 @@ Named = Sequence[tuple[str, Score]]
 
 
 def comparison_tables(result: Comparison) -> list[Table]:
-    """Return the tables of a comparison: pairs of sub-trajectories, whole runs side by side."""
+    """Return the tables of a comparison: pairs of sub-trajectories, complete runs side by side."""
     names, tables = result.names, []
     if result.pairs:
         rows: list[Row] = []
@@ -54,7 +54,7 @@ def comparison_tables(result: Comparison) -> list[Table]:
         note += f"p: of such a difference by chance, corrected for {len(result.pairs)} comparisons (Holm)."
         tables.append(Table("pairs", title, columns, tuple(rows), note))
     if result.side_by_side:
-        title = "Whole runs, side by side (not paired: no interval)"
+        title = "Complete runs side by side (not paired, without an interval)"
         columns = (Column("figure", words=True), *map(Column, names))
         whole = tuple(
             (Cell.head(f"{row.figure}, {row.unit}" if row.unit != "1" else row.figure), *map(_cell, row.values))
@@ -78,7 +78,7 @@ def methods_tables(scores: Sequence[Score], names: Sequence[str]) -> list[Table]
 
 
 def summary_of(result: Comparison) -> tuple[str, str]:
-    """Return in a word and in a sentence how the others stand beside the reference, the worse first."""
+    """Return in a word and in a sentence how the others compare with the reference, the worse first."""
     first, outcomes = result.names[0], dict[str, dict[str, list[str]]]()
     for pair in result.pairs:
         figure = f"{pair.figure} over {label_of(pair.condition)}"

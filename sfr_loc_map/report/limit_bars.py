@@ -10,7 +10,7 @@ from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.report.score_tables import name_of, sign_of, unit_of
 from sfr_loc_map.report.tables import NOT_ENOUGH, OPEN, VERDICTS, Cell, number
 
-MOST = 10.0  #: Largest share of a limit that is told.
+MOST = 10.0  #: Largest fraction of a limit that is shown.
 
 
 @dataclass(frozen=True, slots=True)

@@ -75,7 +75,7 @@ def render_page(score: Score, *, figures: bool = True) -> str:
 def render_overview(
     title: str, state: VerdictState | None, text: str, tables: Sequence[Table], sections: Sections, heading: str = ""
 ) -> str:
-    """Return a page about many scores as HTML: verdict over all or a heading, a text beside it, tables, figures."""
+    """Return a page about many scores as HTML: verdict over all or a heading, a text, tables, figures."""
     return _rendered(
         tables,
         sections,
@@ -171,7 +171,7 @@ def overall_of(score: Score) -> Overall:
 
 
 def data_set_name(score: Score) -> str:
-    """Return the name of the data set that the truth is of, empty where the score does not tell it."""
+    """Return the name of the data set that the truth is of, empty where the score does not have it."""
     for path in _paths(score, TRUTH_ROLES):
         place = PurePath(path)
         while place.name in ("groundtruth.csv", "loc", "nav") and place.parent.name:  # parts of a data set folder
@@ -181,7 +181,7 @@ def data_set_name(score: Score) -> str:
 
 
 def run_facts(score: Score) -> tuple[tuple[str, str], ...]:
-    """Return the facts of the header, each with its name; what the score does not know is left out."""
+    """Return the facts of the header, each with its name; unknown facts are not shown."""
     drive, method, made = score.association, score.method, score.provenance
     facts = {"Truth": ", ".join(_paths(score, TRUTH_ROLES)), "Judged": ", ".join(_paths(score, RESULT_ROLES))}
     if drive is not None:
@@ -232,7 +232,8 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
         why = f"Estimate and truth contradict each other, so that no figure of them judges: {score.contradiction}"
         yield LookFirst("the convention of the poses", why)
     if score.incomplete is not None:
-        yield LookFirst("what is missing of the drive", f"A part is never a pass of the whole: {score.incomplete}.")
+        why = f"A part of a drive never passes for the complete drive: {score.incomplete}."
+        yield LookFirst("what is missing of the drive", why)
     for finding in score.findings:
         yield LookFirst(str(finding.kind), f"The method under test did something wrong: {finding}.")
     for item in sorted(score.failed, key=_use_of_limit, reverse=True):

@@ -122,7 +122,7 @@ def segments(pieces: Sequence[Sequence[Column]]) -> list[Column]:
 
 
 def colour_bar(title: str, **ticks: Any) -> dict[str, Any]:  # noqa: ANN401
-    """Return a bar that says what the colours mean."""
+    """Return the colour bar of a trace."""
     return {"title": {"text": title, "side": "right"}, "thickness": 12, **ticks}
 
 
@@ -145,7 +145,7 @@ def scaled(values: Column, factor: float) -> list[float | None]:
 
 
 def largest(*columns: Column) -> float:
-    """Return the largest absolute value, 0 if there is none."""
+    """Return the largest absolute value, 0 without a value."""
     return max((abs(value) for column in columns for value in column if value is not None), default=0.0)
 
 

@@ -41,17 +41,17 @@ TRACE_BACK = (
     "sub-trajectory over %{customdata[0]}<br>frames %{customdata[1]} to %{customdata[2]}<br>"
     "stamps %{customdata[3]} to %{customdata[4]} ns"
 )
-"""What a mark says when pointed at; `customdata` is a row of `_traces_to`."""
+"""Text of a mark under the pointer; `customdata` is a row of `_traces_to`."""
 STATES = {
     **{"initialising": ("@two", "diamond"), "tracking": ("@one", "circle"), "degraded": ("@three", "triangle-up")},
     **{"lost": ("@bad", "x"), "mapped": ("@one", "circle"), "fused": ("@three", "square")},
     "other": ("@four", "square"),
 }
-"""What a call said: its colour and mark."""
+"""Colour and mark of each state that a call reports."""
 LOG_TICKS_MM = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000, 3000, 10000)
 SCATTER_ROWS = 3000
 LAW_STEPS = 40
-FAR = 10.0  #: A limit beyond so many times the largest value would flatten a linear scale.
+FAR = 10.0  #: A limit beyond this multiple of the largest value would flatten a linear scale.
 
 
 class Part(NamedTuple):

@@ -43,8 +43,8 @@ HOST = "host"  #: First word of the name of a clock of this machine.
 UNNAMED = "not named"
 EXACT = "The truth is taken as exact; --set truth.sigma_m=M and truth.sigma_deg=DEG of sfr score state its noise."
 NO_INTERVAL = (
-    "Only mean + 3 sigma over sub-trajectories has an interval, where two of them or more are independent; without one "
-    "nothing is certain (-)."
+    "Only mean + 3 sigma over sub-trajectories has a 95 % interval, if at least two of them are independent. Without "
+    "an interval nothing is certain (-)."
 )
 EVIDENCE = (
     "Mean + 3 sigma of n independent sub-trajectories exceeds the share of all position errors with this confidence, "
@@ -57,19 +57,20 @@ DIRECTIONS = {
     **{"along": "along the path", "cross": "to the left of it", "vertical": "vertical"},
 }
 READINGS = {
-    Rebase.POSE: "the whole pose at the start is taken away, then poses are compared",
+    Rebase.POSE: "the estimate is re-based at the start by its complete pose, then poses are compared",
     Rebase.DISPLACEMENT: "displacements in DS and changes of attitude and heading since the start are compared: the "
     "document to the letter",
-    Rebase.POSITION: "the position at the start alone is taken away, as other tools do: earlier attitude error counts",
+    Rebase.POSITION: "the estimate is re-based at the start by its position alone, as in other tools; earlier attitude "
+    "error counts",
 }
 TERMS: Mapping[str, str] = {
-    "sub-trajectory": "the part of the drive from a start to where the condition is met, so many m, s or frames later",
+    "sub-trajectory": "the part of the drive from a start to the frame at which the condition is met",
     "re-based": "the estimate is placed on the true pose at each start: its error at the end is what was added since",
     "position error": "estimated less true position at the end, as a vector; the mean is the length of the mean vector",
     "attitude error": "angle between the estimated and the true attitude at the end of a sub-trajectory",
     "heading error": "estimated less true heading (about the vertical) at the end, with its sign",
     "chord error": "straight distance from start to end of a sub-trajectory, estimated less true: needs no attitudes",
-    "fitted": "one turn (about the vertical unless z is tilted) and one move of the whole estimate over the drive",
+    "fitted": "one rotation (about the vertical unless z is tilted) and one translation of the estimate over the drive",
     "mean + 3 sigma": "size of the mean plus three standard deviations: what the specification limits",
     "95 % interval": "range that holds the true mean + 3 sigma in 95 of 100 such drives",
     "independent": "number of sub-trajectories over the number that overlap on average",
@@ -109,7 +110,7 @@ class Placed(NamedTuple):
 
 
 def is_headline(score: Score, row: Figure) -> bool:
-    """Tell whether a row is in the first table: the figures of the specification, as a whole, and what is limited."""
+    """Tell whether a row is in the first table: complete figures of the catalogue, and what is limited."""
     if is_limited(score, row):
         return True
     if row.figure not in KINDS or not KINDS[row.figure].shown:
@@ -296,7 +297,7 @@ def figure_table(
 
 
 def undefined_of(row: Figure, statistic: str) -> str:
-    """Return what stands for a number that is undefined: not enough data where the figure has such a number."""
+    """Return the text of an undefined number: not enough data where the figure has this number."""
     is_number = row.value is not None or row.subject in (Subject.MEMORY, Subject.COMPLETENESS)
     if statistic == "value":
         return UNKNOWN if is_number or row.figure == "coverage" else ABSENT
@@ -380,7 +381,7 @@ def name_of(item: Verdict) -> str:
 
 
 def unit_of(item: Verdict, *more: float | None) -> Unit:
-    """Return the unit that suits a limit, its figure and more values beside them; shares in per cent."""
+    """Return the unit that suits a limit, its figure and more values; fractions in per cent."""
     unit = limit_unit(item.name)
     return PERCENT if unit == SHARE else fitting(unit, item.limit, item.value, *more)
 
@@ -420,7 +421,7 @@ def headline_note(score: Score) -> str:
 
 
 def covered_note(score: Score) -> str:
-    """Return why the estimate does not cover the whole drive."""
+    """Return why the estimate does not cover the complete drive."""
     why = None if score.association is None else score.association.incomplete
     return f"Incomplete: {why}." if why else ""
 
@@ -505,10 +506,10 @@ def truth_text(score: Score) -> str:
         named = ", ".join(f"{number(value)} {unit}" for value, unit in sigmas if value)
         said.append(f"Noise of the truth: {named} (standard deviation along an axis), counted in NEES. ")
     if not about.attitude:
-        said.append("The truth has positions alone")
-        said += [f" of a point at {', '.join(map(number, about.lever_arm_m))} m in RB"] * bool(about.lever_arm_m)
-        tilt = "" if about.tilt_deg is None else f" and its z by {number(about.tilt_deg)} deg"
-        said.append(f": the estimate was turned by {number(about.yaw_deg)} deg about z{tilt} and moved to it. ")
+        point = ", ".join(map(number, about.lever_arm_m))
+        said.append(f"The truth has no attitudes{f', and is of a point at {point} m in RB' if point else ''}. ")
+        tilt = "" if about.tilt_deg is None else f", a tilt of {number(about.tilt_deg)} deg"
+        said.append(f"The estimate was aligned with it: yaw {number(about.yaw_deg)} deg{tilt} and a translation. ")
     return "".join(said)
 
 
@@ -587,7 +588,7 @@ def external_table(score: Score) -> Table:
 
 
 def call_rows(score: Score, subject: Subject) -> Iterator[tuple[CallKind, Figure]]:
-    """Yield the rows of whole calls on this host, of times or of peak memory, by the kind of call."""
+    """Yield the rows of complete calls on this host, of times or of peak memory, by the kind of call."""
     for kind in CallKind:
         if subject is Subject.TIMING:
             row = score.figure(kind, subject=subject, part=None)

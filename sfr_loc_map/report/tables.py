@@ -1,6 +1,6 @@
 """Tables of figures: numbers with units, one model of a table, and its renderers for terminal, HTML, Markdown and CSV.
 
-The same strings stand on the terminal, in a page, on the live page and in Markdown; CSV holds the exact values.
+Terminal, page, live page and Markdown show the same strings; CSV holds the exact values.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rich.table import Table as RichTable
 
 UNKNOWN, NOT_ENOUGH, ABSENT = "unknown", "not enough data", "-"
-"""Stand for a fact that is not there, a figure that is not defined, and a figure that does not apply."""
+"""Texts of an unknown fact, an undefined figure, and a figure that does not apply."""
 
 
 # ---- numbers
@@ -102,7 +102,7 @@ class Cell:
     key: str = ""  #: Where it comes from, such as `trajectory.position_m.mean`; empty for words. Of an
     #: interval the row that has both bounds.
     kind: CellKind = CellKind.PLAIN
-    link: str = ""  #: Place of a page about it, relative to the page that the table stands in; empty for none.
+    link: str = ""  #: Place of a page about it, relative to the page with the table; empty without a page.
     mark: str = ""  #: One of `MARKS`, empty for none.
 
     def __post_init__(self) -> None:
@@ -141,7 +141,7 @@ class Cell:
 
 
 class VerdictStyle(NamedTuple):
-    """How a verdict is shown: told by word and sign, colour only repeats it."""
+    """How a verdict is shown: by word and sign; the colour only repeats them."""
 
     icon: str
     css: str

@@ -1,4 +1,4 @@
-"""The test report: what a reviewer signs, made from scores alone; in the order of a verification report.
+"""The test report, which a reviewer signs: made from scores alone, in the order of a verification report.
 
 The order is that of the verification report of ECSS-E-ST-10-02C: item, documents, procedure, data, results,
 deviations, anomalies, open points, signatures.
@@ -171,7 +171,7 @@ def _deviations(score: Score) -> Iterator[str]:
             yield f"The drive is not covered: {drive.incomplete}."
         for count, what in ((drive.lost, "lost"), (drive.degraded, "degraded")):
             if count:
-                yield f"{count} of {drive.matched} frames are {what}; they are judged like the others."
+                yield f"{count} of {drive.matched} frames are {what}. They are judged like the others."
         if unmatched := score.number("unmatched", part="count"):
             yield f"{unmatched:.0f} estimates have no truth and are not judged."
         if drive.estimate_duplicates:
