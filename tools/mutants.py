@@ -195,7 +195,7 @@ MUTATIONS = (
     Mutation("metrics/judge.py", "(LIVE in parts or part_of(limit) in parts)", "LIVE in parts"),
     Mutation("metrics/judge.py", '"points_without_truth": 0.01', '"points_without_truth": 0.1'),
     Mutation("metrics/judge.py", "if set(states) == {VerdictState.PASS} else", "if VerdictState.PASS in states else"),
-    Mutation("metrics/judge.py", "figure.n >= minimum_count", "figure.n > minimum_count"),
+    Mutation("metrics/judge.py", "figure.n < limits.minimum_count", "figure.n <= limits.minimum_count"),
     Mutation(
         "metrics/statistics.py",
         "1.0 - 1.0 / count) / (1.0 - 1.0 / independent",
