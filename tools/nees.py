@@ -27,7 +27,7 @@ from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.association import associate
 from sfr_loc_map.metrics.config import AssociationConfig
-from sfr_loc_map.metrics.consistency import relative_covariance, relative_error, sums_of_steps
+from sfr_loc_map.metrics.consistency import relative_covariance, relative_errors, sums_of_steps
 from sfr_loc_map.runs.calls import stats_of
 from sfr_loc_map.runs.offline import localise, start_pose, trajectory_of
 
@@ -78,7 +78,7 @@ def stretches(path: Path) -> dict[float, list[Stretch]]:
                 covariance = relative_covariance(sums[first], sums[last], frames.est_pos[end])
                 if covariance is not None:
                     to_start = np.kron(np.eye(2), matrix_from_quat(frames.est_quat[start]).T)
-                    error = to_start @ relative_error(frames, start, end)
+                    error = to_start @ relative_errors(frames, np.array([start]), np.array([end]))[0]
                     result[least].append(judged(error, to_start @ covariance @ to_start.T))
                 start = end
     return result

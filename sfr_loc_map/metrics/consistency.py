@@ -31,6 +31,7 @@ from sfr_loc_map.metrics.statistics import chi2_interval95
 
 PARTS = {"pose": slice(0, 6), "position": slice(0, 3), "attitude": slice(3, 6)}
 """Components of a pose's error, in ROS order."""
+DIAGONAL = UPPER[0] == UPPER[1]  #: Which numbers of the upper triangle of a covariance are variances.
 STEP_SIZE: Final = 48
 """Numbers of a step: upper triangle of its covariance, systematic errors, upper triangle of the noise of its pose."""
 WITHOUT_NOISE: Final = 27  #: Of a step without the last of these.
@@ -111,22 +112,18 @@ def nees_rows(
     if estimates.covariance is None:
         return
     squares: dict[str, list[float]] = {name: [] for name in PARTS}
-    from_steps = not_usable = free_from = 0
-    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
-        if start < free_from:
-            continue
+    from_steps = not_usable = 0
+    pairs = independent_pairs(estimates.covariance, frames, starts, ends)
+    errors = relative_errors(frames, pairs[:, 0], pairs[:, 1])
+    for (start, end), error in zip(pairs.tolist(), errors, strict=True):
         first, last = int(frames.est_rows[start]), int(frames.est_rows[end])
-        published = symmetric(estimates.covariance[[first, last]])
-        if not all(np.isfinite(matrix).all() and np.diag(matrix).max() < LOST_VARIANCE for matrix in published):
-            continue
-        free_from = end
         move = frames.est_pos[end] - frames.est_pos[start]
         growth = relative_covariance(sums[first], sums[last], frames.est_pos[end]) if sums else None
         is_of_steps = growth is not None
         if growth is None:
-            growth = published_growth(published[0], published[1], move)
+            before, after = symmetric(estimates.covariance[[first, last]])
+            growth = published_growth(before, after, move)
         growth = growth + truth_noise(truth_sigmas, move)
-        error = relative_error(frames, start, end)
         try:
             found = {name: normalised_square(error[part], growth[part, part]) for name, part in PARTS.items()}
         except np.linalg.LinAlgError:  # the covariance shrank, as when a calibration was learnt
@@ -144,6 +141,20 @@ def nees_rows(
         yield figure_row("nees", condition, name, n=len(values), mean=mean, low95=low, high95=high, value=degrees)
     yield figure_row("nees_not_usable", condition, value=not_usable)
     yield figure_row("nees_from_steps", condition, value=from_steps)
+
+
+def independent_pairs(covariance: FloatArray, frames: Frames, starts: IntArray, ends: IntArray) -> IntArray:
+    """Return starts and ends `(M, 2)` of sub-trajectories that share no frame and whose covariances are known."""
+    is_finite = np.isfinite(covariance).all(axis=1)
+    is_known = np.asarray(is_finite & (covariance[:, DIAGONAL] < LOST_VARIANCE).all(axis=1))
+    has_both = is_known[frames.est_rows[starts]] & is_known[frames.est_rows[ends]]
+    chosen = []
+    free_from = 0
+    for start, end in zip(starts[has_both].tolist(), ends[has_both].tolist(), strict=True):
+        if start >= free_from:
+            chosen.append((start, end))
+            free_from = end
+    return np.array(chosen, np.intp).reshape(-1, 2)
 
 
 def published_growth(before: FloatArray, after: FloatArray, move: FloatArray) -> FloatArray:
@@ -166,17 +177,18 @@ def normalised_square(error: FloatArray, covariance: FloatArray) -> float:
     return float(whitened @ whitened)
 
 
-def relative_error(frames: Frames, start: int, end: int) -> FloatArray:
-    """Return the error `(6,)` of position (m) and attitude (rad) over a sub-trajectory, in the estimate's DS."""
-    to_estimate = quat_multiply(frames.est_quat[start], quat_conjugate(frames.gt_quat[start]))
-    true_move = quat_rotate(to_estimate, frames.gt_pos[end] - frames.gt_pos[start])
-    position = (frames.est_pos[end] - frames.est_pos[start]) - true_move
-    true_quat = quat_multiply(to_estimate, frames.gt_quat[end])
-    turn = quat_normalised(quat_multiply(frames.est_quat[end], quat_conjugate(true_quat)))
-    turn = -turn if turn[3] < 0 else turn
-    sine = np.sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
-    scale = 2.0 if sine < 1e-9 else 2.0 * np.arctan2(sine, turn[3]) / sine
-    return np.concatenate((position, scale * turn[:3]))
+def relative_errors(frames: Frames, starts: IntArray, ends: IntArray) -> FloatArray:
+    """Return the errors `(M, 6)` of position (m) and attitude (rad) over sub-trajectories, in the estimate's DS."""
+    to_estimate = quat_multiply(frames.est_quat[starts], quat_conjugate(frames.gt_quat[starts]))
+    true_move = quat_rotate(to_estimate, frames.gt_pos[ends] - frames.gt_pos[starts])
+    position = (frames.est_pos[ends] - frames.est_pos[starts]) - true_move
+    true_quat = quat_multiply(to_estimate, frames.gt_quat[ends])
+    turn = quat_normalised(quat_multiply(frames.est_quat[ends], quat_conjugate(true_quat)))
+    turn = np.where(turn[:, 3:] < 0.0, -turn, turn)
+    sine = np.linalg.norm(turn[:, :3], axis=1)
+    is_small = sine < 1e-9
+    scale = np.where(is_small, 2.0, 2.0 * np.arctan2(sine, turn[:, 3]) / np.where(is_small, 1.0, sine))
+    return np.concatenate((position, scale[:, None] * turn[:, :3]), axis=1)
 
 
 def relative_covariance(start: StepSums, end: StepSums, position: FloatArray) -> FloatArray | None:
