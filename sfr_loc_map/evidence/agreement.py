@@ -28,7 +28,7 @@ from sfr_loc_map.metrics.consistency import (
     StepSums,
     normalised_square,
     relative_covariance,
-    relative_error,
+    relative_errors,
     sums_of_steps,
 )
 from sfr_loc_map.metrics.score import Figure, figure_row
@@ -76,8 +76,7 @@ def compare(first: Run, other: Run, condition: Condition) -> Agreement:
     frames, _ = associate(first.estimates.trajectory, moved, AssociationConfig(truth="match"))
     length_m = formulas.path_length_m(frames.est_pos)
     starts, ends = select(condition, SPACING, frames._replace(gt_pos=frames.est_pos), length_m)
-    differences = np.array([relative_error(frames, *pair) for pair in zip(starts.tolist(), ends.tolist(), strict=True)])
-    differences = differences.reshape(-1, DEGREES)
+    differences = relative_errors(frames, starts, ends)
     squares = np.array(squares_of(first, other, frames, starts, ends))
     rows_of_other = rows_at(other, frames.stamps_ns)
     lost = first.estimates.lost[frames.est_rows] | other.estimates.lost[rows_of_other]
@@ -139,7 +138,8 @@ def squares_of(first: Run, other: Run, frames: Frames, starts: IntArray, ends: I
             continue
         free_from = end
         turn = np.kron(np.eye(2), turns[start])
-        found.append(normalised_square(relative_error(frames, start, end), own + turn @ theirs @ turn.T))
+        error = relative_errors(frames, np.array([start]), np.array([end]))[0]
+        found.append(normalised_square(error, own + turn @ theirs @ turn.T))
     return found
 
 
