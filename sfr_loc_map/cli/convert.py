@@ -15,7 +15,9 @@ from sfr_loc_map.cli.options import (
     RemapOption,
     SourceArgument,
     columns_of,
+    named_beside,
     open_as,
+    parse_remaps,
 )
 from sfr_loc_map.cli.output import check_outputs, check_suffix, output_folder, progress_bar, say, warn
 from sfr_loc_map.errors import ConfigError, InputError, naming
@@ -148,7 +150,10 @@ def _convert_trajectory(
     columns: str,
 ) -> None:
     """Write a trajectory, or the true one of a source, as a file of poses or as a folder or bag."""
+    from sfr_loc_map.io.bag_files import is_bag
     from sfr_loc_map.io.convert import convert_trajectory
+    from sfr_loc_map.io.registry import read_truth
+    from sfr_loc_map.io.source_config import source_config
     from sfr_loc_map.io.trajectory_file import files_written, format_of_name, read_trajectory_file
 
     to_file = format_of_name(destination) is not None
@@ -159,6 +164,9 @@ def _convert_trajectory(
         poses = read.trajectory
         if read.is_announced:
             say(read.text, err=True)
+    elif is_bag(source):  # which may hold poses alone
+        how = source_config(source, config or named_beside(source), parse_remaps(remap))
+        poses = read_truth(source, how.truth, how.remap)
     else:
         opened, _ = open_as(source, remap, config)
         if opened.loc is None or opened.loc.ground_truth is None:

@@ -17,7 +17,7 @@ from sfr_loc_map.io.bag import TYPESTORE, Bag
 from sfr_loc_map.io.bag_files import reader_paths
 from sfr_loc_map.io.image_codec import image_from_message
 from sfr_loc_map.io.registry import read_truth
-from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.io.trajectory_file import read_trajectory_file, save_trajectory
 from sfr_loc_map.io.truth import TruthConfig
 from test.io.test_foreign_tables import COUNT, drive
 from test.io.test_truth import write_bag
@@ -148,6 +148,14 @@ def test_channels_of_mcap_say_what_messages_are(tmp_path: Path, profile: bytes, 
     found = read_truth(place)
     assert found.stamps_ns.tolist() == poses.stamps_ns.tolist()
     np.testing.assert_array_equal(found.positions, poses.positions)
+
+
+def test_the_truth_of_a_bag_of_poses_alone_is_converted(tmp_path: Path, sfr: Sfr) -> None:
+    poses = drive()
+    place = mcap(tmp_path / "x.mcap", b"ros2", "cdr", poses)
+    done = sfr("convert", place, tmp_path / "gt.csv")
+    assert done.code == 0, done.err
+    np.testing.assert_array_equal(read_trajectory_file(tmp_path / "gt.csv").trajectory.positions, poses.positions)
 
 
 def test_channels_of_another_encoding_are_named(tmp_path: Path, sfr: Sfr) -> None:
