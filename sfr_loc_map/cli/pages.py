@@ -57,6 +57,8 @@ def report(
         Option(metavar="T.html", rich_help_panel=SIGNED, help="Write the test report of the scores, to be signed."),
     ] = None,
     title: Annotated[str, Option(metavar="TEXT", rich_help_panel=SIGNED, help="Title of the test report.")] = "",
+    number: Annotated[str, Option(metavar="TEXT", rich_help_panel=SIGNED, help="Number of the test report.")] = "",
+    issue: Annotated[str, Option(metavar="TEXT", rich_help_panel=SIGNED, help="Issue of the test report.")] = "",
     junit: Annotated[
         Path | None, Option(metavar="F.xml", rich_help_panel=SIGNED, help="Write the verdicts as JUnit XML.")
     ] = None,
@@ -100,7 +102,7 @@ def report(
     if is_test:
         if output is not None:
             raise ConfigError(f"'-o {output}' is the page: leave it out beside '--test-report', '--junit'")
-        _write_test_report(scores, test_report, title, junit)
+        _write_test_report(scores, test_report, (title, number, issue), junit)
         _conclude_all(scores, lenient=lenient)
         if (common := common_verdict(scores)).text:
             not_judged([common.text], lenient=lenient)
@@ -149,7 +151,9 @@ def _conclude_all(scores: list[Score], *, lenient: bool) -> None:
         raise undecided
 
 
-def _write_test_report(scores: list[Score], test_report: Path | None, title: str, junit: Path | None) -> None:
+def _write_test_report(
+    scores: list[Score], test_report: Path | None, heading: tuple[str, str, str], junit: Path | None
+) -> None:
     """Write the test report of scores, and their verdicts as JUnit XML, as far as they are asked for."""
     from sfr_loc_map.report.test_report import junit as junit_of
     from sfr_loc_map.report.test_report import render_test_report
@@ -157,7 +161,7 @@ def _write_test_report(scores: list[Score], test_report: Path | None, title: str
     if junit is not None:
         write_text(junit_of({f"score {n}": score for n, score in enumerate(scores, 1)}), junit)
     if test_report is not None:
-        write_text(render_test_report(scores, title), test_report)
+        write_text(render_test_report(scores, *heading), test_report)
         say(f"test report: {test_report}")
         propose(f"open {test_report} in a browser, print it for the signatures")
 

@@ -6,15 +6,19 @@ deviations, anomalies, open points, signatures.
 
 from __future__ import annotations
 
+import hashlib
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from sfr_loc_map.inputs import printable
+import msgspec
+
+from sfr_loc_map.inputs import NS_PER_S, printable
 from sfr_loc_map.metrics.catalogue import Subject, clause_of
-from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.judge import common_verdict, each_by_its_limits
+from sfr_loc_map.metrics.config import CallKind, Rebase, VerdictState, label_of
+from sfr_loc_map.metrics.judge import STRICT, common_verdict, each_by_its_limits
+from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.score import Score, TargetRecord, Verdict
 from sfr_loc_map.report.page import Overall, from_template, overall_of
 from sfr_loc_map.report.score_tables import (
@@ -47,6 +51,7 @@ OF_SUB_TRAJECTORIES = ("4.1.1", "4.1.2")  #: Clauses that every error of the tra
 STANDARD_DEVIATION = "4.1.3"
 ORDER = (VerdictState.FAIL, VerdictState.INCOMPLETE, VerdictState.NOT_ENOUGH_DATA, "no verdict")  #: The worst first.
 NO_CLAUSE = "no_clause"  #: Class of a test case whose figure the document does not define.
+SPACING_FRAMES = 10  #: Frames between starts of sub-trajectories, as the document says [4.1.1].
 NOT_JUDGED = "not judged"  #: Where estimate and truth contradict each other.
 
 
@@ -64,7 +69,7 @@ def clauses_used(scores: Sequence[Score]) -> list[str]:
     return sorted(found)
 
 
-def render_test_report(scores: Sequence[Score], title: str = "") -> str:
+def render_test_report(scores: Sequence[Score], title: str = "", number: str = "", issue: str = "") -> str:
     """Return the report as HTML, without script; it prints on A4."""
     scores = each_by_its_limits(scores)
     results = [row for index, score in enumerate(scores) for row in _results(score, index)]
@@ -74,6 +79,8 @@ def render_test_report(scores: Sequence[Score], title: str = "") -> str:
     return from_template(
         "test_report.html.j2",
         title=title or "Test report",
+        number=printable(number),
+        issue=printable(issue),
         document=DOCUMENT,
         overall=overall_of_all(scores, overalls),
         said=[item.text for item in overalls] + ([common.text] if (common := common_verdict(scores)).text else []),
@@ -137,6 +144,9 @@ def _item(score: Score) -> dict[str, str]:
         facts["Memory"] = score.calls.memory_method or UNKNOWN
     if made is not None:
         facts["Judged by"] = f"sfr_loc_map {made.version}, commit {made.commit or UNKNOWN}"
+        settings = {name: made.configuration[name] for name in sorted(made.configuration)}
+        sha256 = hashlib.sha256(msgspec.json.encode(settings)).hexdigest()
+        facts["Configuration"] = f"{len(settings)} settings, SHA-256 {sha256}"
         facts["Host"] = ", ".join(f"{name} {value}" for name, value in made.host.items()) or UNKNOWN
         facts["Time"] = made.time or UNKNOWN
     return {name: printable(text) for name, text in facts.items()}
@@ -157,6 +167,7 @@ def _results(score: Score, index: int) -> Iterator[dict[str, Any]]:
             "margin": Cell.number(item.margin, f"{key}.margin", unit, ABSENT),
             "ci95": Cell.interval(item.interval, key, unit),
             "count": Cell.number(item.n, f"{key}.n", undefined=ABSENT),
+            "independent": independent_cell(score, item),
             "verdict": verdict,
             "certain": certain_text(item),
             "style": VERDICTS.get(verdict, OPEN),
@@ -165,7 +176,73 @@ def _results(score: Score, index: int) -> Iterator[dict[str, Any]]:
         }
 
 
+def independent_cell(score: Score, item: Verdict) -> Cell:
+    """Return how many of the values of a limited figure are independent."""
+    for place, row in enumerate(score.figures):
+        if (row.figure, row.condition, row.part) == (item.figure, item.condition, item.part):
+            return Cell.number(row.independent, f"figures.{place}.independent", undefined=ABSENT)
+    return Cell.number(None, undefined=ABSENT)
+
+
+def _from_the_document(score: Score) -> Iterator[str]:
+    """Yield where what was used is not what the document says."""
+    drive, truth = score.association, score.truth
+    if drive is not None and drive.spacing_frames != SPACING_FRAMES:
+        yield (
+            f"Sub-trajectories start every {drive.spacing_frames} frames; the document says {SPACING_FRAMES} [4.1.1]."
+        )
+    if drive is not None and drive.rebase is not Rebase.DISPLACEMENT:
+        figures = []
+        for condition in score.conditions:
+            used, literal = (
+                score.number("position", "mean_plus_3sigma", condition=condition, part=str(part))
+                for part in (drive.rebase, Rebase.DISPLACEMENT)
+            )
+            if used is not None and literal is not None:
+                over = label_of(condition)
+                figures.append(
+                    f"mean + 3 sigma over {over} {1e3 * used:.4g} mm, by displacements {1e3 * literal:.4g} mm"
+                )
+        yield (
+            f"Errors are compared by the reading '{drive.rebase}'; to the letter the document compares displacements "
+            f"[4.2.3.1]{': ' if figures else ''}{'; '.join(figures)}."
+        )
+    if drive is not None and drive.interpolated:
+        gap_s = drive.largest_gap_ns / NS_PER_S
+        yield f"{drive.interpolated} frames have an interpolated truth, over gaps of up to {gap_s:.3g} s."
+    if truth is not None and not truth.attitude:
+        yield "The truth has positions alone: attitude and heading errors are unknown, and the estimate was fitted."
+    for item in score.verdicts:
+        is_of_host = item.subject in (Subject.TIMING, Subject.MEMORY) and not item.name.startswith("target ")
+        if is_of_host:
+            yield f"{_name(item)} was measured on the host; the document requires the target [4.2.1, 4.3.1]."
+        if item.figure in (CallKind.MAPPING, CallKind.FUSION):
+            yield f"{_name(item)} is of a stage; the call of the document makes one cloud of all pairs [4.3.1]."
+
+
+def _allowed(score: Score) -> Iterator[str]:
+    """Yield what the limits allow that is not allowed without them."""
+    rules = score.rules
+    if rules is None:
+        return
+    if rules.partial:
+        yield "A part of what was expected is judged as if it were the whole (--partial)."
+    strict = {name: most for part in STRICT.values() for name, most in part.items()}
+    for item in rules.limits:
+        name = item.name.removesuffix("_max_share")
+        if name in strict and item.limit > strict[name]:
+            yield f"{item.name} {item.limit:g} is allowed by the limits; without it {strict[name]:g} is."
+        if item.name == COVERAGE_MIN and item.limit < 1.0 - strict["pixels_without_point"]:
+            yield f"{item.name} {item.limit:g} is less than the {1.0 - strict['pixels_without_point']:g} of other maps."
+    if rules.minimum_independent < MINIMUM_INDEPENDENT:
+        least = f"{rules.minimum_independent:g}"
+        usual = f"{MINIMUM_INDEPENDENT:g}"
+        yield f"{least} independent sub-trajectories are enough by the limits; without them {usual} are."
+
+
 def _deviations(score: Score) -> Iterator[str]:
+    yield from _from_the_document(score)
+    yield from _allowed(score)
     if (drive := score.association) is not None:
         if drive.incomplete:
             yield f"The drive is not covered: {drive.incomplete}."

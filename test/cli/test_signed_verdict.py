@@ -562,3 +562,27 @@ def test_a_verdict_within_the_error_of_the_truth_is_not_enough_data(judge: Judge
         result, score = judge("--frames", "images", limits=f"{allowed}{SUM}{limit}\n", estimate=true, truth=sparse)
         assert (result.code, score["verdicts"][0]["verdict"]) == (code, verdict)
         assert ("within the error of the truth" in result.err) == (code == 3)
+
+
+def test_deviations_are_found_by_comparison_with_the_document(judge: Judge) -> None:
+    """Spacing, reading, host, and what the limits allow: what was used, not what was meant."""
+    calls = judge.calls(judge.estimate.stamps_ns)
+    limits = f"{FEW}{SUM}1\n  missing_max_share: 0.5\ntiming:\n  localisation_max_s: 1\n"
+    result, _ = judge("--spacing", "20", "--stats", calls, limits=limits)
+    assert result.code == 0, result.err
+    report = judge.folder / "t.html"
+    options = ("--test-report", report, "--number", "TR-7", "--issue", "2")
+    assert judge.sfr("report", judge.folder / "score.json", *options).code == 0
+    text = report.read_text()
+    for said in (
+        "start every 20 frames; the document says 10",
+        "by the reading &#39;pose&#39;; to the letter the document compares displacements",
+        "was measured on the host; the document requires the target",
+        "missing_max_share 0.5 is allowed by the limits; without it 0 is",
+        "2 independent sub-trajectories are enough by the limits; without them 5 are",
+        "Number TR-7, issue 2",
+        "SHA-256 ",
+        "kernel ",
+        "<th>Independent</th>",
+    ):
+        assert said in text, said
