@@ -1,4 +1,9 @@
-"""Frames, rotations, transforms, cameras, trajectories and clouds: the values that all packages share."""
+"""Frames, rotations, transforms, cameras, trajectories and clouds: the values that all packages share.
+
+Frames: DS is the frame of the terrain, in which the rover's path is given, and LM the local map. RB is the body of the
+rover, DMA the base of its mast, NAVSB the stereo rig for mapping, LOCSB the one for localisation, and SB either one.
+Numbers in brackets, as [3.2.3], are clauses of the specification, called the source document. See docs/conventions.md.
+"""
 
 import lazy_loader
 

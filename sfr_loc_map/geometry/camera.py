@@ -25,15 +25,15 @@ class StereoCamera(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """Pose of a camera in the world."""
+    """A transform T_a_b for kernels, which takes points in b to a; usually a is the world and b a camera."""
 
-    rotation: FloatArray  #: `(3, 3)` camera to world.
-    position: FloatArray  #: `(3,)` camera in the world, metres.
+    rotation: FloatArray  #: `(3, 3)` takes directions in b to a, camera to world.
+    position: FloatArray  #: `(3,)` origin of b in a, metres: the camera in the world.
 
     @classmethod
-    def of(cls, T_world_camera: Transform) -> Pose:
+    def of(cls, T_a_b: Transform) -> Pose:
         """Return the pose of a transform."""
-        return cls(T_world_camera.rotation, T_world_camera.translation)
+        return cls(T_a_b.rotation, T_a_b.translation)
 
 
 class Poses(NamedTuple):

@@ -41,9 +41,7 @@ class PointCloud(Shown):
     """
 
     xyz: NDArray[np.float32]  #: `(N, 3)`, metres, LM.
-    #: Standard deviation along the ray, metres. The mapper computes it in pixels (disparity.uncertainty), converts it
-    #: to metres (reprojection), reduces it where pairs agree (multiview.fusion), and adds saturation and the
-    #: calibration's part (point_sigma).
+    #: Standard deviation along the ray, metres. All that the mapper makes it of is listed in `mapping.point_sigma`.
     sigma: NDArray[np.float32]
     intensity: NDArray[np.float32]  #: Grey level of the left pixel.
     u: NDArray[np.uint16]  #: Column of the left pixel.
@@ -105,7 +103,10 @@ class PointCloud(Shown):
 
     @classmethod
     def concatenate(cls, clouds: Sequence[PointCloud]) -> PointCloud:
-        """Return one cloud with the points of all; `fused` and the stamps are kept if all clouds agree on them."""
+        """Return one cloud with the points of all; `fused` and the stamps are kept if all clouds agree on them.
+
+        Records and method are those of single clouds and are not kept.
+        """
         if not clouds:
             return cls.empty()
         fused = {cloud.fused for cloud in clouds}

@@ -28,7 +28,9 @@ TILT_AXIS_X_RB_M = 0.451  #: Position of the tilt axis along RB x at pan 0 [3.2.
 class FramesConfig:
     """The frames of a rover, and the joints of its head [3.2.6]."""
 
-    base: str = param("", doc="Frame of the rover; empty: the first of rb, base_link, base_footprint, base, body.")
+    base: str = param(
+        "", doc="Frame of the rover; empty: the first of rb, base_link, base_footprint, base, body, chassis."
+    )
     pan_joint: str = param("", doc="Joint that turns the head to the left; empty: the one whose name has 'pan'.")
     tilt_joint: str = param("", doc="Joint that tilts the head down; empty: the one whose name has 'tilt'.")
     head_to_navsb_m: tuple[float, ...] = param(

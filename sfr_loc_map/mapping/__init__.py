@@ -2,6 +2,7 @@
 
 The flow in the order of the calls; each name is a module:
 
+    Mapper(rig):    disparity/semi_global_matching            search_range: disparities that are searched and kept
     process(pair):  checks                                    images that cannot be matched are refused
                     disparity/estimation                      estimate_disparity:
                         semi_global_matching                      initial disparity
@@ -16,6 +17,7 @@ The flow in the order of the calls; each name is a module:
                     checks                                    pairs that do not match are refused
                     disparity/right_camera                    rotation of the right camera
                     disparity/hole_filling                    holes take the surface beside them
+                    disparity/right_camera                    without_roll: the effect of a roll is removed
                     reprojection                              points in LM
                     point_sigma                               sigma with saturation and calibration
                     findings                                  figures and warnings

@@ -7,15 +7,18 @@ The method:
 3. One disparity field is fitted to both images: photometric residuals and weighted second differences over the whole
    image (variational, after Horn and Schunck 1981), solved coarse to fine by conjugate gradients.
 4. Each disparity has a standard deviation: the posterior of that field, plus the bias of smoothing and of creases.
-5. Each disparity is judged: left-right consistency, occlusion, residual, common content, and the correct surface beside
-   a jump (a small network on matching costs with adaptive support weights, Yoon and Kweon 2006).
+5. Each disparity is judged: the matcher's left-right consistency, occlusion, residual, common content, the correct
+   surface beside a jump (a small network on matching costs with adaptive support weights, Yoon and Kweon 2006), and
+   saturation.
 6. A pair of which too few textured pixels match is refused.
 7. The rotation of the right camera is measured from the vertical disparity.
 8. Holes are filled by the surfaces beside them, where the images agree. The effect of a roll is removed.
 9. Disparities become points in LM. Their sigma includes saturation and the uncertainty of the calibration.
 
 Fusion removes content that is fixed to the image, registers the poses on request, and averages along the rays by
-inverse variance.
+inverse variance. Of points that are one sample it keeps one, and it drops points that a better pair sees through.
+
+A `DisparityMap` passes from step to step: estimated, then filled, then without the effect of a roll.
 """
 
 from __future__ import annotations
@@ -47,7 +50,7 @@ from sfr_loc_map.mapping.multiview.fusion import fuse_views
 from sfr_loc_map.mapping.multiview.pair_view import PairView
 from sfr_loc_map.mapping.multiview.registration import RegisteredViews, register_views
 from sfr_loc_map.mapping.point_sigma import CalibrationSigma, calibration_sigma, largest_of, point_sigma
-from sfr_loc_map.mapping.reprojection import reproject
+from sfr_loc_map.mapping.reprojection import view_from_disparity
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,7 +138,7 @@ class Mapper:
         filled = fill_holes(estimated)
         disparity = without_roll(filled, rotation, self._rig)
         T_lm_left = T_lm_navsb @ self._rig.T_sb_left
-        view = reproject(disparity, self._search.min_disparity_px, self._rig, T_lm_left, index)
+        view = view_from_disparity(disparity, self._search.min_disparity_px, self._rig, T_lm_left, index)
         calibration = calibration_sigma(rotation, self._rig, self._config.calibration)
         sigma = point_sigma(view.cloud, {index: T_lm_left}, {index: disparity.saturation}, calibration, self._rig)
         findings = findings_of_pair(estimated, rotation, len(view.cloud), self._rig, self._config.calibration)

@@ -7,6 +7,30 @@ any pair, and averaging over points or pairs does not reduce it.
 The configured uncertainty of the calibration (`CalibrationUncertainty`, the parameters `mapping.calibration`) holds
 before a pair is seen. What a pair shows of its right camera increases the part of yaw and pitch. It replaces that of
 the residual distortion, which can decrease if the pair shows less vertical disparity (`calibration_sigma`).
+
+All that changes a point's sigma, in the order of the calls. Figures of the disparity are in pixels, others in metres:
+
+=====================================  =================================================================================
+where                                  formula
+=====================================  =================================================================================
+variational_refinement.linearise       information and information vector / max(mean chi2 / mean weight, correlation of
+                                       the noise over 4 x 4 pixels, which is at least 1)
+uncertainty.disparity_sigma            variance 1 / (8 sqrt(h s)) + (0.34 curvature)^2 s / h + (1.2 crease)^2, with the
+                                       information h less that of noise and the smoothness weight s; sigma at most 2 px
+hole_filling.fill_holes                max(sigma, 0.5 px) at filled pixels
+reprojection.cloud_from_disparity      abs(ray) Z^2 / (fx baseline) sigma, from pixels to metres
+multiview.fusion (only fused points)   variance 0.5 sigma^2 + 0.5 sum w_i^2 s_i^2 / (sum w_i)^2, w_i = feather / s_i^2
+saturation.widened_sigma               (1 + 1.5 f) sigma, f the saturated fraction of 11 x 11 pixels
+total_sigma                            variance sigma^2 + r^2 (a^2 (fx / d)^2 + focal^2 + baseline^2), with the angle a
+                                       of the uncertainty of `calibration_sigma`
+=====================================  =================================================================================
+
+Compensating a roll and registering poses add nothing. A new source of error that differs from pixel to pixel is a term
+in `uncertainty`, and one that all points share is a field of `CalibrationSigma` and a term in `total_sigma`.
+
+Saturation and calibration are no weights of the fusion. The error of the calibration is common to all pairs, so that
+averaging does not reduce it. Saturation widens sigma by a chosen factor, which is an allowance and no measured noise:
+it is applied to the sigma of the fused points, and the agreement of views is judged without it.
 """
 
 from __future__ import annotations

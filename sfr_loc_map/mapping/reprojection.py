@@ -18,7 +18,7 @@ from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.multiview.pair_view import PairView
 
 
-def reproject(
+def view_from_disparity(
     disparity: DisparityMap, min_disparity_px: float, rig: StereoRig, T_lm_left: Transform, index: int
 ) -> PairView:
     """Return the points of all valid pixels that are not beyond the range of the smallest disparity."""
@@ -55,12 +55,12 @@ def cloud_from_disparity(
     """
     row_ends = np.cumsum(np.isfinite(disparity_px).sum(axis=1))
     grey = left.astype(np.float32, copy=False)
-    columns = _reproject(disparity_px, sigma_px, grey, rig.camera, Pose.of(T_lm_left), row_ends)
+    columns = _points(disparity_px, sigma_px, grey, rig.camera, Pose.of(T_lm_left), row_ends)
     return PointCloud(*columns, np.full(row_ends[-1], index, np.uint8), fused=False)
 
 
 @jit_rows
-def _reproject(
+def _points(
     disparity: FloatImage, sigma_px: FloatImage, grey: FloatImage, camera: StereoCamera, pose: Pose, row_ends: IntArray
 ) -> PointColumns:
     """Return the columns of a cloud, filled row by row; `row_ends` `(H,)` counts the points up to the end of a row."""

@@ -130,7 +130,7 @@ def arrays_of(pair_map: PairMap) -> list[bytes]:
     cloud, view = pair_map.cloud, pair_map.fusion_input.view
     saturation = pair_map.fusion_input.saturation
     arrays = (cloud.to_structured(), view.cloud.to_structured(), pair_map.random_sigma, view.disparity_px)
-    return [array.tobytes() for array in (*arrays, saturation.flat, saturation.neighbourhood)]
+    return [array.tobytes() for array in (*arrays, saturation.textureless, saturation.neighbourhood)]
 
 
 def test_calls_change_neither_their_input_nor_the_mapper() -> None:

@@ -29,7 +29,7 @@ def estimate_disparity(pair: StereoPair, disparity_count: int) -> DisparityMap:
     refined = refine(left, right, initial_field)
     sigma_px = disparity_sigma(refined)
     saturation = measure_saturation(pair.left, pair.right, refined.disparity_px)
-    valid = valid_mask(left, right, initial_px, refined, sigma_px) & ~saturation.flat
+    valid = valid_mask(left, right, initial_px, refined, sigma_px, saturation)
     return DisparityMap(
         px=refined.disparity_px,
         sigma_px=sigma_px,

@@ -118,7 +118,7 @@ def fill_holes(disparity: DisparityMap) -> DisparityMap:
 
     The standard deviation of a filled disparity is at least `MIN_FILLED_SIGMA_PX`.
     """
-    unsaturated = ~disparity.saturation.flat
+    unsaturated = ~disparity.saturation.textureless
     scene = _scene(disparity, disparity.px, disparity.valid, unsaturated)
     max_cost = _max_cost(scene)
     if not max_cost > 0.0:

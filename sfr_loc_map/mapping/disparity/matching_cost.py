@@ -1,8 +1,11 @@
-"""The matching cost of a window: truncated absolute differences with adaptive support weights.
+"""Constants of the matching cost of a window: truncated absolute differences with adaptive support weights.
 
 A pixel of the window has the more weight, the more similar its grey level is to that of the centre and the nearer it is
 to the centre (Yoon and Kweon 2006), so that the window covers mostly the surface of its centre. The disparity is
-constant over the window beside jumps (`wrong_surface`), and a plane in holes (`hole_filling`).
+constant over the window beside jumps (`wrong_surface.constant_cost`), and a plane in holes (`hole_filling.plane_cost`).
+
+The mapper has three matching costs. The initial disparity has that of OpenCV's matcher (`semi_global_matching`), the
+refinement has squared residuals (`photometric_residual`), and the cost of this window judges single pixels afterwards.
 """
 
 from __future__ import annotations

@@ -20,10 +20,12 @@ F = np.float32
 
 SAMPLING_STRIDE = 3  #: Every third pixel of every third row is used; 100 000 samples suffice.
 ROBUST_SIGMAS = 2.0
-"""Residuals of this many standard deviations have half the weight; 2.385 is the Cauchy weight's constant for 95 %
-efficiency under normal noise (Holland and Welsch 1977)."""
+"""Residuals of this many standard deviations have half the weight. Under normal noise 2.385 has an efficiency of 95 %
+(Holland and Welsch 1977); a smaller value gives less weight to outliers, such as wrong disparities."""
 MIN_RESIDUAL_SIGMA = 1e-3  #: Added to the standard deviation of residuals, grey levels: it must not be 0.
-MAX_ITERATIONS = 3  #: Gauss-Newton steps of the vertical disparity: each step is limited to `MAX_STEP_PX`.
+MAX_ITERATIONS = 3
+"""Gauss-Newton steps of the vertical disparity. Each step is limited to `MAX_STEP_PX`, so that at most 1.5 pixels of
+offset, tilt or stretch are corrected."""
 EXPOSURE_STRIDE = 4  #: Every fourth pixel of every fourth row is compared in exposure: quantiles need fewer samples.
 MIN_GREY = 2.0  #: Darker pixels may be saturated and are excluded from the exposure, grey levels.
 MAX_GREY = 253.0  #: Brighter pixels may be saturated and are excluded from the exposure, grey levels.
@@ -59,8 +61,8 @@ class VerticalDisparity(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class RectificationCorrection:
-    """Deviation of the right image from a rectified image of equal exposure."""
+class RightImageCorrection:
+    """Deviation of the right image from a rectified image of equal exposure: exposure and vertical disparity."""
 
     gain: float  #: Contrast of the right image over that of the left image.
     offset_grey: float  #: Grey level of the right image where that of the left image is 0.
@@ -71,7 +73,7 @@ class CorrectedImage(NamedTuple):
     """The right image after its correction."""
 
     image: FloatImage  #: `(H, W)`, grey levels.
-    correction: RectificationCorrection  #: The deviations that were removed.
+    correction: RightImageCorrection  #: The deviations that were removed.
 
 
 class Exposure(NamedTuple):
@@ -106,7 +108,7 @@ def correct_rectification(left: FloatImage, right: FloatImage, disparity_px: Flo
         if np.abs(step_px).sum() < MIN_VERTICAL_PX:
             break
     vertical = VerticalDisparity(*coefficients_px.tolist())
-    return CorrectedImage(corrected, RectificationCorrection(exposure.gain, exposure.offset_grey, vertical))
+    return CorrectedImage(corrected, RightImageCorrection(exposure.gain, exposure.offset_grey, vertical))
 
 
 def measure_exposure(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> Exposure:

@@ -36,16 +36,17 @@ SAME_EXPOSURE_GREY = 8.0  #: Quantiles of equally exposed images differ by less 
 
 @dataclass(frozen=True, slots=True)
 class SearchRange:
-    """Disparities that are searched, pixels."""
+    """Disparities that are searched and kept, pixels."""
 
-    min_disparity_px: float  #: Disparity of the farthest depth that is kept.
+    min_disparity_px: float  #: Disparity of the farthest depth that is kept; smaller ones are searched, not kept.
     count: int  #: Number of whole disparities that are searched from 0 on, a multiple of `DISPARITY_STEP`.
 
 
 def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:
     """Return the disparities between the farthest and the nearest depth, `d = fx baseline / Z`.
 
-    At most half of the image's width is searched: most of a nearer surface is visible to one camera only.
+    At most half of the image's width is searched: most of a nearer surface is visible to one camera only. If that is
+    less than the disparity of `min_range_m`, the nearest depth that is searched is larger than `min_range_m`.
     """
     if config.min_range_m >= config.max_range_m:
         raise ConfigError(

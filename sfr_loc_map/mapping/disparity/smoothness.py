@@ -37,8 +37,10 @@ class SmoothnessWeights(NamedTuple):
 def smoothness_weight(
     field: FloatImage, scale_x: FloatImage, scale_y: FloatImage, factor: np.float32
 ) -> SmoothnessWeights:
-    """Return the Cauchy weights `1 / (scale^2 + q^2)` of the second differences q of a field.
+    """Return the Cauchy weights of the second differences q of a field.
 
+    They are `1 / (scale^2 + q^2)` along rows and along columns, and `2 / (scale^2 + q^2)` of the mixed differences. At
+    equal scales the energy is then that of `d_xx^2 + 2 d_xy^2 + d_yy^2`, which is the same in any direction.
     Scales `(h, w)` times the factor are the typical sizes of second differences along rows and along columns. The scale
     of the mixed differences is their geometric mean.
     """

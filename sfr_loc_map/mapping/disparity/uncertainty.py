@@ -15,9 +15,12 @@ F = np.float32
 
 NOISE_INFORMATION = F(0.2026)
 """Information of one cell that noise alone simulates, 1 / px^2. The slope is measured in the mean of both images, whose
-noise has a quarter of the residual's variance: four pixels times the sum of squares of the slope's taps, over four."""
+noise has a quarter of the residual's variance: four pixels times the sum of squares of the slope's taps, over four. The
+rounded taps of `photometric_residual` give 0.2025."""
 MIN_INFORMATION = F(1e-3)  #: Smallest information of a cell, 1 / px^2; it must not be 0.
-MAX_SIGMA_PX = F(2.0)  #: Larger standard deviations are not stated: the linearisation holds within about a pixel.
+MAX_SIGMA_PX = F(2.0)
+"""Larger standard deviations are capped to this, pixels: the linearisation holds within about a pixel, and changes by
+the refinement beyond 1.5 pixels or 5 standard deviations are invalid."""
 SMOOTHING_BIAS = F(0.34)
 """Error per pixel of second difference and square cell of smoothing radius. Chosen on rendered ground of several kinds,
 lights and cameras together: docs/decisions/0003."""

@@ -1,7 +1,8 @@
 """Which disparities are valid: visible to both cameras, consistent in both images, and on the correct surface.
 
-The tests are, in their order: change by the refinement, occlusion, residual (`locally_valid`), ramps between surfaces
-(`ramp_mask`), segments (`segments`), and the surface beside a jump (`wrong_surface`).
+The tests are, in their order: the matcher's left-right consistency, change by the refinement, occlusion, residual
+(`locally_valid`), ramps between surfaces (`ramp_mask`), segments (`segments`), the surface beside a jump
+(`wrong_surface`), segments again, and saturation. Points beyond the largest range are removed later (`reprojection`).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from numba import prange
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX, box_mean, local_variance
+from sfr_loc_map.mapping.disparity.saturation import Saturation
 from sfr_loc_map.mapping.disparity.segments import valid_segments
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
 from sfr_loc_map.mapping.disparity.wrong_surface import EdgeScene, wrong_surface_mask
@@ -39,24 +41,30 @@ right camera: a steep ramp joins two surfaces across an occluded region. Values 
 
 
 def valid_mask(
-    left: FloatImage, right: FloatImage, initial_px: FloatImage, refined: RefinedDisparity, sigma_px: FloatImage
+    left: FloatImage,
+    right: FloatImage,
+    initial_px: FloatImage,
+    refined: RefinedDisparity,
+    sigma_px: FloatImage,
+    saturation: Saturation,
 ) -> Mask:
     """Return which pixels `(H, W)` have a valid disparity.
 
     Invalid are pixels that the matcher left unmatched, that refinement changed too much, that are occluded in the right
     image, that differ between the images, that are on a ramp between two surfaces, that are likely on the wrong side of
-    an edge, or that belong to a segment that is small or has no common content.
+    an edge, that belong to a segment that is small or has no common content, or that are completely saturated.
     """
     disparity = refined.disparity_px
     scene = edge_scene(left, right, initial_px, refined, sigma_px)
     valid = scene.valid & ~wrong_surface_mask(scene)
-    return valid_segments(left, right, disparity, valid)  # the rest of a segment may be small
+    valid = valid_segments(left, right, disparity, valid)  # the rest of a segment may be small
+    return valid & ~saturation.textureless
 
 
 def edge_scene(
     left: FloatImage, right: FloatImage, initial_px: FloatImage, refined: RefinedDisparity, sigma_px: FloatImage
 ) -> EdgeScene:
-    """Return the pixels that are valid by all tests but the one for the wrong surface, and what that test requires."""
+    """Return the pixels that are valid by the tests before that for the wrong surface, and what that test requires."""
     disparity = refined.disparity_px
     valid = locally_valid(left, initial_px, refined) & ~ramp_mask(disparity)
     valid = valid_segments(left, right, disparity, valid)
@@ -64,11 +72,12 @@ def edge_scene(
 
 
 def locally_valid(left: FloatImage, initial_px: FloatImage, refined: RefinedDisparity) -> Mask:
-    """Return which pixels `(H, W)` pass the tests of change, occlusion and residual."""
+    """Return which pixels `(H, W)` are matched and pass the tests of change, occlusion and residual."""
+    is_matched = np.isfinite(initial_px)
     change_px = np.abs(refined.disparity_px - initial_px)
-    sample = change_px[::CHANGE_STRIDE, ::CHANGE_STRIDE]
-    change_sigma_px = mad_sigma(sample[~np.isnan(sample)])
-    is_little_changed: Mask = change_px <= max(MAX_CHANGE_PX, MAX_CHANGE_SIGMAS * change_sigma_px)
+    sampled = np.s_[::CHANGE_STRIDE, ::CHANGE_STRIDE]
+    change_sigma_px = mad_sigma(change_px[sampled][is_matched[sampled]])
+    is_little_changed: Mask = is_matched & (change_px <= max(MAX_CHANGE_PX, MAX_CHANGE_SIGMAS * change_sigma_px))
     if not is_little_changed.any():
         return is_little_changed
     occluded = occlusion_mask(refined.disparity_px, is_little_changed, SURFACE_JUMP_PX)

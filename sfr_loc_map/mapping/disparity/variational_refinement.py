@@ -224,7 +224,7 @@ def _local_size(differences: FloatImage) -> FloatImage:
 def coarse_to_fine_step(cells: FloatImage, equations: NormalEquations) -> FieldStep:
     """Return the field after one linearised solve on all grids, coarse to fine.
 
-    After each coarse step b, the information vector of the remaining change is reduced by the information times b.
+    After each coarse step, the information vector of the remaining change is reduced by the information times the step.
     """
     scale = roughness(cells)
     information = equations.information

@@ -62,7 +62,7 @@ class EdgeScene(NamedTuple):
     right: FloatImage  #: Corrected grey levels.
     disparity: FloatImage  #: Pixels.
     has_initial: Mask  #: Pixels that the semi-global matching has matched.
-    valid: Mask  #: Pixels whose disparities are valid by all other tests.
+    valid: Mask  #: Pixels whose disparities are valid by the tests before this one.
     sigma: FloatImage  #: Standard deviation of the disparity, pixels.
 
 
@@ -206,13 +206,13 @@ def _surface_costs(scene: EdgeScene, y: int, x: int) -> SurfaceCosts:
             if scene.has_initial[v, u]:
                 low = min(low, scene.disparity[v, u])
                 high = max(high, scene.disparity[v, u])
-    at_own = _matching_cost(scene, y, x, own)
+    at_own = constant_cost(scene, y, x, own)
     best = MAX_COST
     best_close = MAX_COST
     jump = F(0.0)
     for other in (low, high):
         if abs(other - own) >= SURFACE_JUMP_PX:
-            at_other = _matching_cost(scene, y, x, other)
+            at_other = constant_cost(scene, y, x, other)
             if at_other.window < best:
                 best = at_other.window
                 best_close = at_other.close
@@ -221,7 +221,7 @@ def _surface_costs(scene: EdgeScene, y: int, x: int) -> SurfaceCosts:
 
 
 @jit_rows_inline
-def _matching_cost(scene: EdgeScene, y: int, x: int, disparity: np.float32) -> MatchingCost:
+def constant_cost(scene: EdgeScene, y: int, x: int, disparity: np.float32) -> MatchingCost:
     """Return the matching cost of a pixel at a disparity that is constant over the window."""
     left = scene.left
     right = scene.right

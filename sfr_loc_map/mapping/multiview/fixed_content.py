@@ -1,5 +1,7 @@
 """Content that stays at its pixels while the camera moves: the rover's own body, or rows of another pair.
 
+An image has rows of another pair if it was partially transferred, or if a part of it was repeated.
+
 Such content is not ground: each pair would map it to another position. A region is fixed if two pairs have the same
 grey levels and the same disparities at the same pixels, although ground there would have moved in the image.
 """

@@ -23,13 +23,7 @@ from sfr_loc_map.geometry.arrays import FloatImage, Mask, median
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.multiview.pair_view import (
-    MIN_TEXTURE,
-    SHIFT_PX,
-    PairView,
-    ReprojectedPoints,
-    reproject_into_view,
-)
+from sfr_loc_map.mapping.multiview.pair_view import MIN_TEXTURE, SHIFT_PX, PairView, ProjectedPoints, project_into_view
 from sfr_loc_map.mapping.robust_statistics import mad_sigma
 
 F = np.float32
@@ -128,7 +122,7 @@ def _compare(index: int, views: Sequence[PairView], rig: StereoRig) -> Compariso
     for other_index, other in enumerate(views):
         if other_index == index:
             continue
-        seen = reproject_into_view(view.cloud, other.T_lm_left, other.images, rig)
+        seen = project_into_view(view.cloud, other.T_lm_left, other.images, rig)
         points = seen.point_indices
         own = own_weight[points]
         is_preferred = seen.weight >= own if other_index < index else seen.weight > own
@@ -170,7 +164,7 @@ def _fused_points(view: PairView, found: Comparison) -> PointCloud:
     return replace(cloud, xyz=xyz, sigma=sigma)
 
 
-def pose_agreement(view: PairView, other: PairView, seen: ReprojectedPoints) -> PoseAgreement:
+def pose_agreement(view: PairView, other: PairView, seen: ProjectedPoints) -> PoseAgreement:
     """Return how well the points of one view agree with another view; at least one point is seen by both.
 
     Range differences are compared with those expected of correct sigmas and poses, grey level differences with those at
@@ -192,9 +186,7 @@ def pose_agreement(view: PairView, other: PairView, seen: ReprojectedPoints) -> 
     )
 
 
-def _agreement_findings(
-    indices: tuple[int, int], views: tuple[PairView, PairView], seen: ReprojectedPoints
-) -> Findings:
+def _agreement_findings(indices: tuple[int, int], views: tuple[PairView, PairView], seen: ProjectedPoints) -> Findings:
     """Return the agreement of the points of the first view with the second one, and a warning if their poses disagree.
 
     Of two views each is compared with the other; the comparison from the one of the lower index gives the warning.

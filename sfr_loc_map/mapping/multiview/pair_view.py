@@ -84,7 +84,7 @@ class PairView:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ReprojectedPoints:
+class ProjectedPoints:
     """The M points of a cloud that another view observes as well, `(M,)` float32 each."""
 
     point_indices: NDArray[np.intp]  #: Indices of the points in their cloud.
@@ -107,15 +107,13 @@ class ViewSamples(NamedTuple):
     offset_px: FloatImage  #: Distance from the nearest sample, pixels.
 
 
-def reproject_into_view(
-    cloud: PointCloud, T_lm_left: Transform, images: ViewImages, rig: StereoRig
-) -> ReprojectedPoints:
+def project_into_view(cloud: PointCloud, T_lm_left: Transform, images: ViewImages, rig: StereoRig) -> ProjectedPoints:
     """Return how a view, whose left camera has the pose `T_lm_left`, observes the points of a cloud in LM."""
     samples = _sample_view(cloud.xyz, Pose.of(T_lm_left.inverse()), rig.camera, images)
     point_indices = np.flatnonzero(np.isfinite(samples.difference))
     observed = ViewSamples(*(values[point_indices] for values in samples))
     grey = cloud.intensity[point_indices]
-    return ReprojectedPoints(
+    return ProjectedPoints(
         point_indices=point_indices,
         difference=observed.difference,
         sigma=observed.sigma,

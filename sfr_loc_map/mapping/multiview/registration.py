@@ -20,7 +20,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.multiview.fusion import MIN_OVERLAP
-from sfr_loc_map.mapping.multiview.pair_view import PairView, ViewImages, reproject_into_view
+from sfr_loc_map.mapping.multiview.pair_view import PairView, ViewImages, project_into_view
 from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
 
 MAX_POINTS = 10_000  #: About this many points of each other view are compared: six parameters need no more.
@@ -36,8 +36,8 @@ PRIOR_SIGMAS = np.array([np.deg2rad(0.5)] * 3 + [0.02] * 3)
 """Standard deviations of the error of a given pose, rad and m: a quarter and a fifth of the largest accepted motion.
 They divide what rotation and translation explain equally well."""
 ROBUST_SIGMAS = 3.0
-"""Residuals of this many standard deviations have half the weight; 2.385 is the Cauchy weight's constant for 95 %
-efficiency under normal noise (Holland and Welsch 1977)."""
+"""Residuals of this many standard deviations have half the weight. Under normal noise 2.385 has an efficiency of 95 %
+(Holland and Welsch 1977); a larger value gives more weight to large residuals, such as those of a wrong pose."""
 MIN_RESIDUAL_SIGMA = 1e-6  #: Added to the standard deviation of residuals, which must not be 0.
 MAX_ROTATION_DEG = 2.0  #: Poses that would have to be rotated by more are reported and not changed, deg.
 MAX_TRANSLATION_M = 0.1  #: Poses that would have to be moved by more are reported and not changed, metres.
@@ -86,7 +86,7 @@ def estimate_motion(fixed: Sequence[PairView], moved: PairView, rig: StereoRig) 
     """
     clouds = []
     for view in fixed:
-        overlapping = reproject_into_view(view.cloud, moved.T_lm_left, moved.images, rig).point_indices
+        overlapping = project_into_view(view.cloud, moved.T_lm_left, moved.images, rig).point_indices
         stride = max(1, len(overlapping) // MAX_POINTS)
         clouds.append(view.cloud.select(overlapping[::stride]))
     if sum(len(cloud) for cloud in clouds) < MIN_OVERLAP:
@@ -129,7 +129,7 @@ def _gauss_newton_step(
 
     def residuals(parameters: FloatArray) -> FloatArray:
         """Return normalised range differences and grey level differences `(2, N)`; NaN where there are none."""
-        seen = reproject_into_view(points, pose @ _motion(parameters), images, rig)
+        seen = project_into_view(points, pose @ _motion(parameters), images, rig)
         sigma = np.sqrt(np.square(points.sigma[seen.point_indices]) + np.square(seen.sigma))
         out = np.full((2, len(points)), np.nan)
         out[0, seen.point_indices] = seen.difference / sigma

@@ -166,7 +166,7 @@ def height_variance_ratio(
     """Return the variance of the height of each point `(N,)` over its variance along the ray.
 
     An error along a ray with the unit vector `(x, y, z)` changes the height by z times the error. The horizontal part
-    of the error displaces the point, and displaced ground is higher by the slope: at most `TYPICAL_SLOPE` times the
+    of the error displaces the point, and displaced ground is higher by the slope: about `TYPICAL_SLOPE` times the
     error. The ratio is `z^2 + TYPICAL_SLOPE^2`. Without poses, z is 1, the largest value.
     """
     if T_lm_left is None:

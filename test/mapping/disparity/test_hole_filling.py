@@ -5,7 +5,7 @@ import numpy as np
 from helpers.disparity_world import two_planes
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.hole_filling import MAX_DEPTH_RATIO, MIN_FILLED_SIGMA_PX, fill_holes
-from sfr_loc_map.mapping.disparity.rectification_correction import RectificationCorrection, VerticalDisparity
+from sfr_loc_map.mapping.disparity.rectification_correction import RightImageCorrection, VerticalDisparity
 from sfr_loc_map.mapping.disparity.saturation import Saturation
 
 F = np.float32
@@ -37,7 +37,7 @@ class TwoPlanes:
             initial_px=matched,
             left=self.left,
             right=self.right,
-            correction=RectificationCorrection(1.0, 0.0, VerticalDisparity(0.0, 0.0, 0.0)),
+            correction=RightImageCorrection(1.0, 0.0, VerticalDisparity(0.0, 0.0, 0.0)),
             saturation=saturation,
             noise_grey=NOISE,
             matched_fraction=1.0,

@@ -10,7 +10,7 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.multiview.fusion import COMMON_VARIANCE, fuse_views
-from sfr_loc_map.mapping.multiview.pair_view import FEATHER_PX, PairView, reproject_into_view
+from sfr_loc_map.mapping.multiview.pair_view import FEATHER_PX, PairView, project_into_view
 from sfr_loc_map.mapping.reprojection import cloud_from_disparity
 
 RIG = StereoRig(160, 140, 100.0, 100.0, 79.5, 69.5, 0.2)
@@ -57,7 +57,7 @@ def test_points_lie_at_the_mean_weighted_by_inverse_variance_in_any_order(order:
 def test_the_feather_reduces_weights_towards_the_border_and_leaves_sigma() -> None:
     """Of a plane in front of the camera sigma is that of the ray's length; a corner has a feather of 1 / 48."""
     view = plane_view(4.0, 0.1, 0)
-    seen = reproject_into_view(view.cloud, view.T_lm_left, view.images, RIG)
+    seen = project_into_view(view.cloud, view.T_lm_left, view.images, RIG)
     own_sigma = view.cloud.sigma[seen.point_indices]
     np.testing.assert_array_equal(seen.sigma, own_sigma)
     feather = view.point_weights() * np.square(view.cloud.sigma)
