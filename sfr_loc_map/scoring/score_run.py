@@ -634,7 +634,7 @@ def load_run(
     elif place is not None and place.is_file() and not is_bag(place):
         true = replace(true, trajectory=possible_truth(true.trajectory, f"of '{place}'")[1])
     notes = tuple(item.text for item in (found, true) if item.is_announced)
-    run = replace(run, nav_stamps_ns=_nav_stamps(opened, stats))
+    run = _with_nav_stamps(run, opened)
     rig, images = None, None
     if loc is not None:
         rig = loc.rig
@@ -643,13 +643,15 @@ def load_run(
     return replace(run, drive=ScoredDrive(estimates, true.trajectory, rig, images, notes))
 
 
-def _nav_stamps(source: Source | None, stats: Sequence[CallStats]) -> IntArray | None:
-    """Return the stamps of the mapping pairs of a source if there are calls of a mapper to compare with them."""
-    if source is None or source.nav is None:
-        return None
+def _with_nav_stamps(run: Run, source: Source | None) -> Run:
+    """Return a run with the stamps of the mapping pairs of its source if calls of a mapper are compared with them."""
+    stats = [*run.stats, *([] if run.target is None else [run.target])]
+    if source is None or source.nav is None or run.nav_stamps_ns is not None:
+        return run
     if not any(state in KINDS for item in stats for state in item.calls.states):
-        return None
-    return np.array([item.pair.stamp_ns for item in source.nav.pairs()], np.int64)
+        return run
+    stamps = np.array([item.pair.stamp_ns for item in source.nav.pairs()], np.int64)
+    return replace(run, nav_stamps_ns=stamps)
 
 
 def load_target(path: Path) -> TargetRecord:

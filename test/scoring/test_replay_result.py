@@ -103,7 +103,9 @@ def test_a_replay_is_judged_by_the_images_of_its_source(tmp_path: Path) -> None:
     parts = {
         rows: Trajectory(truth.stamps_ns[:rows], truth.positions[:rows], truth.quats_xyzw[:rows]) for rows in (12, 6, 0)
     }
-    limits = parse_limits({"trajectory": [{"condition": "frames=2", "position_mean_m": 1.0}]}, "limits")
+    limits = parse_limits(
+        {"minimum_independent": 1, "trajectory": [{"condition": "frames=2", "position_mean_m": 1.0}]}, "limits"
+    )
     wanted = {12: None, 6: "the estimate covers 50 % of the images", 0: "no pose for any of 12 images"}
     for (rows, estimate), partial in product(parts.items(), (False, True)):
         files = ReplayFiles(tmp_path / f"{rows}-{partial}")
