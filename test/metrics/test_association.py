@@ -76,3 +76,11 @@ def test_estimates_between_true_poses_get_interpolated_truth() -> None:
 )
 def test_the_first_stamps_decide_the_mode(est: np.ndarray, gt: np.ndarray, mode: AssociationMode) -> None:
     assert associated(est, gt, "auto")[1].mode is mode
+
+
+@pytest.mark.parametrize(("every", "mode"), [(3, AssociationMode.MATCH), (6, AssociationMode.INTERPOLATE)])
+def test_auto_matches_if_a_quarter_of_the_stamps_have_a_partner(every: int, mode: AssociationMode) -> None:
+    """Every third or every sixth estimate has the stamp of a true pose; the others lie between two true poses."""
+    gt = np.arange(0, 600, 10)
+    est = gt[:-1] + np.where(np.arange(len(gt) - 1) % every == 0, 0, 5)
+    assert associated(est, gt, "auto")[1].mode is mode

@@ -13,6 +13,8 @@ from sfr_loc_map.metrics.statistics import (
     group_moments,
     interval95,
     joined,
+    resampled,
+    scatter_of_difference,
     student_quantile,
 )
 
@@ -64,6 +66,25 @@ def test_an_interval_needs_two_independent_sub_trajectories_and_shrinks_with_mor
         widths.append(high - low)
     assert widths == sorted(widths, reverse=True)
     assert interval95(np.full((9, 1), 2.0), 1.0, unsigned=False) == (2.0, 2.0), "nothing scatters"
+
+
+def test_blocks_of_one_length_show_the_same_fraction_of_the_variance_whatever_their_groups() -> None:
+    offsets = np.random.default_rng(6).normal(size=(64, 2))
+    shares = [resampled(group_moments(offsets, size), np.zeros(2), 8.0, size)[2] for size in (1, 2, 4)]
+    assert shares == pytest.approx([shares[0]] * 3, rel=1e-12)
+    assert shares[0] < 1.0
+
+
+def test_the_scatter_of_a_difference_from_a_constant_is_that_of_the_figure() -> None:
+    """Blocks of one value show the complete variance, but for the mean of 40 values that it is taken about."""
+    errors = np.random.default_rng(8).normal(size=(40, 1))
+    mean = errors.mean(axis=0)
+    figures = resampled(group_moments(errors - mean, 1), mean, 1.0)[1]
+    found = scatter_of_difference(np.full((40, 1), 3.0), errors, 1.0, unsigned=False)
+    assert found is not None
+    assert found.sigma == pytest.approx(1.1 * np.std(figures) / np.sqrt(1.0 - 1.0 / 40.0), rel=1e-9)
+    assert found.freedom == 39.0
+    assert scatter_of_difference(errors[:3], errors[:3], 2.0, unsigned=False) is None
 
 
 def test_the_scatter_of_overlapping_sums_is_not_underestimated() -> None:
