@@ -179,7 +179,7 @@ def test_a_suite_with_half_a_drive_is_incomplete_unless_a_part_is_allowed(sfr: S
 
 @pytest.mark.slow
 def test_a_campaign_stops_when_its_limit_is_decided(sfr: Sfr, tmp_path: Path) -> None:
-    """75 % with 75 % and no failure: the sequential test passes after 7 of 12 drives, and that is a pass."""
+    """75 % with 75 % and no failure: the sequential test passes after 6 of 12 drives, and that is a pass."""
     share = {"limit": 1.0, "prob": 0.75, "confidence": 0.75, "power": 0.75, "good": 0.05, "interpretation": "ensemble"}
     limits = {"trajectory": [{"condition": "distance=1", "position_bound_m": share}]}
     file = made_suite(tmp_path / "suite", 12, limits=limits, stop_when_decided=True)
