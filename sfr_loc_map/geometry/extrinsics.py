@@ -19,9 +19,9 @@ NAVSB_FRAME = "navsb"  #: Frame of the stereo rig for mapping [3.2.3].
 BASE_FRAMES = (RB_FRAME, "base_link", "base_footprint", "base", "body", "chassis")
 """Names of the rover's own frame; the first one that is joined to the camera is taken."""
 COULD_BE = "the rover's frame could also be"  #: Part of `RigInBody.text` if several of `BASE_FRAMES` are joined.
-MAST_XY_RB_M = (0.451, 0.317)  #: Base of the mast (DMA) and position of the pan axis in RB [3.2.2, 3.2.6].
+MAST_XY_RB_M = (0.451, 0.317)
+"""Base of the mast (DMA) in RB, and position of the pan axis and, at pan 0, of the tilt axis [3.2.2, 3.2.6]."""
 TILT_AXIS_Z_RB_M = 0.594  #: Height of the tilt axis in RB [3.2.6].
-TILT_AXIS_X_RB_M = 0.451  #: Position of the tilt axis along RB x at pan 0 [3.2.6].
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,4 +97,4 @@ def mast_head_in_rb(pan_rad: float, tilt_rad: float) -> Transform:
     """
     pan: FloatArray = matrix_from_rotvec([0.0, 0.0, pan_rad])
     tilt: FloatArray = matrix_from_rotvec([0.0, tilt_rad, 0.0])
-    return Transform(pan @ tilt, np.array([TILT_AXIS_X_RB_M, MAST_XY_RB_M[1], TILT_AXIS_Z_RB_M]))
+    return Transform(pan @ tilt, np.array([*MAST_XY_RB_M, TILT_AXIS_Z_RB_M]))

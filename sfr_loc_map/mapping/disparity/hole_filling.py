@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numba import prange
 
-from sfr_loc_map.geometry.arrays import FloatImage, IntArray, Mask
+from sfr_loc_map.geometry.arrays import FloatArray32, FloatImage, IntArray, Mask
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX, depth_ratio, dilated
@@ -94,16 +94,16 @@ class RightSurfaces(NamedTuple):
 class Hypotheses(NamedTuple):
     """The first surface along each direction, continued to a pixel as a plane, `(8,)` each; NaN without a surface."""
 
-    disparity: FloatImage  #: Disparity of the plane at the pixel, pixels.
-    slope_x: FloatImage  #: Slope of the plane along rows, pixels per pixel.
-    slope_y: FloatImage  #: Slope of the plane along columns, pixels per pixel.
+    disparity: FloatArray32  #: Disparity of the plane at the pixel, pixels.
+    slope_x: FloatArray32  #: Slope of the plane along rows, pixels per pixel.
+    slope_y: FloatArray32  #: Slope of the plane along columns, pixels per pixel.
 
 
 class HypothesisCosts(NamedTuple):
     """Matching costs of the hypotheses of a pixel, `(8,)` each."""
 
-    cost: FloatImage  #: Grey levels; `MAX_COST` without a surface.
-    effective_pixels: FloatImage  #: As of `PlaneCost`.
+    cost: FloatArray32  #: Grey levels; `MAX_COST` without a surface.
+    effective_pixels: FloatArray32  #: As of `PlaneCost`.
 
 
 class PlaneCost(NamedTuple):

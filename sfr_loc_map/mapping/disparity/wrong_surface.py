@@ -17,7 +17,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, IntArray, Mask, median
+from sfr_loc_map.geometry.arrays import FloatArray32, FloatImage, IntArray, Mask, median
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX, depth_ratio, dilated
 from sfr_loc_map.mapping.disparity.matching_cost import (
@@ -69,26 +69,28 @@ class EdgeScene(NamedTuple):
 class EdgeFeatures(NamedTuple):
     """Features of N pixels `(N,)` float32 each; the network's weights are in this order."""
 
-    window_margin: FloatImage  #: Cost of the best other surface minus the own one, window, grey levels.
-    close_margin: FloatImage  #: The same over 3 x 3 pixels.
-    effective_pixels: FloatImage  #: Number of pixels with equal weights that the window is equivalent to.
-    window_cost: FloatImage  #: Cost at the own disparity, window, grey levels.
-    close_cost: FloatImage  #: The same over 3 x 3 pixels.
-    jump_px: FloatImage  #: Disparity of the other surface minus the own one, pixels; 0 without another surface.
-    contrast: FloatImage  #: Standard deviation of the grey levels of the window.
-    same_surface: FloatImage  #: Weighted fraction of the window on the own surface.
-    nearer_surface: FloatImage  #: Weighted fraction of the window on nearer surfaces.
-    occluder_px: FloatImage  #: Disparity minus the own one of the nearest surface at the same right pixel, pixels.
-    slope_x: FloatImage  #: Slope of the disparity along the row, pixels per pixel.
-    slope_y: FloatImage  #: Slope of the disparity along the column, pixels per pixel.
-    sigma_px: FloatImage  #: Standard deviation of the disparity, pixels.
+    window_margin: FloatArray32  #: Cost of the best other surface minus the own one, window, grey levels.
+    close_margin: FloatArray32  #: The same over 3 x 3 pixels.
+    effective_pixels: FloatArray32  #: Number of pixels with equal weights that the window is equivalent to.
+    window_cost: FloatArray32  #: Cost at the own disparity, window, grey levels.
+    close_cost: FloatArray32  #: The same over 3 x 3 pixels.
+    jump_px: FloatArray32  #: Disparity of the other surface minus the own one, pixels; 0 without another surface.
+    contrast: FloatArray32  #: Standard deviation of the grey levels of the window.
+    same_surface: FloatArray32  #: Weighted fraction of the window on the own surface.
+    nearer_surface: FloatArray32  #: Weighted fraction of the window on nearer surfaces.
+    occluder_px: FloatArray32  #: Disparity minus the own one of the nearest surface at the same right pixel, pixels.
+    slope_x: FloatArray32  #: Slope of the disparity along the row, pixels per pixel.
+    slope_y: FloatArray32  #: Slope of the disparity along the column, pixels per pixel.
+    sigma_px: FloatArray32  #: Standard deviation of the disparity, pixels.
 
 
 class MatchingCost(NamedTuple):
     """Matching cost of a pixel at a disparity."""
 
     window: np.float32  #: Cost of the window, grey levels; `MAX_COST` outside the right image.
-    close: np.float32  #: Mean absolute difference of 3 x 3 pixels, grey levels; `MAX_COST` likewise.
+    #: Mean absolute difference of 3 x 3 pixels, grey levels. `MAX_COST` if the window is outside the right image; 0 if
+    #: a part of the window is inside but none of these pixels is. The network was trained with the latter.
+    close: np.float32
     effective_pixels: np.float32  #: Number of pixels with equal weights that the window is equivalent to.
 
 
@@ -112,12 +114,12 @@ class Neighbourhood(NamedTuple):
 class EdgeNetwork(NamedTuple):
     """A network with one hidden layer of K rectified linear units, float32."""
 
-    low: FloatImage  #: `(13,)`, smallest input in the training; inputs are clipped to the range of the training.
-    high: FloatImage  #: `(13,)`, largest input in the training.
-    hidden: FloatImage  #: `(K, 13)`, weights of the input.
-    hidden_offset: FloatImage  #: `(K,)`.
-    output: FloatImage  #: `(K,)`, weights of the hidden layer.
-    output_offset: FloatImage  #: `(1,)`.
+    low: FloatArray32  #: `(13,)`, smallest input in the training; inputs are clipped to the range of the training.
+    high: FloatArray32  #: `(13,)`, largest input in the training.
+    hidden: FloatArray32  #: `(K, 13)`, weights of the input.
+    hidden_offset: FloatArray32  #: `(K,)`.
+    output: FloatArray32  #: `(K,)`, weights of the hidden layer.
+    output_offset: FloatArray32  #: `(1,)`.
 
 
 def wrong_surface_mask(scene: EdgeScene) -> Mask:
@@ -311,7 +313,7 @@ def _slope_y(disparity: FloatImage, y: int, x: int) -> np.float32:
     return slope
 
 
-def network_input(features: EdgeFeatures) -> FloatImage:
+def network_input(features: EdgeFeatures) -> FloatArray32:
     """Return the features as dimensionless numbers of order 1 `(N, 13)`.
 
     Costs are relative to the typical cost of the pair, because real images match less well than their noise explains.
@@ -319,29 +321,29 @@ def network_input(features: EdgeFeatures) -> FloatImage:
     typical = max(median(features.window_cost), MIN_TYPICAL_COST)
     has_other_surface = features.jump_px != 0.0
 
-    def log_cost(cost: FloatImage) -> FloatImage:
-        """Return the logarithm of a cost relative to the typical cost."""
-        return np.asarray(np.log(np.maximum(cost / typical, MIN_RELATIVE_COST)))
+    def log_relative(grey: FloatArray32) -> FloatArray32:
+        """Return the logarithm of a difference of grey levels relative to the typical cost."""
+        return np.asarray(np.log(np.maximum(grey / typical, MIN_RELATIVE_COST)))
 
-    def log_margin(margin: FloatImage, scale: float) -> FloatArray:
+    def log_margin(margin: FloatArray32, scale: float) -> FloatArray32:
         """Return the signed logarithm of a margin relative to the typical cost, clipped."""
         clipped = np.clip(_signed_log(margin.astype(np.float64) * (scale / typical)), -MAX_LOG, MAX_LOG)
-        return np.where(has_other_surface, clipped, MAX_LOG)
+        return np.asarray(np.where(has_other_surface, clipped, MAX_LOG), F)
 
-    inputs = (
-        log_margin(features.window_margin, WINDOW_MARGIN_SCALE),
-        log_margin(features.close_margin, 1.0),
-        np.log(features.effective_pixels),
-        log_cost(features.window_cost),
-        log_cost(features.close_cost),
-        np.clip(_signed_log(features.jump_px), -MAX_LOG, MAX_LOG),
-        log_cost(features.contrast),
-        features.same_surface,
-        features.nearer_surface,
-        np.log1p(features.occluder_px),
-        features.slope_x,
-        features.slope_y,
-        np.log(features.sigma_px),
+    inputs = EdgeFeatures(
+        window_margin=log_margin(features.window_margin, WINDOW_MARGIN_SCALE),
+        close_margin=log_margin(features.close_margin, 1.0),
+        effective_pixels=np.log(features.effective_pixels),
+        window_cost=log_relative(features.window_cost),
+        close_cost=log_relative(features.close_cost),
+        jump_px=np.clip(_signed_log(features.jump_px), -MAX_LOG, MAX_LOG),
+        contrast=log_relative(features.contrast),
+        same_surface=features.same_surface,
+        nearer_surface=features.nearer_surface,
+        occluder_px=np.log1p(features.occluder_px),
+        slope_x=features.slope_x,
+        slope_y=features.slope_y,
+        sigma_px=np.log(features.sigma_px),
     )
     return np.ascontiguousarray(np.column_stack(inputs), F)
 

@@ -19,11 +19,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatImage, Mask, median
+from sfr_loc_map.geometry.arrays import FloatArray32, FloatImage, Mask, median
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.multiview.pair_view import MIN_TEXTURE, SHIFT_PX, PairView, ProjectedPoints, project_into_view
+from sfr_loc_map.mapping.multiview.pair_view import (
+    MIN_OVERLAP,
+    MIN_TEXTURE,
+    SHIFT_PX,
+    PairView,
+    ProjectedPoints,
+    project_into_view,
+)
 from sfr_loc_map.mapping.robust_statistics import mad_sigma
 
 F = np.float32
@@ -36,7 +43,6 @@ SAME_SAMPLE_PX = F(0.02)
 """Points closer than this in an image are one sample, pixels: the images have the same pose, and rounding moves points
 by less."""
 AGREEMENT_STRIDE = 4  #: The agreement of poses is measured by every fourth point: medians need fewer samples.
-MIN_OVERLAP = 1000  #: Points in common that a statement about poses requires: its spreads are then known to 7 %.
 MAX_RANGE_RATIO = 1.8
 """Measured over expected range differences above which poses disagree; correct poses have 1 or less
 (docs/mapping.md)."""
@@ -64,9 +70,9 @@ class KeptPoints(NamedTuple):
 class Comparison(NamedTuple):
     """What the other views say about the N points of a view."""
 
-    total_weight: FloatImage  #: `(N,)`, weight of the point and of the views that agree, 1 / m^2.
-    weighted_difference: FloatImage  #: `(N,)`, sum of weight times range difference of these views, 1 / m.
-    noise: FloatImage  #: `(N,)`, variance of the weighted sum of these ranges, the sum of weight^2 sigma^2, 1 / m^2.
+    total_weight: FloatArray32  #: `(N,)`, weight of the point and of the views that agree, 1 / m^2.
+    weighted_difference: FloatArray32  #: `(N,)`, sum of weight times range difference of these views, 1 / m.
+    noise: FloatArray32  #: `(N,)`, variance of the weighted sum of these ranges, the sum of weight^2 sigma^2, 1 / m^2.
     merged: Mask  #: `(N,)`, another view agrees.
     duplicate: Mask  #: `(N,)`, a preferred view has the same sample.
     conflict: Mask  #: `(N,)`, a preferred view observes a farther surface.

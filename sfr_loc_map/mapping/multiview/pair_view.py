@@ -11,7 +11,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatImage
+from sfr_loc_map.geometry.arrays import FloatArray32, FloatImage
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
@@ -28,6 +28,7 @@ SHIFT_PX = 8
 """Grey levels are also compared at this offset along both axes, pixels: as if a pose were wrong by half a degree at a
 focal length of 800 pixels."""
 MIN_TEXTURE = 2.0  #: Spread of grey levels over the noise that a comparison requires; noise alone has about 1.
+MIN_OVERLAP = 1000  #: Points in common that a statement about poses requires: its spreads are then known to 7 %.
 MIN_DEPTH_M = 1e-3  #: Smallest depth of a point that is projected into a camera, metres: it must be before the camera.
 MIN_COVERAGE = F(1e-3)  #: Smallest fraction of a window with points that divides a sum over them; it must not be 0.
 
@@ -65,7 +66,7 @@ class PairView:
         sigma[self.cloud.v, self.cloud.u] = self.cloud.sigma
         return ViewImages(self.disparity_px, sigma, self.grey_image())
 
-    def point_weights(self) -> FloatImage:
+    def point_weights(self) -> FloatArray32:
         """Return the weight of each point in the fusion `(N,)`, 1 / m^2."""
         rows, columns = self.disparity_px.shape
         return _point_weights(self.cloud.sigma, self.cloud.u, self.cloud.v, rows, columns)
@@ -88,23 +89,23 @@ class ProjectedPoints:
     """The M points of a cloud that another view observes as well, `(M,)` float32 each."""
 
     point_indices: NDArray[np.intp]  #: Indices of the points in their cloud.
-    difference: FloatImage  #: Range that the view observes along its ray minus that of the point, metres.
-    sigma: FloatImage  #: Standard deviation of the view's range, metres.
-    weight: FloatImage  #: Weight of the view in the fusion, 1 / m^2.
-    grey_difference: FloatImage  #: Grey level of the view minus that of the point; NaN where the view has no point.
-    grey_difference_shifted: FloatImage  #: The same at `SHIFT_PX` to the right and below.
-    offset_px: FloatImage  #: Distance from the view's nearest sample, pixels.
+    difference: FloatArray32  #: Range that the view observes along its ray minus that of the point, metres.
+    sigma: FloatArray32  #: Standard deviation of the view's range, metres.
+    weight: FloatArray32  #: Weight of the view in the fusion, 1 / m^2.
+    grey_difference: FloatArray32  #: Grey level of the view minus that of the point; NaN where the view has no point.
+    grey_difference_shifted: FloatArray32  #: The same at `SHIFT_PX` to the right and below.
+    offset_px: FloatArray32  #: Distance from the view's nearest sample, pixels.
 
 
 class ViewSamples(NamedTuple):
     """Samples of a view at N points, `(N,)` float32 each."""
 
-    difference: FloatImage  #: Observed range minus that of the point, metres; NaN if the view does not observe it.
-    sigma: FloatImage  #: Standard deviation of the observed range, metres.
-    weight: FloatImage  #: Weight in the fusion, 1 / m^2.
-    grey: FloatImage  #: Grey level.
-    grey_shifted: FloatImage  #: Grey level at `SHIFT_PX` to the right and below; NaN beyond the border.
-    offset_px: FloatImage  #: Distance from the nearest sample, pixels.
+    difference: FloatArray32  #: Observed range minus that of the point, metres; NaN if the view does not observe it.
+    sigma: FloatArray32  #: Standard deviation of the observed range, metres.
+    weight: FloatArray32  #: Weight in the fusion, 1 / m^2.
+    grey: FloatArray32  #: Grey level.
+    grey_shifted: FloatArray32  #: Grey level at `SHIFT_PX` to the right and below; NaN beyond the border.
+    offset_px: FloatArray32  #: Distance from the nearest sample, pixels.
 
 
 def project_into_view(cloud: PointCloud, T_lm_left: Transform, images: ViewImages, rig: StereoRig) -> ProjectedPoints:
@@ -139,7 +140,7 @@ def _weight(sigma: np.float32, row: int, column: int, rows: int, columns: int) -
 @jit_rows
 def _point_weights(
     sigma: NDArray[np.float32], u: NDArray[np.uint16], v: NDArray[np.uint16], rows: int, columns: int
-) -> FloatImage:
+) -> FloatArray32:
     """Return the weights of points `(N,)` from their sigma and pixels."""
     weights = np.empty_like(sigma)
     for n in prange(len(sigma)):
@@ -157,7 +158,7 @@ def _bilinear(image: FloatImage, i: int, j: int, t: float, s: float) -> float:
 
 
 @jit_rows
-def _sample_view(xyz: FloatImage, T_left_lm: Pose, camera: StereoCamera, images: ViewImages) -> ViewSamples:
+def _sample_view(xyz: FloatArray32, T_left_lm: Pose, camera: StereoCamera, images: ViewImages) -> ViewSamples:
     """Return the samples of a view at points `(N, 3)` in LM."""
     rows, cols = images.disparity.shape
     rotation = T_left_lm.rotation

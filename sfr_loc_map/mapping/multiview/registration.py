@@ -19,8 +19,7 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.multiview.fusion import MIN_OVERLAP
-from sfr_loc_map.mapping.multiview.pair_view import PairView, ViewImages, project_into_view
+from sfr_loc_map.mapping.multiview.pair_view import MIN_OVERLAP, PairView, ViewImages, project_into_view
 from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
 
 MAX_POINTS = 10_000  #: About this many points of each other view are compared: six parameters need no more.
