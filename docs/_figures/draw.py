@@ -195,7 +195,7 @@ def main() -> None:
     IMAGES.mkdir(parents=True, exist_ok=True)
     for draw in (draw_rebasing, draw_interval, draw_nees, draw_triangulation, draw_frames):
         draw()
-    page = DOCS / "concepts" / "rebasing.md"
+    page = DOCS / "concepts" / "sub_trajectories.md"
     begin, end = "<!-- made by docs/_figures/draw.py -->\n", "<!-- end -->"
     before, _, rest = page.read_text(encoding="utf-8").partition(begin)
     page.write_text(f"{before}{begin}\n{example_table()}\n\n{end}{rest.partition(end)[2]}", encoding="utf-8")

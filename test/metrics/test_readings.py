@@ -118,7 +118,7 @@ def test_several_conditions_read_back() -> None:
 
 
 def test_the_worked_example_of_the_page_on_rebasing() -> None:
-    """60 m straight ahead at 0.1 deg/m: the table of docs/concepts/rebasing.md."""
+    """60 m straight ahead at 0.1 deg/m: the table of docs/concepts/sub_trajectories.md."""
     along = 0.1 * np.arange(601)
     true = np.column_stack([along, np.zeros((601, 2))])
     drift = Rotation.from_euler("z", 0.1 * along[:, None], degrees=True)
@@ -127,7 +127,7 @@ def test_the_worked_example_of_the_page_on_rebasing() -> None:
     straight = Trajectory(stamps, true, np.tile([0.0, 0.0, 0.0, 1.0], (601, 1)))
     estimates = Estimates.of(Trajectory(stamps, moved, drift.as_quat()))
     score = as_score(score_trajectory(estimates, straight, TrajectoryScoreConfig()))
-    page = (Path(__file__).parents[2] / "docs/concepts/rebasing.md").read_text()
+    page = (Path(__file__).parents[2] / "docs/concepts/sub_trajectories.md").read_text()
     assert f"{score.figure('position').n} pieces of 5 m" in page
     for reading in READINGS:
         position, *angles = (
