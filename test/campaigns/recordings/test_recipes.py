@@ -16,8 +16,7 @@ PAGES = {
     HOWTO / "zed.md": ("zed",),
     HOWTO / "realsense.md": ("realsense_without_p3",),
     HOWTO / "oak_d.md": ("oak_d",),
-    HOWTO / "nav2_rover.md": ("nav2_rover",),
-    HOWTO / "motion_capture.md": ("motion_capture_lab",),
+    HOWTO / "nav2_rover.md": ("nav2_rover", "motion_capture_lab"),
     HOWTO.parent / "formats.md": ("kalibr_yaml", "side_by_side", "pan_tilt_joints"),
 }
 """The recordings of each page, in the order of its commands."""
