@@ -34,7 +34,7 @@ COPIED = (
     "docs",
     "sample",
 )
-GROUPS = (("test/metrics",), ("test/geometry",))
+GROUPS = (("test/metrics",), ("test/geometry",), ("test/scoring/test_incomplete_everywhere.py",))
 """The tests."""
 LIBRARIES = ("hypothesis", "msgspec", "numba", "numpy", "scipy.spatial.transform", "scipy.stats", "yaml")
 """What is loaded once for all mutations."""

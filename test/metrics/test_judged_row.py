@@ -42,3 +42,16 @@ def test_rows_over_all_drives_are_judged_where_there_is_no_reading() -> None:
     found = Score(figures=tuple(rows)).judged_row("position")
     assert found is rows[1]
     assert Score(figures=(rows[0],)).judged_row("position") is None
+
+
+@pytest.mark.parametrize(("absent", "state"), [(0.0, "pass"), (0.5, "incomplete")])
+def test_a_figure_of_a_part_that_is_not_complete_does_not_pass(absent: float, state: str) -> None:
+    """Half of the mapping pairs have no point in the cloud: the error of the other half passes nothing."""
+    rows = (
+        figure_row("point_error", n=100, mean=0.01, sigma=0.01, p95=0.02),
+        figure_row("judged", part="map", n=2, value=1.0 - absent),
+        figure_row("pairs_without_cloud", n=2, value=absent),
+    )
+    score = judged(Score(figures=rows), parse_limits({"map": {"point_error_p95_m": 1.0}}, "test"))
+    assert [item.state for item in score.verdicts if item.name == "point_error_p95_m"] == [state]
+    assert score.verdict == state
