@@ -55,3 +55,23 @@ def test_a_figure_of_a_part_that_is_not_complete_does_not_pass(absent: float, st
     score = judged(Score(figures=rows), parse_limits({"map": {"point_error_p95_m": 1.0}}, "test"))
     assert [item.state for item in score.verdicts if item.name == "point_error_p95_m"] == [state]
     assert score.verdict == state
+
+
+@pytest.mark.parametrize(("share", "state"), [(0.01, "pass"), (0.05, "incomplete")])
+def test_one_map_point_in_a_hundred_may_be_without_truth(share: float, state: str) -> None:
+    rows = (
+        figure_row("point_error", n=100, mean=0.01, sigma=0.01, p95=0.02),
+        figure_row("judged", part="map", n=2, value=1.0),
+        figure_row("points_without_truth", n=100, value=share),
+    )
+    limits = parse_limits({"map": {"point_error_p95_m": 1.0}}, "test")
+    assert judged(Score(figures=rows), limits).verdict == state
+
+
+def test_a_limit_without_a_figure_keeps_the_others_from_a_pass() -> None:
+    rows = (
+        figure_row("point_error", n=100, mean=0.01, sigma=0.01, p95=0.02),
+        figure_row("judged", part="map", n=2, value=1.0),
+    )
+    limits = parse_limits({"map": {"point_error_p95_m": 1.0, "point_error_p99_m": 1.0}}, "test")
+    assert judged(Score(figures=rows), limits).verdict == "not enough data"
