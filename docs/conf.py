@@ -40,7 +40,7 @@ html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_math_renderer = "mathml"
 html_show_sourcelink = False
-html_use_index = False  # docs/reference/python.md is the index of names, and the search
+html_use_index = False  # docs/python.md is the index of names, and the search
 copybutton_exclude = ".linenos, .gp, .go"
 
 autodoc_preserve_defaults = True
