@@ -13,13 +13,12 @@ from helpers.cli_result import Sfr
 
 HOWTO = Path(__file__).parents[3] / "docs" / "howto"
 PAGES = {
-    HOWTO / "zed.md": ("zed",),
-    HOWTO / "realsense.md": ("realsense_without_p3",),
-    HOWTO / "oak_d.md": ("oak_d",),
+    HOWTO / "cameras.md": ("zed", "realsense_without_p3", "oak_d"),
     HOWTO / "nav2_rover.md": ("nav2_rover", "motion_capture_lab"),
     HOWTO.parent / "formats.md": ("kalibr_yaml", "side_by_side", "pan_tilt_joints"),
 }
-"""The recordings of each page, in the order of its commands."""
+"""The recordings of each page, in the order of its commands and of the configurations shown. A page with a single command
+gives this command for all of its recordings."""
 INIT = re.compile(r"^sfr (init .*--from (\S+).*)$", re.MULTILINE)
 SHOWN = re.compile(r"```yaml\n(.*?)```", re.DOTALL)
 OF_THE_DRIVE = ("conditions", "limits")  # that of the page is longer
@@ -36,9 +35,11 @@ def test_the_commands_of_a_recipe_give_what_it_shows(
     page: Path, drive: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sfr: Sfr
 ) -> None:
     text = page.read_text(encoding="utf-8").replace("\\\n", "")
-    found = INIT.findall(text)
-    assert len(found) == len(PAGES[page])
-    for name, (command, source) in zip(PAGES[page], found, strict=True):
+    names = PAGES[page]
+    commands = INIT.findall(text)
+    commands *= len(names) if len(commands) == 1 else 1
+    configurations = SHOWN.findall(text) or ["{}"] * len(names)
+    for name, (command, source), configuration in zip(names, commands, configurations, strict=True):
         place = tmp_path / name
         place.mkdir()
         monkeypatch.chdir(place)
@@ -46,10 +47,9 @@ def test_the_commands_of_a_recipe_give_what_it_shows(
         result = sfr(*shlex.split(command))
         assert result.code == 0, result.err
         written = yaml.safe_load(Path("sfr.yaml").read_text(encoding="utf-8"))
-        for shown in map(yaml.safe_load, SHOWN.findall(text)):
-            for section, values in shown.items():
-                if section == "extrinsics":
-                    assert all(written[section][n] == pytest.approx(v, abs=1e-5) for n, v in values.items())
-                elif section not in OF_THE_DRIVE:
-                    assert written[section] == values
+        for section, values in yaml.safe_load(configuration).items():
+            if section == "extrinsics":
+                assert all(written[section][n] == pytest.approx(v, abs=1e-5) for n, v in values.items())
+            elif section not in OF_THE_DRIVE:
+                assert written[section] == values
         assert sfr("info", source).code == 0
