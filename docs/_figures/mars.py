@@ -112,7 +112,7 @@ def main() -> None:
         found = mapper.process(item.pair, item.T_lm_navsb, 0)
         draw(name, item, rig, found)
         rows.append("| " + " | ".join((name, *figures_of(mapper, item, found))) + " |")
-    page = DOCS / "concepts" / "mars.md"
+    page = DOCS / "mapping.md"
     begin, end = "<!-- made by docs/_figures/mars.py -->\n", "<!-- end -->"
     before, _, rest = page.read_text(encoding="utf-8").partition(begin)
     table = "\n".join(rows)
