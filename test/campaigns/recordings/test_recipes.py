@@ -17,8 +17,9 @@ PAGES = {
     HOWTO / "nav2_rover.md": ("nav2_rover", "motion_capture_lab"),
     HOWTO.parent / "formats.md": ("kalibr_yaml", "side_by_side", "pan_tilt_joints"),
 }
-"""The recordings of each page, in the order of its commands and of the configurations shown. A page with a single command
-gives this command for all of its recordings."""
+"""The recordings of each page, in the order of its commands and of the configurations shown.
+
+A page with a single command gives this command for all of its recordings."""
 INIT = re.compile(r"^sfr (init .*--from (\S+).*)$", re.MULTILINE)
 SHOWN = re.compile(r"```yaml\n(.*?)```", re.DOTALL)
 OF_THE_DRIVE = ("conditions", "limits")  # that of the page is longer
