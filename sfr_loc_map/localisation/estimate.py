@@ -54,7 +54,7 @@ class TrackingState(StrEnum):
     INITIALISING = "initialising"  #: The first pair: the pose is the start pose.
     TRACKING = "tracking"  #: A pose was estimated, and no check reported a problem.
     #: A pose was estimated or kept, but a check reported a problem. The reason is published, and the covariance
-    #: contains what the problem may add (`guards.RULES`).
+    #: contains what the problem may add (`findings.RULES`).
     DEGRADED = "degraded"
     LOST = "lost"  #: The pose is unknown.
 
@@ -65,9 +65,8 @@ class StateReason(StrEnum):
     UNSEEN_MOTION = "unseen_motion"  #: No image showed a part of the motion before this pair.
     REPEATED_IMAGES = "repeated_images"  #: One or both images are those of the pair before.
     UNTEXTURED_IMAGES = "untextured_images"  #: An image has no texture: black, white, blinded.
-    TORN_IMAGES = "torn_images"  #: Parts of the images are of different moments (partial transfer).
-    #: The two images are not a stereo pair of the rig: identical, swapped, or of different moments.
-    NO_STEREO = "no_stereo"
+    TORN_IMAGES = "torn_images"  #: Images or parts of them are of different moments (partial transfer, old image).
+    NO_STEREO = "no_stereo"  #: The two images are not a stereo pair of the rig: identical or swapped.
     FEW_LANDMARKS = "few_landmarks"  #: Too few landmarks were tracked, or they do not agree on a pose.
     MOVING_REGIONS = "moving_regions"  #: Large parts of the images do not move with the ground.
     CALIBRATION_DRIFT = "calibration_drift"  #: The right camera moves against the left one.

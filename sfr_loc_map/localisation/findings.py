@@ -9,14 +9,21 @@ findings only degrade it is accepted.
 | `REPEATED_PAIR`, `FROZEN_IMAGE`, `STALE_ROWS` | `guards.check_images`, after the comparison in `stale_images` |
 | `IDENTICAL_IMAGES` | `guards.check_wiring` |
 | `UNTEXTURED`, `FEW_LANDMARKS` | `guards.check_landmarks` |
-| `CONTRADICTED`, `PARTIAL_TRANSFER`, `UNEXPLAINED`, `UNSETTLED`, `AMBIGUOUS` | `ground_motion` |
+| `CONTRADICTED`, `PARTIAL_TRANSFER`, `UNEXPLAINED`, `RECOVERING` | `ground_motion.findings_of` |
+| `GROUND_IN_DOUBT`, `AMBIGUOUS` | `ground_motion.findings_of` |
 | `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
 | `SWAPPED`, `ONE_SIDED` | `guards.check_sides` |
 | `AFTER_GAP` | `guards.check_gap` |
 | `CALIBRATION`, `SHEARED_ROWS` | `guards.check_calibration`, `guards.check_shear` |
 
-A new guard adds a `Finding`, a row in `RULES`, a function in `guards.py`, and its call in `Localiser._locate` or
-`Localiser._judge`. If it needs a memory, the memory is a field of `State`.
+A new guard adds a `Finding`, a row in `RULES`, a function in `guards.py`, and its call in the localiser:
+
+- in `_locate` if it needs the images alone, in `_check_pose` if it depends on the pose (a keyframe then repeats it for
+  the pose by all landmarks), and in `_judge` otherwise. A new window (`_begin`) checks only landmarks and gap;
+- if it needs a memory, the memory is a field of `State`. A memory that learns from poses is handed to `_accept` by the
+  `Candidate`, and changes only there. The memory of the ground is handed over by `Ground`.
+
+A guard of the ground's motion is a case of `ground_motion`, or a finding in `ground_motion.findings_of`.
 """
 
 from __future__ import annotations
@@ -48,8 +55,8 @@ class Finding(Enum):
 
     REPEATED_PAIR = auto()  #: Both images are those of the pair before, also swapped or with new noise.
     IDENTICAL_IMAGES = auto()  #: Left and right image are the same image.
-    UNTEXTURED = auto()  #: Too few landmarks were tracked, and an image has no texture.
-    FEW_LANDMARKS = auto()  #: Too few landmarks were tracked, or they do not agree on a pose.
+    UNTEXTURED = auto()  #: The same as `FEW_LANDMARKS`, and an image has no texture.
+    FEW_LANDMARKS = auto()  #: The window has too few landmarks, too few were tracked, or they do not agree on a pose.
     CONTRADICTED = auto()  #: The pose predicts no motion where the image changed.
     SINGULAR = auto()  #: The pose is not finite or not determined.
     TOO_FAST = auto()  #: No rover moves that fast.
@@ -61,9 +68,10 @@ class Finding(Enum):
     SHEARED_ROWS = auto()  #: The rows of the images are of different moments (rolling shutter).
     PARTIAL_TRANSFER = auto()  #: Parts of the images are of different moments, and it is unknown which.
     UNEXPLAINED = auto()  #: An unusual fraction of the landmarks does not follow the pose.
-    UNSETTLED = auto()  #: An earlier pair was contradicted, ambiguous, stale or partially transferred.
+    RECOVERING = auto()  #: An earlier pair was contradicted, ambiguous, stale or partially transferred.
     ONE_SIDED = auto()  #: Few inliers are seen in both images although both have texture: one of them may be old.
-    AMBIGUOUS = auto()  #: It is unknown which of two motions is the ground's.
+    GROUND_IN_DOUBT = auto()  #: One motion was found, but it is unknown whether it is the ground's.
+    AMBIGUOUS = auto()  #: Two motions were found, and it is unknown which is the ground's.
 
 
 class Inflation(Flag):
@@ -85,7 +93,7 @@ class Rule(NamedTuple):
     reason: StateReason
     inflation: Inflation = Inflation.NONE
     #: Whether later pairs may be compared with this one: as a keyframe, for recovery, to detect changes.
-    may_be_keyframe: bool = True
+    is_comparable: bool = True
 
 
 RULES: Final = {
@@ -99,9 +107,9 @@ RULES: Final = {
     Finding.TOO_FAST: Rule(Action.RESTART, StateReason.IMPLAUSIBLE_MOTION),
     Finding.SWAPPED: Rule(Action.REJECT, StateReason.NO_STEREO),
     # No keyframe: without the blanked image no landmark can be triangulated.
-    Finding.FROZEN_IMAGE: Rule(Action.DEGRADE, StateReason.REPEATED_IMAGES, may_be_keyframe=False),
+    Finding.FROZEN_IMAGE: Rule(Action.DEGRADE, StateReason.REPEATED_IMAGES, is_comparable=False),
     # No keyframe: the edges of the blanked rows would be taken for texture.
-    Finding.STALE_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, may_be_keyframe=False),
+    Finding.STALE_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, is_comparable=False),
     # Keyframe: the images are good, and further keyframes end the finding.
     Finding.AFTER_GAP: Rule(Action.DEGRADE, StateReason.UNSEEN_MOTION),
     # Keyframe: the yaw is estimated by keyframes and would otherwise never be corrected.
@@ -109,19 +117,21 @@ RULES: Final = {
     # Keyframe: a rolling shutter shears all pairs, and without keyframes tracking would end.
     Finding.SHEARED_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # No keyframe: the parts of the other moment would become landmarks at wrong places.
-    Finding.PARTIAL_TRANSFER: Rule(
-        Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED, may_be_keyframe=False
-    ),
+    Finding.PARTIAL_TRANSFER: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED, is_comparable=False),
     # Keyframe: a scene that changes quickly needs new landmarks, and the unexplained ones are removed as outliers.
     Finding.UNEXPLAINED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # Keyframe: one motion explains this pair; only the earlier one was not explained.
-    Finding.UNSETTLED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
+    Finding.RECOVERING: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # Keyframe: new landmarks are matched between the two images, which fails where one of them is old.
     Finding.ONE_SIDED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
-    # Keyframe: the window continues with the likelier motion, and the other one stays in the covariance.
+    # Keyframe: the window continues with the only motion, or the likelier one; the doubt stays in the covariance.
+    Finding.GROUND_IN_DOUBT: Rule(Action.DEGRADE, StateReason.MOVING_REGIONS, Inflation.AMBIGUITY),
     Finding.AMBIGUOUS: Rule(Action.DEGRADE, StateReason.MOVING_REGIONS, Inflation.AMBIGUITY),
 }
 """What follows from each finding, in the order of precedence.
+
+Two reasons are published without being that of the first finding: a pair that is kept while the localiser is lost
+publishes the reason for which it was lost, and a new window that of the gap before it, or of its few landmarks.
 
 Six findings publish `torn_images`, because they mean the same to an operator: the images are not entirely of their
 stamp. They differ in what is known about it, hence in the inflation and in the keyframes.
@@ -140,7 +150,7 @@ class Verdict(NamedTuple):
     action: Action
     reason: StateReason | None  #: Reason of the finding that decides.
     inflation: Inflation  #: What all findings together add to the covariance.
-    may_be_keyframe: bool  #: Whether later pairs may be compared with this one.
+    is_comparable: bool  #: Whether later pairs may be compared with this one.
 
     @property
     def refuses(self) -> bool:
@@ -152,7 +162,7 @@ def decide(findings: Collection[Finding]) -> Verdict:
     """Return what follows from the findings of a pair."""
     present = [finding for finding in RULES if finding in findings]
     if not present:
-        return Verdict(None, Action.ACCEPT, None, Inflation.NONE, may_be_keyframe=True)
+        return Verdict(None, Action.ACCEPT, None, Inflation.NONE, is_comparable=True)
     rules = [RULES[finding] for finding in present]
     inflation = Inflation.NONE
     for rule in rules:
@@ -162,5 +172,5 @@ def decide(findings: Collection[Finding]) -> Verdict:
         action=rules[0].action,
         reason=rules[0].reason,
         inflation=inflation,
-        may_be_keyframe=all(rule.may_be_keyframe for rule in rules),
+        is_comparable=all(rule.is_comparable for rule in rules),
     )

@@ -1,8 +1,8 @@
-"""What a pair shows about the ground's motion: the questions that the table of cases asks (`ground_motion.CASES`).
+"""What a pair shows about the ground's motion: the questions that the table of cases asks (`ground_motion.decide`).
 
 The *main* motion is that of the tracks that are given; they may follow any motion, trusted or not. A *rival* is another
-rigid motion of landmarks that the main one does not explain. Each question is a property that is answered once, when it
-is asked, because a search for another motion takes some milliseconds.
+rigid motion of landmarks that the main one does not explain. Each question is a property. Those that search for a
+motion, or compare two of them, are answered once, when they are asked, because a search takes some milliseconds.
 """
 
 from __future__ import annotations

@@ -67,7 +67,10 @@ class Confidence:
         return Confidence(Phase.KNOWN) if self.phase is Phase.LEARNING else Confidence()
 
     def after_interruption(self) -> Confidence:
-        """Return the confidence after a pair that agreed only in part, or in a new window: learning starts again."""
+        """Return the confidence after a pair that agreed only in part, or in a new window.
+
+        Learning starts again, and doubt stays as it is.
+        """
         return self if self.phase is Phase.IN_DOUBT else Confidence()
 
     def after_contradiction(self, cells: Mask) -> Confidence:
@@ -95,13 +98,13 @@ class ComparedImage(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundMemory:
-    """What is remembered of accepted pairs, and of pairs that contradict their pose."""
+    """What is remembered of accepted pairs, of pairs that contradict their pose, and of stale rows."""
 
     excluded: ExcludedCells  #: Cells that do not move with the ground.
     compared: ComparedImage | None = None  #: Image of an accepted pose; None before the first window.
     confidence: Confidence = Confidence()
     transfers: int = 0  #: Number of consecutive partially transferred pairs.
-    unsettled_pairs: int = 0  #: Number of moving pairs that stay degraded (`Finding.UNSETTLED`).
+    recovering_pairs: int = 0  #: Number of moving pairs that stay degraded (`Finding.RECOVERING`).
     typical: float | None = None  #: Typical fraction of unexplained landmarks; None before the first pair.
 
     @classmethod
@@ -112,17 +115,20 @@ class GroundMemory:
     @property
     def is_clear(self) -> bool:
         """Whether no pair before was contradicted, ambiguous or partially transferred."""
-        return self.unsettled_pairs == 0 and self.transfers == 0 and self.confidence.phase is not Phase.IN_DOUBT
-
-    @property
-    def usual_unexplained(self) -> float:
-        """Fraction of unexplained landmarks up to which a motion is usual, if no pair was partially transferred."""
-        return MIN_UNEXPLAINED + TYPICAL_FACTOR * (self.typical or 0.0)
+        return self.recovering_pairs == 0 and self.transfers == 0 and self.confidence.phase is not Phase.IN_DOUBT
 
     def is_usual(self, unexplained: float) -> bool:
         """Return whether a fraction of unexplained landmarks is usual for the ground."""
         margin = 0.5 * MIN_UNEXPLAINED if self.transfers else MIN_UNEXPLAINED  # parts of it may be stale again
-        return unexplained < min(margin + TYPICAL_FACTOR * (self.typical or 0.0), MAX_UNEXPLAINED)
+        return unexplained < min(self._typical_with(margin), MAX_UNEXPLAINED)
+
+    def shows_other_moment(self, unexplained: float) -> bool:
+        """Return whether landmarks that follow neither of two motions are too many for images of one moment."""
+        return not unexplained < self._typical_with(MIN_UNEXPLAINED)
+
+    def _typical_with(self, margin: float) -> float:
+        """Return the typical fraction of unexplained landmarks, with a margin."""
+        return margin + TYPICAL_FACTOR * (self.typical or 0.0)
 
     def typical_after(self, unexplained: float) -> float | None:
         """Return the typical fraction of unexplained landmarks after a pair of one motion.
@@ -143,7 +149,7 @@ class GroundMemory:
             compared=ComparedImage(frame.left[LEVEL].image, pose),
             confidence=self.confidence.after_interruption(),
             transfers=0,
-            unsettled_pairs=0,
+            recovering_pairs=0,
             typical=None,
         )
 
@@ -152,4 +158,4 @@ class GroundMemory:
         if not stale.any():
             return self
         pairs = LONG_DOUBT_PAIRS if stale.mean() > 0.5 else 1  # after a mostly stale image, all rows may be stale
-        return replace(self, transfers=max(self.transfers, 1), unsettled_pairs=max(self.unsettled_pairs, pairs))
+        return replace(self, transfers=max(self.transfers, 1), recovering_pairs=max(self.recovering_pairs, pairs))

@@ -8,9 +8,9 @@ If the evidence does not separate the two, the pose is ambiguous.
 `GroundSelector.select` works in four steps:
 
 1. Compare the left image with an earlier one, cell by cell, and gather the `Evidence` (`ground_evidence.py`).
-2. `decide`: the first row of `CASES` that applies gives the case.
+2. `decide` the case: the first row that applies of `FIRST_CASES`, then of the cases with or without a rival motion.
 3. Select the tracks that follow the ground, and what is excluded, by the case (`_selection`).
-4. Return the findings and the memory for the next pair (`EFFECTS`, `_findings`, `_memory_after`; `ground_memory.py`).
+4. Return the findings (`findings_of`) and the memory for the next pair (`_memory_after`; `ground_memory.py`).
 """
 
 from __future__ import annotations
@@ -63,27 +63,45 @@ class Case(Enum):
     ONE_MOTION = auto()  #: One motion: the main one, without what is fixed to the camera.
 
 
-CASES: Final[tuple[tuple[Case, Callable[[Evidence], bool]], ...]] = (
+Cases = tuple[tuple[Case, Callable[[Evidence], bool]], ...]
+"""Rows of a case and the question that it asks; the first row that applies decides.
+
+A row asks its question only if no row above applies.
+"""
+
+FIRST_CASES: Final[Cases] = (
     (Case.OWN_BODY, lambda e: not e.is_credible and e.beside_static is not None),
     (Case.UNTRUSTED, lambda e: not e.main.is_trusted),
-    (Case.CONTRADICTED, lambda e: e.is_contradicted and e.rival is None),
     # parts of the images are stale, as those of the pair before were
     (Case.PARTIAL_TRANSFER, lambda e: e.is_unusual and not e.is_contradicted and e.repeats_transfer),
-    # two motions, of which one is a standstill
-    (Case.PARTIAL_TRANSFER, lambda e: e.rival is not None and e.may_be_transfer and e.has_standstill),
-    # two moving motions
-    (Case.AMBIGUOUS, lambda e: e.rival is not None and not (e.is_known and e.is_winner_clear)),
-    (Case.RIVAL, lambda e: e.rival is not None and e.rival_wins),
-    (Case.MAIN, lambda e: e.rival is not None),
-    # one motion
+)
+"""Cases that are decided before a rival of the main motion is searched for."""
+
+ONE_MOTION_CASES: Final[Cases] = (
+    (Case.CONTRADICTED, lambda e: e.is_contradicted),
     (Case.PARTIAL_TRANSFER, lambda e: e.is_unusual and e.may_be_transfer and e.is_half_unexplained),
     (Case.UNCONVINCING, lambda e: e.is_half_unexplained and not e.is_known),
     (Case.ONE_MOTION, lambda e: True),
 )
-"""The table of cases: the first row that applies decides.
+"""Cases without a rival."""
 
-A row asks a question of the evidence (`ground_evidence.Evidence`) only if no row above applies.
-"""
+TWO_MOTION_CASES: Final[Cases] = (
+    # one of the two is a standstill: a part of the images is that of the pair before
+    (Case.PARTIAL_TRANSFER, lambda e: e.may_be_transfer and e.has_standstill),
+    (Case.AMBIGUOUS, lambda e: not (e.is_known and e.is_winner_clear)),
+    (Case.RIVAL, lambda e: e.rival_wins),
+    (Case.MAIN, lambda e: True),
+)
+"""Cases with a rival."""
+
+
+def decide(evidence: Evidence) -> Case:
+    """Return the case of a pair."""
+    for case, applies in FIRST_CASES:
+        if applies(evidence):
+            return case
+    cases = ONE_MOTION_CASES if evidence.rival is None else TWO_MOTION_CASES
+    return next(case for case, applies in cases if applies(evidence))
 
 
 class Transfers(Enum):
@@ -95,33 +113,29 @@ class Transfers(Enum):
 
 
 class Effect(NamedTuple):
-    """What a case reports, and what it teaches about the ground."""
+    """What a case reports by itself, and what it teaches about the ground."""
 
     finding: Finding | None = None
-    contradicts: bool = False  #: Whether the ground's motion is in doubt after the pair.
+    leaves_doubt: bool = False  #: Whether the ground's motion is in doubt after the pair.
     transfers: Transfers = Transfers.UNCHANGED
 
 
 EFFECTS: Final = {
     Case.OWN_BODY: Effect(),
     Case.UNTRUSTED: Effect(),
-    Case.CONTRADICTED: Effect(Finding.CONTRADICTED, contradicts=True),
+    Case.CONTRADICTED: Effect(Finding.CONTRADICTED, leaves_doubt=True),
     Case.PARTIAL_TRANSFER: Effect(Finding.PARTIAL_TRANSFER, transfers=Transfers.ONE_MORE),
-    Case.AMBIGUOUS: Effect(Finding.AMBIGUOUS, contradicts=True),
+    Case.AMBIGUOUS: Effect(Finding.AMBIGUOUS, leaves_doubt=True),
     Case.RIVAL: Effect(),
     Case.MAIN: Effect(),
-    Case.UNCONVINCING: Effect(Finding.AMBIGUOUS, contradicts=True, transfers=Transfers.NONE),
+    Case.UNCONVINCING: Effect(Finding.GROUND_IN_DOUBT, leaves_doubt=True, transfers=Transfers.NONE),
     Case.ONE_MOTION: Effect(transfers=Transfers.NONE),
 }
-"""What each case reports and teaches. The memory and the selected tracks give further findings (`_findings`).
+"""What follows from the case alone.
 
-Only `ONE_MOTION` can confirm the ground's motion (`_confidence_after`) and what is typical for it.
+`findings_of` adds what the selection and the memory report, and `_memory_after` what the pair teaches. Only
+`ONE_MOTION` can confirm the ground's motion and what is typical for it.
 """
-
-
-def decide(evidence: Evidence) -> Case:
-    """Return the case of a pair."""
-    return next(case for case, applies in CASES if applies(evidence))
 
 
 class Selection(NamedTuple):
@@ -145,7 +159,8 @@ class Ground(NamedTuple):
     not_ground: NDArray[np.intp]  #: `(N,)` rows in the window of landmarks that do not move with the ground.
     rival_distance: DirectedError  #: Distance to the pose of another possible motion; zero if none was found.
     memory: GroundMemory  #: Memory for the next pair if the pose is accepted.
-    memory_if_refused: GroundMemory  #: Memory for the next pair if it is not: doubt alone is remembered.
+    #: Memory for the next pair if it is refused: `memory` if the pair contradicts its pose, else that before the pair.
+    memory_if_refused: GroundMemory
     compared: ComparedImage | None  #: Image that the next pair is compared with, if this pair may be a keyframe.
 
     @classmethod
@@ -181,8 +196,8 @@ class GroundSelector:
         evidence = self._evidence(pair, main, memory)
         case = decide(evidence)
         selection = self._selection(case, evidence)
-        after = self._memory_after(case, evidence, selection, compared)
-        findings = _findings(case, evidence, selection, after)
+        findings = findings_of(case, evidence, selection)
+        after = self._memory_after(case, evidence, selection, findings, compared)
         return Ground(
             tracks=selection.tracks,
             findings=findings,
@@ -254,7 +269,7 @@ class GroundSelector:
             tracks,
             explained.motion_px,
             is_main=False,
-            is_partial=not explained.unexplained_fraction < evidence.memory.usual_unexplained,
+            is_partial=evidence.memory.shows_other_moment(explained.unexplained_fraction),
             not_ground=landmarks.index[excluded],
             fixed=fixed,
         )
@@ -286,26 +301,35 @@ class GroundSelector:
     # ---- what is remembered
 
     def _memory_after(
-        self, case: Case, evidence: Evidence, selection: Selection, compared: ComparedImage
+        self,
+        case: Case,
+        evidence: Evidence,
+        selection: Selection,
+        findings: frozenset[Finding],
+        compared: ComparedImage,
     ) -> GroundMemory:
-        """Return the memory after a pair, by the case."""
+        """Return the memory after a pair, by its case and its findings."""
         memory = evidence.memory
-        confidence = _confidence_after(case, evidence)
         transfers = memory.transfers
         match EFFECTS[case].transfers:
             case Transfers.ONE_MORE:
                 transfers += 1
             case Transfers.NONE:
                 transfers = 0
+        recovering_pairs = recovering_pairs_of(evidence, selection)
+        if not findings.isdisjoint(DOUBTFUL):
+            recovering_pairs = max(memory.recovering_pairs, AGREEING_PAIRS)
+        elif Finding.PARTIAL_TRANSFER in findings:
+            recovering_pairs = max(memory.recovering_pairs, min(transfers, AGREEING_PAIRS))
         typical = memory.typical
         if case is Case.ONE_MOTION:
             typical = memory.typical_after(evidence.explained.unexplained_fraction)
         return GroundMemory(
             excluded=self._excluded_after(evidence, selection),
             compared=compared,
-            confidence=confidence,
+            confidence=confidence_after(case, evidence),
             transfers=transfers,
-            unsettled_pairs=_unsettled_after(case, evidence, selection, confidence, transfers),
+            recovering_pairs=recovering_pairs,
             typical=typical,
         )
 
@@ -321,10 +345,40 @@ class GroundSelector:
         return excluded.after_pair(evidence.pair.change.stays, self._tools.shape)
 
 
-def _confidence_after(case: Case, evidence: Evidence) -> Confidence:
+DOUBTFUL: Final = frozenset({Finding.CONTRADICTED, Finding.AMBIGUOUS, Finding.GROUND_IN_DOUBT})
+"""Findings after which the ground's motion must be observed again in several moving pairs."""
+
+
+def findings_of(case: Case, evidence: Evidence, selection: Selection) -> frozenset[Finding]:
+    """Return all findings in a pair: those of its case, of the selected tracks, and of earlier pairs."""
+    findings = set[Finding]()
+    finding = EFFECTS[case].finding
+    if finding is not None:
+        findings.add(finding)
+    if selection.is_partial:
+        findings.add(Finding.PARTIAL_TRANSFER)
+    if case is Case.ONE_MOTION:
+        is_in_doubt = confidence_after(case, evidence).phase is Phase.IN_DOUBT
+        if evidence.is_half_unexplained or is_in_doubt:
+            findings.add(Finding.GROUND_IN_DOUBT)
+    if not findings and selection.tracks.is_trusted and recovering_pairs_of(evidence, selection) > 0:
+        findings.add(Finding.RECOVERING)
+    if case is Case.ONE_MOTION and evidence.is_known and evidence.is_unusual:
+        findings.add(Finding.UNEXPLAINED)
+    return frozenset(findings)
+
+
+def recovering_pairs_of(evidence: Evidence, selection: Selection) -> int:
+    """Return the number of moving pairs that stay degraded by earlier ones; a stationary image does not count."""
+    pairs = evidence.memory.recovering_pairs
+    is_moving = selection.tracks.is_trusted and selection.motion_px > MOVED_PX
+    return max(pairs - 1, 0) if is_moving else pairs
+
+
+def confidence_after(case: Case, evidence: Evidence) -> Confidence:
     """Return the confidence in the ground's motion after a pair; a stationary image shows nothing."""
     confidence = evidence.memory.confidence
-    if EFFECTS[case].contradicts:
+    if EFFECTS[case].leaves_doubt:
         return confidence.after_contradiction(evidence.unexplained_cells)
     if case is not Case.ONE_MOTION or evidence.is_known or evidence.explained.motion_px <= MOVED_PX:
         return confidence
@@ -333,39 +387,6 @@ def _confidence_after(case: Case, evidence: Evidence) -> Confidence:
     if confidence.phase is Phase.IN_DOUBT and evidence.is_unusual:
         return confidence.after_contradiction(evidence.unexplained_cells)
     return confidence.after_interruption()
-
-
-def _unsettling_findings(case: Case, evidence: Evidence, selection: Selection, after: Confidence) -> frozenset[Finding]:
-    """Return the findings after which further pairs stay degraded; the confidence is that after the pair."""
-    finding = EFFECTS[case].finding
-    findings = set() if finding is None else {finding}
-    if selection.is_partial:
-        findings.add(Finding.PARTIAL_TRANSFER)
-    if case is Case.ONE_MOTION and (evidence.is_half_unexplained or after.phase is Phase.IN_DOUBT):
-        findings.add(Finding.AMBIGUOUS)
-    return frozenset(findings)
-
-
-def _unsettled_after(case: Case, evidence: Evidence, selection: Selection, after: Confidence, transfers: int) -> int:
-    """Return the number of moving pairs that stay degraded after a pair; a stationary image shows nothing."""
-    pairs = evidence.memory.unsettled_pairs
-    findings = _unsettling_findings(case, evidence, selection, after)
-    if Finding.CONTRADICTED in findings or Finding.AMBIGUOUS in findings:
-        return max(pairs, AGREEING_PAIRS)
-    if Finding.PARTIAL_TRANSFER in findings:
-        return max(pairs, min(transfers, AGREEING_PAIRS))
-    is_moving = selection.tracks.is_trusted and selection.motion_px > MOVED_PX
-    return max(pairs - 1, 0) if is_moving else pairs
-
-
-def _findings(case: Case, evidence: Evidence, selection: Selection, after: GroundMemory) -> frozenset[Finding]:
-    """Return all findings in a pair; the memory is that after the pair."""
-    findings = _unsettling_findings(case, evidence, selection, after.confidence)
-    if not findings and after.unsettled_pairs > 0 and selection.tracks.is_trusted:
-        findings |= {Finding.UNSETTLED}
-    if case is Case.ONE_MOTION and evidence.is_known and evidence.is_unusual:
-        findings |= {Finding.UNEXPLAINED}
-    return findings
 
 
 def _present(tracks: Tracks | None) -> Tracks:

@@ -2,8 +2,9 @@
 
 Each guard is one pure function `check_*`: it takes values and returns findings. What follows from findings is in one
 table (`findings.RULES`). A guard that compares a pair with earlier ones takes what is remembered of them as an
-argument: the comparison of the images (`stale_images.compare`), the running mean of the shear (`ShearMean`). The
-guards of the ground's motion are `ground_motion.GroundSelector`.
+argument: the comparison of the images (`stale_images.compare`), the running mean of the shear (`ShearMean`).
+`check_sides` is given the tracker, because it tracks all landmarks once more in swapped images. The findings of the
+ground's motion are those of `ground_motion.findings_of`.
 """
 
 from __future__ import annotations
@@ -17,12 +18,13 @@ from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibratio
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.findings import Finding
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
-from sfr_loc_map.localisation.frontend.tracking import MIN_TEXTURE, StereoFrame, Tracker, Tracks, is_textured
+from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks, is_textured
 from sfr_loc_map.localisation.motion_model import Motion, is_plausible
 from sfr_loc_map.localisation.stale_images import ImageComparison, are_equal
 
 Findings = frozenset[Finding]
 
+MIN_CONTRAST: Final = 1.0  #: Minimum standard deviation of a textured image in full resolution, grey levels.
 MIN_STEREO_FRACTION: Final = 0.3  #: Fraction of inliers seen in both images up to which a pair is one-sided.
 MAX_SHEAR: Final = 7.0
 """Squared shear of the rows over its variance, per degree of freedom, above which rows are of different moments. It is
@@ -36,10 +38,13 @@ MIN_SHEAR_GAIN: Final = 0.05  #: Minimum gain of the running mean: it covers som
 # ---- images
 
 
-def check_images(images: ImageComparison) -> Findings:
-    """Report images, or parts of them, that repeat the pair before."""
+def check_images(images: ImageComparison, *, has_map: bool) -> Findings:
+    """Report images, or parts of them, that repeat the pair before.
+
+    Without a map, a repeated pair is not reported: its images are of one moment, and a window may begin with it.
+    """
     if images.is_repeated:
-        return frozenset({Finding.REPEATED_PAIR})
+        return _found(Finding.REPEATED_PAIR, has_map)
     is_frozen = images.is_left_frozen or images.is_right_frozen
     is_torn = bool(images.stale_rows.any())
     return _found(Finding.FROZEN_IMAGE, is_frozen) | _found(Finding.STALE_ROWS, is_torn)
@@ -47,7 +52,7 @@ def check_images(images: ImageComparison) -> Findings:
 
 def check_wiring(pair: StereoPair) -> Findings:
     """Report a pair whose left and right image are the same textured image."""
-    is_one_image = are_equal(pair.left, pair.right) and float(np.std(pair.left)) > MIN_TEXTURE
+    is_one_image = are_equal(pair.left, pair.right) and float(np.std(pair.left)) > MIN_CONTRAST
     return _found(Finding.IDENTICAL_IMAGES, is_one_image)
 
 
@@ -55,7 +60,11 @@ def check_wiring(pair: StereoPair) -> Findings:
 
 
 def check_landmarks(frame: StereoFrame, *, are_enough: bool) -> Findings:
-    """Report that too few landmarks were tracked, and whether the images are the cause."""
+    """Report too few landmarks, and whether the images are the cause.
+
+    It is asked of the landmarks of the map before they are tracked, of tracks that must be trusted, and of the
+    landmarks of a first keyframe.
+    """
     if are_enough:
         return frozenset()
     return frozenset({Finding.FEW_LANDMARKS if frame.is_textured else Finding.UNTEXTURED})
@@ -85,9 +94,9 @@ def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: Ri
     return frozenset({Finding.SWAPPED if is_swapped else Finding.ONE_SIDED})
 
 
-def check_gap(keyframes: int, settled_from: int) -> Findings:
+def check_gap(*, keyframes: int, gap_ends_at: int) -> Findings:
     """Report a window that began after a motion that no image showed, until it has enough keyframes."""
-    return _found(Finding.AFTER_GAP, keyframes < settled_from)
+    return _found(Finding.AFTER_GAP, keyframes < gap_ends_at)
 
 
 # ---- the right camera
@@ -101,18 +110,18 @@ def check_calibration(calibration: OnlineCalibration) -> Findings:
 class ShearMean(NamedTuple):
     """Running mean of the shear statistic: memory of `check_shear`."""
 
-    mean: float = 1.0
+    value: float = 1.0
     gain: float = FIRST_SHEAR_GAIN
 
     def with_pair(self, shear: float) -> ShearMean:
         """Return the mean with the statistic of a further pair."""
         gain = max(self.gain / (1.0 + self.gain), MIN_SHEAR_GAIN)
-        return ShearMean(self.mean + gain * (shear - self.mean), gain)
+        return ShearMean(self.value + gain * (shear - self.value), gain)
 
 
 def check_shear(shear: float, mean: ShearMean) -> Findings:
     """Report rows of different moments (rolling shutter), in the pair or on average; the mean includes the pair."""
-    return _found(Finding.SHEARED_ROWS, shear > MAX_SHEAR or mean.mean > MAX_MEAN_SHEAR)
+    return _found(Finding.SHEARED_ROWS, shear > MAX_SHEAR or mean.value > MAX_MEAN_SHEAR)
 
 
 def _found(finding: Finding, is_present: bool) -> Findings:

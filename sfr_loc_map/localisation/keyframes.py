@@ -33,9 +33,8 @@ few percent (docs/decisions/0002-localiser.md)."""
 KEYFRAME_INLIER_RATIO = 0.65
 """Ratio of inliers to the last keyframe's landmarks below which a keyframe is made, before too few are left."""
 ADJUSTMENT_ITERATIONS = 2  #: Gauss-Newton iterations per keyframe; the next keyframe continues from the result.
-MIN_DEPTH_M = (
-    0.5  #: Minimum depth of stereo matching, m: nearer points are rare, and the search takes longer with them.
-)
+MIN_DEPTH_M = 0.5
+"""Minimum depth of stereo matching, m: nearer points are rare, and the search takes longer with them."""
 MIN_DISPARITY_PX = 1e-3  #: Minimum disparity of a landmark, px: that of a point at infinity may be negative by noise.
 LARGE_IMAGE_PX = 900 * 900  #: Number of pixels from which an image has twice as many landmarks, with own slopes.
 MEGAPIXEL = 1024 * 1024  #: Number of pixels from which the number of landmarks grows with the fourth root.

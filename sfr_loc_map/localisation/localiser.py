@@ -1,6 +1,6 @@
 """The localiser: one call per stereo pair.
 
-A sparse, keyframe-based stereo odometry with a sliding window, in the order of `Localiser._locate`:
+A sparse, keyframe-based stereo odometry with a sliding window. Stages 1 to 9 are `Localiser._locate`:
 
 1. Check the images: a repeated pair keeps the last pose, stale parts are blanked (`stale_images`, `guards`).
 2. Predict the pose: constant velocity, standstill, missed pairs, wheel odometry (`motion_model`).
@@ -12,24 +12,32 @@ A sparse, keyframe-based stereo odometry with a sliding window, in the order of 
 7. Judge: the findings of all guards and one table decide whether the pose is accepted (`guards`, `findings.RULES`).
 8. Complete: if few landmarks are left or they moved far, the pair becomes a keyframe, and its pose is solved for once
    more, by all landmarks.
-9. Accept: the new path, the covariance of the pose and of the motion since the last one (`trajectory`, `uncertainty`).
-10. Keyframe: the pair joins the window, which is adjusted in the background (bundle adjustment with marginalisation,
-    OKVIS, Leutenegger et al. 2015; `keyframes`).
+9. Accept: the new path with its accumulated errors, and the motion since the last pose with its covariance
+   (`trajectory`, `uncertainty`).
 
-A pair is refused after stage 1, 5 or 7, as soon as one of its findings asks for it. The later stages are skipped.
+Before and after these stages, `Localiser.process`
+
+- takes over the keyframe of the call before, which was made in the background (`_with_finished_keyframe`);
+- applies a pose from outside whose stamp has come (`_with_pose_from_outside`);
+- composes the covariance of the published pose (`_estimate`);
+- starts the work of a keyframe in the background: the pair joins the window, which is adjusted (bundle adjustment with
+  marginalisation, OKVIS, Leutenegger et al. 2015; `keyframes`).
+
+A pair is refused as soon as one of its findings asks for it: after the images were checked, if the map is too small,
+after stage 5, or in stage 7. The later stages are skipped. The refused pair of a lost localiser may begin a window.
 
 The state between two pairs is one immutable value (`state.State`); each stage takes values and returns values. What a
 pair changes in the state:
 
 | pair | changes |
 |---|---|
-| accepted (`_accept`) | all fields: only here path, map, calibration, ground and recovery images learn from a pose |
-| kept (`_keep`) | images (not by a repeated pair), ground (it is in doubt), covariance and step in the path |
-| lost (`_lose`) | images, ground (if rows are stale), failed recoveries; the path forgets its velocity |
-| begins a window (`_begin`) | all fields: the window starts at the last known pose |
+| accepted (`_accept`) | all but `gap_ends_at`: only here the state learns from a pose |
+| kept (`_keep`) | path (covariance and step), status, reason |
+| lost (`_lose`) | path (it forgets the velocity), failed recoveries (by a good image), status, reason |
+| begins a window (`_begin`) | all but `shear_mean`: the window starts at the last known pose; if it fails, as lost |
 
-A pose from outside is applied after each pair (`_with_pose_from_outside`). The result of a keyframe is taken over
-before the next pair (`_with_finished_keyframe`).
+Each pair, also a refused one, changes `images` unless it repeats the pair before, and `ground` if it has stale rows or
+contradicts its pose. A pair that would be kept is lost if the localiser is lost already.
 """
 
 from __future__ import annotations
@@ -83,7 +91,7 @@ class CorrectedTracks(NamedTuple):
     tracks: Tracks  #: Tracks with corrected right observations.
     calibration: OnlineCalibration  #: The calibration, updated by the pair.
     shear_mean: ShearMean  #: The running mean, updated by the pair.
-    shear: float = 0.0  #: Squared shear of the rows over its variance.
+    shear: float = 0.0  #: Squared shear of the rows of this pair over its variance.
 
 
 class Candidate(NamedTuple):
@@ -109,7 +117,7 @@ class FinalPose(NamedTuple):
 
 
 class Localiser:
-    """Estimates the pose of RB in DS at each stereo pair.
+    """Estimates the pose of RB (the rover's body frame) in DS (the frame of the datum) at each stereo pair.
 
     The work of a keyframe is done after its call in a background thread. The next call waits for it, so that results do
     not depend on timing.
@@ -196,14 +204,12 @@ class Localiser:
     # ---- the stages of a pair
 
     def _locate(self, state: State, pair: StereoPair, odometry: Transform | None, clock: StageClock) -> Outcome:
-        """Find the pose of a pair; the stages are those of the module's text."""
+        """Find the pose of a pair by the stages 1 to 9 of the module's text."""
         # 1 check the images
         images = stale_images.compare(pair, state.images)
         state = replace(state, images=images.memory)
         landmark_map = state.landmark_map
-        findings = guards.check_images(images) | guards.check_wiring(pair)
-        if landmark_map is None:
-            findings -= {Finding.REPEATED_PAIR}  # both its images are of one moment: a window may begin with it
+        findings = guards.check_images(images, has_map=landmark_map is not None) | guards.check_wiring(pair)
         verdict = decide(findings)
         if verdict.refuses:
             return self._refuse(state, verdict, pair.stamp_ns)
@@ -223,13 +229,13 @@ class Localiser:
         tracks = self._track(frame, landmark_map, prediction, state.recovery, clock)
         # 5 select the ground's motion
         ground = self._select_ground(frame, tracks, prediction, state, images)
+        state = replace(state, ground=ground.memory_if_refused)
         findings |= ground.findings
         verdict = decide(findings | guards.check_landmarks(frame, are_enough=ground.tracks.is_trusted))
         if verdict.refuses:
-            state = replace(state, ground=ground.memory_if_refused)
             return self._refuse(state, verdict, pair.stamp_ns, frame, ground.tracks)
         # 6 correct the right camera
-        corrected = self._correct_right_camera(ground.tracks, state.calibration, state.shear)
+        corrected = self._correct_right_camera(ground.tracks, state.calibration, state.shear_mean)
         candidate = Candidate(frame, landmark_map.without(ground.not_ground), ground, corrected)
         # 7 judge
         verdict = self._judge(state, candidate, findings)
@@ -268,20 +274,20 @@ class Localiser:
         return self._ground.select(frame, tracks, prediction, state.ground, state.recovery)
 
     def _correct_right_camera(
-        self, tracks: Tracks, calibration: OnlineCalibration, shear: ShearMean
+        self, tracks: Tracks, calibration: OnlineCalibration, shear_mean: ShearMean
     ) -> CorrectedTracks:
         """Estimate the shift of the right image, and correct the right observations for a drift of the right camera."""
         lens_px = calibration.lens.likely_px
         shift = right_shift(tracks.pose, tracks.landmarks.estimates, tracks.observed, self._camera, lens_px)
         if not np.isfinite(shift.variance):  # too few landmarks in both images
-            return CorrectedTracks(tracks, calibration, shear)
+            return CorrectedTracks(tracks, calibration, shear_mean)
         calibration, drift_px = calibration.with_lens_residuals(shift).with_shift(shift)
         if drift_px != 0.0:
             observations = tracks.observations.copy()
             observations[:, 2:] -= RightOffset(u=drift_px).at(observations[:, 2:], self._camera)
             observed = tracks.observed._replace(uv=observations)
             tracks = self._tracker.solve(tracks.landmarks, observed, tracks.pose)
-        return CorrectedTracks(tracks, calibration, shear.with_pair(shift.shear), shift.shear)
+        return CorrectedTracks(tracks, calibration, shear_mean.with_pair(shift.shear), shift.shear)
 
     def _judge(self, state: State, candidate: Candidate, findings: Findings) -> Verdict:
         """Judge a pose by all guards."""
@@ -292,7 +298,7 @@ class Localiser:
         if decide(findings).refuses:  # the other guards need a pose
             return decide(findings)
         findings |= guards.check_sides(frame, tracks, self._tracker, corrected.calibration.offset)
-        findings |= guards.check_gap(state.keyframes, state.settled_from)
+        findings |= guards.check_gap(keyframes=state.keyframes, gap_ends_at=state.gap_ends_at)
         findings |= guards.check_calibration(corrected.calibration)
         findings |= guards.check_shear(corrected.shear, corrected.shear_mean)
         return decide(findings)
@@ -311,9 +317,9 @@ class Localiser:
         """
         tracks = candidate.tracks
         # later pairs are only compared with complete left images
-        is_comparable = verdict.may_be_keyframe and tracks.left_inlier_count >= self._config.min_tracked
-        if not (is_comparable and self._keyframes.is_needed(tracks, candidate.landmark_map)):
-            return FinalPose(tracks, is_keyframe=False, is_recovery_image=is_comparable)
+        is_recovery_image = verdict.is_comparable and tracks.left_inlier_count >= self._config.min_tracked
+        if not (is_recovery_image and self._keyframes.is_needed(tracks, candidate.landmark_map)):
+            return FinalPose(tracks, is_keyframe=False, is_recovery_image=is_recovery_image)
         with clock.stage("refine"):
             complete = self._with_all_landmarks(candidate)
         is_refused = decide(self._check_pose(state, candidate.frame, complete)).refuses
@@ -358,8 +364,8 @@ class Localiser:
             path=path,
             landmark_map=landmark_map,
             calibration=corrected.calibration,
-            shear=corrected.shear_mean,
-            ground=ground.accepted(is_compared=verdict.may_be_keyframe),
+            shear_mean=corrected.shear_mean,
+            ground=ground.accepted(is_compared=verdict.is_comparable),
             recovery=recovery,
             failed_recoveries=0,
             keyframes=state.keyframes + int(final.is_keyframe),
@@ -387,6 +393,7 @@ class Localiser:
         statistics = TrackingStatistics(repeated=1) if is_repeated else TrackingStatistics(inliers=0)
         if verdict.action is Action.KEEP:
             return self._keep(state, verdict, stamp_ns, statistics, tracks)
+        # no frame: the images were refused before their pyramids were built, and cannot begin a window
         if verdict.action is Action.RESTART and frame is not None:
             count = 0 if state.landmark_map is None else len(state.landmark_map.landmarks.index)
             if self._relocaliser.is_good_image(frame, count):
@@ -418,7 +425,7 @@ class Localiser:
         The localiser stays lost if the pair has too few landmarks, or if its findings do not allow it to be a keyframe.
         The window is degraded if no image has shown the motion since the last pose.
         """
-        if not verdict.may_be_keyframe:
+        if not verdict.is_comparable:
             return self._lose(state, verdict.reason, TrackingStatistics(inliers=0), tracks)
         pose = Pose.of(state.path.motion.T_world_left)
         result = self._keyframes.begin(frame, pose, state.calibration, state.ground.excluded.mask)
@@ -430,8 +437,8 @@ class Localiser:
         keyframes = state.keyframes + 1
         known_ns = state.path.motion.known_ns
         has_gap = known_ns is not None and known_ns < frame.stamp_ns  # images show the motion up to a later start pose
-        settled_from = keyframes + self._config.window_keyframes - 1 if has_gap else state.settled_from
-        gap = decide(guards.check_gap(keyframes, settled_from))
+        gap_ends_at = keyframes + self._config.window_keyframes - 1 if has_gap else state.gap_ends_at
+        gap = decide(guards.check_gap(keyframes=keyframes, gap_ends_at=gap_ends_at))
         status = TrackingState.DEGRADED
         if gap.action is Action.ACCEPT:
             status = TrackingState.INITIALISING if keyframes == 1 else TrackingState.TRACKING
@@ -445,7 +452,7 @@ class Localiser:
             failed_recoveries=0,
             ground=state.ground.in_new_window(frame, pose),
             keyframes=keyframes,
-            settled_from=settled_from,
+            gap_ends_at=gap_ends_at,
             status=status,
             reason=gap.reason,
         )

@@ -9,8 +9,9 @@
 - A partially transferred image consists of two exposures: it is new above some row, and of the pair before below it, or
   the other way round.
 
-Stale parts are blanked, so that nothing is tracked in them. A part that stays the same for several pairs is not stale
-but fixed to the camera, and is not blanked.
+Stale parts are blanked, so that nothing is tracked in them. Rows that stay the same for two pairs in a row are taken to
+be fixed to the camera (own body, sky) and are not blanked by the second one. Of two partial transfers in a row at the
+same rows, the second is therefore not blanked; it is left to the selection of the ground (`ground_motion`).
 """
 
 from __future__ import annotations
@@ -64,9 +65,8 @@ class ImageMemory(NamedTuple):
 class ImageComparison(NamedTuple):
     """A pair against the one before."""
 
-    pair: (
-        StereoPair  #: The pair with its stale parts blanked. A repeated pair is complete, because it is of one moment.
-    )
+    #: The pair with its stale parts blanked. A repeated pair is complete, because it is of one moment.
+    pair: StereoPair
     memory: ImageMemory  #: What the next pair is compared with.
     stale_rows: Mask  #: `(H,)` rows that were blanked in an image of which other rows are new.
     is_repeated: bool = False  #: Whether both images repeat the pair before, also swapped.

@@ -10,8 +10,8 @@ Several stamps and two poses in the state look alike. Each has one meaning, and 
 | `path.published.stamp_ns` | its stamp | A, K, W |
 | `path.motion.known_ns` | stamp since which the motion is unobserved | A, W; first pair; pose from outside |
 | `path.motion.tracked_ns` | stamp from which missing pairs are counted | A, W |
-| `path.history.last_ns` | last stamp to which a pose from outside can be applied | A, W |
-| `path.datum.pending` | pose from outside that is not applied yet, with its stamp | `set_pose`; when it is applied |
+| `path.history.last_ns` | last stamp to which a pose from outside can be applied | A, W; pose from outside after it |
+| `path.datum.pending` | pose from outside that is not applied yet | `set_pose`; first pair; when it is applied |
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ class State:
     recovery: RecoveryImages = RecoveryImages()  #: Images that lost tracking can be recovered from.
     failed_recoveries: int = 0  #: Number of good images without a recognised landmark since the last accepted pair.
     images: ImageMemory | None = None  #: Memory of the check for stale images.
-    shear: ShearMean = ShearMean()  #: Memory of the check for sheared rows.
+    shear_mean: ShearMean = ShearMean()  #: Memory of the check for sheared rows.
     keyframes: int = 0  #: Number of keyframes since the start.
-    settled_from: int = 0  #: Number of keyframes from which a window that began after a gap is no longer degraded.
+    gap_ends_at: int = 0  #: Number of keyframes from which a window that began after a gap is no longer degraded.
     status: TrackingState = TrackingState.INITIALISING  #: State published last; a lost pose is not continued.
     reason: StateReason | None = None  #: Reason published last.
 

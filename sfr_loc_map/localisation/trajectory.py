@@ -150,7 +150,12 @@ def _new_pose(path: PathState, pair: AcceptedPair, model: RoverModel) -> _NewPos
     now = Transform(*pair.tracks.pose)
     since = path.motion.since_last(pair.stamp_ns, now)
     unobserved = unobserved_motion(path.motion.speed, since.seconds, model)
-    added = inflation_of(pair.inflation, unobserved, DirectedError(since.metres, since.radians), pair.rival_distance)
+    added = inflation_of(
+        pair.inflation,
+        unobserved_rb=unobserved,
+        moved=DirectedError(since.metres, since.radians),
+        rival_distance=pair.rival_distance,
+    )
     given_landmarks = np.asarray(np.linalg.inv(pair.tracks.information))
     return _NewPose(pair, now, since, given_landmarks, added)
 
@@ -170,7 +175,7 @@ def _errors_with(
     return replace(
         errors,
         in_window=pose.given_landmarks + landmark_map.window.covariance,
-        unobserved=_of_left(path, pose.added.unobserved, model),
+        unobserved=_of_left(path, pose.added.unobserved_rb, model),
         bias=bias,
     )
 
@@ -178,7 +183,13 @@ def _errors_with(
 def _published_with(path: PathState, pose: _NewPose, model: RoverModel) -> PublishedPose:
     """Return what the next step needs of a new pose."""
     factor = updated_variance_factor(path.published.variance_factor, pose.pair.chi_median, model.sources)
-    noise = pose_noise(pose.given_landmarks, pose.T_world_left.rotation, factor, pose.pair.shear, model)
+    noise = pose_noise(
+        pose.given_landmarks,
+        R_world_left=pose.T_world_left.rotation,
+        variance_factor=factor,
+        shear=pose.pair.shear,
+        model=model,
+    )
     return PublishedPose(pose.pair.stamp_ns, pose.T_world_left, pose.added.of_step, noise, factor)
 
 
@@ -284,8 +295,9 @@ def _unobserved_of_left(path: PathState, stamp_ns: int, model: RoverModel) -> Fl
 
 def _of_left(path: PathState, covariance: FloatArray, model: RoverModel) -> FloatArray:
     """Return the covariance of the left camera in the world from that of RB in RB at the last known pose."""
-    rotation = path.motion.T_world_left.rotation
-    return model.covariance_of_left(covariance, rotation @ model.T_rb_left.rotation.T, rotation)
+    R_world_left = path.motion.T_world_left.rotation
+    R_world_rb = R_world_left @ model.T_rb_left.rotation.T
+    return model.covariance_of_left(covariance, R_world_frame=R_world_rb, R_world_left=R_world_left)
 
 
 def _step_to_same_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PublishedPose, StepEstimate]:
@@ -333,7 +345,9 @@ def _placed(path: PathState, pose: StartPose, stamp_ns: int | None, model: Rover
     """Return the path whose last pose is a pose from outside, known at a stamp. The path so far is forgotten."""
     last = path.motion.T_world_left
     T_ds_world = pose.T_ds_rb @ model.T_rb_left @ last.inverse()
-    covariance = model.covariance_of_left(pose.covariance, T_ds_world.rotation.T, last.rotation)
+    covariance = model.covariance_of_left(
+        pose.covariance, R_world_frame=T_ds_world.rotation.T, R_world_left=last.rotation
+    )
     bias = path.errors.bias
     return replace(
         path,
@@ -356,7 +370,7 @@ def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) ->
     unobserved = unobserved_motion(path.motion.speed, apart_s, model)
     unobserved = symmetric(propagated_covariance(unobserved, np.zeros(3), pose.T_ds_rb.rotation))
     covariance = model.covariance_of_left(
-        pose.covariance + unobserved, T_ds_world.rotation.T, past.T_world_left.rotation
+        pose.covariance + unobserved, R_world_frame=T_ds_world.rotation.T, R_world_left=past.T_world_left.rotation
     )
     position = past.in_window.position
     since = path.errors.directed.since(past.directed)

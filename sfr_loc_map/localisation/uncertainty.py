@@ -30,7 +30,8 @@ between two poses, which is composed of steps.
     r = max(step / max(keyframe interval, min_interval_ratio usual interval), min_step_ratio)
 
 - K: covariance of the newest keyframe given the one before. The sizes of step and interval are optical flow, rad.
-- added: what findings add to the two poses of the step (`inflation_of`). The factor is 1 before the first residuals.
+- added: what findings add to the two poses of the step (`inflation_of`), and the motion of the pose before by a
+  correction of the yaw (`PublishedPose.shared`). The factor in front is 1 before the first residuals.
 
 **Noise** (`pose_noise`): white noise of a pose itself, which cancels between consecutive steps.
 
@@ -52,8 +53,12 @@ poses, the squared systematic part, and a speed that may have changed while no i
 
     diag(s t, s t, climb_ratio s t, tilt_ratio w t, tilt_ratio w t, w t)^2
 
+Each angle is at most `MAX_ANGLE_RAD`, about which nothing is known then.
+
 A new error source is a field of `ErrorSources` and a term in one of these formulas. If it accumulates along the path,
-it is also a field of `PathErrors`, updated by `trajectory.accepted` and reset by the functions for poses from outside.
+it is also a field of `PathErrors`, updated by `trajectory.accepted` and reset by the functions for poses from outside;
+a field of `datum.PastPose`, from which these functions take what arose before a past pose; and `trajectory.restarted`
+decides what of it a new window inherits.
 
 Positions are `(3,)`, m, in the world. A covariance `(6, 6)` is of position and rotation about fixed axes, of the left
 camera in the world unless stated otherwise.
@@ -86,8 +91,8 @@ class ErrorSources:
     """The error sources of the localiser: standard deviations, and ratios to what is estimated.
 
     The values were chosen so that NEES is near 1 on rendered drives (docs/decisions/0002-localiser.md, `make nees`).
-    The letter before each field says which formula of the module it enters: P pose, Q step, N noise, S systematic, U
-    unobserved motion. The twist contains Q, N and S.
+    The letter at the beginning of each text says which formula of the module the field enters: P pose, Q step, N noise,
+    S systematic, M unobserved motion. The twist contains Q, N and S.
     """
 
     blur_px: float = 0.03
@@ -125,9 +130,9 @@ class ErrorSources:
     white_ratio: float = 0.5
     """N. Fraction of the covariance of a pose that is independent from pair to pair (image noise)."""
     climb_ratio: float = 0.3
-    """U. Vertical over horizontal speed of a motion that no image showed: slopes of up to 17 degrees."""
+    """M. Vertical over horizontal speed of a motion that no image showed: slopes of up to 17 degrees."""
     tilt_ratio: float = 0.2
-    """U. Roll and pitch rate over the turn rate of a motion that no image showed."""
+    """M. Roll and pitch rate over the turn rate of a motion that no image showed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,13 +162,12 @@ class RoverModel:
             bounds=bounds,
         )
 
-    def covariance_of_left(self, covariance: FloatArray, rotation: FloatArray, R_world_left: FloatArray) -> FloatArray:
-        """Return the covariance of the left camera in the world from that of RB in some frame.
-
-        `rotation` is R_world_frame.
-        """
+    def covariance_of_left(
+        self, covariance: FloatArray, *, R_world_frame: FloatArray, R_world_left: FloatArray
+    ) -> FloatArray:
+        """Return the covariance of the left camera in the world from that of RB in some frame."""
         lever = R_world_left @ self.T_rb_left.rotation.T @ self.T_rb_left.translation
-        return symmetric(propagated_covariance(covariance, lever, rotation))
+        return symmetric(propagated_covariance(covariance, lever, R_world_frame))
 
 
 class LocatedCovariance(NamedTuple):
@@ -321,34 +325,34 @@ def unobserved_motion(speed: Speed, seconds: float, model: RoverModel) -> FloatA
 class AddedError(NamedTuple):
     """What findings add to the covariance of a pose, and of the steps to it and from it."""
 
-    unobserved: FloatArray  #: `(6, 6)` motion since the last pose, in RB there; zero without such a finding.
+    unobserved_rb: FloatArray  #: `(6, 6)` motion since the last pose, in RB there; zero without such a finding.
     ambiguity: DirectedError | None  #: Distance to another possible pose; None without such a finding.
 
     @property
     def of_step(self) -> FloatArray:
         """Covariance `(6, 6)` added to a step."""
-        return self.unobserved if self.ambiguity is None else self.unobserved + self.ambiguity.covariance
+        return self.unobserved_rb if self.ambiguity is None else self.unobserved_rb + self.ambiguity.covariance
 
 
 def inflation_of(
-    inflation: Inflation, unobserved: FloatArray, moved: DirectedError, rival_distance: DirectedError
+    inflation: Inflation, *, unobserved_rb: FloatArray, moved: DirectedError, rival_distance: DirectedError
 ) -> AddedError:
     """Return what findings add, by the kind of their inflation (`findings.RULES`).
 
     Args:
         inflation: What the findings of the pair ask for.
-        unobserved: `(6, 6)` covariance of the motion since the last pose if no image had shown it, in RB there.
+        unobserved_rb: `(6, 6)` covariance of the motion since the last pose if no image had shown it, in RB there.
         moved: Length and angle of the motion since the last pose, as it was estimated.
         rival_distance: Distance between the poses of two possible motions; zero if only one was found.
     """
     ambiguity = None
     if Inflation.AMBIGUITY in inflation:  # any of the motions, and standstill, may be the true one
-        forwards_m, *_, heading_rad = np.sqrt(unobserved.diagonal())
+        forwards_m, *_, heading_rad = np.sqrt(unobserved_rb.diagonal())
         ambiguity = DirectedError(
             max(rival_distance.metres, moved.metres, forwards_m),
             max(rival_distance.radians, moved.radians, heading_rad),
         )
-    return AddedError(unobserved if Inflation.UNOBSERVED in inflation else ZERO, ambiguity)
+    return AddedError(unobserved_rb if Inflation.UNOBSERVED in inflation else ZERO, ambiguity)
 
 
 # ---- a step
@@ -429,18 +433,23 @@ def step_covariance(
 
 
 def pose_noise(
-    given_landmarks: FloatArray, rotation: FloatArray, variance_factor: float | None, shear: float, model: RoverModel
+    given_landmarks: FloatArray,
+    *,
+    R_world_left: FloatArray,
+    variance_factor: float | None,
+    shear: float,
+    model: RoverModel,
 ) -> FloatArray:
     """Return the white noise N `(6, 6)` of a pose, of RB in RB.
 
-    `given_landmarks` is the covariance if the landmarks were exact, `rotation` that of the left camera to the world. A
-    shear of the rows, as a squared ratio to its standard deviation, counts as noise if it exceeds 1.
+    `given_landmarks` is the covariance if the landmarks were exact. A shear of the rows, as a squared ratio to its
+    standard deviation, counts as noise if it exceeds 1.
     """
     sources = model.sources
     factor = 1.0 if variance_factor is None else max(variance_factor, sources.min_variance_factor)
     noise = sources.white_ratio * factor * max(shear, 1.0) * given_landmarks
     T_rb_left = model.T_rb_left
-    noise = propagated_covariance(noise, -T_rb_left.translation, T_rb_left.rotation @ rotation.T)
+    noise = propagated_covariance(noise, -T_rb_left.translation, T_rb_left.rotation @ R_world_left.T)
     noise[3:, 3:] += sources.exposure_rad**2 * np.eye(3)
     return symmetric(noise)
 

@@ -22,7 +22,7 @@ from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.ground_memory import AGREEING_PAIRS, LONG_DOUBT_PAIRS, Confidence, Phase
-from sfr_loc_map.localisation.ground_motion import CASES, EFFECTS, Case
+from sfr_loc_map.localisation.ground_motion import EFFECTS, FIRST_CASES, ONE_MOTION_CASES, TWO_MOTION_CASES, Case
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.simulation.faults import parse_fault
 from sfr_loc_map.simulation.perturber import Perturber
@@ -54,7 +54,8 @@ def masked(estimates: Sequence[PoseEstimate]) -> list[float]:
 
 
 def test_each_case_has_a_row_and_an_effect() -> None:
-    assert {case for case, _ in CASES} == set(Case) == set(EFFECTS)
+    rows = (*FIRST_CASES, *ONE_MOTION_CASES, *TWO_MOTION_CASES)
+    assert {case for case, _ in rows} == set(Case) == set(EFFECTS)
 
 
 def after_agreements(confidence: Confidence, pairs: int) -> Phase:

@@ -27,7 +27,7 @@ def test_each_finding_has_a_rule_and_the_first_rule_gives_the_reason() -> None:
             verdict = decide({other, finding})
             assert verdict.reason == rule.reason
             assert verdict.inflation == rule.inflation | RULES[other].inflation
-            assert verdict.may_be_keyframe == (rule.may_be_keyframe and RULES[other].may_be_keyframe)
+            assert verdict.is_comparable == (rule.is_comparable and RULES[other].is_comparable)
     refusing = [rule.action.refuses for rule in RULES.values()]
     assert refusing == sorted(refusing, reverse=True)  # what refuses a pair comes first
     assert decide(set()) == (None, Action.ACCEPT, None, Inflation.NONE, True)
@@ -91,7 +91,7 @@ def test_a_frozen_image_does_not_hide_the_stale_rows_of_the_other_one() -> None:
     new = torn(DRIVE[6], DRIVE[5], HEIGHT // 2)
     memory = compare(DRIVE[5], None).memory
     images = compare(replace(new, left=DRIVE[5].left), memory)
-    assert check_images(images) == {Finding.FROZEN_IMAGE, Finding.STALE_ROWS}
+    assert check_images(images, has_map=True) == {Finding.FROZEN_IMAGE, Finding.STALE_ROWS}
     assert not images.pair.left.any()
     assert not images.pair.right[HEIGHT // 2 :].any()
     assert images.pair.right[: HEIGHT // 2].any()

@@ -308,7 +308,7 @@ def test_a_refused_pair_leaves_behind_the_memories_of_the_guards_alone(fault: st
     estimate = by.process(refused)
     assert estimate.state is not TrackingState.TRACKING
     after = by._state
-    for name in ("landmark_map", "calibration", "shear", "keyframes"):
+    for name in ("landmark_map", "calibration", "shear_mean", "keyframes"):
         assert getattr(after, name) is getattr(before, name), name
     assert after.path.history == before.path.history
     assert after.path.motion.T_world_left is before.path.motion.T_world_left

@@ -66,9 +66,8 @@ class LandmarkBlocks(NamedTuple):
 
     covariance: FloatArray  #: `(N, 3, 3)` of each landmark given the other unknowns.
     rhs: FloatArray  #: `(N, 3)` right-hand side.
-    coupling: (
-        FloatArray  #: `(N, 3, S)` to the motions of the keyframes relative to the landmark's host, and the offset.
-    )
+    #: `(N, 3, S)` to the motions of the keyframes relative to the landmark's host, and the offset.
+    coupling: FloatArray
 
 
 class NormalEquations(NamedTuple):

@@ -49,7 +49,7 @@ NO_PATCHES = HostPatches(
 
 
 class Patches(dict[int, Templates]):
-    """Templates of M landmarks by pyramid level, copied from the hosts at the first access to a level.
+    """Cache of the templates of M landmarks by pyramid level, copied from the hosts at the first access to a level.
 
     `rows` `(M,)`, increasing, are the rows of the landmarks among those of all hosts.
     """

@@ -49,7 +49,7 @@ class StereoFrame(NamedTuple):
     """A stereo pair, prepared for tracking."""
 
     stamp_ns: int  #: Stamp of the pair.
-    image: GreyImage  #: `(H, W)` uint8, left image.
+    image: GreyImage  #: `(H, W)` uint8, left image with its stale parts blanked.
     left: Pyramid  #: Pyramid of the left image.
     right: Pyramid  #: Pyramid of the right image.
 
