@@ -1,4 +1,4 @@
-"""Limits of a requirements file, whose form docs/metrics.md shows, and the verdicts on them.
+"""Limits of a requirements file, whose form docs/configuration.md shows, and the verdicts on them.
 
 Every key names figure and unit; limits are upper bounds, except `coverage_min`.
 """
