@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from sfr_loc_map.cli.output import warn
 from sfr_loc_map.errors import FailedVerdictError, NotJudgedError
-from sfr_loc_map.metrics.config import Condition, VerdictState
+from sfr_loc_map.metrics.config import Condition
 
 if TYPE_CHECKING:
     from sfr_loc_map.geometry.trajectory import Trajectory
@@ -23,14 +23,13 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
     """
     from sfr_loc_map.metrics.judge import finding_verdicts, reasons_not_judged
 
-    if score.failed and (score.contradiction is None or lenient or score.failures):
+    if score.failed:
         wrong = {item.name for item in finding_verdicts(score)}
         missed = []
         for item in (item for item in score.failed if item.name not in wrong):
             name = item.name.removesuffix("_min")
             missed.append(f"{name} {item.value:.6g} {'>' if name == item.name else 'against'} {item.limit:g}")
-        others = [item for item in score.verdicts if item.name not in wrong]
-        count = sum(item.state is not VerdictState.INCOMPLETE for item in others)
+        count = len(score.on_limits)
         reasons = [f"the method failed: {', '.join(item.kind for item in score.failures)}"] if wrong else []
         reasons += [] if score.incomplete is None else [f"incomplete: {score.incomplete}"]
         reasons += [f"{len(missed)} of {count} limits missed: {', '.join(missed)}"] if missed else []

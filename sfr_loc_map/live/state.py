@@ -11,8 +11,6 @@ from itertools import islice
 from threading import RLock
 from typing import Any
 
-from msgspec.structs import replace as struct_replace
-
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live import updates
@@ -20,7 +18,7 @@ from sfr_loc_map.live.path import ROW_FIELDS, LivePath
 from sfr_loc_map.live.timeline import LOCALISATION_NODE, EventKind, Timeline, TopicView
 from sfr_loc_map.live.updates import LOCALISATION, REPORT
 from sfr_loc_map.metrics.config import Condition
-from sfr_loc_map.metrics.judge import overall_verdict
+from sfr_loc_map.metrics.judge import judged_at_the_end
 from sfr_loc_map.metrics.score import SCHEMA, Score
 from sfr_loc_map.metrics.score_json import from_json, to_dict
 from sfr_loc_map.report.limit_bars import limit_bars
@@ -97,14 +95,7 @@ class ReportView:
 
     def ended(self, missing: str) -> ReportView:
         """Return the report of a run that is over, which may be incomplete; the figures are unchanged."""
-        score, rules = self.score, self.score.rules
-        allows = rules is not None and (
-            rules.partial or any(limit.name == "missing_max_share" for limit in rules.limits)
-        )
-        if allows or score.incomplete is not None or not missing:
-            return self
-        score = struct_replace(score, incomplete=missing)
-        return ReportView(struct_replace(score, verdict=overall_verdict(score)), self.received_s)
+        return ReportView(judged_at_the_end(self.score, missing), self.received_s)
 
     def to_plain(self) -> dict[str, Any]:
         """Return what a page shows, as JSON values."""

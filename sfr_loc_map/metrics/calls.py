@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -40,6 +40,7 @@ from sfr_loc_map.metrics.score import (
     figure_row,
 )
 
+UNKNOWN = "unknown"
 HOST_CLOCK = "host monotonic"
 OUTSIDE_CLOCK = "host monotonic, from publishing a pair to the answer"
 STATED = "stated"  #: Part of what an external node states of its own calls.
@@ -135,6 +136,7 @@ class Calls:
     stage_s: Mapping[str, FloatArray] = field(default_factory=dict)
     heap_bytes: FloatArray | None = None  #: `(N,)` largest sum of blocks, NaN where not measured; None: nowhere.
     stack_bytes: FloatArray | None = None  #: `(N,)` deepest stack, likewise.
+    memory_method: str | None = None  #: How memory was measured, as the source of the calls states it; None: unknown.
 
 
 class ScoredCalls(NamedTuple):
@@ -187,8 +189,13 @@ def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) 
         peaks += peak_rows(kind, calls, mine)
         if details:
             plots[kind.value] = plots_of(calls, mine)
-    method = METHOD if any(row.value is not None for row in peaks) else METHOD_UNAVAILABLE
+    method = calls.memory_method if has_memory(peaks) else METHOD_UNAVAILABLE
     return ScoredCalls((*times, *peaks), CallRecords(clocks=clocks, memory_method=method), plots)
+
+
+def has_memory(rows: Iterable[Figure]) -> bool:
+    """Tell whether memory was measured in any call."""
+    return any(row.subject is Subject.MEMORY and row.value is not None for row in rows)
 
 
 def completeness_rows(
@@ -297,9 +304,9 @@ def score_target(
                 f"{len(localised)} stamps are not the estimate's; name that run by --target-run"
             )
     scored = score_calls(calls, clock=name, details=False)
-    is_measured = scored.records.memory_method == METHOD
+    is_measured = has_memory(scored.figures)
     figures = [of_target(row) for row in scored.figures if row.subject is Subject.TIMING or is_measured]
-    method = f"as measured on {name}" if is_measured else None
+    method = calls.memory_method or f"as measured on {name}" if is_measured else None
     return tuple(figures), TargetRun(name=name, matched_share=matched, other_run=other_run, memory_method=method)
 
 
@@ -336,6 +343,6 @@ def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
     if node.process is not None:
         measured.append(figure_row("peak", part=kind, value=node.process.peak_rss_bytes or None))
         others = any(row.figure == "peak" and row.part != kind and row.value is not None for row in scored.figures)
-        method = f"{kind}: {node.process.method}{f'; others: {records.memory_method}' if others else ''}"
+        method = f"{kind}: {node.process.method}{f'; others: {records.memory_method or UNKNOWN}' if others else ''}"
     records = replace_row(records, clocks=clocks, memory_method=method)
     return scored._replace(figures=(*measured, *figures), records=records)

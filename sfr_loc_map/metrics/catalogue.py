@@ -37,6 +37,8 @@ class FigureKind(NamedTuple):
     compared: tuple[str, ...] = ()  #: Statistics by which runs are compared; the first one ranks them.
     topic: str = ""  #: Name below `metrics/` that the monitor publishes the shown statistics as; empty: not published.
     is_unsigned: bool = False  #: Whether an error is never negative, so that the errors are skewed.
+    is_one_number: bool = False  #: Whether its row has one number and not the statistics of many values.
+    is_count: bool = False  #: Whether a figure in `1` is a count; the others are fractions.
 
 
 TOTAL = "mean_plus_3sigma"  #: The statistic that the specification limits.
@@ -57,12 +59,14 @@ CATALOGUE = (
     FigureKind("point_error", Subject.MAP, "4.3.4", "m", "point error", OF_ERRORS, (TOTAL,), "point"),
     FigureKind("nearest_distance", Subject.MAP, "", "m", "distance to the nearest true point", OF_ERRORS, (TOTAL,)),
     FigureKind("disparity_error", Subject.MAP, "", "px", "disparity error"),
-    FigureKind("nmad", Subject.MAP, "", "m", "height error, normalised median absolute deviation (NMAD)"),
-    FigureKind("le90", Subject.MAP, "", "m", "height error, 90 % (LE90)"),
-    FigureKind("ce90", Subject.MAP, "", "m", "horizontal error, 90 % (CE90)"),
-    FigureKind("coverage", Subject.MAP, "", "1", "coverage", ONE_NUMBER, ONE_NUMBER),
-    FigureKind("points", Subject.MAP, "", "1", "points of the cloud", (), ONE_NUMBER),
-    FigureKind("pairs", Subject.MAP, "", "1", "mapping pairs of the ground truth"),
+    FigureKind(
+        "nmad", Subject.MAP, "", "m", "height error, normalised median absolute deviation (NMAD)", is_one_number=True
+    ),
+    FigureKind("le90", Subject.MAP, "", "m", "height error, 90 % (LE90)", is_one_number=True),
+    FigureKind("ce90", Subject.MAP, "", "m", "horizontal error, 90 % (CE90)", is_one_number=True),
+    FigureKind("coverage", Subject.MAP, "", "1", "coverage", ONE_NUMBER, ONE_NUMBER, is_one_number=True),
+    FigureKind("points", Subject.MAP, "", "1", "points of the cloud", (), ONE_NUMBER, is_count=True),
+    FigureKind("pairs", Subject.MAP, "", "1", "mapping pairs of the ground truth", is_count=True),
     # calls; the document defines their time on the target, and leaves the method for memory to the supplier
     FigureKind("localisation", Subject.TIMING, "4.2.1", "s", "localisation time", OF_ERRORS, OF_CALLS),
     FigureKind("mapping_call", Subject.TIMING, "4.3.1", "s", "mapping call time", OF_ERRORS, OF_CALLS),
@@ -92,7 +96,7 @@ CATALOGUE = (
     FigureKind("calls_other", Subject.COMPLETENESS, "", "1", "calls of other stamps"),
     FigureKind("calls_doubled", Subject.COMPLETENESS, "", "1", "calls with a repeated stamp"),
     FigureKind("dropped", Subject.COMPLETENESS, "", "1", "messages dropped"),
-    FigureKind("restarts", Subject.COMPLETENESS, "", "1", "restarts of the live score"),
+    FigureKind("restarts", Subject.COMPLETENESS, "", "1", "restarts of the live score", is_count=True),
     FigureKind("truth_error", Subject.CONSISTENCY, "", "m", "error of the ground truth"),
     FigureKind("nees", Subject.CONSISTENCY, "", "1", "normalised error squared (NEES)"),
     FigureKind("nees_not_usable", Subject.CONSISTENCY, "", "1", "sub-trajectories whose covariance cannot be tested"),
@@ -117,15 +121,19 @@ KINDS: dict[str, FigureKind] = {kind.name: kind for kind in CATALOGUE}
 """The catalogue by the names of its figures, which are unique."""
 TARGET = "target"  #: First word of the part of a row of calls that were measured on a target.
 MAPPING_MEMORY = "4.3.2"
+DIRECTIONS = ("x", "y", "z", "along", "cross", "vertical")  #: Parts of the position errors along one direction.
+DEFINED = {Subject.TRAJECTORY: OF_ERRORS, Subject.MAP: ()}
+"""Statistics that the specification defines of a figure. Of the error of a point it defines none, of calls it leaves
+the statistic open."""
 
 
 def clause_of(figure: str, part: str | None) -> str:
     """Return the clause that defines a figure of a part; empty if the specification does not define the figure.
 
     4.2.1 and 4.3.1 define the time of a call on the target, not of a stage of a call and not on another host. The
-    memory of a call that maps is 4.3.2.
+    memory of a call that maps is 4.3.2. Errors along one direction are not in the specification.
     """
-    if figure not in KINDS:
+    if figure not in KINDS or part in DIRECTIONS:
         return ""
     kind = KINDS[figure]
     if kind.subject is Subject.TIMING:
@@ -134,6 +142,14 @@ def clause_of(figure: str, part: str | None) -> str:
         call = (part or "").removeprefix(f"{TARGET} ")
         return kind.clause if call == "localisation" else MAPPING_MEMORY
     return kind.clause
+
+
+def defines(figure: str, part: str | None, statistic: str) -> bool:
+    """Tell whether the specification defines a statistic of a figure, and not the figure alone."""
+    if not clause_of(figure, part):
+        return False
+    subject = KINDS[figure].subject
+    return subject not in DEFINED or statistic in DEFINED[subject]
 
 
 def title_of(figure: str) -> str:

@@ -253,7 +253,8 @@ def score_nearest(
     ranges, scored = [truth.ranges_m() for truth in truths], (config.scored_from_m, config.scored_to_m)
     covered = footprint_coverage(PointCloud.from_structured(records), truths, ranges, config.scored_to_m)
     bare = [bare_share(image, far, *scored) for image, far in zip(covered, ranges, strict=True)]
-    near_pairs = np.flatnonzero(np.asarray(bare) < 1.0)  # no point names its pair
+    is_mapped = [share is not None and share < 1.0 for share in bare]  # no point names its pair
+    near_pairs = np.flatnonzero(is_mapped)
     many = len(truths) if expected_pairs is None else expected_pairs
     figures = (
         figure_row("nearest_distance", statistics=formulas.statistics(distance)),
@@ -287,11 +288,11 @@ def coverage_row(
     return figure_row("coverage", part=part, n=total, value=have / total if total else None)
 
 
-def bare_share(covered: Mask, distance: FloatArray, low: float, high: float) -> float:
-    """Return the fraction of the true pixels of a pair in a range [low, high) that have no point; 0 without any."""
+def bare_share(covered: Mask, distance: FloatArray, low: float, high: float) -> float | None:
+    """Return the fraction of the true pixels of a pair in a range [low, high) without a point; None without a pixel."""
     inside = (distance >= low) & (distance < high)
     total = int(np.count_nonzero(inside))
-    return int(np.count_nonzero(inside & ~covered)) / total if total else 0.0
+    return int(np.count_nonzero(inside & ~covered)) / total if total else None
 
 
 def sigma_rows(cloud: PointCloud, errors: PointErrors) -> Iterator[Figure]:

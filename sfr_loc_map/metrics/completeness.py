@@ -73,7 +73,7 @@ def completeness(
     gaps = gaps_of(needed, ~has_estimate)
     covered = gaps if images else gaps_in_truth(stamps, true_ns)
     sizes = sizes_of(covered, stamps, true_ns, travelled_m, images)
-    incomplete = why_incomplete(covered, sizes, conditions, images)
+    incomplete = why_not_covered(covered, sizes, conditions, images)
     given, matched, expected = len(estimate.stamps_ns), association.matched, len(needed)
     unmatched, doubled = len(stamps) - matched, association.estimate_duplicates
     counts = {
@@ -213,7 +213,7 @@ def sizes_of(gaps: Gaps, stamps: IntArray, true_ns: IntArray, travelled_m: Float
     return GapSizes(float(gaps_m.max(initial=0.0)), float(gaps_s.max(initial=0.0)), 1.0 - judged)
 
 
-def why_incomplete(gaps: Gaps, sizes: GapSizes, conditions: Sequence[Condition], images: int | None) -> str | None:
+def why_not_covered(gaps: Gaps, sizes: GapSizes, conditions: Sequence[Condition], images: int | None) -> str | None:
     """Return why an estimate does not cover the drive: it misses too much, or a whole sub-trajectory."""
     longest = {
         ConditionKind.DISTANCE: sizes.longest_m,
@@ -242,19 +242,20 @@ def map_completeness(
     without_truth: int,
     point_pairs: NDArray[np.integer],
     expected_pairs: int,
-    bare: Sequence[float],
+    bare: Sequence[float | None],
 ) -> Iterator[Figure]:
     """Yield the rows of a cloud.
 
     `points` are those of the cloud that are finite, `point_pairs` the pairs that have one, `bare` the fraction of the
-    true pixels of each pair, in the scored range, without a point.
+    true pixels of each pair, in the scored range, without a point; None where the pair has no such pixel.
     """
     mapped = len(np.unique(point_pairs))
     yield expected_row(MAP, mapped, expected_pairs)
     yield from share_rows("pairs_without_cloud", max(expected_pairs - mapped, 0), expected_pairs)
     yield from share_rows("points_without_truth", without_truth, points)
     yield from share_rows("points_not_finite", not_finite, points + not_finite)
-    yield figure_row("pixels_without_point", n=len(bare), value=max(bare, default=None))
+    known = [share for share in bare if share is not None]
+    yield figure_row("pixels_without_point", n=len(known), value=max(known, default=None))
 
 
 def calls_completeness(
@@ -282,8 +283,8 @@ def calls_completeness(
             part, total = f"{place}{kind}", len(given)
             other, doubled = int(counts[~is_of_drive].sum()), int((counts - 1).sum())
             yield figure_row("calls_missing", part=part, n=many, value=share_of(many - judged, many))
-            yield figure_row("calls_other", part=part, n=total, value=share_of(other, total) or 0.0)
-            yield figure_row("calls_doubled", part=part, n=total, value=share_of(doubled, total) or 0.0)
+            yield figure_row("calls_other", part=part, n=total, value=share_of(other, total))
+            yield figure_row("calls_doubled", part=part, n=total, value=share_of(doubled, total))
 
 
 def live_completeness(received: int, dropped: int, restarts: int) -> Iterator[Figure]:

@@ -72,6 +72,7 @@ class VerdictState(StrEnum):
     FAIL = "fail"
     NOT_ENOUGH_DATA = "not enough data"
     INCOMPLETE = "incomplete"  #: The estimate covers a part of the drive only.
+    NOT_JUDGED = "not judged"  #: Estimate and truth contradict each other, so that no figure of them judges.
 
 
 class ConditionKind(StrEnum):

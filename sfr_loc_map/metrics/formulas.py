@@ -263,10 +263,12 @@ def disparity_error(focal_px: float, baseline_m: float, depth_m: FloatArray, tru
 class Statistics(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
     """The statistics of n errors, which are columns of the table of figures; null is undefined.
 
-    A statistic that is added here is in every score and can be limited. `FigureKind.shown` puts it into every view.
+    A statistic that is added here is in every score and can be limited. `FigureKind.shown` puts it into the tables and
+    the topics of the monitor, `FigureKind.compared` into comparisons, histories and suites.
     """
 
-    n: int | None = None  #: Number of values.
+    n: int | None = None  #: Number of values that are known.
+    unknown: int | None = None  #: Number of values that are unknown; with any, the statistics are undefined.
     mean: float | None = None  #: Mean; of position errors the norm of the mean vector [4.2.3.1].
     sigma: float | None = None  #: Standard deviation with n - 1 [4.1.3]; of position errors the norm of those of axes.
     mean_plus_3sigma: float | None = None  #: `|mean| + 3 sigma`.
@@ -277,7 +279,7 @@ class Statistics(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, 
     max: float | None = None  #: Largest size.
 
 
-STATISTICS = tuple(name for name in Statistics.__struct_fields__ if name != "n")
+STATISTICS = tuple(name for name in Statistics.__struct_fields__ if name not in ("n", "unknown"))
 """Names of the statistics, in the order of the columns."""
 
 
@@ -288,10 +290,11 @@ def statistics(errors: NDArray[np.floating]) -> Statistics:
     sizes of the errors.
     """
     given = np.asarray(errors, np.float64)
-    n = len(given)
-    if n == 0 or not np.isfinite(np.sum(given)):
-        return Statistics(n=0)
     is_vector = given.ndim == 2
+    is_known = np.isfinite(given).all(axis=1) if is_vector else np.isfinite(given)
+    n, unknown = int(np.count_nonzero(is_known)), int(np.count_nonzero(~is_known))
+    if n == 0 or unknown:
+        return Statistics(n=n, unknown=unknown or None)
     sizes = np.linalg.norm(given, axis=1) if is_vector else np.abs(given)
     mean = mean_of_vectors(given) if is_vector else float(np.mean(given))
     sigma = total = None

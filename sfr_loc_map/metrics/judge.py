@@ -1,12 +1,15 @@
-"""The judge: verdicts are a pure function of the table of figures, the rules and the findings of a score.
+"""The judge: verdicts are a pure function of a score.
 
-No view stores, drops or edits a verdict. `metrics.score_json` derives the verdicts of a file again when the file is
-read, and refuses a file whose verdicts do not follow from its figures. docs/metrics.md, "Verdicts".
+Of the score it reads the figures, the rules, the findings, the errors of tolerance bounds, the association, the answers
+of an external node, and whether estimate and truth contradict each other. No view drops or edits a verdict.
+`metrics.score_json` derives the verdicts of a file again when the file is read, and refuses a file whose verdicts do
+not follow from its figures. docs/metrics.md, "Verdicts".
 """
 
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -23,7 +26,7 @@ from sfr_loc_map.metrics.config import CallKind, Condition, ConditionKind, Rebas
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, OF_MAP, WORST, Limit, LimitPart, Limits
 from sfr_loc_map.metrics.proof import BOUND, Interpretation, Proof, Terms, bound_row, prove, sample_of, words_of
-from sfr_loc_map.metrics.score import ANY, Figure, LimitRecord, Rules, Score, Verdict
+from sfr_loc_map.metrics.score import ANY, Figure, LimitRecord, Rules, Score, Verdict, is_lower_bound
 from sfr_loc_map.metrics.statistics import Interval
 from sfr_loc_map.metrics.tolerance import CONFIDENCE
 from sfr_loc_map.metrics.truth_error import ATTITUDE
@@ -129,18 +132,19 @@ class Shortfall(NamedTuple):
     @property
     def verdict(self) -> Verdict:
         """The verdict that states the shortfall."""
-        name = f"{self.figure}_max_share"
-        part = self.part if self.figure == "judged" else None
-        margin = None if self.value is None else self.most - self.value
+        is_lower_bound = self.figure == "judged"
+        name = "judged_share_min" if is_lower_bound else f"{self.figure}_max_share"
+        if KINDS[self.figure].is_count:
+            name = f"{self.figure}_max"
         return Verdict(
-            name="judged_share_min" if self.figure == "judged" else name,
+            name=name,
             subject=Subject.COMPLETENESS,
-            part=part,
+            part=self.part if is_lower_bound else None,
             figure=self.figure,
             statistic="value",
-            limit=1.0 if self.figure == "judged" else self.most,
+            limit=self.most,
             value=self.value,
-            margin=margin,
+            margin=None if self.value is None else margin_of(name, self.most, self.value),
             state=VerdictState.INCOMPLETE,
         )
 
@@ -303,7 +307,14 @@ class Common(NamedTuple):
     text: str = ""
 
 
-WORST_FIRST = (VerdictState.FAIL, VerdictState.INCOMPLETE, VerdictState.NOT_ENOUGH_DATA, None, VerdictState.PASS)
+WORST_FIRST = (
+    VerdictState.FAIL,
+    VerdictState.NOT_JUDGED,
+    VerdictState.INCOMPLETE,
+    VerdictState.NOT_ENOUGH_DATA,
+    None,
+    VerdictState.PASS,
+)
 
 
 def common_verdict(scores: Sequence[Score]) -> Common:
@@ -335,6 +346,22 @@ def judged_again(score: Score) -> Score:
     score = struct_replace(score, verdicts=verdicts(score))
     others = tuple(row for row in score.figures if row.figure != BOUND)
     score = struct_replace(score, figures=(*others, *bound_rows(score.verdicts)))
+    return struct_replace(score, verdict=overall_verdict(score))
+
+
+def judged_at_the_end(score: Score, missing: str) -> Score:
+    """Return a score so far as that of a run that is over, of which something is missing; its figures are unchanged.
+
+    The last report of a live run was made while results were still due. What is missing then makes it incomplete,
+    unless a part was asked for or a limit says how much may be missing.
+    """
+    rules = score.rules
+    allows = rules is not None and (rules.partial or any(item.name == "missing_max_share" for item in rules.limits))
+    if allows or score.incomplete is not None or not missing:
+        return score
+    states = {VerdictState.PASS: VerdictState.INCOMPLETE}
+    found = tuple(struct_replace(item, state=states.get(item.state, item.state)) for item in score.verdicts)
+    score = struct_replace(score, incomplete=missing, verdicts=found)
     return struct_replace(score, verdict=overall_verdict(score))
 
 
@@ -406,12 +433,13 @@ def overall_verdict(score: Score) -> VerdictState | None:
 
 
 def verdicts(score: Score) -> tuple[Verdict, ...]:
-    """Return the verdict on each limit of a score: pass, fail, incomplete or not enough data.
+    """Return the verdict on each limit of a score: pass, fail, incomplete, not enough data or not judged.
 
     First of all the verdicts that need no limit: on what the method did wrong, and, where there are limits, on what
     is not complete. A figure passes at its limit, and only if the part that it is about is complete. A mean of a
-    signed figure (heading) is taken without its sign. `certain` says whether the 95 % interval lies on one side of the
-    limit, None where there is no interval.
+    signed figure (heading) is taken without its sign. Where estimate and truth contradict each other, no figure of them
+    judges anything: verdicts on limits are `not judged`. `certain` says whether the 95 % interval lies on one side of
+    the limit, None where there is no interval.
     """
     found = list(finding_verdicts(score))
     limits = limits_of(score)
@@ -428,8 +456,10 @@ def verdicts(score: Score) -> tuple[Verdict, ...]:
             verdict = struct_replace(verdict, by_reading=_by_reading(limit, score, limits))
         else:
             sample = sample_of(score, limit.limited.figure, condition_of(limit))
-            verdict = proof_verdict(limit, prove(limit.terms, limit.limit, [[sample]] if sample else []))
-        if verdict.state is VerdictState.PASS and (LIVE in parts or part_of(limit) in parts):
+            verdict = proof_verdict(limit, prove(limit.terms, limit.limit, {"": [sample]} if sample else {}))
+        if score.contradiction is not None:
+            verdict = struct_replace(verdict, state=VerdictState.NOT_JUDGED, by_reading={})
+        elif verdict.state is VerdictState.PASS and (LIVE in parts or part_of(limit) in parts):
             verdict = struct_replace(verdict, state=VerdictState.INCOMPLETE)
         found.append(verdict)
     return tuple(found)
@@ -448,7 +478,7 @@ def incomplete_verdict(share: float | None) -> Verdict:
 
 def plain_verdict(name: str, limit: float, value: float | None, state: VerdictState) -> Verdict:
     """Return a verdict that is on no figure of the table."""
-    margin = None if value is None else min(value - limit, limit - value)
+    margin = None if value is None else margin_of(name, limit, value)
     return Verdict(name=name, limit=limit, value=value, margin=margin, state=state)
 
 
@@ -470,7 +500,9 @@ def figure_of(limit: Limit, score: Score, part: str | None = ANY) -> LimitedFigu
     condition = ANY if limit.condition is None else limit.condition
     if place == WORST:
         rows = score.rows(limited.figure, subject=limited.subject)
-        row = max(rows, key=lambda item: item.value or 0.0, default=None)
+        row = max(rows, key=lambda item: math.inf if item.value is None else item.value, default=None)
+    elif place == ANY:
+        row = score.judged_row(limited.figure, subject=limited.subject, condition=condition)
     else:
         row = score.figure(limited.figure, subject=limited.subject, condition=condition, part=place)
     if row is None:
@@ -507,7 +539,7 @@ def verdict_on(limit: Limit, figure: LimitedFigure, limits: Limits) -> Verdict:
     if value is not None and is_enough(limit, figure, limits):
         certain = None if interval is None else not interval[0] <= limit.limit < interval[1]
         counted = limit.part is LimitPart.COMPLETENESS  # not estimated: there is nothing uncertain
-        if figure.truth_error and abs(margin_of(limit, value)) <= figure.truth_error:
+        if figure.truth_error and abs(margin_of(limit.key, limit.limit, value)) <= figure.truth_error:
             state = VerdictState.NOT_ENOUGH_DATA
         elif not meets(limit, value):
             state = VerdictState.FAIL
@@ -527,7 +559,7 @@ def verdict_on(limit: Limit, figure: LimitedFigure, limits: Limits) -> Verdict:
         value=value,
         low95=None if interval is None else interval[0],
         high95=None if interval is None else interval[1],
-        margin=None if value is None else margin_of(limit, value),
+        margin=None if value is None else margin_of(limit.key, limit.limit, value),
         n=figure.n,
         state=state,
         certain=certain,
@@ -543,20 +575,20 @@ def condition_of(limit: Limit) -> str | None:
 def proof_verdict(limit: Limit, proof: Proof) -> Verdict:
     """Return the verdict on a limit with a share and a confidence."""
     verdict = verdict_on(limit, LimitedFigure(proof.bound), Limits(()))
-    return struct_replace(verdict, state=proof.state, n=int(proof.record.independent), proof=proof.record)
+    return struct_replace(verdict, state=proof.state, n=proof.n, proof=proof.record)
 
 
 def bound_rows(found: Iterable[Verdict]) -> Iterator[Figure]:
     """Yield the tolerance bounds of verdicts as rows of the table of figures."""
     for item in found:
         if item.proof is not None and item.figure is not None:
-            proof = Proof(item.state, item.value, item.proof)
+            proof = Proof(item.state, item.value, item.proof, item.n or 0)
             yield bound_row(item.figure, KINDS[item.figure].unit, item.condition, proof)
 
 
-def margin_of(limit: Limit, value: float) -> float:
-    """Return the distance from a value to its limit, negative where the limit is missed."""
-    return value - limit.limit if limit.is_lower_bound else limit.limit - abs(value)
+def margin_of(name: str, limit: float, value: float) -> float:
+    """Return the distance from a value to the limit of this name, negative where the limit is missed."""
+    return value - limit if is_lower_bound(name) else limit - abs(value)
 
 
 def meets(limit: Limit, value: float) -> bool:
@@ -620,12 +652,14 @@ def few_words(item: Verdict, score: Score) -> str:
         error = truth_error_of(limit, score) if same else 0.0
         if error and item.margin is not None and abs(item.margin) <= error:
             return f"its margin of {item.margin:.3g} is within the error of the truth, {error:.3g}"
-    if not item.n:
-        return "no data"
     row = score.figure(item.figure or "", condition=item.condition, part=item.part)
+    if not item.n:
+        return "no data" if row is None or not row.unknown else f"all {row.unknown} values are unknown"
     independent = None if row is None else row.independent
     if item.n >= rules.minimum_count and independent is not None and independent < rules.minimum_independent:
         return f"{item.n} values, of which {independent:.3g} are independent ({rules.minimum_independent:g} are needed)"
+    if row is not None and row.unknown:
+        return f"{row.unknown} of {item.n + row.unknown} values are unknown"
     return f"only {item.n} values"
 
 

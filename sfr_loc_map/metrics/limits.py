@@ -1,4 +1,4 @@
-"""Limits of a requirements file, whose form docs/configuration.md shows, and the verdicts on them.
+"""Limits of a requirements file, whose form docs/configuration.md shows; `metrics.judge` makes the verdicts on them.
 
 Every key names figure and unit; limits are upper bounds, except `coverage_min`.
 """
@@ -37,7 +37,7 @@ class Limited(NamedTuple):
     subject: Subject
     figure: str
     statistic: str
-    part: str | None = ANY  #: Any: the first row, which is that of the whole, or of the reading that is judged.
+    part: str | None = ANY  #: Any: the row that is judged (`Score.judged_row`).
 
     def of_target(self) -> Limited:
         """Return the same number of the calls that were measured on a target."""
@@ -61,6 +61,7 @@ def names_of(
     }
 
 
+OF_CLOUD = [kind for kind in CATALOGUE if kind.subject is Subject.MAP and not kind.is_count]
 PLACES: dict[LimitPart, dict[str, Limited]] = {
     LimitPart.COMPLETENESS: {
         f"{kind.name}_max_share": Limited(
@@ -74,7 +75,12 @@ PLACES: dict[LimitPart, dict[str, Limited]] = {
         (*STATISTICS, BOUND),
     ),
     LimitPart.MAP: {
-        **names_of([KINDS["point_error"]], part=None),
+        **names_of([kind for kind in OF_CLOUD if not kind.is_one_number], part=None),
+        **{
+            f"{kind.name}_{kind.unit}": Limited(kind.subject, kind.name, "value", None)
+            for kind in OF_CLOUD
+            if kind.is_one_number and kind.unit != "1"
+        },
         COVERAGE_MIN: Limited(Subject.MAP, "coverage", "value", None),
     },
     LimitPart.TIMING: {
@@ -150,6 +156,12 @@ class Limits:
     def conditions(self) -> list[Condition]:
         """Conditions that are limited, each once."""
         return list(dict.fromkeys(item.condition for item in self.limits if item.condition is not None))
+
+    @property
+    def bounded(self) -> frozenset[tuple[str, str]]:
+        """Figures and conditions whose tolerance bound is limited, so that all their errors are needed."""
+        pairs = ((item.limited.figure, item.condition) for item in self.limits if item.terms is not None)
+        return frozenset((figure, condition.setting) for figure, condition in pairs if condition is not None)
 
     @property
     def allow_missing(self) -> bool:

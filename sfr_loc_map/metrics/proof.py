@@ -11,6 +11,7 @@ tolerance bound (`metrics.tolerance`) of errors that are independent. Which erro
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from enum import StrEnum
 from typing import Any, NamedTuple
@@ -19,7 +20,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.score import Figure, ProofRecord, Score, SubTrajectoryRows, figure_row
+from sfr_loc_map.metrics.score import Figure, ProofRecord, Score, figure_row
 from sfr_loc_map.metrics.sequential import SequentialTest
 from sfr_loc_map.metrics.tolerance import (
     CONFIDENCE,
@@ -33,13 +34,6 @@ from sfr_loc_map.metrics.tolerance import (
 
 BOUND = "bound"  #: Statistic of a limit that is judged by a tolerance bound.
 SHARES = (THREE_SIGMA, 0.95)  #: Shares for which a report states what mean + 3 sigma proves.
-ERRORS = {
-    "position": ("x_m", "y_m", "z_m"),
-    "attitude": ("attitude_deg",),
-    "heading": ("heading_deg",),
-    "chord": ("chord_m",),
-}
-"""Columns of the sub-trajectories of a score that hold the errors of a figure."""
 SEQUENTIAL = "sequential"  #: Method of a verdict by a sequential test.
 SEED = 20240302  #: Of which sub-trajectory stands for a drive.
 
@@ -75,6 +69,7 @@ class Proof(NamedTuple):
     state: VerdictState
     bound: float | None
     record: ProofRecord
+    n: int  #: Number of the errors that it rests on: sub-trajectories of the drive that decides, or drives.
 
 
 # ---- what mean + 3 sigma proves
@@ -99,28 +94,34 @@ def evidence_rows(condition: str, errors: FloatArray, overlap: float) -> Iterato
 
 
 def sample_of(score: Score, figure: str, condition: str | None) -> Sample | None:
-    """Return the errors of a figure over a condition that a score keeps for plots; None if it keeps none."""
-    details = None if score.details is None else score.details.trajectory
-    row = score.figure(figure, condition=condition)
-    found = next((rows for rows in details.sub_trajectories if rows.condition == condition), None) if details else None
-    if found is None or row is None or row.independent is None:
+    """Return all errors of a figure over a condition; None if a score does not keep all of them."""
+    row, errors = score.judged_row(figure, condition=condition), errors_of(score, figure, condition)
+    if errors is None or row is None or row.independent is None:
         return None
-    errors = errors_of(found, figure)
     return Sample(errors, min(row.independent, float(len(errors))))
 
 
-def errors_of(rows: SubTrajectoryRows, figure: str) -> FloatArray:
-    """Return the errors `(n, d)` of a figure; NaN where one is undefined."""
-    columns = [np.array(getattr(rows, name), np.float64) for name in ERRORS[figure]]
-    return np.stack(columns, axis=1)
+def errors_of(score: Score, figure: str, condition: str | None) -> FloatArray | None:
+    """Return all errors `(n, d)` of a figure, NaN where one is unknown; None if a score does not keep all of them.
+
+    What plots are drawn from counts only if no sub-trajectory is left out there.
+    """
+    columns = next((item.errors for item in score.errors if (item.figure, item.condition) == (figure, condition)), ())
+    details = None if score.details is None else score.details.trajectory
+    for rows in () if columns or details is None else details.sub_trajectories:
+        if rows.condition == condition and rows.every == 1:
+            columns = rows.errors_of(figure)
+    return np.stack([np.array(values, np.float64) for values in columns], axis=1) if columns else None
 
 
-def prove(terms: Terms, limit: float, drives: Sequence[Sequence[Sample]]) -> Proof:
-    """Return whether the errors of drives, each with its runs, prove that a limit is met."""
-    runs = [[sample for sample in samples if len(sample.errors)] for samples in drives]
-    runs = [samples for samples in runs if samples]
+def prove(terms: Terms, limit: float, drives: Mapping[str, Sequence[Sample]]) -> Proof:
+    """Return whether the errors of drives, by name and each with its runs, prove that a limit is met."""
+    runs = {name: [sample for sample in samples if len(sample.errors)] for name, samples in drives.items()}
+    runs = {name: samples for name, samples in runs.items() if samples}
+    if not all(np.isfinite(sample.errors).all() for samples in runs.values() for sample in samples):
+        return prove_sample(terms, limit, Sample(np.empty(0), 0.0))  # an unknown error decides nothing
     if terms.interpretation is Interpretation.TEMPORAL:
-        proofs = [prove_sample(terms, limit, sample) for samples in runs for sample in samples]
+        proofs = [prove_sample(terms, limit, sample) for samples in runs.values() for sample in samples]
         if not proofs:
             return prove_sample(terms, limit, Sample(np.empty(0), 0.0))
         order = (VerdictState.FAIL, VerdictState.NOT_ENOUGH_DATA, VerdictState.PASS)
@@ -129,9 +130,9 @@ def prove(terms: Terms, limit: float, drives: Sequence[Sequence[Sample]]) -> Pro
     return prove_sample(terms, limit, sample) if terms.good is None else prove_sequentially(terms, limit, sample)
 
 
-def sample_over_drives(interpretation: Interpretation, drives: Sequence[Sequence[Sample]]) -> Sample:
-    """Return the errors that stand for drives, each with its runs."""
-    chosen = [standing_for(interpretation, number, samples) for number, samples in enumerate(drives)]
+def sample_over_drives(interpretation: Interpretation, drives: Mapping[str, Sequence[Sample]]) -> Sample:
+    """Return the errors that represent drives, by name and each with its runs, in their order."""
+    chosen = [error_of_drive(interpretation, name, samples) for name, samples in drives.items()]
     return Sample(np.array(chosen), float(len(chosen)))
 
 
@@ -142,7 +143,7 @@ def prove_sequentially(terms: Terms, limit: float, sample: Sample) -> Proof:
     undecided = state is VerdictState.NOT_ENOUGH_DATA
     more = terms.test.more_without_failure(sum(has_failed), len(has_failed)) if undecided else None
     largest = float(sample.sizes[:drives].max()) if drives else None
-    return Proof(state, largest, record_of(terms, SEQUENTIAL, float(drives), more))
+    return Proof(state, largest, record_of(terms, SEQUENTIAL, float(drives), more), drives)
 
 
 def record_of(terms: Terms, method: str, independent: float, more: int | None) -> ProofRecord:
@@ -160,12 +161,14 @@ def record_of(terms: Terms, method: str, independent: float, more: int | None) -
     )
 
 
-def standing_for(interpretation: Interpretation, number: int, samples: Sequence[Sample]) -> FloatArray:
-    """Return the error of one drive: the largest of all, as a size, or one sub-trajectory that chance has drawn."""
+def error_of_drive(interpretation: Interpretation, name: str, samples: Sequence[Sample]) -> FloatArray:
+    """Return the error of one drive: the largest of all, as a size, or one sub-trajectory, drawn by its name."""
     errors = np.concatenate([sample.vectors for sample in samples])
     if interpretation is Interpretation.ENSEMBLE:
         return np.asarray([np.max(np.linalg.norm(errors, axis=1))])
-    return np.asarray(errors[np.random.default_rng([SEED, number]).integers(len(errors))])
+    return np.asarray(
+        errors[np.random.default_rng([SEED, *hashlib.sha256(name.encode()).digest()]).integers(len(errors))]
+    )
 
 
 def prove_sample(terms: Terms, limit: float, sample: Sample) -> Proof:
@@ -181,7 +184,7 @@ def prove_sample(terms: Terms, limit: float, sample: Sample) -> Proof:
     if state is VerdictState.NOT_ENOUGH_DATA:
         needed = count_needed(sample, limit, prob, confidence, is_normal=terms.normal)
         more = None if needed is None else max(needed - int(sample.independent), 1)
-    return Proof(state, bound.upper, record_of(terms, bound.method.value, sample.independent, more))
+    return Proof(state, bound.upper, record_of(terms, bound.method.value, sample.independent, more), len(sample.errors))
 
 
 def bound_row(figure: str, unit: str, condition: str | None, proof: Proof) -> Figure:

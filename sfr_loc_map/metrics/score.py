@@ -53,7 +53,9 @@ class Columns(Record, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         """Check that all known columns have one length; ValueError if they differ."""
-        columns = (value for value in msgspec.structs.asdict(self).values() if isinstance(value, tuple))
+        columns = [value for value in msgspec.structs.asdict(self).values() if isinstance(value, tuple)]
+        for value in msgspec.structs.asdict(self).values():
+            columns += value.values() if isinstance(value, dict) else ()
         if len({len(column) for column in columns if column}) > 1:
             raise ValueError("its columns differ in length")
 
@@ -555,6 +557,14 @@ class SubTrajectoryRows(Columns, frozen=True, kw_only=True):
         return (self.others[figure],) if figure in self.others else ()
 
 
+class ErrorRows(Record, frozen=True, kw_only=True):
+    """All errors of one figure over one condition, not thinned and not rounded: tolerance bounds are made of them."""
+
+    figure: str  #: Figure.
+    condition: str  #: Condition that ends the sub-trajectories.
+    errors: tuple[Column, ...]  #: A column for each direction, in the unit of the figure.
+
+
 class TrajectoryDetails(Record, frozen=True, kw_only=True):
     """What the plots of the trajectory are drawn from."""
 
@@ -635,6 +645,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     contradiction: str | None = None  #: Convention mismatch of estimate and truth: no figure of them judges anything.
     incomplete: str | None = None  #: What of the expected data cannot be judged, unless a part was asked for.
     rules: Rules | None = None  #: By what the verdicts follow from the figures; null where there are no limits.
+    errors: tuple[ErrorRows, ...] = ()  #: Errors that limits with a share and a confidence are judged by.
     details: Details | None = None  #: What plots are drawn from.
 
     # ---- look-up
@@ -699,6 +710,12 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         return tuple(item for item in self.findings if item.kind.fails)
 
     @property
+    def on_limits(self) -> tuple[Verdict, ...]:
+        """The verdicts on limits, which follow those on findings and on what is missing."""
+        count = 0 if self.rules is None else len(self.rules.limits)
+        return self.verdicts[len(self.verdicts) - count :]
+
+    @property
     def failed(self) -> tuple[Verdict, ...]:
         """The verdicts that are `fail`."""
         return tuple(item for item in self.verdicts if item.state is VerdictState.FAIL)
@@ -737,7 +754,11 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         return score_markdown(self)
 
     def to_pandas(self, table: str = "figures") -> pandas.DataFrame:
-        """Return a pandas table: `figures`, one row per figure, or `sub_trajectories`, one row each."""
+        """Return a pandas table: `figures`, one row per figure, or `sub_trajectories`, thinned.
+
+        Of a condition with many sub-trajectories only every n-th is kept; the column `every` is n. `sfr score --raw`
+        writes all of them.
+        """
         if table == "figures":
             return data_frame({name: [row.as_dict()[name] for row in self.figures] for name in COLUMNS})
         if table != "sub_trajectories":
@@ -747,8 +768,9 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         for rows in () if details is None else details.sub_trajectories:
             count = len(rows.start_frame)
             for name, values in (msgspec.structs.asdict(rows) | rows.others).items():
-                if name not in ("every", "others"):
-                    columns.setdefault(name, []).extend([values] * count if name == "condition" else values)
+                if name != "others":
+                    of_all = name in ("condition", "every")
+                    columns.setdefault(name, []).extend([values] * count if of_all else values)
         return data_frame(columns)
 
     def plot(self, name: str | None = None) -> PlotlyFigure:

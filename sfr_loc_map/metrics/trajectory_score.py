@@ -5,7 +5,7 @@ The same function scores a file and a live run.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -30,6 +30,7 @@ from sfr_loc_map.metrics.proof import evidence_rows
 from sfr_loc_map.metrics.score import (
     Association,
     Column,
+    ErrorRows,
     Figure,
     PathRows,
     SubTrajectoryRows,
@@ -103,9 +104,7 @@ ERRORS_OF_ALL_READINGS = [
     ErrorFigure("chord", lambda pieces: formulas.chord_error(pieces.poses, pieces.starts, pieces.ends))
 ]
 """Errors that are the same by each reading."""
-
-
-NAMED_COLUMNS = ("position", "attitude", "heading")
+NAMED_COLUMNS = ("position", "attitude", "heading", "chord")
 """Figures whose errors have columns of their own in `SubTrajectoryRows`."""
 
 
@@ -116,6 +115,7 @@ class ScoredTrajectory(NamedTuple):
     association: Association
     truth: TruthRecord
     details: TrajectoryDetails | None  #: What plots are drawn from, if that is wanted.
+    errors: tuple[ErrorRows, ...] = ()  #: What tolerance bounds are made of, as far as that is wanted.
 
 
 def score_trajectory(
@@ -127,12 +127,14 @@ def score_trajectory(
     details: bool = True,
     under_way: bool = False,
     in_flight_ns: int = 0,
+    bounded: Collection[tuple[str, str]] = (),
 ) -> ScoredTrajectory:
     """Return the score of a trajectory; poses of RB in DS, in any order.
 
     Images, where their stamps are known, are what an estimate has to cover, otherwise true poses; those of the last
-    `in_flight_ns` may still come. MetricsError if a condition is not valid,
-    or no estimate has a ground truth (which is no error while a run is under way).
+    `in_flight_ns` may still come. `bounded` are the figures and conditions whose errors are all kept, because limits
+    with a share and a confidence are on them. MetricsError if a condition is not valid, or no estimate has a ground
+    truth (which is no error while a run is under way).
     """
     conditions = parsed_conditions(config)
     placed = placed_frames(estimates, truth, conditions, config)
@@ -148,6 +150,7 @@ def score_trajectory(
     sums = step_sums(placed.estimates, frames, chosen)
     figures: list[Figure] = []
     rows: list[SubTrajectoryRows] = []
+    errors: list[ErrorRows] = []
     for condition, (starts, ends) in zip(conditions, chosen, strict=True):
         pieces = Pieces(starts, ends, poses, placed.reading(poses, starts, ends))
         overlap = overlap_of(starts, ends, config.spacing)
@@ -156,6 +159,7 @@ def score_trajectory(
             if name is not association.rebase:
                 other = pieces._replace(errors=reading(poses, starts, ends))
                 figures += [error_row(kind, condition.setting, str(name), other) for kind in ERRORS]
+        errors += error_columns(condition.setting, pieces, bounded)
         figures += evidence_rows(condition.setting, pieces.errors.position_m, overlap)
         figures += nees_rows(condition.setting, placed.estimates, frames, sums, starts, ends, noise_of(truth))
         if details:
@@ -169,7 +173,7 @@ def score_trajectory(
     plotted = TrajectoryDetails(path=path_rows(placed.estimates, frames, length_m), sub_trajectories=tuple(rows))
     about = truth_record(truth, frames, placed.placement)
     figures += truth_error_rows(truth, frames.stamps_ns if association.interpolated else frames.stamps_ns[:0])
-    return ScoredTrajectory((*figures, *covered), association, about, plotted if details else None)
+    return ScoredTrajectory((*figures, *covered), association, about, plotted if details else None, tuple(errors))
 
 
 # ---- associate
@@ -344,6 +348,14 @@ def condition_rows(condition: str, part: str, pieces: Pieces, overlap: float) ->
         yield figure_row("position", condition, direction, statistics=formulas.statistics(errors))
 
 
+def error_columns(condition: str, pieces: Pieces, bounded: Collection[tuple[str, str]]) -> Iterator[ErrorRows]:
+    """Yield all errors of the figures whose tolerance bound over a condition is limited."""
+    for kind in (*ERRORS, *ERRORS_OF_ALL_READINGS):
+        if (kind.name, condition) in bounded:
+            columns = tuple(column(values, None) for values in np.atleast_2d(kind.errors_of(pieces).T))
+            yield ErrorRows(figure=kind.name, condition=condition, errors=columns)
+
+
 def growth_rows(
     poses: Poses, length_m: Lengths, spacing: int, reading: Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors]
 ) -> Iterator[Figure]:
@@ -447,6 +459,7 @@ def sub_trajectory_rows(condition: str, pieces: Pieces, stamps_ns: IntArray, len
     shown = pieces.every(every)
     starts, ends = shown.starts, shown.ends
     directions = shown.by_direction()
+    others = [kind for kind in (*ERRORS, *ERRORS_OF_ALL_READINGS) if kind.name not in NAMED_COLUMNS]
     return SubTrajectoryRows(
         condition=condition,
         every=every,
@@ -463,7 +476,7 @@ def sub_trajectory_rows(condition: str, pieces: Pieces, stamps_ns: IntArray, len
         along_m=column(directions["along"]),
         cross_m=column(directions["cross"]),
         travelled_m=column(length_m[ends] - length_m[starts]),
-        others={kind.name: column(kind.errors_of(shown)) for kind in ERRORS if kind.name not in NAMED_COLUMNS},
+        others={kind.name: column(kind.errors_of(shown)) for kind in others},
     )
 
 

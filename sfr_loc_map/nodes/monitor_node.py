@@ -65,6 +65,7 @@ VERDICT_LEVELS = {
     VerdictState.FAIL: Level.ERROR,
     VerdictState.NOT_ENOUGH_DATA: Level.WARN,
     VerdictState.INCOMPLETE: Level.WARN,
+    VerdictState.NOT_JUDGED: Level.WARN,
 }
 
 

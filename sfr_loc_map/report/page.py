@@ -19,7 +19,6 @@ from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState, label_of
-from sfr_loc_map.metrics.judge import finding_verdicts
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.report.limit_bars import share_of
@@ -150,15 +149,14 @@ def overall_of(score: Score) -> Overall:
     part = "" if score.incomplete is None else f"Incomplete: {score.incomplete}. "
     if score.failures:
         part = f"The method under test failed: {', '.join(item.kind for item in score.failures)}. {part}"
-    wrong = {item.name for item in finding_verdicts(score)}
-    judged = [item for item in score.verdicts if item.state is not VerdictState.INCOMPLETE and item.name not in wrong]
-    if not judged:
+    states = [item.state for item in score.on_limits]
+    if not states:
         text = part.strip() or "No limits were given: there is no verdict."
         return _overall(state, text, NO_VERDICT_ICON if state is None else OPEN.icon)
-    states = [item.state for item in judged]
-    passed, failed = states.count(VerdictState.PASS), states.count(VerdictState.FAIL)
-    rest = len(states) - passed - failed
-    text = f"{part}{passed} of {len(states)} limits met, {failed} missed, {rest} without enough data."
+    passed, failed, partial = map(states.count, (VerdictState.PASS, VerdictState.FAIL, VerdictState.INCOMPLETE))
+    rest = len(states) - passed - failed - partial
+    text = f"{part}{passed} of {len(states)} limits met, {failed} missed, {rest} without enough data"
+    text += f", {partial} on incomplete data." if partial else "."
     certain = [item.certain for item in score.verdicts if item.certain is not None]
     if certain:
         text += (
@@ -189,7 +187,7 @@ def run_facts(score: Score) -> tuple[tuple[str, str], ...]:
         facts["Drive"] += f"{drive.matched} stereo pairs with a truth"
     if score.cloud is not None:
         points, pairs = score.number("points"), score.number("pairs")
-        facts["Map"] = f"{points or 0:.0f} points of {pairs or 0:.0f} stereo {'pair' if pairs == 1 else 'pairs'}"
+        facts["Map"] = f"{_count(points)} points of {_count(pairs)} stereo {'pair' if pairs == 1 else 'pairs'}"
     facts["Method"] = "not named in the inputs"
     if method is not None:
         facts["Method"] = f"{method.name} {method.version or 'of unknown version'} ({method.kind})"
@@ -205,6 +203,10 @@ def run_facts(score: Score) -> tuple[tuple[str, str], ...]:
         by = f"by sfr_loc_map {made.version or UNKNOWN}{f' on {host}' if host else ''}"
         facts["Scored"] = f"{made.time or 'time unknown'} {by}"
     return tuple((name, text) for name, text in facts.items() if text)
+
+
+def _count(value: float | None) -> str:
+    return UNKNOWN if value is None else f"{value:.0f}"
 
 
 def _paths(score: Score, roles: Sequence[str]) -> list[str]:
@@ -262,12 +264,15 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
         )
     for first in parts_of(score)[:1]:
         rows = first.rows
-        known = [(size, row) for row, size in enumerate(error_sizes(rows)) if size is not None]
-        if known:
-            largest_m, worst = max(known, key=itemgetter(0))
+        largest_m = score.number("position", "max", condition=rows.condition)
+        if largest_m is not None:
             unit = fitting(METRE, largest_m)
-            why = f"Over {first.over} the largest position error is {number(largest_m, unit=unit)} {unit.symbol}, "
-            why += f"at frames {rows.start_frame[worst]} to {rows.end_frame[worst]}."
+            why = f"Over {first.over} the largest position error is {number(largest_m, unit=unit)} {unit.symbol}"
+            sizes = [(size, row) for row, size in enumerate(error_sizes(rows)) if size is not None]
+            if rows.every == 1 and sizes:  # of thinned rows the worst one may be missing
+                worst = max(sizes, key=itemgetter(0))[1]
+                why += f", at frames {rows.start_frame[worst]} to {rows.end_frame[worst]}"
+            why += "."
             yield LookFirst("the worst sub-trajectory", why)
 
 

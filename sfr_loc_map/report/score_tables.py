@@ -22,7 +22,6 @@ from sfr_loc_map.report.tables import (
     ABSENT,
     NOT_ENOUGH,
     PERCENT,
-    SHARE,
     UNKNOWN,
     Cell,
     Column,
@@ -330,7 +329,7 @@ def verdict_table(score: Score) -> Table:
     rows: list[Row] = []
     has_ids = any(item.id for item in score.verdicts)
     for k, item in enumerate(score.verdicts):
-        unit, key = fitting(limit_unit(item.name), item.limit, item.value, *(item.interval or ())), f"verdicts.{k}"
+        unit, key = unit_of(item, *(item.interval or ())), f"verdicts.{k}"
         total = item.condition is not None and item.statistic == "mean_plus_3sigma"
         row = (
             Cell.verdict(item.state.value),
@@ -368,7 +367,7 @@ def limit_name(name: str) -> str:
     """Return the name of a limit in words, without its unit: `position mean + 3 sigma`."""
     if name == "coverage_min":
         return "map coverage"
-    words = statistic_title(re.sub(r"_(max_share|m|deg|s|bytes|min)$", "", name))
+    words = statistic_title(re.sub(r"_(max_share|max|m|px|deg|s|bytes|min)$", "", name))
     words += " share" if name.endswith("_max_share") else ""
     if name.endswith("_s"):
         words = re.sub(r"\b(localisation|mapping call|mapping|fusion)\b", r"\1 time", words)
@@ -382,15 +381,12 @@ def name_of(item: Verdict) -> str:
 
 def unit_of(item: Verdict, *more: float | None) -> Unit:
     """Return the unit that suits a limit, its figure and more values; fractions in per cent."""
-    unit = limit_unit(item.name)
-    return PERCENT if unit == SHARE else fitting(unit, item.limit, item.value, *more)
-
-
-def limit_unit(name: str) -> Unit:
-    """Return the unit to show a figure in, from its name in the limits, which ends in the unit of its value."""
-    if name.endswith(("_min", "_share")):
-        return SHARE
-    return Unit("MiB") if name.endswith("_bytes") else Unit(name.rpartition("_")[2])
+    if item.figure is None:  # of what needs no limit: the fraction that is judged, or a count
+        return PERCENT if item.is_lower_bound else Unit()
+    kind = KINDS[item.figure]
+    if kind.unit == "1":
+        return Unit() if kind.is_count else PERCENT
+    return fitting(Unit("MiB" if kind.unit == "bytes" else kind.unit), item.limit, item.value, *more)
 
 
 def limits_on(score: Score, figure: str, condition: str | None = None, part: str | None = None) -> dict[str, float]:
@@ -422,8 +418,7 @@ def headline_note(score: Score) -> str:
 
 def covered_note(score: Score) -> str:
     """Return why the estimate does not cover the complete drive."""
-    why = None if score.association is None else score.association.incomplete
-    return f"Incomplete: {why}." if why else ""
+    return f"Incomplete: {score.incomplete}." if score.incomplete else ""
 
 
 def readings_note(score: Score) -> str:
@@ -538,8 +533,9 @@ def method_table(score: Score) -> Table:
         if method.isolation is not None:
             facts["isolated from"] = method.isolation
     if (usage := score.processes) is not None:
-        facts["processor time"] = f"{usage.cpu_s:.3g} s, {usage.cpu_outside_s or 0.0:.3g} s of it outside the calls"
-        facts["at most"] = f"{usage.threads} threads in {usage.processes} processes"
+        facts["processor time"] = f"{usage.cpu_s:.3g} s, {number(usage.cpu_outside_s)} s of it outside the calls"
+        threads, processes = (UNKNOWN if count is None else count for count in (usage.threads, usage.processes))
+        facts["at most"] = f"threads: {threads}, processes: {processes}"
     if text := convention_text(score):
         facts["converted"] = text
     rows = tuple((Cell.head(name), Cell(text)) for name, text in facts.items())

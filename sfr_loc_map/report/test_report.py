@@ -15,12 +15,12 @@ from typing import Any
 import msgspec
 
 from sfr_loc_map.inputs import NS_PER_S, printable
-from sfr_loc_map.metrics.catalogue import Subject, clause_of
+from sfr_loc_map.metrics.catalogue import Subject, clause_of, defines
 from sfr_loc_map.metrics.config import CallKind, Rebase, VerdictState, label_of
-from sfr_loc_map.metrics.judge import STRICT, common_verdict, each_by_its_limits
+from sfr_loc_map.metrics.judge import STRICT, common_verdict, each_by_its_limits, few_words
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.score import Score, TargetRecord, Verdict
-from sfr_loc_map.report.page import Overall, from_template, overall_of
+from sfr_loc_map.report.page import NO_VERDICT, Overall, from_template, overall_of
 from sfr_loc_map.report.score_tables import (
     NO_INTERVAL,
     certain_text,
@@ -48,11 +48,10 @@ CLAUSES = {
     "4.3.4": "Error of each point of the cloud",
 }
 OF_SUB_TRAJECTORIES = ("4.1.1", "4.1.2")  #: Clauses that every error of the trajectory follows.
+WITH_SIGMA = ("sigma", "mean_plus_3sigma")  #: Statistics that are made of a standard deviation.
 STANDARD_DEVIATION = "4.1.3"
-ORDER = (VerdictState.FAIL, VerdictState.INCOMPLETE, VerdictState.NOT_ENOUGH_DATA, "no verdict")  #: The worst first.
 NO_CLAUSE = "no_clause"  #: Class of a test case whose figure the document does not define.
 SPACING_FRAMES = 10  #: Frames between starts of sub-trajectories, as the document says [4.1.1].
-NOT_JUDGED = "not judged"  #: Where estimate and truth contradict each other.
 
 
 def clause_of_limit(item: Verdict) -> str:
@@ -60,11 +59,18 @@ def clause_of_limit(item: Verdict) -> str:
     return "" if item.figure is None else clause_of(item.figure, item.part)
 
 
+def is_defined(item: Verdict) -> bool:
+    """Tell whether the document defines what is limited: the statistic, and not the figure alone."""
+    return item.figure is not None and defines(item.figure, item.part, item.statistic or "")
+
+
 def clauses_used(scores: Sequence[Score]) -> list[str]:
     """Return the clauses that the limited figures of some scores follow, in their order."""
     found = {clause_of_limit(item) for score in scores for item in score.verdicts} - {""}
-    found.add(STANDARD_DEVIATION)
-    if any(score.has(Subject.TRAJECTORY) for score in scores):
+    limited = [item for score in scores for item in score.verdicts]
+    if any(item.statistic in WITH_SIGMA for item in limited):
+        found.add(STANDARD_DEVIATION)
+    if any(item.condition is not None for item in limited):
         found.update(OF_SUB_TRAJECTORIES)
     return sorted(found)
 
@@ -110,7 +116,7 @@ def overall_of_all(scores: Sequence[Score], overalls: Sequence[Overall]) -> Over
     common = common_verdict(scores)
     if common.text:
         return Overall("no common verdict", common.text, OPEN.css, OPEN.icon)
-    return min(overalls, key=lambda item: ORDER.index(item.state) if item.state in ORDER else len(ORDER))
+    return next(item for item in overalls if item.state == (common.state or NO_VERDICT))
 
 
 def _of_all(scores: Sequence[Score], texts_of: Callable[[Score], Iterator[str]]) -> list[str]:
@@ -155,7 +161,7 @@ def _item(score: Score) -> dict[str, str]:
 def _results(score: Score, index: int) -> Iterator[dict[str, Any]]:
     for place, item in enumerate(score.verdicts):
         unit, key = unit_of(item, *(item.interval or ())), f"verdicts.{place}"
-        verdict = NOT_JUDGED if score.contradiction is not None else str(item.state)
+        verdict = str(item.state)
         yield {
             "id": item.id or f"{index + 1}.{place + 1}",
             "text": printable(item.text or ""),
@@ -172,6 +178,7 @@ def _results(score: Score, index: int) -> Iterator[dict[str, Any]]:
             "certain": certain_text(item),
             "style": VERDICTS.get(verdict, OPEN),
             "clause": clause_of_limit(item),
+            "is_defined": is_defined(item),
             "command": index + 1,
         }
 
@@ -243,9 +250,9 @@ def _allowed(score: Score) -> Iterator[str]:
 def _deviations(score: Score) -> Iterator[str]:
     yield from _from_the_document(score)
     yield from _allowed(score)
+    if score.incomplete:
+        yield f"What was expected is not complete: {score.incomplete}."
     if (drive := score.association) is not None:
-        if drive.incomplete:
-            yield f"The drive is not covered: {drive.incomplete}."
         for count, what in ((drive.lost, "lost"), (drive.degraded, "degraded")):
             if count:
                 yield f"{count} of {drive.matched} frames are {what}. They are judged like the others."
@@ -274,7 +281,7 @@ def _anomalies(score: Score) -> Iterator[str]:
 def _open_points(score: Score) -> Iterator[str]:
     for item in score.verdicts:
         if item.state is VerdictState.NOT_ENOUGH_DATA:
-            yield f"{_name(item)}: not enough data ({'no value' if not item.n else f'{item.n} values'})."
+            yield f"{_name(item)}: not enough data ({few_words(item, score)})."
         elif item.certain is False:
             yield f"{_name(item)}: the 95 % interval spans the limit; more data may change the verdict."
     if score.provenance is None or score.provenance.commit is None:
@@ -294,7 +301,7 @@ JUNIT = {
     VerdictState.FAIL: ("failure", "failures"),
     VerdictState.NOT_ENOUGH_DATA: ("skipped", "skipped"),
     VerdictState.INCOMPLETE: ("error", "errors"),
-    NOT_JUDGED: ("error", "errors"),
+    VerdictState.NOT_JUDGED: ("error", "errors"),
 }
 """By what is no pass: the element of a test case, and the attribute of a suite that counts them."""
 
@@ -308,14 +315,14 @@ def junit(scores: Mapping[str, Score], without: Mapping[str, str] | None = None)
         case = ET.SubElement(suite, "testcase", classname="sfr.result", name="has a result")
         ET.SubElement(case, "error", message=printable(reason))
     for name, score in ((name, score) for name, score in scores.items() if name not in open_):
-        states = [item.state if score.contradiction is None else NOT_JUDGED for item in score.verdicts]
+        states = [item.state for item in score.verdicts]
         suite = ET.SubElement(root, "testsuite", name=printable(name), tests=str(len(states)))
         for _, counted in JUNIT.values():
             suite.set(counted, str(sum(JUNIT.get(state, ("", ""))[1] == counted for state in states)))
         if score.provenance is not None and score.provenance.time:
             suite.set("timestamp", score.provenance.time[:19])
         for item, state in zip(score.verdicts, states, strict=True):
-            name, kind = printable(_name(item)), f"sfr.{clause_of_limit(item) or NO_CLAUSE}"
+            name, kind = printable(_name(item)), f"sfr.{clause_of_limit(item) if is_defined(item) else NO_CLAUSE}"
             case = ET.SubElement(suite, "testcase", classname=kind, name=name)
             properties = ET.SubElement(case, "properties")
             facts = {"id": item.id, "text": item.text, "limit": item.limit, "value": item.value}

@@ -23,7 +23,7 @@ from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.text_table import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.metrics.association import UPPER, Estimates
-from sfr_loc_map.metrics.calls import Calls, CallUsage, stage_of
+from sfr_loc_map.metrics.calls import METHOD, Calls, CallUsage, stage_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.consistency import STEP_SIZE, WITHOUT_NOISE
 from sfr_loc_map.metrics.score import FindingKind, FindingRecord, MethodKind, MethodRecord, ProcessUsage
@@ -39,6 +39,7 @@ STEP_NAMES = (
 )
 METHOD_NAMES = ("method", "method_version", "method_kind", "method_sha256", "method_isolation", "finding")
 HEADER = ("stamp_ns", "processing_time_s", "state", "reason", "peak_rss_bytes", "above_idle_bytes")
+MEMORY_METHOD = "memory_method"  #: Column that states how memory was measured.
 COSTS = ("processing_time_s", "peak_rss_bytes", "above_idle_bytes", "heap_peak_bytes", "stack_peak_bytes")
 TAKEN = ("cpu_s", "cpu_between_s", "threads", "processes")  #: Of a method's processes, from outside.
 ADAPTER_S = 0.015  #: Processor time that the adapter of a method may take for a call, and what its steps of 0.01 hide.
@@ -134,6 +135,7 @@ def stats_of(records: Sequence[CallRecord], method: MethodRecord | None = None) 
         numbers(record.peak_rss_bytes for record in records),
         numbers(record.above_idle_bytes for record in records),
         stages,
+        memory_method=METHOD,
     )
     covariances = [None if record.covariance is None else record.covariance[UPPER] for record in records]
     steps = [record.step for record in records]
@@ -194,16 +196,18 @@ def save_stats(path: Path, records: Sequence[CallRecord], method: MethodRecord |
         about = (method.name, method.version, method.kind.value, method.sha256, method.isolation)
         named = tuple(text or "" for text in about)
     names = sorted({name for record in records for name in record.statistics})
-    taken = {*HEADER, *COSTS, *METHOD_NAMES, *COVARIANCE_NAMES, *STEP_NAMES}  # a method does not tell its own cost
+    # a method does not report its own cost
+    taken = {*HEADER, *COSTS, *METHOD_NAMES, *COVARIANCE_NAMES, *STEP_NAMES, MEMORY_METHOD}
     told = [f"statistics.{name}" if name in taken else name for name in names]
     with_pose = any(record.covariance is not None for record in records)
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         pose_names = (*COVARIANCE_NAMES, *STEP_NAMES) if with_pose else ()
-        writer.writerow([*HEADER, *(METHOD_NAMES if named else ()), *told, *pose_names])
+        writer.writerow([*HEADER, MEMORY_METHOD, *(METHOD_NAMES if named else ()), *told, *pose_names])
         for record in records:
             row = [record.stamp_ns, repr(record.processing_time_s), record.state, record.reason]
             row += ["" if item is None else item for item in (record.peak_rss_bytes, record.above_idle_bytes)]
+            row.append("" if record.peak_rss_bytes is None else METHOD)
             row += [*named, record.finding] if named else []
             figures = (record.statistics.get(name) for name in names)
             row += ["" if value is None else repr(float(value)) for value in figures]
@@ -248,7 +252,8 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
             raise InputError(f"statistics '{path}': method_kind is '{given}', must be one of {known}")
         method = MethodRecord(name=name, version=version, kind=MethodKind(kind), sha256=sha256, isolation=isolation)
     findings = findings_of([row.get("finding") or "" for row in rows], stamps_ns.tolist())
-    calls = Calls(stamps_ns, seconds, states, peak, above_idle, stages, heap, stack)
+    memory_method = next(filter(None, (row.get(MEMORY_METHOD) for row in rows)), None)
+    calls = Calls(stamps_ns, seconds, states, peak, above_idle, stages, heap, stack, memory_method)
     taken = [_column(path, rows, name) for name in TAKEN] if TAKEN[1] in rows[0] else None
     usage = None if taken is None else _processes(taken, calls)
     return CallStats(calls, covariance, steps, method, findings, usage, has_stamps="stamp_ns" in rows[0])

@@ -29,7 +29,7 @@ from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, unique_rows
-from sfr_loc_map.metrics.calls import KINDS, Calls, ScoredCalls, completeness_rows, score_calls, stage_of
+from sfr_loc_map.metrics.calls import KINDS, METHOD, Calls, ScoredCalls, completeness_rows, score_calls, stage_of
 from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
 from sfr_loc_map.metrics.completeness import live_completeness, settled
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
@@ -96,7 +96,7 @@ class _CallRows(_Rows):
         rows = self.all()
         stages = {name: rows["stages"][:, column] for name, column in self._stages.items()}
         figures = (rows["stamp_ns"], rows["seconds"], rows["state"].tolist(), rows["peak"], rows["above_idle"])
-        return Calls(*figures, stages)
+        return Calls(*figures, stages, memory_method=METHOD)
 
 
 class _Latest(OrderedDict[int, T]):
@@ -257,6 +257,7 @@ class MonitorScore:
             calls=calls.records if len(self._calls) else None,
             warnings=() if contradiction is None else (contradiction,),
             contradiction=contradiction,
+            errors=() if drive is None else drive.errors,
             details=shown if details and shown != Details() else None,
         )
         return judged(score, self._limits, partial=self._config.trajectory.partial)
@@ -292,6 +293,7 @@ class MonitorScore:
             details=details,
             under_way=True,
             in_flight_ns=in_flight_ns,
+            bounded=() if self._limits is None else self._limits.bounded,
         )
 
     def contradiction(self) -> str | None:

@@ -6,7 +6,7 @@ import csv
 import logging
 import os
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -61,6 +61,7 @@ from sfr_loc_map.metrics.score import (
     CloudRecord,
     ConventionRecord,
     Details,
+    ErrorRows,
     ExternalScore,
     Figure,
     FindingRecord,
@@ -227,6 +228,7 @@ class _DrivePart(_Part):
     truth: TruthRecord | None = None
     alignment: Alignment | None = None
     contradiction: str | None = None
+    errors: tuple[ErrorRows, ...] = ()
     details: TrajectoryDetails | None = None
     data_sha256: str | None = None  #: Of the values of the truth: a folder and a bag made of it have the same.
 
@@ -250,7 +252,7 @@ def score_run(
 ) -> Score:
     """Return the score of a run, also for conditions that only the limits name; with settings, APE and RPE as well."""
     config = _with_conditions(config, limits)
-    drive = _drive_part(run, config, aligned)
+    drive = _drive_part(run, config, aligned, () if limits is None else limits.bounded)
     cloud = _map_part(run, config)
     calls = _calls_part(run)
     method = _method_of(run)
@@ -273,6 +275,7 @@ def score_run(
         convention=run.convention,
         warnings=tuple(warnings),
         contradiction=drive.contradiction,
+        errors=drive.errors,
         details=_details(drive.details, cloud.details, calls.plots),
     )
     score = judged(score, limits, partial=config.trajectory.partial)
@@ -303,7 +306,9 @@ def _details(
 # ---- the trajectory
 
 
-def _drive_part(run: Run, config: ScoreConfig, aligned: AlignedErrorConfig | None) -> _DrivePart:
+def _drive_part(
+    run: Run, config: ScoreConfig, aligned: AlignedErrorConfig | None, bounded: Collection[tuple[str, str]]
+) -> _DrivePart:
     drive = run.drive
     if drive is None and run.unposed_images:
         many = run.unposed_images
@@ -312,7 +317,9 @@ def _drive_part(run: Run, config: ScoreConfig, aligned: AlignedErrorConfig | Non
         return _DrivePart()
     association = config.trajectory.association
     contradiction = contradiction_of(drive.estimates.trajectory, drive.truth, association, drive.rig)
-    scored = score_trajectory(drive.estimates, drive.truth, config.trajectory, image_stamps_ns=drive.image_stamps_ns)
+    scored = score_trajectory(
+        drive.estimates, drive.truth, config.trajectory, image_stamps_ns=drive.image_stamps_ns, bounded=bounded
+    )
     figures, alignment = scored.figures, None
     if aligned is not None:
         beside = aligned_errors(drive.estimates.trajectory, drive.truth, aligned)
@@ -327,6 +334,7 @@ def _drive_part(run: Run, config: ScoreConfig, aligned: AlignedErrorConfig | Non
         truth=scored.truth,
         alignment=alignment,
         contradiction=contradiction,
+        errors=scored.errors,
         details=scored.details,
         data_sha256=hash_arrays((drive.truth.stamps_ns, drive.truth.positions)),
     )

@@ -73,7 +73,7 @@ def drive_counts(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator
             interpretation = terms.interpretation
             if interpretation is Interpretation.TEMPORAL:  # a drive is no sample of itself
                 interpretation = Interpretation.ENSEMBLE
-            sample = sample_over_drives(interpretation, list(samples.values()))
+            sample = sample_over_drives(interpretation, samples)
             known = moments(sample)
             has_failed = sample.sizes > limit.limit
             plan = count_without_runs(terms)

@@ -299,8 +299,8 @@ def samples_by_drive(limit: Limit, results: Sequence[tuple[str, Score]]) -> dict
 def proof_over_drives(limit: Limit, terms: Terms, results: Sequence[tuple[str, Score]]) -> GroupVerdict:
     """Return the verdict on a limit with a share and a confidence over drives."""
     samples = samples_by_drive(limit, results)
-    verdict = proof_verdict(limit, prove(terms, limit.limit, list(samples.values())))
-    exceeding = sum(any((run.sizes > limit.limit).any() for run in runs) for runs in samples.values())
+    verdict = proof_verdict(limit, prove(terms, limit.limit, samples))
+    exceeding = sum(any(not (run.sizes <= limit.limit).all() for run in runs) for runs in samples.values())
     over = "worst drive" if terms.interpretation is Interpretation.TEMPORAL else "all drives"
     return _of_group(verdict, over, exceeding)
 
@@ -309,7 +309,7 @@ def _count_of(limit: Limit, score: Score) -> float:
     """Return of how many values the limited number of a drive is made, 0 where there is no number."""
     found = figure_of(limit, score)
     if limit.condition is not None and found.row is not None:
-        return float(found.row.n or 0)
+        return 0.0 if found.row.unknown else float(found.row.n or 0)
     return 0.0 if found.value is None else 1.0
 
 

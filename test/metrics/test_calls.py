@@ -1,5 +1,7 @@
 """Time and memory of calls: measured one by one, by hand, told apart by kind, under the name of their clock."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,8 @@ from sfr_loc_map.metrics.calls import (
     score_calls,
     score_target,
 )
+from sfr_loc_map.metrics.completeness import CALLS, calls_completeness
+from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.score import Score
 
 SIZE = 200 * 1024 * 1024
@@ -126,3 +130,16 @@ def test_calls_against_the_period_of_the_pairs() -> None:
     assert score.number("processor_share") == pytest.approx(0.7)
     without = score_calls(Calls(np.zeros(10, np.int64), seconds, ["tracking"] * 10, unknown, unknown))
     assert not Score(figures=without.figures).rows("period"), "calls without stamps have no period"
+
+
+def test_the_method_of_memory_is_that_of_the_source_and_null_where_it_is_unknown() -> None:
+    for method in (None, "sampled by the kit"):
+        measured = replace(calls(["tracking"], [1.0], [7.0]), memory_method=method)
+        assert score_calls(measured).records.memory_method == method
+
+
+def test_no_measured_call_has_no_fraction_of_other_stamps() -> None:
+    stamps, unknown = np.arange(3) * 10**9, np.full(3, np.nan)
+    rows = calls_completeness(CallKind.LOCALISATION, stamps, stamps, {CALLS: unknown})
+    values = {row.figure: row.value for row in rows}
+    assert values == {"judged": 0.0, "calls_missing": 1.0, "calls_other": None, "calls_doubled": None}

@@ -2,7 +2,7 @@
 
 import pytest
 
-from sfr_loc_map.metrics.catalogue import CATALOGUE, KINDS, clause_of
+from sfr_loc_map.metrics.catalogue import CATALOGUE, KINDS, clause_of, defines
 from sfr_loc_map.metrics.score import NUMBERS
 
 CLAUSES = {
@@ -51,3 +51,16 @@ def test_the_catalogue_names_each_figure_once_and_statistics_that_exist() -> Non
     assert len(KINDS) == len(CATALOGUE)
     for kind in CATALOGUE:
         assert {*kind.shown, *kind.compared} <= set(NUMBERS), kind.name
+
+
+def test_the_document_defines_mean_and_sigma_of_its_figures_and_no_bound_or_direction() -> None:
+    assert defines("position", "pose", "mean_plus_3sigma")
+    assert defines("localisation", "target", "p95")
+    for figure, part, statistic in (
+        ("position", "pose", "p95"),
+        ("position", "pose", "bound"),
+        ("position", "along", "mean"),
+        ("point_error", None, "mean_plus_3sigma"),
+        ("chord", "pose", "mean"),
+    ):
+        assert not defines(figure, part, statistic), (figure, part, statistic)

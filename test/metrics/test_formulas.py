@@ -145,3 +145,11 @@ def test_statistics_by_numpy(offset: float) -> None:
 def test_a_point_error_is_a_distance() -> None:
     actual, estimated = np.array([[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]]), np.array([[1.0, 5.0, 7.0], [0.0, 0.0, 0.0]])
     assert formulas.point_error(actual, estimated).tolist() == [5.0, 0.0]
+
+
+def test_an_unknown_error_leaves_its_count_and_no_statistic() -> None:
+    some = np.array([0.1, np.nan, 0.3])
+    found = formulas.statistics(some)
+    assert (found.n, found.unknown, found.mean, found.max) == (2, 1, None, None)
+    vectors = formulas.statistics(np.array([[0.1, 0.2, 0.3], [0.1, np.nan, np.nan]]))
+    assert (vectors.n, vectors.unknown, vectors.mean) == (1, 1, None)

@@ -6,15 +6,26 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from helpers.random_drives import drive, score_of
+from helpers.random_drives import drive, score_of, trajectory
 from helpers.score_rows import complete
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.calls import Calls, score_target
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.judge import judged, limits_of, overall_verdict, reasons_not_judged
-from sfr_loc_map.metrics.limits import PLACES, LimitPart, parse_limits
+from sfr_loc_map.metrics.judge import (
+    Shortfall,
+    judged,
+    judged_at_the_end,
+    limits_of,
+    overall_verdict,
+    reasons_not_judged,
+)
+from sfr_loc_map.metrics.limits import PLACES, LimitPart, Limits, parse_limits
 from sfr_loc_map.metrics.proof import BOUND
-from sfr_loc_map.metrics.score import FindingKind, FindingRecord, Score, figure_row
+from sfr_loc_map.metrics.score import Association, Details, FindingKind, FindingRecord, Score, figure_row
+from sfr_loc_map.metrics.score_json import from_json, to_json
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.report.score_tables import unit_of
 
 LIMIT = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 0.5}]}
 
@@ -101,7 +112,8 @@ def test_each_name_of_a_limit_finds_its_number() -> None:
             entry = {name: 0.5}
             content = {str(part): [{"condition": "distance=5", **entry}] if part is LimitPart.TRAJECTORY else entry}
             limits = parse_limits(content, "limits")
-            score = judged(Score(figures=(row, *complete())), limits)
+            of_poses = Association(matched=50, estimate_poses=50, truth_poses=50)
+            score = judged(Score(figures=(row, *complete()), association=of_poses), limits)
             verdict = score.verdicts[-1]
             assert verdict.value == 0.25, name
             assert (verdict.figure, verdict.statistic) == (limited.figure, statistic)
@@ -153,3 +165,64 @@ def test_malformed_limits_are_refused_in_one_line(content: dict[str, Any], words
     with pytest.raises(ConfigError, match=words) as caught:
         parse_limits(content, "limits.yaml")
     assert "\n" not in str(caught.value)
+
+
+def bounded() -> Limits:
+    entry = {"limit": 0.5, "prob": 0.8, "confidence": 0.8}
+    bounds = {"position_bound_m": entry, "chord_bound_m": entry}
+    return parse_limits({"trajectory": [{"condition": "distance=5", **bounds}]}, "limits")
+
+
+def test_a_bound_is_made_of_all_errors_with_plots_and_without(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The details for plots are thinned, or are left out as in a live report; no verdict depends on that."""
+    limits, config = bounded(), TrajectoryScoreConfig(conditions=("distance=5",), spacing=1)
+    truth, estimate = (trajectory(poses) for poses in drive(1, count=400))
+    made = []
+    for most, details in ((100_000, True), (100, True), (100, False)):
+        monkeypatch.setattr("sfr_loc_map.metrics.trajectory_score.DETAIL_ROWS", most)
+        scored = score_trajectory(Estimates.of(estimate), truth, config, details=details, bounded=limits.bounded)
+        score = Score(
+            figures=scored.figures,
+            association=scored.association,
+            errors=scored.errors,
+            details=Details(trajectory=scored.details),
+        )
+        made.append(judged(score, limits))
+    thinned = made[1].details
+    assert thinned is not None
+    assert thinned.trajectory is not None
+    assert thinned.trajectory.sub_trajectories[0].every > 1
+    for several in zip(*(score.verdicts for score in made), strict=True):
+        assert several[0].value is not None
+        assert several[0] == several[1] == several[2]
+    assert from_json(to_json(made[1])) == made[1]
+
+
+def test_a_verdict_on_what_contradicts_is_not_judged_but_a_crash_has_failed() -> None:
+    limits = parse_limits(LIMIT, "limits")
+    crash = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=None, text="signal 11")
+    score = replace(with_position(0.6), contradiction="its quaternions are conjugated", findings=(crash,))
+    assert [item.state for item in judged(score, limits).verdicts] == ["fail", "not judged"]
+    assert judged(score, limits).verdict == "fail"
+    assert judged(replace(score, findings=()), limits).verdict is None
+
+
+def test_what_a_live_run_misses_at_its_end_leaves_no_pass() -> None:
+    score = judged_at_the_end(judged(with_position(0.4), parse_limits(LIMIT, "limits")), "3 pairs have no answer")
+    assert [score.verdict, *(item.state for item in score.verdicts)] == ["incomplete", "incomplete"]
+    partial = judged(with_position(0.4), parse_limits(LIMIT, "limits"), partial=True)
+    assert judged_at_the_end(partial, "3 pairs") == partial
+
+
+def test_the_margin_of_what_is_missed_is_negative() -> None:
+    short = Shortfall("drive", "judged", 1.0, 0.8, "").verdict
+    assert (short.name, short.margin) == ("judged_share_min", pytest.approx(-0.2))
+    restarts = Shortfall("live", "restarts", 0.0, 3.0, "").verdict
+    assert (restarts.name, restarts.margin, unit_of(restarts).symbol) == ("restarts_max", -3.0, "")
+
+
+def test_an_unknown_fraction_of_calls_is_the_worst() -> None:
+    limits = parse_limits({"completeness": {"calls_other_max_share": 0.1}}, "limits")
+    values = {"mapping": 0.0, "fusion": None}
+    rows = tuple(figure_row("calls_other", part=kind, n=5, value=value) for kind, value in values.items())
+    assert [item.state for item in judged(Score(figures=rows), limits).verdicts] == ["not enough data"]

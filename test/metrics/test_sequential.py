@@ -47,10 +47,29 @@ def test_the_risks_are_kept_and_drives_are_saved() -> None:
 
 def test_drives_are_judged_after_each_of_them() -> None:
     terms = Terms(0.95, 0.95, Interpretation.ENSEMBLE, good=0.01, power=0.9)
-    drives = [[Sample(np.full((5, 3), 0.01), 1.0)]] * 80
+    drives = {str(number): [Sample(np.full((5, 3), 0.01), 1.0)] for number in range(80)}
     passed = prove(terms, 0.1, drives)
     assert (passed.state, passed.record.independent) == ("pass", TEST.more_without_failure(0, 0))
-    open_yet = prove(terms, 0.1, drives[:60])
+    open_yet = prove(terms, 0.1, dict(list(drives.items())[:60]))
     assert (open_yet.state, open_yet.record.more) == ("not enough data", 13)
     failed = prove(terms, 0.001, drives)
     assert (failed.state, failed.record.independent) == ("fail", 2)
+
+
+@pytest.mark.parametrize("interpretation", [*Interpretation])
+def test_an_unknown_error_proves_nothing(interpretation: Interpretation) -> None:
+    good = None if interpretation is Interpretation.TEMPORAL else 0.01
+    terms = Terms(0.9, 0.9, interpretation, good=good, power=0.9)
+    known = {str(number): [Sample(np.full((5, 1), 0.01), 5.0)] for number in range(99)}
+    unknown = {name: [Sample(np.full((5, 1), np.nan), 5.0)] for name in known}
+    for drives in (unknown, {**known, "one": [Sample(np.array([[0.01], [np.nan]]), 2.0)]}):
+        found = prove(terms, 0.1, drives)
+        assert (found.state, found.bound) == ("not enough data", None)
+
+
+def test_the_order_of_drives_draws_no_other_errors() -> None:
+    rng = np.random.default_rng(1)
+    drives = {str(number): [Sample(rng.random((50, 3)), 50.0)] for number in range(30)}
+    terms = Terms(0.9, 0.9, Interpretation.MIXED)
+    reverse = dict(reversed(drives.items()))
+    assert prove(terms, 1.0, drives).bound == prove(terms, 1.0, reverse).bound

@@ -25,7 +25,8 @@ def named(truth: str = "drives/crater/loc/groundtruth.csv", **settings: object) 
 
 
 def verdict(value: float | None, limit: float, state: VerdictState, name: str = "position_mean_m") -> Verdict:
-    return Verdict(name=name, limit=limit, value=value, state=state, n=7, condition="distance=5")
+    figure = name.partition("_")[0]
+    return Verdict(name=name, figure=figure, limit=limit, value=value, state=state, n=7, condition="distance=5")
 
 
 def test_missed_limits_come_first_the_worst_before_the_others() -> None:

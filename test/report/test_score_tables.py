@@ -35,8 +35,8 @@ def small() -> Score:
     )  # fmt: skip
     verdicts = (
         limited,
-        Verdict(name="localisation_peak_bytes", limit=1048576, value=524288000, state=VerdictState.FAIL),
-        Verdict(name="coverage_min", limit=0.8, value=None, state=VerdictState.NOT_ENOUGH_DATA),
+        Verdict(name="localisation_peak_bytes", figure="peak", limit=1048576, value=524288000, state=VerdictState.FAIL),
+        Verdict(name="coverage_min", figure="coverage", limit=0.8, value=None, state=VerdictState.NOT_ENOUGH_DATA),
     )
     of_poses = Association(matched=31, estimate_poses=31, truth_poses=31)
     return Score(figures=(position, attitude, heading), verdicts=verdicts, association=of_poses)
@@ -56,7 +56,7 @@ def test_headline_and_verdicts_by_hand() -> None:
         "pass", "position mean + 3 sigma over 5 m", "mm", "18.35", "≤ 20", "1.654", "15 to 25", "31", "no",
     ]  # fmt: skip
     assert judged[1][1:5] == ["localisation peak", "MiB", "500", "≤ 1"]
-    assert judged[2][1:5] == ["map coverage", "share", "not enough data", "≥ 0.8"]
+    assert judged[2][1:5] == ["map coverage", "%", "not enough data", "≥ 80"]
 
 
 def test_every_row_of_the_score_is_in_a_table_and_an_unknown_one_in_the_last() -> None:

@@ -13,12 +13,12 @@ from helpers.cli_result import Sfr
 from helpers.made_scores import HOSTILE, calls, dig, half, json_of, of_drive, of_map, whole_score
 from sfr_loc_map.metrics.calls import score_target
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.judge import common_verdict, each_by_its_limits, judged
+from sfr_loc_map.metrics.judge import common_verdict, each_by_its_limits, judged, judged_again
 from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord, Score, Verdict
-from sfr_loc_map.report.page import load_score
+from sfr_loc_map.report.page import load_score, overall_of
 from sfr_loc_map.report.score_tables import score_tables, table_of
-from sfr_loc_map.report.test_report import CLAUSES, clause_of_limit, junit, render_test_report
+from sfr_loc_map.report.test_report import CLAUSES, clause_of_limit, clauses_used, junit, render_test_report
 
 COMMANDS = ("sfr score estimate.csv data", "sfr score cloud.ply data", "sfr score target data")
 TEN: dict[str, Any] = {
@@ -119,11 +119,17 @@ def test_every_limit_has_a_clause_of_the_list_or_none() -> None:
 def test_junit_says_every_state_in_its_own_word() -> None:
     """pass: nothing; fail: failure; not enough data: skipped; incomplete, and what contradicts: error."""
     made = scores()
-    made.append(replace(made[0], contradiction="the quaternions are written the other way round"))
+    made.append(judged_again(replace(made[0], contradiction="the quaternions are written the other way round")))
     part = junit({"part": judged(replace(made[2], association=replace(made[2].association, incomplete="half")), None)})
     assert [case.find("error") is not None for case in ET.fromstring(part).iter("testcase")] == [True]
     root = ET.fromstring(junit({str(n): score for n, score in enumerate(made)}))
-    words = {"pass": None, "fail": "failure", "not enough data": "skipped", "incomplete": "error"}
+    words = {
+        "pass": None,
+        "fail": "failure",
+        "not enough data": "skipped",
+        "incomplete": "error",
+        "not judged": "error",
+    }
     for score, suite in zip(made, root.iter("testsuite"), strict=True):
         cases = suite.findall("testcase")
         assert int(suite.attrib["tests"]) == len(cases) == len(score.verdicts)
@@ -132,13 +138,13 @@ def test_junit_says_every_state_in_its_own_word() -> None:
             assert count == int(suite.attrib["skipped" if word == "skipped" else f"{word}s"])
         for item, case in zip(score.verdicts, cases, strict=True):
             said = [child.tag for child in case if child.tag != "properties"]
-            expected = "error" if score.contradiction else words[item.state]
+            expected = words[item.state]
             assert said == ([expected] if expected else [])
             properties = {each.attrib["name"]: each.attrib["value"] for each in case.iter("property")}
             assert float(properties["limit"]) == item.limit
             assert properties.get("id") == item.id
     states = {item.state for score in made for item in score.verdicts}
-    assert len(states) == 4
+    assert len(states) == 5
 
 
 def test_a_verdict_that_depends_on_the_reading_is_named() -> None:
@@ -191,3 +197,20 @@ def test_several_items_under_test_have_no_common_pass() -> None:
     for several, heading in (([ours, ours], "PASS"), ([ours, theirs], "NO COMMON VERDICT"), ([ours, met], "NO COMMON")):
         assert f"<strong>{heading}" in render_test_report(several)
     assert common_verdict([ours, judged(half(of_drive(whole_score())), loose)]).state == "incomplete"
+
+
+def test_a_report_lists_the_clauses_of_its_limits_alone() -> None:
+    memory = judged(whole_score(), parse_limits({"memory": {"localisation_peak_bytes": 2e9}}, "test"))
+    assert clauses_used([memory]) == ["4.2.2"]
+    content = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 1.0}]}
+    of_position = judged(whole_score(), parse_limits(content, "test"))
+    assert clauses_used([of_position]) == ["4.1.1", "4.1.2", "4.1.3", "4.2.3.1"]
+
+
+def test_the_banner_counts_every_limit() -> None:
+    part = scores()[2]
+    many = len(part.on_limits)
+    assert f" of {many} limits met" in overall_of(part).text
+    incomplete = sum(item.state is VerdictState.INCOMPLETE for item in part.on_limits)
+    assert incomplete
+    assert f"{incomplete} on incomplete data" in overall_of(part).text
