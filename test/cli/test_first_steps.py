@@ -13,7 +13,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.limits import NAMES, load_limits
 
-TUM = "".join(f"{k} {k} 0 0 0 0 0 1\n" for k in range(40))
+TUM = "".join(f"{k} {k} 0 0 0 0 0 1\n" for k in range(60))
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from sfr_loc_map.report.page import load_score
 
-_OVER_1_M = "minimum_count: 2\ntrajectory:\n  - {condition: distance=1, %s: 0.05}\n"
+_OVER_1_M = "minimum_count: 2\nminimum_independent: 2\ntrajectory:\n  - {condition: distance=1, %s: 0.05}\n"
 LIMITS = {
     "position": _OVER_1_M % "position_mean_plus_3sigma_m",
     "chord": _OVER_1_M % "chord_mean_plus_3sigma_m",
