@@ -287,6 +287,8 @@ class _BoundedLoader(yaml.SafeLoader):
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
         if len(node.value) > 4 * MAX_DIGITS:
             raise yaml.YAMLError(f"an integer of {len(node.value)} digits")
+        if node.value.lstrip("+-").isdecimal():  # `030` is 30 in YAML 1.2, 24 in 1.1
+            return int(node.value)
         return int(super().construct_yaml_int(node))
 
 

@@ -1,8 +1,9 @@
-"""Change one place of the metrics or the geometry at a time and see that a test fails: `make mutants`.
+"""Change one place of the metrics, the geometry or the measuring of methods at a time: `make mutants`.
 
 Each mutation is a change of meaning that a reviewer would call a defect: a sign, n for n - 1, an axis, an order,
-degrees for radians, a boundary of a condition, a range's bound, the pixel of a truth. The tests are `pytest
-test/metrics test/geometry` in a copy of the sources. A mutation that no test fails for survives: exit code 1.
+degrees for radians, a boundary of a condition, a range's bound, the pixel of a truth, a part that is not expected. The
+tests are those of `GROUPS`, of methods those of `OF_METHODS` before them, in a copy of the sources. A mutation that no
+test fails for survives: exit code 1.
 """
 
 from __future__ import annotations
@@ -36,6 +37,8 @@ COPIED = (
 )
 GROUPS = (("test/metrics",), ("test/geometry",), ("test/scoring/test_incomplete_everywhere.py",))
 """The tests."""
+OF_METHODS = ("test/methods/test_loop.py", "test/methods/test_measured_outside.py")
+"""The tests of how methods are shown pairs and measured."""
 LIBRARIES = ("hypothesis", "msgspec", "numba", "numpy", "scipy.spatial.transform", "scipy.stats", "yaml")
 """What is loaded once for all mutations."""
 
@@ -212,6 +215,68 @@ MUTATIONS = (
     Mutation("metrics/score.py", "if row.part in ((reading, POOLED) if is_of_pieces else (None,)):", "if True:"),
     Mutation("metrics/association.py", "is_enough = MATCHES_PER_STAMP *", "is_enough = 1 *"),
     Mutation("metrics/aligned_error.py", "np.array([1.0, 1.0, np.sign(", "np.array([1.0, 1.0, abs("),
+    # limits, their files
+    Mutation("metrics/limits.py", 'not 0 <= bound < float("inf")', 'not 0 <= bound <= float("inf")'),
+    Mutation("metrics/limits.py", "if key in SHARES and bound > 1:", "if key in SHARES and bound > 100:"),
+    Mutation("metrics/limits.py", "not 1 <= independent < 1e9", "not 0 <= independent < 1e9"),
+    Mutation("metrics/limits.py", "MINIMUM_INDEPENDENT = 5.0", "MINIMUM_INDEPENDENT = 4.0"),
+    Mutation("metrics/limits.py", "entry = {**of_all, **entry}", "entry = {**entry, **of_all}"),
+    Mutation("metrics/limits.py", "minimum, float(independent))", "minimum)"),
+    Mutation("metrics/limits.py", "return names[self.key].of_target()", "return names[self.key]"),
+    # completeness of a drive, a map, calls, a live run
+    Mutation("metrics/completeness.py", "np.count_nonzero(has_estimate & has_truth)", "np.count_nonzero(has_estimate)"),
+    Mutation("metrics/completeness.py", "DOUBLED_SHARE = 0.1 ", "DOUBLED_SHARE = 0.6 "),
+    Mutation("metrics/completeness.py", "stamps_ns.max() - in_flight_ns", "stamps_ns.max() - 2 * in_flight_ns"),
+    Mutation("metrics/completeness.py", "max(expected_pairs - mapped, 0), expected_pairs", "0, expected_pairs"),
+    Mutation("metrics/completeness.py", "max(bare, default=None)", "min(bare, default=None)"),
+    Mutation("metrics/completeness.py", "not_finite, points + not_finite)", "not_finite, points)"),
+    Mutation("metrics/completeness.py", "np.isfinite(measured)", "~np.isinf(measured)"),
+    Mutation("metrics/completeness.py", "counts[~is_of_drive].sum()", "(~is_of_drive).sum()"),
+    Mutation("metrics/completeness.py", "(counts - 1).sum()", "(counts - 2).sum()"),
+    Mutation("metrics/completeness.py", "share_of(many - judged, many)", "share_of(max(many - len(unique), 0), many)"),
+    Mutation("metrics/completeness.py", "judged, many = min(judged, 1), 1", "judged, many = 1, 1"),
+    Mutation("metrics/completeness.py", "received, received + dropped)", "received, received)"),
+    # calls
+    Mutation("metrics/calls.py", "known <= period_s", "known < period_s"),
+    Mutation("metrics/calls.py", "float(np.mean(known)) / period_s", "float(np.median(known)) / period_s"),
+    Mutation("metrics/calls.py", "float(np.median(apart_s))", "float(np.mean(apart_s))"),
+    Mutation("metrics/calls.py", "np.isin(estimate_ns, localised).mean()", "np.isin(localised, estimate_ns).mean()"),
+    Mutation("metrics/calls.py", "(self._clock_ns() - begin) * 1e-9", "(self._clock_ns() - begin) * 0.5e-9"),
+    Mutation("metrics/calls.py", "usage.peak_rss_bytes - self._idle, 0)", "usage.peak_rss_bytes, 0)"),
+    Mutation("metrics/calls.py", "if is_time or is_memory else row", "if is_memory else row"),
+    # the judge
+    Mutation("metrics/judge.py", '{"missing": 0.0, "images', '{"missing": 0.01, "images'),
+    Mutation("metrics/judge.py", '"images_without_truth": 0.0', '"images_without_truth": 0.01'),
+    Mutation("metrics/judge.py", '"points_not_finite": 0.0', '"points_not_finite": 0.5'),
+    Mutation("metrics/judge.py", '"pixels_without_point": 0.5', '"pixels_without_point": 0.99'),
+    Mutation(
+        "metrics/judge.py", '"calls_other": 0.0, "calls_doubled": 0.0', '"calls_other": 0.0, "calls_doubled": 0.1'
+    ),
+    Mutation("metrics/judge.py", 'figure not in ("calls_other", "calls_doubled")', 'figure != "calls_other"'),
+    Mutation("metrics/judge.py", "if len(items) > 1:", "if len(items) > 2:"),
+    Mutation("metrics/judge.py", "if None in items:", "if items == {None, 0}:"),
+    Mutation("metrics/judge.py", "(figure.independent or 0.0) >= limits", "(figure.independent or 0.0) > limits"),
+    Mutation("metrics/judge.py", "<= figure.truth_error:", "<= 0.1 * figure.truth_error:"),
+    Mutation("metrics/judge.py", '{"mean_plus_3sigma": 3.0, "max"', '{"mean_plus_3sigma": 1.0, "max"'),
+    Mutation("metrics/judge.py", "score.rules.sha256 != hash_of(score.rules)", "not score.rules.sha256"),
+    Mutation("metrics/judge.py", "expected = abs(row.mean) + 3.0 * row.sigma", "expected = row.mean_plus_3sigma"),
+    Mutation("metrics/judge.py", "if mine != theirs and not _is_near(mine, theirs):", "if False:"),
+    Mutation("metrics/judge.py", "key=lambda item: item.value or 0.0,", "key=lambda item: -(item.value or 0.0),"),
+    Mutation("metrics/judge.py", "if score.failures:", "if score.failures and score.rules:"),
+    Mutation("metrics/judge.py", "interval[0] <= limit.limit < interval[1]", "interval[0] <= limit.limit"),
+    # methods: what is shown to them, what a call takes
+    Mutation(
+        "methods/workers/loop.py",
+        "seconds = time.perf_counter() - begin",
+        "seconds = 0.5 * (time.perf_counter() - begin)",
+    ),
+    Mutation("methods/workers/loop.py", "np.array(images[: len(", "np.asarray(images[: len("),
+    Mutation("methods/workers/loop.py", 'return {"fault": "raised", "text": raised}', "pass"),
+    Mutation("methods/workers/loop.py", '"set" in order else images[0]', '"set" not in order else images[0]'),
+    Mutation("methods/workers/loop.py", 'order.get("set", [order])', "[order]"),
+    Mutation("methods/method_process.py", "abs(measured_s - stated_s) > max(", "measured_s - stated_s > max("),
+    Mutation("methods/method_process.py", "seconds = time.monotonic() - begin_s", "seconds = float(answer['seconds'])"),
+    Mutation("methods/method_process.py", "now.processes > 1 or self._is_mark_set_back", "now.processes > 1"),
     # geometry
     Mutation("geometry/rotation.py", "aw * bx + ax * bw + ay * bz - az * by", "aw * bx + ax * bw - ay * bz + az * by"),
     Mutation("geometry/rotation.py", "np.abs(quat[..., 3])", "quat[..., 3]"),
@@ -264,6 +329,8 @@ def fails(folder: Path, tests: Sequence[str], marks: str) -> bool:
 def nearest_tests(path: str) -> tuple[str, ...]:
     """Return the test modules that are named after a module; they run first, because they fail first."""
     module = Path(path)
+    if module.parts[0] == "methods":
+        return OF_METHODS
     found = sorted((ROOT / "test" / module.parent).glob(f"test_*{module.stem}*.py"))
     return tuple(str(each.relative_to(ROOT)) for each in found)
 

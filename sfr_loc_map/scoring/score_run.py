@@ -641,6 +641,7 @@ def load_run(
         true = replace(true, trajectory=given.applied(true.trajectory, read_from=true.text))
     elif place is not None and place.is_file() and not is_bag(place):
         true = replace(true, trajectory=possible_truth(true.trajectory, f"of '{place}'")[1])
+    refuse_copy(inputs, estimates.trajectory, true.trajectory)
     notes = tuple(item.text for item in (found, true) if item.is_announced)
     run = _with_nav_stamps(run, opened)
     rig, images = None, None
@@ -649,6 +650,19 @@ def load_run(
         with suppress(InputError):  # it has no whole pair
             images = np.asarray(loc.stamps_ns, np.int64)
     return replace(run, drive=ScoredDrive(estimates, true.trajectory, rig, images, notes))
+
+
+def refuse_copy(inputs: ScoreInputs, estimate: Trajectory, truth: Trajectory) -> None:
+    """Raise MetricsError where limits would judge true poses: each is equal bit by bit, as no measurement is."""
+    rows = np.searchsorted(truth.stamps_ns, estimate.stamps_ns)
+    if inputs.limits is None or len(estimate) < 2 or not len(truth) or rows.max() >= len(truth):
+        return
+    names = ("stamps_ns", "positions", "quats_xyzw")
+    if all(np.array_equal(getattr(estimate, name), getattr(truth, name)[rows]) for name in names):
+        raise MetricsError(
+            f"the estimate '{inputs.estimate}' is equal to the ground truth bit by bit. Limits judge an estimate of "
+            "the item under test: give its estimate"
+        )
 
 
 def _with_nav_stamps(run: Run, source: Source | None) -> Run:

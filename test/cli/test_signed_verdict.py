@@ -10,19 +10,22 @@ import statistics
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import yaml
 from scipy.spatial.transform import Rotation
 
 from helpers import score_rows
 from helpers.cli_result import Result, Sfr
 from helpers.made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair
+from helpers.made_suites import made_suite
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
 from sfr_loc_map.io.folder import FolderWriter
-from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.io.trajectory_file import read_trajectory_file, save_trajectory
 
 COUNT, PERIOD_NS, STEP_M = 401, 100_000_000, 0.15
 SKY_ROWS = 30  #: Uppermost rows of the made mapping pairs that see no surface.
@@ -586,3 +589,148 @@ def test_deviations_are_found_by_comparison_with_the_document(judge: Judge) -> N
         "<th>Independent</th>",
     ):
         assert said in text, said
+
+
+# ---- rows of an audit, each as its command
+
+
+LONG = 101  #: Images of the long drive, 15 m.
+
+
+@pytest.fixture(scope="module")
+def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drive of 101 images whose ground truth ends after half of them, and one with the truth of all."""
+    folder = tmp_path_factory.mktemp("images")
+    for name, known in (("half", LONG // 2), ("all", LONG)):
+        with FolderWriter(folder / name, loc=True, nav=False) as writer:
+            writer.write_loc_rig(LOC_RIG)
+            for index in range(LONG):
+                pair = replace(loc_pair(0), stamp_ns=loc_pair(index).stamp_ns)
+                if index < known:
+                    writer.write_truth(pair.stamp_ns, np.array([STEP_M * index, 0.0, 0.0]), np.array([0, 0, 0, 1.0]))
+                writer.write_loc_pair(pair)
+    return folder
+
+
+@pytest.fixture
+def localised() -> Trajectory:
+    """An estimate of each image of the long drive that errs by millimetres."""
+    stamps = np.array([loc_pair(index).stamp_ns for index in range(LONG)], np.int64)
+    noise = np.cumsum(np.random.default_rng(2).normal(0.0, 0.002, (LONG, 3)), axis=0)
+    positions = noise + np.outer(STEP_M * np.arange(LONG), [1.0, 0.0, 0.0])
+    return Trajectory(stamps, positions, np.tile([0.0, 0.0, 0.0, 1.0], (LONG, 1)))
+
+
+ONE_M = "trajectory:\n- condition: distance=1\n  position_mean_plus_3sigma_m: 1\n"
+
+
+def test_images_are_judged_only_where_there_is_a_truth(judge: Judge, images: Path, localised: Trajectory) -> None:
+    """Row 112: the truth ends after half of the images."""
+    for name, code, verdict in (("half", 3, "incomplete"), ("all", 0, "pass")):
+        estimate = judge.poses("estimate.csv", localised)
+        report = judge.folder / "of_images.json"
+        report.unlink(missing_ok=True)
+        limits = judge.limits(ONE_M)
+        result = judge.sfr("score", estimate, images / name, "--limits", limits, "--json", report)
+        score = json.loads(report.read_text())
+        assert (result.code, score["verdict"]) == (code, verdict), result.err
+        without = score_rows.number(score, "images_without_truth")
+        assert without == (pytest.approx(0.5, abs=0.01) if code else 0.0)
+
+
+@pytest.mark.parametrize("every", [5, 6])
+def test_chosen_poses_are_not_the_images(judge: Judge, images: Path, localised: Trajectory, every: int) -> None:
+    """Row 119: 16 or 20 poses of all, at a period of their own."""
+    estimate = judge.poses("estimate.csv", rows_of(localised, slice(None, None, every)))
+    result = judge.sfr("score", estimate, images / "all", "--limits", judge.limits(FEW + ONE_M))
+    assert result.code == 3
+    assert "% of the images" in result.err
+
+
+@pytest.mark.clause("4.2.1")
+@pytest.mark.parametrize(
+    ("rows", "code"),
+    [
+        (lambda stamps: stamps, 0),
+        (lambda stamps: stamps[:2], 3),
+        (lambda stamps: stamps + 10**12, 3),
+        (lambda stamps: np.append(stamps, np.repeat(stamps[:1], 2000)), 3),
+    ],
+    ids=["each image", "two images", "another run", "one image 2,001 times"],
+)
+def test_calls_are_those_of_the_images(judge: Judge, images: Path, localised: Trajectory, rows: Any, code: int) -> None:
+    """Row 117: times of 2 of all calls, of another run, of one call many times."""
+    estimate, calls = judge.poses("estimate.csv", localised), judge.calls(rows(localised.stamps_ns))
+    limits = judge.limits("timing: {localisation_p95_s: 1}\n")
+    assert judge.sfr("score", estimate, images / "all", "--stats", calls, "--limits", limits).code == code
+
+
+@pytest.mark.clause("4.3.4")
+@pytest.mark.parametrize("way", ["complete", "sky", "two points", "one pair", "not finite"])
+def test_a_map_is_complete_before_it_passes(judge: Judge, source: Path, cloud: Path, way: str) -> None:
+    """Row 118: points named on sky pixels, two points in all, an empty pair, points that are not finite."""
+    given = load_cloud(cloud).cloud
+    assert given is not None
+    on_surface = given.v >= SKY_ROWS
+    kept = on_surface | (way == "sky")
+    if way == "two points":
+        kept = np.isin(np.arange(len(kept)), np.flatnonzero(on_surface)[[0, -1]])
+    if way == "one pair":
+        kept = on_surface & (given.pair == 0)
+    xyz = given.xyz[kept].copy()
+    if way == "not finite":
+        xyz[::10] = np.nan
+    columns = (getattr(given, name)[kept] for name in ("sigma", "intensity", "u", "v", "pair"))
+    save_cloud(cloud, PointCloud(xyz, *columns, fused=False))
+    report = judge.folder / "map.json"
+    limits = judge.limits("map: {point_error_p95_m: 10}\n")
+    result = judge.sfr("score", cloud, source, "--limits", limits, "--json", report)
+    expected = (0, "pass") if way == "complete" else (3, "incomplete")
+    assert (result.code, json.loads(report.read_text())["verdict"]) == expected, result.err
+
+
+def test_the_ground_truth_is_not_judged_as_its_own_estimate(judge: Judge) -> None:
+    """Row 121: the estimate is the truth file, or poses copied from it."""
+    for copied in (judge.truth, rows_of(judge.truth, slice(None, None, 2))):
+        result, score = judge(limits=SUM + "1\n", estimate=copied)
+        assert (result.code, score) == (2, {})
+        assert result.err.count("\n") == 1
+        assert "equal to the ground truth bit by bit" in result.err
+    assert judge(estimate=judge.truth)[0].code == 0  # without limits there is no verdict
+
+
+def test_an_exit_code_is_the_verdict_and_a_limit_the_number_that_is_written(judge: Judge) -> None:
+    """Row 123: the exit code of `sfr report`, the class of a test case, a number with a zero before it."""
+    text = "timing: {localisation_max_s: 030}\ntrajectory:\n- condition: distance=5\n  position_mean_plus_3sigma_m: 0\n"
+    result, score = judge("--stats", judge.calls(judge.estimate.stamps_ns), limits=text)
+    assert result.code == 1
+    assert [item["limit"] for item in score["verdicts"]] == [0.0, 30.0]
+    path, junit = judge.folder / "score.json", judge.folder / "score.xml"
+    assert judge.sfr("report", path, "--test-report", judge.folder / "t.html", "--junit", junit).code == 1
+    classes = [case.attrib["classname"] for case in ElementTree.parse(junit).iter("testcase")]
+    assert classes == ["sfr.4.2.3.1", "sfr.no_clause"]  # the document requires times on the target
+
+
+@pytest.mark.slow
+def test_a_suite_judges_every_planned_drive(sfr: Sfr, tmp_path: Path) -> None:
+    """Row 113: a short drive with one bad sub-trajectory and one with none are not left out of the pool."""
+    limits = {"trajectory": [{"condition": "distance=1", "position_mean_plus_3sigma_m": 0.5}], "minimum_independent": 2}
+    suite = made_suite(tmp_path / "suite", 1, poses=101, limits=limits)
+    content = yaml.safe_load(suite.read_text())
+    good = tmp_path / "suite" / "truth.csv"
+    rows = good.read_text().splitlines(keepends=True)
+    for name, count in (("one", 14), ("none", 8)):
+        (tmp_path / "suite" / f"truth_{name}.csv").write_text("".join(rows[:count]))
+        true = read_trajectory_file(tmp_path / "suite" / f"truth_{name}.csv").trajectory
+        bad = replace(true, positions=1.9 * true.positions)
+        save_trajectory(tmp_path / "suite" / f"drive_{name}.csv", bad)
+    codes = {}
+    for name in ("good", "one", "none"):
+        added = [] if name == "good" else [{"estimate": f"drive_{name}.csv", "truth": f"truth_{name}.csv"}]
+        suite.write_text(yaml.safe_dump({**content, "sources": [*content["sources"], *added]}))
+        done = sfr("suite", "run", suite, "--out", tmp_path / name, "--json", "-")
+        codes[name] = done.code, json.loads(done.out)["verdict"]
+    assert codes["good"] == (0, "pass")
+    assert codes["one"][1] in ("fail", "not enough data", "incomplete")
+    assert codes["none"] == (3, codes["none"][1])
+    assert codes["none"][1] in ("not enough data", "incomplete")

@@ -2,6 +2,7 @@
 
 import json
 import math
+import subprocess
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -18,6 +19,7 @@ from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Float64, String
 
 from helpers.made_scene import PERIOD_NS, START_NS
+from helpers.made_suites import SFR
 from helpers.node_scenes import params, raw
 from helpers.peers import Capture, LocalNode, Manager
 from helpers.score_rows import row, rows_about
@@ -84,6 +86,36 @@ def test_the_monitor_scores_what_it_receives(ros: None, capfd: Capture, tmp_path
         assert list(saved["provenance"]["configuration"]) == ["monitor"]
         assert peer.call("monitor_node/reset").success
         peer.until(lambda: not association_of(report), "the reset")
+
+
+def test_half_of_the_estimates_are_incomplete_up_to_the_signed_report(
+    ros: None, capfd: Capture, tmp_path: Path
+) -> None:
+    save, limits, junit = (tmp_path / name for name in ("score.json", "limits.yaml", "score.xml"))
+    limits.write_text(
+        "minimum_independent: 2\ntrajectory:\n - condition: frames=5\n   position_mean_plus_3sigma_m: 1\n",
+        encoding="utf-8",
+    )
+    arguments = params(f"save_file:={save}", f"limits_file:={limits}", "publish_period_s:=0.1")
+    arguments += params("score.trajectory.conditions:=['frames=5']", "score.trajectory.spacing:=5")
+    with Manager("monitor_node") as peer, LocalNode(peer, capfd, MonitorNode, *arguments):
+        report = peer.listen(String, "metrics/report", latched=True)
+        for index in range(61):
+            for topic, stretch in (("ground_truth/odometry", 1.0), ("localisation/odometry", 1.01)):
+                if topic.startswith("ground") or index < 30:
+                    position = np.array([0.1 * index * stretch, 0.0, 0.0])
+                    message = bag_messages.odometry(START_NS + index * PERIOD_NS, position, NO_TURN)
+                    peer.publish(Odometry, topic, raw(message))
+        peer.until(lambda: association_of(report).get("matched") == 30, "the report")
+        assert peer.call("monitor_node/save").success
+    saved = json.loads(save.read_text())
+    assert saved["verdict"] == "incomplete"
+    assert row(saved, "judged")["value"] < 0.5
+    signed = tmp_path / "signed.html"
+    command = [*SFR, "report", str(save), "--test-report", str(signed), "--junit", str(junit)]
+    assert subprocess.run(command, check=False, stdout=subprocess.DEVNULL).returncode == 3
+    assert "<strong>INCOMPLETE</strong>" in signed.read_text()
+    assert "<error" in junit.read_text()
 
 
 @pytest.mark.parametrize("topic", ["ground_truth/odometry", "localisation/odometry"])
