@@ -14,7 +14,7 @@ from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.extrinsics import COULD_BE
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, SIDES
-from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, Bag, Topic, read_frames
+from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, Bag, Topic, read_frame_tree
 from sfr_loc_map.io.bag_sequence import image_name
 from sfr_loc_map.io.image_codec import claimed_size
 from sfr_loc_map.io.registry import format_of, open_source
@@ -139,7 +139,7 @@ def _calibration(found: Proposal, bag: Bag) -> None:
         return
     left, right = (there[f"loc/{side}/camera_info"] for side in SIDES)
     if right.p[3] == 0 and left.p[3] == 0:
-        joined = read_frames(bag).find(left.header.frame_id.strip("/"), right.header.frame_id.strip("/"))
+        joined = read_frame_tree(bag).find(left.header.frame_id.strip("/"), right.header.frame_id.strip("/"))
         if joined is None:
             found.missing.append("P[3] of the right camera_info is 0: give --set calibration.baseline_m=METRES")
         else:

@@ -258,7 +258,7 @@ def read_trajectory(bag: Bag, name: str) -> Trajectory | None:
     return trajectory if len(trajectory) else None
 
 
-def read_frames(bag: Bag) -> FrameTree:
+def read_frame_tree(bag: Bag) -> FrameTree:
     """Return the frames that `/tf_static` joins; none where it is not there."""
     frames, topic = FrameTree(), bag.find("tf_static", TF)
     for _, _, message in () if topic is None else bag.messages([topic]):
@@ -271,7 +271,7 @@ def read_frames(bag: Bag) -> FrameTree:
 
 def read_extrinsics(bag: Bag, camera_frame: str, baseline_m: float, base_frame: str = "") -> RigInBody | None:
     """Return the pose of the rig by /tf_static, else by a recorded localisation node's parameters, or None."""
-    if (found := rig_in_body(read_frames(bag), camera_frame, baseline_m, base_frame)) is not None:
+    if (found := rig_in_body(read_frame_tree(bag), camera_frame, baseline_m, base_frame)) is not None:
         return RigInBody(found.T_rb_sb, f"/tf_static, {found.text}")
     names = [name for name in bag.matches(CONFIGURATION) if bag.topics[name] == STRING]
     if len(names) != 1:  # none, or of several rovers

@@ -146,11 +146,6 @@ def read_samples(path: Path) -> Samples:
         raise InputError(f"image '{path}': {error}") from error
 
 
-def decode_grey(data: bytes | NDArray[np.uint8]) -> GreyImage:
-    """Decode PNG, JPEG, PGM or PPM to 8-bit grey `(H, W)`; PNG checksums are verified, broken JPEG streams refused."""
-    return decoded(bytes(data)).grey()
-
-
 def decoded(raw: bytes) -> Samples:
     """Decode PNG, JPEG, PGM or PPM; PNG checksums are verified, broken JPEG streams refused."""
     size = claimed_size(raw)
@@ -206,11 +201,6 @@ def _decoded_pixel_bytes(data: bytes) -> int:
     if data.startswith(PNG_MAGIC):
         return (2 if data[24:25] == b"\x10" else 1) * (1 if data[25:26] == b"\0" else 4)  # depth, kind of colour
     return 1 if data.startswith((JPEG_MAGIC, b"P2", b"P5")) else 4  # 8-bit grey, rarely 16 bits
-
-
-def image_from_message(message: Any) -> GreyImage:  # noqa: ANN401 - a message of any library
-    """Return a sensor_msgs/Image or sensor_msgs/CompressedImage (JPEG or PNG) as 8-bit grey `(H, W)`."""
-    return samples_of(message).grey()
 
 
 def samples_of(message: Any) -> Samples:  # noqa: ANN401 - a message of any library

@@ -19,6 +19,7 @@ from sfr_loc_map.metrics.score import MethodKind, MethodRecord
 
 WORKERS = Path(__file__).parent / "workers"
 OURS, EXTERNAL = "sfr", "external"
+OURS_IN_TABLES = "ours"  #: Name of our method in the tables and files of a comparison.
 LIBRARY_PREFIX = "lib:"
 CLASS_WORKER, LIBRARY_WORKER = "python_class.py", "c_library.py"
 HEADER = "sfr_candidate.h"

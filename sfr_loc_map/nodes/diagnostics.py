@@ -53,7 +53,7 @@ DROPS = {
     "dropped_without_camera_info": "came without a usable camera_info",
     "dropped_without_pose": "had no nav/pose of their stamp",
 }
-"""What is logged of counts that grow."""
+"""What is logged and reported of counts that grow, after the word "messages"."""
 OFFSETS = {
     "vertical_offset_px": (0.3, "vertical disparity of more than {:g} px"),
     "roll_offset_px": (0.5, "vertical disparity grows by more than {:g} px over the focal length"),
@@ -217,7 +217,8 @@ class StatusReporter:
             found.append((Level.STALE, f"nothing came for more than {config.stale_after_s:g} s"))
         if self._last_call is not None and self._last_call[0] is not Level.OK:
             found.append(self._last_call)
-        found += [(Level.WARN, name) for name, at in self._drops.items() if now - at <= config.window_s]
+        recent = [name for name, at in self._drops.items() if now - at <= config.window_s]
+        found += [(Level.WARN, f"messages {DROPS.get(name, 'were dropped')} ({name})") for name in recent]
         for limit, text in (OFFSETS[name] for name, offset in self._offsets.items() if abs(offset) > OFFSETS[name][0]):
             found.append((Level.WARN, text.format(limit) + ": check the calibration"))
         return found

@@ -123,7 +123,6 @@ class WorkerRecord:
     version: str = ""  #: Of sfr_loc_map.
     python: str = ""
     code: str = ""  #: Fingerprint of its code.
-    data_checked: int | None = None  #: Always None: the client hashes the data, workers do not.
     done: int = 0  #: Tasks.
     set_aside: str = ""  #: How its code differs, so that it gets no task; empty if it may run tasks.
 

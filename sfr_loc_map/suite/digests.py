@@ -37,7 +37,7 @@ RUNNER = "suite/job_run.py"
 JOINED = "sfr-joined"  #: Topic of the event by which a worker reports its code.
 
 
-def stamp_of(path: Path) -> str:
+def file_state(path: Path) -> str:
     """Return a hash of names, sizes, times of change and inodes of a file or of a folder's files that are not hidden.
 
     InputError if there is nothing, or it may not be read.
@@ -64,10 +64,10 @@ _known: dict[tuple[Path, Callable[[Path], object]], tuple[str, object]] = {}
 
 
 def known(path: Path, read: Callable[[Path], T]) -> T:
-    """Return what is read of a file or folder; it is read once as long as its `stamp_of` stays."""
-    stamp = stamp_of(path)
-    if (before := _known.get((path, read))) is None or before[0] != stamp:
-        before = _known[path, read] = stamp, read(path)
+    """Return what is read of a file or folder; it is read once as long as its `file_state` stays."""
+    state = file_state(path)
+    if (before := _known.get((path, read))) is None or before[0] != state:
+        before = _known[path, read] = state, read(path)
     return cast(T, before[1])
 
 

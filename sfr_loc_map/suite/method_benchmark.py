@@ -34,7 +34,7 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_process import MethodCall
-from sfr_loc_map.methods.registry import BUILT_IN, PEERS, Method, MethodLimits, find_method, find_peer
+from sfr_loc_map.methods.registry import BUILT_IN, OURS_IN_TABLES, PEERS, Method, MethodLimits, find_method, find_peer
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
@@ -43,7 +43,6 @@ from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.signals import hold
 
 SCHEMA = "sfr-bench/1"
-OURS = "ours"  #: Name of our method in tables.
 CLOCK = "host monotonic"
 MEMORY = (
     "kernel high-water mark of the process' resident memory (VmHWM), set back before each call; largest of all calls"
@@ -81,7 +80,7 @@ def methods_to_compare(
 ) -> tuple[list[Method], dict[str, str]]:
     """Return the methods of a comparison, ours first, those added last, and why others cannot be run, by name."""
     ours, *others = BUILT_IN[task].values()
-    present, missing = [replace(ours, name=OURS), *others], {}
+    present, missing = [replace(ours, name=OURS_IN_TABLES), *others], {}
     for name, peer in PEERS[task].items():
         found, reason = find_peer(peer, peer_python, vocabulary)
         if found is None:
@@ -241,11 +240,11 @@ def _compared(
         try:
             made = run_pass(method, given, progress)
         except MethodError as error:
-            if method.name == OURS:
+            if method.name == OURS_IN_TABLES:
                 raise
             failed[method.name] = str(error)
         except KeyboardInterrupt:
-            if OURS not in runs:
+            if OURS_IN_TABLES not in runs:
                 raise
             interrupted = {"interrupted": f"{number} of {len(methods) * repeat} runs"}
             break
@@ -260,8 +259,8 @@ def _compared(
         entries[name] = {"version": mine[0].version, **medians(each), "runs": each}
         if texts := list(dict.fromkeys(call.finding for run in mine for call in run.calls if call.finding)):
             findings[name] = texts
-    ours = {part: entries[OURS].get(part, {}) for part in COMPARED}
-    compared = {name: ratios(ours, entry) for name, entry in entries.items() if name != OURS}
+    ours = {part: entries[OURS_IN_TABLES].get(part, {}) for part in COMPARED}
+    compared = {name: ratios(ours, entry) for name, entry in entries.items() if name != OURS_IN_TABLES}
     return {"entries": entries, "ratios": compared, "failed": failed, "findings": findings, **interrupted}
 
 

@@ -23,7 +23,7 @@ from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict, from_plain, json_line, to_plain
 from sfr_loc_map.suite.cluster import FailureCause, JobOutcome, WorkerRecord
-from sfr_loc_map.suite.digests import stamp_of
+from sfr_loc_map.suite.digests import file_state
 from sfr_loc_map.suite.job import Job
 from sfr_loc_map.suite.plan import SourceFacts, about_run, inspect_source
 from sfr_loc_map.suite.specification import Refusal
@@ -83,13 +83,13 @@ class Store:
             yield
 
     def facts_of(self, path: Path) -> SourceFacts:
-        """Return what a source holds; it is read once as long as its `stamp_of` stays."""
-        stamp = stamp_of(path)
+        """Return what a source holds; it is read once as long as its `file_state` stays."""
+        state = file_state(path)
         known = self._plan["sources"].get(str(path.absolute()))
-        if known is not None and known["stamp"] == stamp:
+        if known is not None and known["stamp"] == state:
             return _record(SourceFacts, known["facts"], self.folder / PLAN)
         facts = inspect_source(path)
-        self._plan["sources"][str(path.absolute())] = {"stamp": stamp, "facts": to_plain(facts)}
+        self._plan["sources"][str(path.absolute())] = {"stamp": state, "facts": to_plain(facts)}
         return facts
 
     def plan(self, jobs: Sequence[Job], refusals: Sequence[Refusal]) -> None:

@@ -15,7 +15,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.io.bag import TYPESTORE, Bag
 from sfr_loc_map.io.bag_files import reader_paths
-from sfr_loc_map.io.image_codec import image_from_message
+from sfr_loc_map.io.image_codec import samples_of
 from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.io.trajectory_file import read_trajectory_file, save_trajectory
 from sfr_loc_map.io.truth import TruthConfig
@@ -175,12 +175,12 @@ def test_a_mosaic_in_a_compressed_image_is_the_mosaic_of_the_raw_image(order: st
     ending = ".jpg" if "jpeg" in form else ".png"
     data = np.frombuffer(bytes(cv2.imencode(ending, mosaic, [cv2.IMWRITE_JPEG_QUALITY, 100])[1]), np.uint8)
     packed = T["sensor_msgs/msg/CompressedImage"](raw.header, form.format(order), data)
-    difference = np.abs(image_from_message(packed).astype(int) - image_from_message(raw).astype(int))
+    difference = np.abs(samples_of(packed).grey().astype(int) - samples_of(raw).grey().astype(int))
     assert difference.max() <= (4 if "jpeg" in form else 0)
     colour = np.repeat(mosaic[:, :, None], 3, axis=2)
     data = np.frombuffer(bytes(cv2.imencode(".png", colour)[1]), np.uint8)
     ready = T["sensor_msgs/msg/CompressedImage"](raw.header, f"bayer_{order}8; png compressed bgr8", data)
-    np.testing.assert_array_equal(image_from_message(ready), mosaic)
+    np.testing.assert_array_equal(samples_of(ready).grey(), mosaic)
 
 
 def test_parts_of_a_bag_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:

@@ -16,15 +16,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.image_codec import (
-    SampleDepth,
-    Samples,
-    decode_grey,
-    encode_jpeg,
-    encode_png,
-    image_from_message,
-    samples_of,
-)
+from sfr_loc_map.io.image_codec import SampleDepth, Samples, decoded, encode_jpeg, encode_png, samples_of
 
 images = hnp.arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)))
 HEADER = SimpleNamespace(stamp=SimpleNamespace(sec=12, nanosec=34))
@@ -43,21 +35,21 @@ def message(array: np.ndarray, coding: str, padding: int = 0, *, big: bool = Fal
 
 @given(images, st.integers(0, 5), st.booleans())
 def test_grey_of_8_and_16_bits_with_padding(image: np.ndarray, padding: int, big: bool) -> None:
-    np.testing.assert_array_equal(image_from_message(message(image, "mono8", padding)), image)
-    np.testing.assert_array_equal(decode_grey(encode_png(image)), image)
+    np.testing.assert_array_equal(samples_of(message(image, "mono8", padding)).grey(), image)
+    np.testing.assert_array_equal(decoded(encode_png(image)).grey(), image)
     sixteen = image.astype(np.uint16) * 257  # 0 .. 255 spread to 0 .. 65535
     for coding in ("mono16", "16UC1"):
-        np.testing.assert_array_equal(image_from_message(message(sixteen, coding, padding, big=big)), image)
+        np.testing.assert_array_equal(samples_of(message(sixteen, coding, padding, big=big)).grey(), image)
 
 
 @given(images)
 def test_colours_become_luma_in_any_order(image: np.ndarray) -> None:
     rgb = np.dstack((image, image // 2, 255 - image))
-    first = image_from_message(message(rgb, "rgb8"))
+    first = samples_of(message(rgb, "rgb8")).grey()
     assert np.abs(first - rgb @ LUMA).max() <= 0.6
     alpha = np.dstack((rgb, image)), np.dstack((rgb[..., ::-1], image))
     for colour, coding in ((rgb[..., ::-1], "bgr8"), (alpha[0], "rgba8"), (alpha[1], "bgra8")):
-        np.testing.assert_array_equal(image_from_message(message(colour, coding)), first)
+        np.testing.assert_array_equal(samples_of(message(colour, coding)).grey(), first)
 
 
 @pytest.mark.parametrize("bits", [8, 16])
@@ -67,7 +59,7 @@ def test_mosaics_become_luma(order: str, bits: int) -> None:
     mosaic = np.tile(np.reshape([colours[name] for name in order], (2, 2)), (5, 6)).astype(np.uint8)
     if bits == 16:
         mosaic = mosaic.astype(np.uint16) * 257
-    found = image_from_message(message(mosaic, f"bayer_{order}{bits}"))
+    found = samples_of(message(mosaic, f"bayer_{order}{bits}")).grey()
     assert found.shape == mosaic.shape
     assert np.abs(found[1:-1, 1:-1] - LUMA @ [200, 120, 40]).max() <= 1.0
 
@@ -75,7 +67,7 @@ def test_mosaics_become_luma(order: str, bits: int) -> None:
 @pytest.mark.parametrize(("coding", "luma_at"), [("yuv422", 1), ("uyvy", 1), ("yuv422_yuy2", 0), ("yuyv", 0)])
 def test_luma_of_yuv422_is_the_image(coding: str, luma_at: int) -> None:
     pixels = np.random.default_rng(7).integers(0, 256, (6, 8, 2), dtype=np.uint8)
-    np.testing.assert_array_equal(image_from_message(message(pixels, coding, 3)), pixels[..., luma_at])
+    np.testing.assert_array_equal(samples_of(message(pixels, coding, 3)).grey(), pixels[..., luma_at])
 
 
 @pytest.mark.parametrize(
@@ -90,7 +82,7 @@ def test_luma_of_yuv422_is_the_image(coding: str, luma_at: int) -> None:
 )
 def test_broken_messages_name_the_stamp(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=f"stamp 12000000034 .*{words}"):
-        image_from_message(message(np.zeros((4, 4), np.uint8), "mono8", **changes))
+        samples_of(message(np.zeros((4, 4), np.uint8), "mono8", **changes))
 
 
 def smooth_image() -> np.ndarray:
@@ -104,21 +96,21 @@ def test_any_flipped_byte_of_a_png_is_noticed() -> None:
         broken = bytearray(data)
         broken[place] ^= 0x10
         with pytest.raises(InputError):
-            decode_grey(bytes(broken))
+            decoded(bytes(broken)).grey()
 
 
 def test_jpeg_is_close_and_a_cut_or_garbled_one_is_refused() -> None:
     image = smooth_image()
     data = encode_jpeg(image, 95)
-    assert np.abs(decode_grey(data).astype(int) - image).max() <= 6
-    np.testing.assert_array_equal(decode_grey(data), cv2.imdecode(np.frombuffer(data, np.uint8), 0))
+    assert np.abs(decoded(data).grey().astype(int) - image).max() <= 6
+    np.testing.assert_array_equal(decoded(data).grey(), cv2.imdecode(np.frombuffer(data, np.uint8), 0))
     red = np.full((32, 32, 3), (0, 0, 200), np.uint8)  # in BGR
-    assert np.abs(decode_grey(bytes(cv2.imencode(".jpg", red)[1])) - LUMA[0] * 200).max() <= 2
+    assert np.abs(decoded(bytes(cv2.imencode(".jpg", red)[1])).grey() - LUMA[0] * 200).max() <= 2
     garbled = bytearray(data)
     garbled[300:500:5] = b"\xd9" * 40
     for broken in (data[:-300], data[:100], bytes(garbled), b"\xff\xd8", b""):
         with pytest.raises(InputError, match="stamp 12000000034"):
-            image_from_message(SimpleNamespace(header=HEADER, data=np.frombuffer(broken, np.uint8)))
+            samples_of(SimpleNamespace(header=HEADER, data=np.frombuffer(broken, np.uint8))).grey()
 
 
 def png(depth: int, colour: int, side: int) -> bytes:
@@ -144,7 +136,7 @@ def test_broken_or_too_large_images_are_refused_in_silence(
     data: bytes, words: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(InputError, match=words):
-        decode_grey(data)
+        decoded(data).grey()
     assert capfd.readouterr() == ("", "")
 
 
@@ -181,7 +173,7 @@ def test_the_first_plane_is_the_image(coding: str) -> None:
     pixels = np.random.default_rng(7).integers(0, 256, (6, 8), dtype=np.uint8)
     image = message(pixels, coding)
     image.data = np.append(image.data, np.zeros(24, np.uint8))
-    np.testing.assert_array_equal(image_from_message(image), pixels)
+    np.testing.assert_array_equal(samples_of(image).grey(), pixels)
 
 
 CODECS = {
@@ -202,4 +194,4 @@ def test_a_codec_that_is_not_read_is_named(name: str) -> None:
     data, form = CODECS[name]
     packed = SimpleNamespace(header=HEADER, format=form, data=np.frombuffer(data, np.uint8))
     with pytest.raises(InputError, match=f"{re.escape(name)}.*publish raw images, PNG or JPEG"):
-        image_from_message(packed)
+        samples_of(packed).grey()

@@ -16,7 +16,7 @@ from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.camera_info import rig_from_camera_info
 from sfr_loc_map.io.convert import ConvertOptions, convert
-from sfr_loc_map.io.image_codec import image_from_message
+from sfr_loc_map.io.image_codec import samples_of
 from sfr_loc_map.io.message_stream import Message, begin_of, between, end_of, messages_of, topics_of
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
@@ -43,7 +43,7 @@ def test_all_messages_of_a_source_come_whole_and_in_order(tmp_path: Path, kind: 
     for index in range(3):
         stamp = START_NS + index * 100_000_000
         for side in SIDES:
-            image = image_from_message(decoded[f"loc/{side}/image_rect", stamp])
+            image = samples_of(decoded[f"loc/{side}/image_rect", stamp]).grey()
             assert np.array_equal(image, getattr(loc_pair(index), side))
         position = decoded["ground_truth/odometry", stamp].pose.pose.position
         assert [position.x, position.y, position.z] == true_pose(index).translation.tolist()

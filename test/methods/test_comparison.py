@@ -19,11 +19,11 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_process import MethodCall
-from sfr_loc_map.methods.registry import Method
+from sfr_loc_map.methods.registry import OURS_IN_TABLES, Method
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import MethodKind
 from sfr_loc_map.runs.offline import start_pose
-from sfr_loc_map.suite.method_benchmark import LIMITS, OURS, PassInput, compare_localisers, run_pass
+from sfr_loc_map.suite.method_benchmark import LIMITS, PassInput, compare_localisers, run_pass
 
 SCORING = TrajectoryScoreConfig(conditions=("frames=3",), spacing=2)
 METHOD = """
@@ -133,11 +133,14 @@ def test_a_method_that_fails_is_named_and_the_others_go_on(
     drive: Path, tmp_path: Path, start: str, prepare: str, words: str
 ) -> None:
     sequence = open_source(drive).loc
-    ours, bad = replace(made_method(tmp_path, "good"), name=OURS), made_method(tmp_path, start=start, prepare=prepare)
+    ours, bad = (
+        replace(made_method(tmp_path, "good"), name=OURS_IN_TABLES),
+        made_method(tmp_path, start=start, prepare=prepare),
+    )
     first, config = start_pose(sequence, "truth").T_ds_rb, LocalisationConfig()
     result = compare_localisers(sequence, first, [ours, bad], config, SCORING, repeat=2)
     assert words in result["failed"].pop("made")
     assert not result["failed"]
     assert [entry["calls"] for entry in result["entries"].values()] == [12]
     with pytest.raises(MethodError, match=words):
-        compare_localisers(sequence, first, [replace(bad, name=OURS)], config, SCORING)
+        compare_localisers(sequence, first, [replace(bad, name=OURS_IN_TABLES)], config, SCORING)

@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import stamp_of
-from sfr_loc_map.io.image_codec import encode_jpeg, encode_png, image_from_message
+from sfr_loc_map.io.image_codec import encode_jpeg, encode_png, samples_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
@@ -133,7 +133,7 @@ def compressed(data: bytes) -> CompressedImage:
 def grey_of(message: Image | CompressedImage) -> np.ndarray:
     received = sent(message)
     check_image(received, SIZE)
-    return image_from_message(received)
+    return samples_of(received).grey()
 
 
 def test_images_of_any_encoding_become_grey() -> None:

@@ -17,8 +17,8 @@ class Overload(StrEnum):
 
     EVERY_PAIR = "every_pair"
     """The last ones, as many as there is room for."""
-    NEWEST_FIRST = "newest_first"
-    """The newest alone."""
+    NEWEST_ONLY = "newest_first"
+    """The newest alone; the value is that of the nodes' parameter `overload`."""
 
 
 class Worker:
@@ -31,7 +31,7 @@ class Worker:
     def __init__(self, name: str, overload: Overload, capacity: int, on_fault: OnFault) -> None:
         """Start the thread; `on_fault` is called in it with what a job raised, and whether the job was droppable."""
         self.dropped = self.waiting = 0
-        self._capacity = 1 if overload is Overload.NEWEST_FIRST else capacity
+        self._capacity = 1 if overload is Overload.NEWEST_ONLY else capacity
         self._on_fault = on_fault
         self._jobs: deque[tuple[Job, int | None]] = deque()  # with the bytes of droppable ones
         self._changed = Condition()

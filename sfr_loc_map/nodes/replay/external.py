@@ -133,7 +133,8 @@ class ExternalNode:
             self.look_after()
             return book.is_settled(stamp_ns)
 
-        self._node.wait_for(settled, self.options.timeout_s + 60.0, lambda: "nothing")  # a pair is settled before
+        timeout_s = self.options.timeout_s + 60.0  # a pair is settled before
+        self._node.wait_for(settled, timeout_s, lambda: f"the node under test did not answer the pair {stamp_ns}")
         book.waited(stamp_ns)
 
     def look_after(self) -> None:

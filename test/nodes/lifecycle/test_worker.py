@@ -28,7 +28,7 @@ class Held:
 @settings(max_examples=60)
 @given(kinds=st.lists(st.booleans(), max_size=20), room=st.integers(1, 5), newest=st.booleans())
 def test_what_is_done_is_in_order_and_what_is_dropped_is_counted(kinds: list[bool], room: int, newest: bool) -> None:
-    held = Held(Overload.NEWEST_FIRST if newest else Overload.EVERY_PAIR, room)
+    held = Held(Overload.NEWEST_ONLY if newest else Overload.EVERY_PAIR, room)
     for number, droppable in enumerate(kinds):
         enqueue = held.worker.enqueue_droppable if droppable else held.worker.enqueue
         enqueue(lambda number=number: held.done.append(number))
