@@ -1,4 +1,7 @@
-"""Readers and writers of all formats: they raise `InputError` and `OutputError`, with one line that names the file."""
+"""Readers and writers of all formats, what is inferred of a source, and how its stamps and cameras are paired.
+
+What a user gave wrong is an `InputError`, `OutputError` or `ConfigError` in one line; readers add the name of the file.
+"""
 
 import lazy_loader
 

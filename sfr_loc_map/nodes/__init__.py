@@ -1,4 +1,4 @@
-"""The ROS 2 nodes; the only place that knows ROS."""
+"""The ROS 2 nodes and the processes around them; the only package that imports ROS."""
 
 import lazy_loader
 

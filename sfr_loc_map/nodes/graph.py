@@ -6,6 +6,7 @@ import os
 import time
 from collections import defaultdict
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 from lifecycle_msgs.srv import GetState
 from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 from sfr_loc_map.doctor.observation import (
@@ -32,11 +33,14 @@ from sfr_loc_map.inputs import NS_PER_S, stamp_of
 from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
 from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.extrinsics import TF_STATIC, add_static_transforms
+from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED
 from sfr_loc_map.nodes.messages import message_type, tf_message_type
 from sfr_loc_map.nodes.peer import POLL_S, Peer
+from sfr_loc_map.nodes.processes import SUITE_NODES
 from sfr_loc_map.nodes.publishers import node_of, publishers_of, reliability_of
 from sfr_loc_map.nodes.reception import TransportGaps
 from sfr_loc_map.nodes.replay import graph_node
+from sfr_loc_map.nodes.services import call_service
 
 QUIET_S = 1.5  #: Discovery counts as complete when there are images and the graph has not changed for so long,
 DISCOVERY_S = 8.0  #: or after so long.
@@ -44,7 +48,6 @@ FIRST_MESSAGE_S = 4.0
 """How long a topic with a publisher may take to bring its first message before the observation begins."""
 ANSWER_S = 10.0  #: How long a node may take to answer: a second, or several on a busy host.
 DEPTH = 100
-SUITE_NODES = (*TASK_OF_NODE, "monitor_node")
 IMAGE_NAMES = tuple(
     f"/{task}/left/{image}{end}" for task in TASKS for image in (RECTIFIED, RAW) for end in ("", "/compressed")
 )
@@ -80,10 +83,9 @@ class GraphObserver(Peer):
         if tf_type is not None:
             take = partial(add_static_transforms, tree=self._frames)
             self.node.create_subscription(tf_type, "/tf_static", take, TF_STATIC)
-        last = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         for name in TASK_OF_NODE:
             full_name = self._full_name(name)
-            self.node.create_subscription(String, f"{full_name}/call", partial(self._note_call, full_name), last)
+            self.node.create_subscription(String, f"{full_name}/call", partial(self._note_call, full_name), LATCHED)
 
         def all_heard() -> bool:
             # on a busy machine the first message takes seconds
@@ -171,11 +173,14 @@ class GraphObserver(Peer):
 
     def _call(self, kind: type[Any], name: str, request: Any) -> Any:  # noqa: ANN401 - any service
         """Return the answer of a service, None where none comes in time."""
-        client = self.node.create_client(kind, name)
-        if not self.spin(ANSWER_S, client.service_is_ready):
-            return None
-        future = client.call_async(request)
-        return future.result() if self.spin(ANSWER_S, future.done) else None
+        with suppress(NodeError):
+            return call_service(
+                *(self.node, kind, name, request),
+                wait=lambda condition, seconds: self.spin(seconds, condition),
+                found_s=ANSWER_S,
+                answer_s=ANSWER_S,
+            )
+        return None
 
     def _wait_for_discovery(self) -> None:
         """Wait until the graph does not change: discovery takes a second or, under load, some more."""

@@ -16,7 +16,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import OccupancyGrid, Odometry
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CompressedImage, Image, PointCloud2
@@ -30,11 +30,12 @@ from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages
 from sfr_loc_map.nodes import messages
 from sfr_loc_map.nodes.diagnostics import TOPIC, level_of
+from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED
 from sfr_loc_map.nodes.lifecycle.worker import Overload, Worker
 from sfr_loc_map.nodes.live_maps import MapFeed
-from sfr_loc_map.nodes.live_operator import SUITE_NODES, NodeOperator
+from sfr_loc_map.nodes.live_operator import NodeOperator
 from sfr_loc_map.nodes.peer import Peer
-from sfr_loc_map.nodes.processes import page_node_name
+from sfr_loc_map.nodes.processes import SUITE_NODES, page_node_name
 from sfr_loc_map.nodes.reception import TransportGaps
 from sfr_loc_map.runs.calls import decode_call, values_of
 
@@ -50,7 +51,6 @@ CALL_LEVELS = {"lost": 2, "degraded": 1, "initialising": 1}  #: Levels of diagno
 BEST_EFFORT = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 IMAGE_QOS = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
 TRUTH_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class RosFeed(Peer):

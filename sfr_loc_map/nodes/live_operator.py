@@ -17,8 +17,9 @@ from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import InputError, NodeError
 from sfr_loc_map.live.updates import Action, Command
+from sfr_loc_map.nodes.processes import SUITE_NODES
+from sfr_loc_map.nodes.services import call_service
 
-SUITE_NODES = ("localisation_node", "mapping_node", "monitor_node")
 TRANSITIONS = {Action.ACTIVATE: Transition.TRANSITION_ACTIVATE, Action.DEACTIVATE: Transition.TRANSITION_DEACTIVATE}
 SERVICES = {Action.RESET: SUITE_NODES, Action.FINISH: ("mapping_node",), Action.SAVE: ("monitor_node",)}
 """Nodes that offer each service."""
@@ -61,16 +62,7 @@ class NodeOperator:
         self._closed.set()
 
     def _call(self, kind: type[Any], name: str, request: Any) -> Any:  # noqa: ANN401 - any service
-        client = self._node.create_client(kind, name)
-        try:
-            if not self._wait(client.service_is_ready, FOUND_S):
-                raise NodeError(f"no node offers {name}: is it running?")
-            future = client.call_async(request)
-            if not self._wait(future.done, ANSWER_S):
-                raise NodeError(f"{name} gave no answer within {ANSWER_S:g} s")
-            return future.result()
-        finally:
-            self._node.destroy_client(client)
+        return call_service(self._node, kind, name, request, wait=self._wait, found_s=FOUND_S, answer_s=ANSWER_S)
 
     def _wait(self, condition: Callable[[], bool], seconds: float) -> bool:
         deadline = time.monotonic() + seconds

@@ -18,7 +18,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_msgs.msg import Float64, String
 
@@ -38,7 +38,7 @@ from sfr_loc_map.metrics.limits import load_limits
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.nodes.diagnostics import Level, Value, status_msg
-from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, profile
+from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED, RELIABILITIES, profile
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
@@ -131,7 +131,6 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         config = self.config
         deep, shallow = QoSProfile(depth=config.input_depth), QoSProfile(depth=10)
         of_rover, info = (profile(config.input_reliability, depth) for depth in (config.input_depth, 10))
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._receive(Odometry, "localisation/odometry", self._on_estimate, deep)
         self._truth_qos = of_rover
         self._forget_truth: Callable[[], object] | None = None
@@ -143,7 +142,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._receive(PointCloud2, "mapping/points", self._on_cloud, shallow)
         for task in Task:
             self._receive(String, f"{task}_node/call", partial(self._on_call, task), deep)
-            self._receive(String, f"{task}/configuration", partial(self._on_configuration, task), latched)
+            self._receive(String, f"{task}/configuration", partial(self._on_configuration, task), LATCHED)
         self.add_service("~/save", self._save)
         self.add_service("~/finish", self._finish)
         self.add_service("~/reset", self._reset)

@@ -1,4 +1,4 @@
-"""The parameter files in `config/`, made from the declarations.
+"""The parameter files in `config/`, made from the declarations, and the arguments of nodes of an `sfr.yaml`.
 
 Run `python -m sfr_loc_map.nodes.parameter_files config` after a change of a declaration.
 """

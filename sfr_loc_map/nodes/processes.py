@@ -23,6 +23,7 @@ from sfr_loc_map.nodes import environment
 from sfr_loc_map.signals import END_SIGNALS, hold, stopping
 
 TASKS = ("localisation", "mapping", "monitor")
+SUITE_NODES = tuple(f"{task}_node" for task in TASKS)
 EVERYTHING = "all"
 ESCALATION = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
 """Signals that end processes, and how many seconds each gets."""

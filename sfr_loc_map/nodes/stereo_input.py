@@ -187,7 +187,7 @@ class StereoInput:
             return ""
         doubled = []
         for topic, gaps in self._gaps.items():
-            publishers = self._endpoints.publishers_of(topic)
+            publishers = self._endpoints.publishing_nodes(topic)
             gaps.set_several(len(publishers) > 1)
             if len(publishers) > 1:
                 doubled.append(f"{topic} has {len(publishers)} publishers ({', '.join(sorted(publishers))})")

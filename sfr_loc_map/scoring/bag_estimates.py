@@ -1,7 +1,4 @@
-"""Estimated poses of a bag, with the calls that the recorded localisation node published on `<node>/call`.
-
-A module of its own: the library of the bags is loaded for a bag only.
-"""
+"""Estimated poses of a bag, with the calls that the recorded localisation node published on `<node>/call`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Suites: many sources, configurations and faults, run on Dask, and what follows from them all."""
+"""Many runs: suites of sources, configurations and faults on Dask, what follows from them, and two benchmarks.
+
+The benchmarks of methods and of faults run one source again and again, without Dask.
+"""
 
 import lazy_loader
 

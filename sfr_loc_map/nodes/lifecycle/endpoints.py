@@ -16,8 +16,10 @@ from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPo
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.nodes.publishers import node_of
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""Of a topic that keeps its last message for subscribers that come later."""
 RELIABILITIES = ("reliable", "best_effort")
 
 
@@ -98,10 +100,10 @@ class Endpoints:
         found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
         return any(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for info in found)
 
-    def publishers_of(self, topic: str) -> list[str]:
+    def publishing_nodes(self, topic: str) -> list[str]:
         """Return the names of the nodes that publish a topic, one for each publisher."""
         found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
-        return [f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in found]
+        return [node_of(info) for info in found]
 
     def add_timer(self, period_s: float, callback: Callable[[], None]) -> None:
         """Call back periodically, by a clock that does not jump, until the node is deactivated."""

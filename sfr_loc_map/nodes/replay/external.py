@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 
 from sfr_loc_map.errors import ConfigError, GeometryError, InputError, MetricsError, NodeError
@@ -26,6 +26,7 @@ from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.convention import world_at_first_pose
 from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, MethodKind, MethodRecord
 from sfr_loc_map.nodes import messages
+from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED
 from sfr_loc_map.nodes.processes import ChildProcess
 from sfr_loc_map.nodes.replay.external_answers import AnswerBook, ProcessWatch, processes_named
 from sfr_loc_map.nodes.replay.graph_node import ReplayNode
@@ -208,8 +209,7 @@ class ExternalMapper(ExternalNode):
         self._in_lm = convention == PoseConvention(metres_per_unit=convention.metres_per_unit)
         self._unit, self._T_sb_child = convention.metres_per_unit, convention.T_rb_child(here)
         self._poses = {item.pair.stamp_ns: item.T_lm_navsb for item in nav.pairs()}
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._publisher = node.node.create_publisher(PointCloud2, options.converted_topic, latched)
+        self._publisher = node.node.create_publisher(PointCloud2, options.converted_topic, LATCHED)
 
     def read(self, message: PointCloud2) -> FloatArray:
         """Return the points `(N, 3)` in LM."""
