@@ -1,7 +1,7 @@
 """Absolute and relative pose errors after an alignment, as the tools of the field give them.
 
-APE and RPE are those of Sturm et al. 2012 (IROS, section IV) and of evo, whose results on the same files are equal;
-docs/metrics.md describes how poses are paired.
+APE and RPE are those of Sturm et al. 2012 (IROS, section IV) and of evo. Errors of the same files are equal; the
+standard deviation of evo divides by n. docs/metrics.md describes how poses are paired.
 """
 
 from __future__ import annotations

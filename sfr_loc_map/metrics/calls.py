@@ -54,7 +54,8 @@ KINDS: dict[str, CallKind] = {
 """Kind of call by its state; all other states are those of the localiser."""
 HISTOGRAM_BINS = 40
 SERIES_ROWS = 2000  #: Calls of each kind that are kept for plots.
-FIRST, AFTER_FIRST = "first call", "after the first call"  #: Parts of the rows of calls.
+FIRST = "first call"  #: Part of the row of the first call that was measured.
+AFTER_FIRST = "after the first call"  #: Part of the row of the others.
 
 
 # ---- measuring

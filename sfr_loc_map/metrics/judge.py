@@ -27,37 +27,11 @@ from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, OF_MAP, WORST, Limit, LimitPart, Limits
 from sfr_loc_map.metrics.proof import BOUND, Interpretation, Proof, Terms, bound_row, prove, sample_of, words_of
 from sfr_loc_map.metrics.score import ANY, Figure, LimitRecord, Rules, Score, Verdict, is_lower_bound
+from sfr_loc_map.metrics.shortfalls import SHORTFALLS
 from sfr_loc_map.metrics.statistics import Interval
 from sfr_loc_map.metrics.tolerance import CONFIDENCE
 from sfr_loc_map.metrics.truth_error import ATTITUDE
 
-STRICT: dict[str, dict[str, float]] = {
-    DRIVE: {"missing": 0.0, "images_without_truth": 0.0},
-    MAP: {
-        "pairs_without_cloud": 0.0,
-        "points_without_truth": 0.01,
-        "points_not_finite": 0.0,
-        "pixels_without_point": 0.5,
-    },
-    CALLS: {"calls_missing": 0.0, "calls_other": 0.0, "calls_doubled": 0.0},
-    LIVE: {"dropped": 0.0, "restarts": 0.0},
-}
-"""Largest fraction of each shortfall with which a part is complete, unless a limit on the shortfall is given.
-
-A few points at the edges of the sky have no truth, and no matcher gives every pixel a point.
-"""
-SAYS = {
-    "images_without_truth": "{percent} % of the images or true poses have no ground truth",
-    "pairs_without_cloud": "{percent} % of the mapping pairs have no point in the cloud",
-    "points_without_truth": "{percent} % of the map points are where there is no ground truth",
-    "points_not_finite": "{percent} % of the map points are not finite",
-    "pixels_without_point": "a mapping pair has no map point at {percent} % of its true pixels in the scored range",
-    "calls_missing": "{percent} % of the pairs have no measured {part} call",
-    "calls_other": "{percent} % of the {part} calls are of stamps that the source does not have",
-    "calls_doubled": "{percent} % of the {part} calls repeat a stamp",
-    "dropped": "{percent} % of the messages of the live run were dropped",
-    "restarts": "the live score restarted {value} times",
-}
 COVERAGE_FACTORS = {"mean_plus_3sigma": 3.0, "max": 3.0, "p99": 3.0, "p95": 2.0}
 """Standard deviations of the truth's error that a statistic may be off by, 1 for others."""
 NOT_DUE = "nothing of the {part} is due yet"
@@ -93,13 +67,23 @@ def limits_of(score: Score) -> Limits | None:
     limits = []
     for item in rules.limits:
         condition = None if item.condition is None else Condition.parse(item.condition)
-        place = LimitPart(item.part)
         terms = None
         if item.prob is not None and item.confidence is not None:
             interpretation = Interpretation(item.interpretation or Interpretation.TEMPORAL)
             power = CONFIDENCE if item.power is None else item.power
             terms = Terms(item.prob, item.confidence, interpretation, bool(item.normal), power, item.good)
-        limits.append(Limit(place, item.name, item.limit, condition, item.id, item.text, item.certain, terms))
+        limits.append(
+            Limit(
+                part=LimitPart(item.part),
+                key=item.name,
+                limit=item.limit,
+                condition=condition,
+                id=item.id,
+                text=item.text,
+                certain=item.certain,
+                terms=terms,
+            )
+        )
     return Limits(tuple(limits), rules.minimum_count, rules.minimum_independent)
 
 
@@ -247,16 +231,13 @@ def _shortfalls_of(score: Score, part: str, allowed: Collection[str]) -> Iterato
         return
     of_calls = CALLS in words
     kind = part.replace(f"{CALLS} ", "") if of_calls else None
-    for figure, most in STRICT[CALLS if of_calls else part].items():
+    for figure, _, most, text in (each for each in SHORTFALLS if each.part == (CALLS if of_calls else part)):
         asked = is_partial and figure not in ("calls_other", "calls_doubled")
         value = score.number(figure, subject=Subject.COMPLETENESS, part=kind)
-        if figure in allowed or asked or value is None or value <= most:
+        if figure in allowed or asked or most is None or value is None or value <= most:
             continue
-        if figure == "missing":
-            text = missing_text(score)
-        else:
-            text = SAYS[figure].format(percent=f"{100.0 * value:.4g}", value=f"{value:g}", part=kind)
-        yield Shortfall(part, figure, most, value, text)
+        said = text.format(percent=f"{100.0 * value:.4g}", value=f"{value:g}", part=kind)
+        yield Shortfall(part, figure, most, value, missing_text(score) if figure == "missing" else said)
 
 
 def missing_text(score: Score) -> str:

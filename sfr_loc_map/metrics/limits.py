@@ -14,10 +14,12 @@ from typing import Any, NamedTuple
 from sfr_loc_map.config import load_yaml, suggestion
 from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.metrics.catalogue import CATALOGUE, KINDS, TARGET, FigureKind, Subject
+from sfr_loc_map.metrics.completeness import CALLS, MAP
 from sfr_loc_map.metrics.config import CallKind, Condition
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.proof import BOUND, Terms, terms_of
 from sfr_loc_map.metrics.score import ANY, is_lower_bound
+from sfr_loc_map.metrics.shortfalls import SHORTFALLS
 
 
 class LimitPart(StrEnum):
@@ -64,11 +66,11 @@ def names_of(
 OF_CLOUD = [kind for kind in CATALOGUE if kind.subject is Subject.MAP and not kind.is_count]
 PLACES: dict[LimitPart, dict[str, Limited]] = {
     LimitPart.COMPLETENESS: {
-        f"{kind.name}_max_share": Limited(
-            Subject.COMPLETENESS, kind.name, "value", WORST if kind.name.startswith("calls_") else None
+        f"{kind.figure}_max_share": Limited(
+            Subject.COMPLETENESS, kind.figure, "value", WORST if kind.part == CALLS else None
         )
-        for kind in CATALOGUE
-        if kind.subject is Subject.COMPLETENESS and kind.name not in ("judged", "longest_gap", "restarts")
+        for kind in SHORTFALLS
+        if not KINDS[kind.figure].is_count
     },
     LimitPart.TRAJECTORY: names_of(
         [kind for kind in CATALOGUE if kind.subject is Subject.TRAJECTORY and kind.name not in ("ape", "rpe")],
@@ -98,7 +100,7 @@ PLACES: dict[LimitPart, dict[str, Limited]] = {
 REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: What a requirement says of itself.
 TERMS = Terms._fields  #: What a limit on a tolerance bound says besides.
 NEEDED = {str: "a text, in quotes, is needed", bool: "true or false is needed"}
-OF_MAP = ("points_without_truth", "pairs_without_cloud", "points_not_finite", "pixels_without_point")
+OF_MAP = [kind.figure for kind in SHORTFALLS if kind.part == MAP]
 """Figures of completeness that are about the map."""
 SHARES = {
     name: LimitPart.MAP if limited.figure in OF_MAP else LimitPart.TRAJECTORY

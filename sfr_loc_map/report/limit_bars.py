@@ -10,7 +10,7 @@ from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.report.score_tables import name_of, sign_of, unit_of
 from sfr_loc_map.report.tables import NOT_ENOUGH, OPEN, VERDICTS, Cell, number
 
-MOST = 10.0  #: Largest fraction of a limit that is shown.
+MOST_SHOWN = 10.0  #: Largest fraction of a limit that is shown.
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ def share_of(item: Verdict, value: float | None) -> float | None:
     if value is None:
         return None
     use, limit = (item.limit, abs(value)) if item.is_lower_bound else (abs(value), item.limit)
-    return min(use / limit if limit else MOST if use else 0.0, MOST)
+    return min(use / limit if limit else MOST_SHOWN if use else 0.0, MOST_SHOWN)
 
 
 def limit_bars(score: Score) -> list[LimitBar]:

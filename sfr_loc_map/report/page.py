@@ -32,7 +32,7 @@ FIRST_TABLES = ("verdicts", "pairs", "failures", "headline", "covered", "reading
 """Tables before the figures."""
 TRUTH_ROLES, RESULT_ROLES = ("truth", "map_truth"), ("estimate", "cloud")
 NO_VERDICT, NO_VERDICT_ICON = "no verdict", "\u2013"
-MOST = 5  #: More than this is not to be looked at first.
+MOST_TO_LOOK_AT = 5  #: More than this is not to be looked at first.
 Sections = Sequence[tuple[str, list[Plot]]]
 
 
@@ -226,7 +226,7 @@ class LookFirst(NamedTuple):
 
 def look_first(score: Score) -> tuple[LookFirst, ...]:
     """Return what to look at, the worst first; without a finding, what would go wrong first."""
-    return tuple(islice(_worth_a_look(score), MOST))
+    return tuple(islice(_worth_a_look(score), MOST_TO_LOOK_AT))
 
 
 def _worth_a_look(score: Score) -> Iterator[LookFirst]:

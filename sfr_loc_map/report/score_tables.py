@@ -59,8 +59,7 @@ READINGS = {
     Rebase.POSE: "the estimate is re-based at the start by its complete pose, then poses are compared",
     Rebase.DISPLACEMENT: "displacements in DS and changes of attitude and heading since the start are compared: the "
     "document to the letter",
-    Rebase.POSITION: "the estimate is re-based at the start by its position alone, as in other tools; earlier attitude "
-    "error counts",
+    Rebase.POSITION: "the estimate is re-based at the start by its position alone; earlier attitude error counts",
 }
 TERMS: Mapping[str, str] = {
     "sub-trajectory": "the part of the drive from a start to the frame at which the condition is met",

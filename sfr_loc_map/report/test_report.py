@@ -17,9 +17,10 @@ import msgspec
 from sfr_loc_map.inputs import NS_PER_S, printable
 from sfr_loc_map.metrics.catalogue import Subject, clause_of, defines
 from sfr_loc_map.metrics.config import CallKind, Rebase, VerdictState, label_of
-from sfr_loc_map.metrics.judge import STRICT, common_verdict, each_by_its_limits, few_words
+from sfr_loc_map.metrics.judge import common_verdict, each_by_its_limits, few_words
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.score import Score, TargetRecord, Verdict
+from sfr_loc_map.metrics.shortfalls import SHORTFALLS
 from sfr_loc_map.report.page import NO_VERDICT, Overall, from_template, overall_of
 from sfr_loc_map.report.score_tables import (
     NO_INTERVAL,
@@ -234,7 +235,7 @@ def _allowed(score: Score) -> Iterator[str]:
         return
     if rules.partial:
         yield "A part of what was expected is judged as if it were the whole (--partial)."
-    strict = {name: most for part in STRICT.values() for name, most in part.items()}
+    strict = {kind.figure: kind.most for kind in SHORTFALLS if kind.most is not None}
     for item in rules.limits:
         name = item.name.removesuffix("_max_share")
         if name in strict and item.limit > strict[name]:
@@ -322,14 +323,14 @@ def junit(scores: Mapping[str, Score], without: Mapping[str, str] | None = None)
         if score.provenance is not None and score.provenance.time:
             suite.set("timestamp", score.provenance.time[:19])
         for item, state in zip(score.verdicts, states, strict=True):
-            name, kind = printable(_name(item)), f"sfr.{clause_of_limit(item) if is_defined(item) else NO_CLAUSE}"
-            case = ET.SubElement(suite, "testcase", classname=kind, name=name)
+            title, kind = printable(_name(item)), f"sfr.{clause_of_limit(item) if is_defined(item) else NO_CLAUSE}"
+            case = ET.SubElement(suite, "testcase", classname=kind, name=title)
             properties = ET.SubElement(case, "properties")
             facts = {"id": item.id, "text": item.text, "limit": item.limit, "value": item.value}
             facts |= {"margin": item.margin, "certain": item.certain}
-            for name, value in facts.items():
+            for fact, value in facts.items():
                 if value is not None:
-                    ET.SubElement(properties, "property", name=name, value=printable(str(value)))
+                    ET.SubElement(properties, "property", name=fact, value=printable(str(value)))
             if state in JUNIT:
                 why = score.contradiction or score.incomplete if JUNIT[state][0] == "error" else None
                 said = why or f"{item.name} {item.value} against {item.limit}"
