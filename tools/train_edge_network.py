@@ -21,11 +21,11 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import panorama_of
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity.cell_field import disparity_from_field, field_from_disparity
-from sfr_loc_map.mapping.disparity.rectification_correction import correct_rectification
+from sfr_loc_map.mapping.disparity.cell_field import cells_from_disparity, disparity_from_cells
+from sfr_loc_map.mapping.disparity.right_image_correction import correct_right_image
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
 from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
-from sfr_loc_map.mapping.disparity.validity import edge_scene
+from sfr_loc_map.mapping.disparity.validity import valid_before_edges
 from sfr_loc_map.mapping.disparity.variational_refinement import refine
 from sfr_loc_map.mapping.disparity.wrong_surface import (
     EdgeFeatures,
@@ -34,6 +34,7 @@ from sfr_loc_map.mapping.disparity.wrong_surface import (
     beside_jump,
     edge_features,
     network_input,
+    training_constants,
 )
 
 INPUTS = len(EdgeFeatures._fields)
@@ -90,12 +91,14 @@ def samples(source: Path, random: np.random.Generator) -> Iterator[tuple[np.ndar
 def scene_of(left: np.ndarray, right: np.ndarray, count: int) -> EdgeScene:
     """Return what the network judges, as `estimate_disparity` makes it."""
     initial_px = semi_global_matching(left, right, count)
-    initial_field = field_from_disparity(initial_px)
+    initial_cells = cells_from_disparity(initial_px)
     left_grey = left.astype(np.float32)
-    without_holes_px = disparity_from_field(initial_field, left.shape)
-    right_grey, _ = correct_rectification(left_grey, right.astype(np.float32), without_holes_px)
-    refined = refine(left_grey, right_grey, initial_field)
-    return edge_scene(left_grey, right_grey, initial_px, refined, disparity_sigma(refined))
+    without_holes_px = disparity_from_cells(initial_cells, left.shape)
+    right_grey = correct_right_image(left_grey, right.astype(np.float32), without_holes_px).image
+    refined = refine(left_grey, right_grey, initial_cells)
+    valid = valid_before_edges(left_grey, right_grey, initial_px, refined)
+    sigma_px = disparity_sigma(refined)
+    return EdgeScene(left_grey, right_grey, refined.disparity_px, np.isfinite(initial_px), valid, sigma_px)
 
 
 def train(features: np.ndarray, error_px: np.ndarray, random: np.random.Generator) -> dict[str, np.ndarray]:
@@ -142,7 +145,8 @@ def main(out: Path, sources: list[Path]) -> None:
     features, error_px = (np.concatenate(parts) for parts in zip(*found, strict=True))
     print(f"{len(error_px)} pixels, {100 * (error_px > WRONG_PX).mean():.1f} % of them on the wrong surface")
     weights = train(features, error_px, random)
-    lines = [f'"{name}": {json.dumps(np.round(value, 4).tolist())}' for name, value in weights.items()]
+    lines = [f'"constants": {json.dumps(training_constants())}']
+    lines += [f'"{name}": {json.dumps(np.round(value, 4).tolist())}' for name, value in weights.items()]
     out.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
 
 

@@ -3,7 +3,7 @@ from .config import TerrainConfig as TerrainConfig
 from .mapper import FusedMap as FusedMap
 from .mapper import Mapper as Mapper
 from .mapper import PairMap as PairMap
+from .point_covariance import point_covariances as point_covariances
 from .terrain.elevation import ElevationModel as ElevationModel
-from .terrain.elevation import point_covariances as point_covariances
 from .terrain.grid import TerrainGrid as TerrainGrid
 from .terrain.grid import elevation_grid as elevation_grid

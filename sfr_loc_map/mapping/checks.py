@@ -14,9 +14,9 @@ from sfr_loc_map.mapping.disparity.semi_global_matching import DISPARITY_STEP, s
 MIN_CONTRAST = 2.0
 """Smallest standard deviation of an image's grey levels that can be matched, grey levels: a covered camera shows its
 noise alone."""
-MIN_MATCHED_FRACTION = 0.3
-"""Fraction of the textured pixels below which the matches are due to chance. Unrelated or swapped images of four data
-sets (rendered ground, KITTI, Middlebury, Mars) have 0.07 or less, matching ones 0.6 or more."""
+MIN_VALID_TEXTURED_FRACTION = 0.3
+"""Fraction of valid pixels among the textured ones below which the matches are due to chance. Unrelated or swapped
+images of four data sets (rendered ground, KITTI, Middlebury, Mars) have 0.07 or less, matching ones 0.6 or more."""
 COARSE_FACTOR = 2  #: Images are reduced by this factor when the cause of a mismatch is searched: an eighth of the cost.
 SWAPPED_FACTOR = 1.5  #: Exchanged images that match this many times as many pixels as the images as given are swapped.
 MIN_SWAPPED_FRACTION = 0.5
@@ -53,15 +53,15 @@ def check_images(pair: StereoPair, rig: StereoRig) -> None:
 
 
 def check_matches(pair: StereoPair, disparity: DisparityMap, disparity_count: int) -> None:
-    """Raise MappingError if so few textured pixels match that the matches are due to chance.
+    """Raise MappingError if so few textured pixels are valid that their matches are due to chance.
 
     If too few pixels are textured, the fraction is NaN and the pair passes, with a warning of `findings_of_pair`.
     """
-    matched = disparity.matched_fraction
-    if matched < MIN_MATCHED_FRACTION:
+    fraction = disparity.valid_textured_fraction
+    if fraction < MIN_VALID_TEXTURED_FRACTION:
         raise MappingError(
-            f"images of stamp {pair.stamp_ns} do not match: {100 * matched:.0f} % of the textured pixels are matched, "
-            f"{100 * MIN_MATCHED_FRACTION:.0f} % are required; {_likely_cause(pair, disparity_count)}"
+            f"images of stamp {pair.stamp_ns} do not match: {100 * fraction:.0f} % of the textured pixels are valid, "
+            f"{100 * MIN_VALID_TEXTURED_FRACTION:.0f} % are required; {_likely_cause(pair, disparity_count)}"
         )
 
 

@@ -30,9 +30,10 @@ class CalibrationUncertainty:
     distortion_px: float = param(
         0.3,
         unit="px",
-        doc="Typical residual distortion in the corners of an image. Less vertical disparity is not taken for a yaw or "
-        "a pitch of the right camera, and three times as much causes a warning. It is the standard deviation of the "
-        "disparities unless the vertical disparity shows another one. 0: no residual distortion.",
+        doc="Typical residual distortion: the root mean square over an image of the error of a point's column or row. "
+        "It is the standard deviation of the disparities unless the vertical disparity shows another one. A yaw of the "
+        "right camera is reported only if its vertical disparity in the corners exceeds it, a pitch only if its offset "
+        "does, and three times as much vertical disparity causes a warning. 0: no residual distortion.",
         low=0.0,
         high=10.0,
     )

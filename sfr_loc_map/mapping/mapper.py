@@ -7,18 +7,21 @@ The method:
 3. One disparity field is fitted to both images: photometric residuals and weighted second differences over the whole
    image (variational, after Horn and Schunck 1981), solved coarse to fine by conjugate gradients.
 4. Each disparity has a standard deviation: the posterior of that field, plus the bias of smoothing and of creases.
-5. Each disparity is judged: the matcher's left-right consistency, occlusion, residual, common content, the correct
-   surface beside a jump (a small network on matching costs with adaptive support weights, Yoon and Kweon 2006), and
+5. Each disparity is judged: the matcher's own tests, occlusion, residual, common content, the correct surface beside
+   a jump (a small network on matching costs with adaptive support weights, Yoon and Kweon 2006), and
    saturation.
-6. A pair of which too few textured pixels match is refused.
+6. A pair of which too few textured pixels are valid is refused.
 7. The rotation of the right camera is measured from the vertical disparity.
 8. Holes are filled by the surfaces beside them, where the images agree. The effect of a roll is removed.
-9. Disparities become points in LM. Their sigma includes saturation and the uncertainty of the calibration.
+9. Disparities of points within the largest range become points in LM. Their sigma includes saturation and the
+   uncertainty of the calibration.
 
 Fusion removes content that is fixed to the image, registers the poses on request, and averages along the rays by
-inverse variance. Of points that are one sample it keeps one, and it drops points that a better pair sees through.
+inverse variance. Of points that are one sample it keeps one, and it drops points where a pair of larger weight observes
+a farther surface.
 
 A `DisparityMap` passes from step to step: estimated, then filled, then without the effect of a roll.
+No step changes its arguments. Elevation and hazard grids are made of the cloud by `terrain`, not by the mapper.
 """
 
 from __future__ import annotations
@@ -44,23 +47,25 @@ from sfr_loc_map.mapping.disparity.photometric_residual import shift_rows
 from sfr_loc_map.mapping.disparity.right_camera import measure_right_camera, without_roll
 from sfr_loc_map.mapping.disparity.saturation import Saturation
 from sfr_loc_map.mapping.disparity.semi_global_matching import search_range
-from sfr_loc_map.mapping.findings import findings_of_pair
+from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
 from sfr_loc_map.mapping.multiview.pair_view import PairView
-from sfr_loc_map.mapping.multiview.registration import RegisteredViews, register_views
+from sfr_loc_map.mapping.multiview.registration import register_views
+from sfr_loc_map.mapping.pair_findings import findings_of_pair
 from sfr_loc_map.mapping.point_sigma import CalibrationSigma, calibration_sigma, largest_of, point_sigma
 from sfr_loc_map.mapping.reprojection import view_from_disparity
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusionInput:
-    """What the fusion requires of a pair beside its cloud."""
+    """What the fusion requires of a pair beside the cloud, the disparities and the pose of its map."""
 
     rig: StereoRig  #: Rig of the pair.
-    #: Points with the sigma by which pairs are fused, that of noise and smoothing alone. Saturation and calibration
-    #: are no weights of the fusion (`point_sigma`): they are added to the sigma of the fused points.
-    view: PairView
+    #: `(N,)`, metres, the sigma by which the points of the map are fused, that of noise and smoothing alone. Saturation
+    #: and calibration are no weights of the fusion (`point_sigma`): they are added to the sigma of the fused points.
+    noise_sigma: NDArray[np.float32]
+    noise_grey: float  #: Standard deviation of the difference of two images of the same ground, grey levels.
     saturation: Saturation  #: Saturated pixels, which increase sigma.
     calibration: CalibrationSigma  #: Uncertainty of the calibration given what the pair shows.
 
@@ -70,9 +75,9 @@ class PairMap:
     """The map of one stereo pair."""
 
     stamp_ns: int  #: Stamp of the pair.
-    cloud: (
-        PointCloud  #: Points in LM; their `pair` is the index that was given to `process`, their sigma the total one.
-    )
+    #: Points in LM, those that `fuse` uses; their `pair` is the index that was given to `process`, their sigma the
+    #: total one.
+    cloud: PointCloud
     #: `(N,)`, metres, part of sigma that differs from point to point: noise, smoothing and saturation.
     random_sigma: NDArray[np.float32]
     T_lm_left: Transform  #: Pose of the left camera.
@@ -126,9 +131,10 @@ class Mapper:
         return self.fuse([self.process(item.pair, item.T_lm_navsb, index) for index, item in enumerate(pairs)])
 
     def process(self, pair: StereoPair, T_lm_navsb: Transform, index: int) -> PairMap:
-        """Return the map of the pair of an index, 0 to 2, within its set.
+        """Return the map of the pair of an index, 0 to 2, within its set; the index is that of its points in `cloud`.
 
-        Raises MappingError if the images are not the rig's or do not match.
+        Raises MappingError for another index, for images of another size than the rig's, for a textureless image, for
+        identical images, and for images that do not match (less than 30 % of the textured pixels are valid).
         """
         check_index(index)
         check_images(pair, self._rig)
@@ -148,26 +154,34 @@ class Mapper:
             random_sigma=sigma.random,
             T_lm_left=T_lm_left,
             disparity_px=view.disparity_px,
-            fusion_input=FusionInput(self._rig, view, disparity.saturation, calibration),
+            fusion_input=FusionInput(self._rig, view.cloud.sigma, view.noise_grey, disparity.saturation, calibration),
             statistics=findings.statistics,
             warnings=findings.warnings,
         )
 
     def fuse(self, maps: Sequence[PairMap]) -> FusedMap:
-        """Return one cloud of up to three pairs; the `pair` of its points is the position of their map in the order."""
+        """Return one cloud of up to three pairs; the `pair` of its points is the position of their map in the order.
+
+        Raises MappingError for no map or more than three, for a map that `process` did not make or whose cloud has lost
+        points since, and for maps of other cameras than the mapper's.
+        """
         if not 1 <= len(maps) <= MAX_PAIRS:
             raise MappingError(f"a map is fused from 1 to {MAX_PAIRS} pairs: got {len(maps)}")
         inputs = [_fusion_input(item, self._rig) for item in maps]
-        ground = without_fixed_content([item.view.with_index(index) for index, item in enumerate(inputs)], self._rig)
-        registered = RegisteredViews(ground.views)
+        given = [_view(item, found, index) for index, (item, found) in enumerate(zip(maps, inputs, strict=True))]
+        cleaned = without_fixed_content(given, self._rig)
+        views = cleaned.views
+        registration_findings = Findings()
         if self._config.refine_poses:
-            registered = register_views(ground.views, self._rig)
-        fused = fuse_views(registered.views, self._rig)
-        T_lm_left = tuple(view.T_lm_left for view in registered.views)
+            registered = register_views(views, self._rig)
+            views = registered.views
+            registration_findings = registered.findings
+        fused = fuse_views(views, self._rig)
+        T_lm_left = tuple(view.T_lm_left for view in views)
         saturations = dict(enumerate(item.saturation for item in inputs))
         calibration = largest_of(item.calibration for item in inputs)
         sigma = point_sigma(fused.cloud, dict(enumerate(T_lm_left)), saturations, calibration, self._rig)
-        findings = ground.findings + fused.findings + registered.findings
+        findings = cleaned.findings + fused.findings + registration_findings
         stamps_ns = tuple(item.stamp_ns for item in maps)
         return FusedMap(
             cloud=replace(fused.cloud, sigma=sigma.total, pair_stamps_ns=stamps_ns),
@@ -179,7 +193,10 @@ class Mapper:
 
 
 def _fusion_input(pair_map: PairMap, rig: StereoRig) -> FusionInput:
-    """Return what the fusion requires of a pair; raises MappingError for a map of another method or other cameras."""
+    """Return what the fusion requires of a pair.
+
+    Raises MappingError for a map of another method or other cameras, or whose cloud was changed.
+    """
     found = pair_map.fusion_input
     if found is None:
         raise MappingError(f"the map of stamp {pair_map.stamp_ns} was not made by `Mapper.process`: fuse maps of it")
@@ -188,4 +205,16 @@ def _fusion_input(pair_map: PairMap, rig: StereoRig) -> FusionInput:
             f"the map of stamp {pair_map.stamp_ns} was made with other cameras than those of this mapper: fuse maps of "
             "one rig"
         )
+    if len(found.noise_sigma) != len(pair_map.cloud):
+        raise MappingError(
+            f"the map of stamp {pair_map.stamp_ns} has {len(pair_map.cloud)} points, `Mapper.process` gave it "
+            f"{len(found.noise_sigma)}: fuse maps as they were made, and select points afterwards"
+        )
     return found
+
+
+def _view(pair_map: PairMap, fusion_input: FusionInput, index: int) -> PairView:
+    """Return the points of a map with the sigma by which they are fused, as those of the pair of an index."""
+    pair = np.full(len(pair_map.cloud), index, np.uint8)
+    cloud = replace(pair_map.cloud, sigma=fusion_input.noise_sigma, pair=pair)
+    return PairView(cloud, pair_map.disparity_px, pair_map.T_lm_left, fusion_input.noise_grey)

@@ -5,8 +5,8 @@ right camera, causes an error of `Z^2 / (fx baseline)` of the depth for each pix
 any pair, and averaging over points or pairs does not reduce it.
 
 The configured uncertainty of the calibration (`CalibrationUncertainty`, the parameters `mapping.calibration`) holds
-before a pair is seen. What a pair shows of its right camera increases the part of yaw and pitch. It replaces that of
-the residual distortion, which can decrease if the pair shows less vertical disparity (`calibration_sigma`).
+before a pair is seen. What a pair shows of its right camera increases the part of yaw and pitch. The part of the
+residual distortion increases or decreases with the vertical disparity that the pair shows (`calibration_sigma`).
 
 All that changes a point's sigma, in the order of the calls. Figures of the disparity are in pixels, others in metres:
 
@@ -16,7 +16,8 @@ where                                  formula
 variational_refinement.linearise       information and information vector / max(mean chi2 / mean weight, correlation of
                                        the noise over 4 x 4 pixels, which is at least 1)
 uncertainty.disparity_sigma            variance 1 / (8 sqrt(h s)) + (0.34 curvature)^2 s / h + (1.2 crease)^2, with the
-                                       information h less that of noise and the smoothness weight s; sigma at most 2 px
+                                       information h less that of noise, at least 1e-3, the smoothness weight s, the
+                                       curvature at most 10 medians and the crease at most 1 px; sigma at most 2 px
 hole_filling.fill_holes                max(sigma, 0.5 px) at filled pixels
 reprojection.cloud_from_disparity      abs(ray) Z^2 / (fx baseline) sigma, from pixels to metres
 multiview.fusion (only fused points)   variance 0.5 sigma^2 + 0.5 sum w_i^2 s_i^2 / (sum w_i)^2, w_i = feather / s_i^2
@@ -25,8 +26,12 @@ total_sigma                            variance sigma^2 + r^2 (a^2 (fx / d)^2 + 
                                        of the uncertainty of `calibration_sigma`
 =====================================  =================================================================================
 
-Compensating a roll and registering poses add nothing. A new source of error that differs from pixel to pixel is a term
-in `uncertainty`, and one that all points share is a field of `CalibrationSigma` and a term in `total_sigma`.
+A significant yaw and a pitch are added to the configured ones as squares; a set of pairs has the largest calibration of
+its pairs. Compensating a roll and registering poses add nothing: sigma is given the pose.
+
+A new source of error that differs from pixel to pixel is a term in `uncertainty`. One that all points share has a
+parameter (`CalibrationUncertainty`), a field of `CalibrationSigma`, its value in `calibration_sigma` and a term in
+`_total_sigma`.
 
 Saturation and calibration are no weights of the fusion. The error of the calibration is common to all pairs, so that
 averaging does not reduce it. Saturation widens sigma by a chosen factor, which is an allowance and no measured noise:
@@ -81,7 +86,8 @@ class PointSigma(NamedTuple):
 def is_yaw_significant(rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty) -> bool:
     """Return whether the measured yaw exceeds what noise and the configured uncertainty of the calibration explain.
 
-    Residual distortion causes the saddle of a yaw as well, so its configured size limits the accuracy of the yaw.
+    Residual distortion causes the saddle of a yaw as well. Its configured root mean square, taken as the value of such
+    a saddle in the corners, limits the accuracy of the yaw.
     """
     corner_saddle = 0.25 * rig.width * rig.height / (rig.fx * rig.fy)  # x y in the corner, normalised coordinates
     distortion_rad = configured.distortion_px / (rig.fy * corner_saddle)
@@ -97,9 +103,12 @@ def calibration_sigma(rotation: CameraRotation, rig: StereoRig, configured: Cali
     configured distortion may be a pitch and is added as one. Roll is compensated (`without_roll`).
 
     Residual distortion causes an error along rows of the size of the vertical disparity. An offset and a roll may have
-    other causes, so beyond the configured distortion only the rest of the vertical disparity is taken as distortion. If
-    the vertical disparity could not be measured, the distortion is at least the configured one. If the configured
-    distortion is 0, none is added.
+    other causes. With the root mean squares over the image of all vertical disparity and of its rest without offset and
+    roll, the distortion is
+
+        min(max(configured, rest), all)    if the vertical disparity was measured
+        max(configured, rest)              otherwise; the rest is then what the correction has removed
+        0                                  if the configured one is 0
     """
     yaw_rad = math.radians(configured.yaw_deg)
     if is_yaw_significant(rotation, rig, configured):
@@ -129,21 +138,21 @@ def largest_of(calibrations: Iterable[CalibrationSigma]) -> CalibrationSigma:
 
 def point_sigma(
     cloud: PointCloud,
-    T_lm_left: Mapping[int, Transform],
+    poses: Mapping[int, Transform],
     saturations: Mapping[int, Saturation],
     calibration: CalibrationSigma,
     rig: StereoRig,
 ) -> PointSigma:
     """Return the standard deviations of a cloud whose sigma is that of noise and smoothing alone.
 
-    Poses of the left cameras and saturations are given by the points' `pair`.
+    Poses of the left cameras (left optical frame to LM) and saturations are given by the points' `pair`.
     """
     random = widened_sigma(cloud, saturations)
-    return PointSigma(random, total_sigma(replace(cloud, sigma=random), T_lm_left, rig, calibration))
+    return PointSigma(random, total_sigma(replace(cloud, sigma=random), poses, rig, calibration))
 
 
 def total_sigma(
-    cloud: PointCloud, T_lm_left: Mapping[int, Transform], rig: StereoRig, calibration: CalibrationSigma
+    cloud: PointCloud, poses: Mapping[int, Transform], rig: StereoRig, calibration: CalibrationSigma
 ) -> NDArray[np.float32]:
     """Return the standard deviation along the ray of each point `(N,)`, metres, including the calibration's part.
 
@@ -153,11 +162,11 @@ def total_sigma(
         sigma^2 + r^2 (a^2 (fx / d)^2 + focal^2 + baseline^2)
         a^2 = (yaw (1 + xr^2))^2 + (pitch xr y)^2 + (roll y)^2 + distortion^2
 
-    Poses of the left cameras are given by the points' `pair`.
+    Poses of the left cameras (left optical frame to LM) are given by the points' `pair`.
     """
-    axes = np.zeros((max(T_lm_left) + 1, 3))
+    axes = np.zeros((max(poses) + 1, 3))
     centres = np.zeros_like(axes)
-    for pair, pose in T_lm_left.items():
+    for pair, pose in poses.items():
         axes[pair] = pose.rotation[:, 2]
         centres[pair] = pose.translation
     return _total_sigma(cloud.xyz, cloud.sigma, cloud.u, cloud.v, cloud.pair, axes, centres, rig.camera, calibration)

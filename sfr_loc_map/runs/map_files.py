@@ -21,7 +21,8 @@ from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.mapping.config import TerrainConfig
-from sfr_loc_map.mapping.terrain.elevation import ElevationModel, point_covariances
+from sfr_loc_map.mapping.point_covariance import point_covariances
+from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid, elevation_grid
 from sfr_loc_map.runs.offline import MapRun
 

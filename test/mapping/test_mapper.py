@@ -127,10 +127,10 @@ def test_same_input_gives_same_bits_on_any_number_of_threads() -> None:
 
 def arrays_of(pair_map: PairMap) -> list[bytes]:
     assert pair_map.fusion_input is not None
-    cloud, view = pair_map.cloud, pair_map.fusion_input.view
-    saturation = pair_map.fusion_input.saturation
-    arrays = (cloud.to_structured(), view.cloud.to_structured(), pair_map.random_sigma, view.disparity_px)
-    return [array.tobytes() for array in (*arrays, saturation.textureless, saturation.neighbourhood)]
+    cloud, given = pair_map.cloud, pair_map.fusion_input
+    saturation = given.saturation
+    arrays = (cloud.to_structured(), given.noise_sigma, pair_map.random_sigma, pair_map.disparity_px)
+    return [array.tobytes() for array in (*arrays, saturation.saturated, saturation.neighbourhood)]
 
 
 def test_calls_change_neither_their_input_nor_the_mapper() -> None:
@@ -213,6 +213,10 @@ def test_wrong_size_and_index_and_maps_of_other_methods_are_refused() -> None:
     wider = Mapper(replace(made.rig, baseline_m=1.5 * made.rig.baseline_m))
     with pytest.raises(MappingError, match="other cameras"):
         mapper.fuse([wider.process(made.pair, T_LM_NAVSB, 0)])
+    whole = mapper.process(made.pair, T_LM_NAVSB, 0)
+    halved = replace(whole, cloud=whole.cloud.select(np.arange(0, len(whole.cloud), 2)))
+    with pytest.raises(MappingError, match="select points afterwards"):
+        mapper.fuse([halved])
 
 
 @pytest.mark.slow

@@ -22,7 +22,8 @@ MEAN_RADIUS_CELLS = 3
 which has steps of 1/16 or 1/8 pixel."""
 MEAN_TOLERANCES_PX = (F(1.5), F(0.7))
 """Cells that differ by less are averaged, pixels, in the first and the second mean. The first tolerance exceeds the
-matcher's noise in noisy images (docs/decisions/0003), the second keeps edges that the first mean has revealed."""
+matcher's noise in noisy images (measurements/mapper_trials.md), the second keeps edges that the first mean has
+revealed."""
 NEAR_TAP = F(0.5625)  #: Bilinear weight `(3/4)^2` of a cell at its pixels, a quarter of a cell from its centre.
 SIDE_TAP = F(0.1875)  #: Bilinear weight `3/4 1/4` of the neighbours along the row and along the column.
 CORNER_TAP = F(0.0625)  #: Bilinear weight `(1/4)^2` of the diagonal neighbour.
@@ -37,7 +38,7 @@ def padded(image: FloatImage) -> FloatImage:
     return np.ascontiguousarray(cv2.copyMakeBorder(image, 0, below, 0, beside, cv2.BORDER_REPLICATE), F)
 
 
-def field_from_disparity(disparity_px: FloatImage) -> FloatImage:
+def cells_from_disparity(disparity_px: FloatImage) -> FloatImage:
     """Return the field on cells of a disparity `(H, W)`, NaN in holes: holes are filled, surfaces averaged."""
     cells = fill_occlusions(cells_from_pixels(padded(disparity_px), SURFACE_JUMP_PX))
     for tolerance_px in MEAN_TOLERANCES_PX:
@@ -45,7 +46,7 @@ def field_from_disparity(disparity_px: FloatImage) -> FloatImage:
     return cells
 
 
-def disparity_from_field(cells: FloatImage, shape: tuple[int, ...]) -> FloatImage:
+def disparity_from_cells(cells: FloatImage, shape: tuple[int, ...]) -> FloatImage:
     """Return the disparity of each pixel of an image `(H, W)`."""
     height, width = shape
     return np.ascontiguousarray(pixels_from_cells(cells, SURFACE_JUMP_PX)[:height, :width])

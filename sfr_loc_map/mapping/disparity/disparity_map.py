@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
-from sfr_loc_map.mapping.disparity.rectification_correction import RightImageCorrection
+from sfr_loc_map.mapping.disparity.right_image_correction import RightImageCorrection
 from sfr_loc_map.mapping.disparity.saturation import Saturation
 
 
@@ -29,4 +29,4 @@ class DisparityMap:
     noise_grey: float  #: Standard deviation of a photometric residual, grey levels.
     #: Fraction of the textured pixels whose disparity is valid before holes are filled, in any state; NaN if too few
     #: are textured.
-    matched_fraction: float
+    valid_textured_fraction: float

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from sfr_loc_map.geometry.stereo import StereoPair
-from sfr_loc_map.mapping.disparity.cell_field import disparity_from_field, field_from_disparity
+from sfr_loc_map.mapping.disparity.cell_field import cells_from_disparity, disparity_from_cells
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
-from sfr_loc_map.mapping.disparity.rectification_correction import correct_rectification
+from sfr_loc_map.mapping.disparity.right_image_correction import correct_right_image
 from sfr_loc_map.mapping.disparity.saturation import measure_saturation
 from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
-from sfr_loc_map.mapping.disparity.texture import matched_fraction
+from sfr_loc_map.mapping.disparity.texture import valid_textured_fraction
 from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
 from sfr_loc_map.mapping.disparity.validity import valid_mask
 from sfr_loc_map.mapping.disparity.variational_refinement import refine
@@ -23,10 +23,11 @@ def estimate_disparity(pair: StereoPair, disparity_count: int) -> DisparityMap:
     """
     left = pair.left.astype(np.float32)
     initial_px = semi_global_matching(pair.left, pair.right, disparity_count)
-    initial_field = field_from_disparity(initial_px)
-    without_holes_px = disparity_from_field(initial_field, left.shape)
-    right, correction = correct_rectification(left, pair.right.astype(np.float32), without_holes_px)
-    refined = refine(left, right, initial_field)
+    initial_cells = cells_from_disparity(initial_px)
+    without_holes_px = disparity_from_cells(initial_cells, left.shape)
+    corrected = correct_right_image(left, pair.right.astype(np.float32), without_holes_px)
+    right = corrected.image
+    refined = refine(left, right, initial_cells)
     sigma_px = disparity_sigma(refined)
     saturation = measure_saturation(pair.left, pair.right, refined.disparity_px)
     valid = valid_mask(left, right, initial_px, refined, sigma_px, saturation)
@@ -37,8 +38,8 @@ def estimate_disparity(pair: StereoPair, disparity_count: int) -> DisparityMap:
         initial_px=initial_px,
         left=left,
         right=right,
-        correction=correction,
+        correction=corrected.correction,
         saturation=saturation,
         noise_grey=refined.noise_grey,
-        matched_fraction=matched_fraction(left, valid),
+        valid_textured_fraction=valid_textured_fraction(left, valid),
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 
@@ -14,6 +16,13 @@ SURFACE_JUMP_PX = F(1.0)
 from pixel to pixel, and a ramp of this slope is parallel to a ray of the right camera."""
 VARIANCE_SIDE = 7  #: Side of the square of a local variance, pixels: 49 samples, whose variance is known to 20 %.
 MIN_DISPARITY_PX = F(0.3)  #: Smallest disparity whose depth is compared with another one, pixels: it must not be 0.
+
+
+class SecondDifferences(NamedTuple):
+    """Second differences of an image, `(H, W)` each."""
+
+    along_x: FloatImage  #: Along rows.
+    along_y: FloatImage  #: Along columns.
 
 
 def box_mean(image: FloatImage, side: int) -> FloatImage:
@@ -38,12 +47,12 @@ def upsample_nearest(image: FloatImage, factor: int) -> FloatImage:
     return image.repeat(factor, axis=0).repeat(factor, axis=1)
 
 
-def second_differences(image: FloatImage) -> tuple[FloatImage, FloatImage]:
+def second_differences(image: FloatImage) -> SecondDifferences:
     """Return the second differences along rows and along columns; the border is repeated."""
     taps = np.array([[1.0, -2.0, 1.0]], F)
     along_x = cv2.filter2D(image, -1, taps, borderType=cv2.BORDER_REPLICATE)
     along_y = cv2.filter2D(image, -1, taps.T, borderType=cv2.BORDER_REPLICATE)
-    return np.asarray(along_x, F), np.asarray(along_y, F)
+    return SecondDifferences(np.asarray(along_x, F), np.asarray(along_y, F))
 
 
 def local_variance(image: FloatImage) -> FloatImage:

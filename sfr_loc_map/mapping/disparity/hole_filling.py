@@ -4,7 +4,7 @@ The hypotheses of a pixel are the surfaces that are met first along eight direct
 judged by the matching cost over the pixel's neighbourhood, in which pixels without a disparity have most of the weight.
 The largest cost of a filled pixel is a percentile of the costs of valid pixels beside holes in the same pair. A
 hypothesis is rejected if another surface corresponds to the same pixel of the right image. Limits and what was tried
-instead: docs/decisions/0003.
+instead: measurements/mapper_trials.md.
 """
 
 from __future__ import annotations
@@ -20,13 +20,7 @@ from sfr_loc_map.geometry.arrays import FloatArray32, FloatImage, IntArray, Mask
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX, depth_ratio, dilated
-from sfr_loc_map.mapping.disparity.matching_cost import (
-    MAX_COST,
-    MAX_DIFFERENCE,
-    WEIGHT_BY_DISTANCE,
-    WEIGHT_BY_GREY,
-    WINDOW_RADIUS,
-)
+from sfr_loc_map.mapping.disparity.matching_cost import MAX_COST, plane_cost
 
 F = np.float32
 
@@ -35,7 +29,6 @@ PASSES = 2
 of density."""
 REACH = 12  #: Rows or columns within which a surface is a hypothesis: planes are extrapolated no farther.
 SLOPE_PX = 2  #: Distance over which the slope of a surface is measured, pixels: one cell of the refined field.
-VALID_WEIGHT = F(0.3)  #: Weight of valid pixels in a window: they repeat the disparity that they already have.
 COST_PERCENTILE = 93.0
 """A filled pixel matches no worse than this percentage of the valid pixels beside holes. Real images match less well
 than rendered ones, so that no fixed cost suits both."""
@@ -46,7 +39,7 @@ MIN_SAMPLES = 50  #: Samples that the percentile requires: three or four are the
 MARGIN_SIGMAS = 1.5
 """Cost margin over other hypotheses, in standard deviations of the noise of one pixel. Chosen on two real pairs and
 rendered grounds."""
-ASIDE_PX = F(2.0)
+ALTERNATIVE_PX = F(2.0)
 """A surface that nothing else confirms must match better than disparities this far to either side, pixels, because
 noise matches any surface."""
 SAME_HYPOTHESIS_PX = F(0.5)  #: Hypotheses that differ by less are judged once, pixels: half of `SURFACE_JUMP_PX`.
@@ -71,7 +64,7 @@ class HoleScene(NamedTuple):
     left: FloatImage  #: Whole grey levels.
     right: FloatImage  #: Corrected grey levels.
     disparity: FloatImage  #: Pixels.
-    valid: Mask  #: Pixels whose disparities are surfaces.
+    valid: Mask  #: Pixels with a valid disparity.
     fillable: Mask  #: Pixels that may be filled.
     initial: FloatImage  #: Disparities of the semi-global matching, pixels; NaN where it has none.
     distance: FloatImage  #: Rows or columns to the nearest valid pixel.
@@ -87,8 +80,8 @@ class FilledPixels(NamedTuple):
 class RightSurfaces(NamedTuple):
     """Disparities `(H, W)` of the valid left pixels that correspond to each pixel of the right image, pixels."""
 
-    low: FloatImage  #: The smallest one; `MAX_COST` if there is none.
-    high: FloatImage  #: The largest one; `-MAX_COST` if there is none.
+    low: FloatImage  #: The smallest one; infinite if there is none.
+    high: FloatImage  #: The largest one; minus infinity if there is none.
 
 
 class Hypotheses(NamedTuple):
@@ -106,32 +99,27 @@ class HypothesisCosts(NamedTuple):
     effective_pixels: FloatArray32  #: As of `PlaneCost`.
 
 
-class PlaneCost(NamedTuple):
-    """Matching cost of a hypothesis."""
-
-    cost: np.float32  #: Weighted mean absolute difference, grey levels.
-    effective_pixels: np.float32  #: Number of pixels with equal weights that have the same variance of the mean.
-
-
 def fill_holes(disparity: DisparityMap) -> DisparityMap:
     """Return the disparity map with filled holes; completely saturated neighbourhoods stay invalid.
 
-    The standard deviation of a filled disparity is at least `MIN_FILLED_SIGMA_PX`.
+    The standard deviation of a filled disparity is at least `MIN_FILLED_SIGMA_PX`. The map is returned as it is if
+    fewer than `MIN_SAMPLES` valid pixels beside holes measure the largest cost.
     """
-    unsaturated = ~disparity.saturation.textureless
+    unsaturated = ~disparity.saturation.saturated
     scene = _scene(disparity, disparity.px, disparity.valid, unsaturated)
     max_cost = _max_cost(scene)
     if not max_cost > 0.0:
         return disparity
     min_margin = F(MARGIN_SIGMAS * disparity.noise_grey)
-    px, added = _filled(scene, max_cost, min_margin)
-    valid = disparity.valid | added
+    found = _filled(scene, max_cost, min_margin)
+    valid = disparity.valid | found.added
     for _ in range(PASSES - 1):
-        scene = _scene(disparity, px, valid, unsaturated & dilated(added, REACH))
-        px, added = _filled(scene, max_cost, min_margin)
-        valid = valid | added
-    near_enough = depth_ratio(np.where(valid, px, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
+        scene = _scene(disparity, found.px, valid, unsaturated & dilated(found.added, REACH))
+        found = _filled(scene, max_cost, min_margin)
+        valid = valid | found.added
+    near_enough = depth_ratio(np.where(valid, found.px, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
     filled = valid & ~disparity.valid & near_enough
+    px = np.where(filled, found.px, disparity.px)
     sigma_px = np.where(filled, np.maximum(disparity.sigma_px, MIN_FILLED_SIGMA_PX), disparity.sigma_px)
     return replace(disparity, px=px, sigma_px=sigma_px, valid=disparity.valid | filled)
 
@@ -144,7 +132,11 @@ def _scene(disparity: DisparityMap, px: FloatImage, valid: Mask, candidates: Mas
 
 
 def _filled(scene: HoleScene, max_cost: np.float32, min_margin: np.float32) -> FilledPixels:
-    """Return the disparities after one pass; added pixels have to be confirmed by all others."""
+    """Return the disparities after one pass.
+
+    A pixel is added if enough of its neighbours are on its surface and the right image does not contradict it
+    (`confirmed`).
+    """
     found = fill_pass(scene, right_surfaces(scene.disparity, scene.valid), max_cost, min_margin)
     candidates = np.isfinite(found)
     px = np.where(candidates, found, scene.disparity)
@@ -192,7 +184,7 @@ def _best_hypothesis(
     - its cost is at most `max_cost`;
     - any other surface around costs more by the margin, which decreases with the effective number of pixels;
     - it is confirmed: met on opposite sides, or that of the matcher, or cheaper by the margin than disparities
-      `ASIDE_PX` to either side.
+      `ALTERNATIVE_PX` to either side.
 
     If the refined field agrees with the hypothesis, the disparity is that of the field.
     """
@@ -204,7 +196,8 @@ def _best_hypothesis(
         count += possible[k]
     if count == 0:
         return F(np.nan)
-    cost, effective_pixels = _hypothesis_costs(scene, y, x, planes)
+    costs = _hypothesis_costs(scene, y, x, planes)
+    cost = costs.cost
     best = 0
     lowest = MAX_COST
     for k in range(DIRECTION_COUNT):
@@ -216,14 +209,16 @@ def _best_hypothesis(
     for k in range(DIRECTION_COUNT):
         if abs(planes.disparity[k] - disparity) > SURFACE_JUMP_PX:
             lowest_other = min(lowest_other, cost[k])
-    required = cost[best] + min_margin / np.sqrt(effective_pixels[best])
+    required = cost[best] + min_margin / np.sqrt(costs.effective_pixels[best])
     if not (possible[best] and cost[best] <= max_cost and lowest_other >= required):
         return F(np.nan)
     is_confirmed = _is_enclosed(planes, disparity) or abs(scene.initial[y, x] - disparity) < SURFACE_JUMP_PX
     if not is_confirmed:
-        for side in (-ASIDE_PX, ASIDE_PX):
-            aside = plane_cost(scene, y, x, disparity + side, planes.slope_x[best], planes.slope_y[best])
-            if aside.cost < required:
+        for side in (-ALTERNATIVE_PX, ALTERNATIVE_PX):
+            alternative = plane_cost(
+                scene.left, scene.right, scene.valid, y, x, disparity + side, planes.slope_x[best], planes.slope_y[best]
+            )
+            if alternative.cost < required:
                 return F(np.nan)
     own: np.float32 = scene.disparity[y, x]
     return own if abs(own - disparity) < SURFACE_JUMP_PX else disparity
@@ -255,7 +250,9 @@ def _hypothesis_costs(scene: HoleScene, y: int, x: int, planes: Hypotheses) -> H
             cost[k] = cost[first]
             effective_pixels[k] = effective_pixels[first]
         else:
-            found = plane_cost(scene, y, x, planes.disparity[k], planes.slope_x[k], planes.slope_y[k])
+            found = plane_cost(
+                scene.left, scene.right, scene.valid, y, x, planes.disparity[k], planes.slope_x[k], planes.slope_y[k]
+            )
             cost[k] = found.cost
             effective_pixels[k] = found.effective_pixels
     return HypothesisCosts(cost, effective_pixels)
@@ -311,36 +308,6 @@ def _surface_slope(scene: HoleScene, y: int, x: int, dy: int, dx: int) -> np.flo
     return slope
 
 
-@jit_rows_inline
-def plane_cost(
-    scene: HoleScene, y: int, x: int, disparity: np.float32, slope_x: np.float32, slope_y: np.float32
-) -> PlaneCost:
-    """Return the matching cost of a plane over the window around a pixel."""
-    left = scene.left
-    right = scene.right
-    rows, cols = left.shape
-    total = F(0.0)
-    weights = F(0.0)
-    squares = F(0.0)
-    for v in range(max(0, y - WINDOW_RADIUS), min(rows, y + WINDOW_RADIUS + 1)):
-        start = F(x) - disparity - slope_y * F(v - y)
-        for u in range(max(0, x - WINDOW_RADIUS), min(cols, x + WINDOW_RADIUS + 1)):
-            column = start + (F(1.0) - slope_x) * F(u - x)
-            if not (column >= F(0.0) and column < F(cols - 1)):
-                continue
-            k = int(column)
-            value = right[v, k] + (column - F(k)) * (right[v, k + 1] - right[v, k])
-            weight = WEIGHT_BY_GREY[int(abs(left[v, u] - left[y, x]))]
-            weight *= WEIGHT_BY_DISTANCE[v - y + WINDOW_RADIUS, u - x + WINDOW_RADIUS]
-            weight *= VALID_WEIGHT if scene.valid[v, u] else F(1.0)
-            total += weight * min(abs(value - left[v, u]), MAX_DIFFERENCE)
-            weights += weight
-            squares += weight * weight
-    if not weights > F(0.0):
-        return PlaneCost(MAX_COST, F(0.0))
-    return PlaneCost(total / weights, weights * weights / squares)
-
-
 @jit_rows
 def own_costs(scene: HoleScene, flat_indices: IntArray) -> FloatImage:
     """Return the matching costs `(N,)` of valid pixels at their own disparity, given by indices of the flat image."""
@@ -351,7 +318,7 @@ def own_costs(scene: HoleScene, flat_indices: IntArray) -> FloatImage:
         x = flat_indices[n] % cols
         slope_x = _surface_slope(scene, y, x, 0, 1)
         slope_y = _surface_slope(scene, y, x, 1, 0)
-        out[n] = plane_cost(scene, y, x, scene.disparity[y, x], slope_x, slope_y).cost
+        out[n] = plane_cost(scene.left, scene.right, scene.valid, y, x, scene.disparity[y, x], slope_x, slope_y).cost
     return out
 
 
@@ -359,8 +326,8 @@ def own_costs(scene: HoleScene, flat_indices: IntArray) -> FloatImage:
 def right_surfaces(disparity: FloatImage, valid: Mask) -> RightSurfaces:
     """Return the disparities that correspond to each pixel of the right image."""
     rows, cols = disparity.shape
-    low = np.full((rows, cols), MAX_COST)
-    high = np.full((rows, cols), -MAX_COST)
+    low = np.full((rows, cols), F(np.inf))
+    high = np.full((rows, cols), F(-np.inf))
     for y in prange(rows):
         for x in range(cols):
             if valid[y, x]:

@@ -1,8 +1,9 @@
-"""Constants of the matching cost of a window: truncated absolute differences with adaptive support weights.
+"""The matching cost of a window: truncated absolute differences with adaptive support weights.
 
 A pixel of the window has the more weight, the more similar its grey level is to that of the centre and the nearer it is
 to the centre (Yoon and Kweon 2006), so that the window covers mostly the surface of its centre. The disparity is
-constant over the window beside jumps (`wrong_surface.constant_cost`), and a plane in holes (`hole_filling.plane_cost`).
+constant over the window beside jumps (`constant_cost`), and a plane in holes (`plane_cost`).
+The network beside jumps was trained with the former (`wrong_surface`).
 
 The mapper has three matching costs. The initial disparity has that of OpenCV's matcher (`semi_global_matching`), the
 refinement has squared residuals (`photometric_residual`), and the cost of this window judges single pixels afterwards.
@@ -10,15 +11,19 @@ refinement has squared residuals (`photometric_residual`), and the cost of this 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatImage, Mask
+from sfr_loc_map.jit import jit_rows_inline
 
 F = np.float32
 
-WINDOW_RADIUS = 4
-"""Half side of the window, pixels. The network beside jumps was trained with the five values here: train it again
-(`tools/train_edge_network.py`) if one of them changes."""
+WINDOW_RADIUS = 4  #: Half side of the window, pixels: it covers the surface of its centre and little else.
 MAX_DIFFERENCE = F(30.0)  #: Absolute differences are truncated to this, grey levels: more of them are occlusions.
 MAX_COST = F(1e9)  #: Cost where no pixel of the window is inside the right image, grey levels: larger than any other.
+VALID_WEIGHT = F(0.3)  #: Weight of valid pixels in a window: they repeat the disparity that they already have.
 GREY_SCALE = 8.0  #: Difference at which the weight has decreased to 1/e, grey levels: a few times the noise.
 DISTANCE_SCALE_PX = 3.0  #: Distance at which the weight has decreased to 1/e, pixels; 0.26 at the window's edge.
 
@@ -27,3 +32,88 @@ WEIGHT_BY_GREY = np.exp(-np.arange(256.0) / GREY_SCALE).astype(F)
 _OFFSETS = np.arange(-WINDOW_RADIUS, WINDOW_RADIUS + 1, dtype=np.float64)
 WEIGHT_BY_DISTANCE = np.exp(-np.hypot(_OFFSETS[:, None], _OFFSETS[None]) / DISTANCE_SCALE_PX).astype(F)
 """Weight of a pixel by its row and column in the window."""
+
+
+class MatchingCost(NamedTuple):
+    """Matching cost of a pixel at a disparity."""
+
+    window: np.float32  #: Cost of the window, grey levels; `MAX_COST` outside the right image.
+    #: Mean absolute difference of 3 x 3 pixels, grey levels. `MAX_COST` if the window is outside the right image; 0 if
+    #: a part of the window is inside but none of these pixels is. The network was trained with the latter.
+    close: np.float32
+    effective_pixels: np.float32  #: Number of pixels with equal weights that the window is equivalent to.
+
+
+class PlaneCost(NamedTuple):
+    """Matching cost of a hypothesis."""
+
+    cost: np.float32  #: Weighted mean absolute difference, grey levels.
+    effective_pixels: np.float32  #: Number of pixels with equal weights that have the same variance of the mean.
+
+
+@jit_rows_inline
+def constant_cost(left: FloatImage, right: FloatImage, y: int, x: int, disparity: np.float32) -> MatchingCost:
+    """Return the matching cost of a pixel at a disparity that is constant over the window."""
+    rows, cols = left.shape
+    whole = int(np.floor(disparity))
+    fraction = disparity - F(whole)
+    total = F(0.0)
+    weights = F(0.0)
+    squares = F(0.0)
+    total_close = F(0.0)
+    count_close = F(0.0)
+    first = max(x - WINDOW_RADIUS, whole + 1, 0)
+    last = min(x + WINDOW_RADIUS, cols - 1 + whole, cols - 1)
+    for v in range(max(0, y - WINDOW_RADIUS), min(rows, y + WINDOW_RADIUS + 1)):
+        for u in range(first, last + 1):
+            value = right[v, u - whole] + fraction * (right[v, u - whole - 1] - right[v, u - whole])
+            difference = min(abs(value - left[v, u]), MAX_DIFFERENCE)
+            weight = WEIGHT_BY_GREY[int(abs(left[v, u] - left[y, x]))]
+            weight *= WEIGHT_BY_DISTANCE[v - y + WINDOW_RADIUS, u - x + WINDOW_RADIUS]
+            total += weight * difference
+            weights += weight
+            squares += weight * weight
+            if abs(v - y) <= 1 and abs(u - x) <= 1:
+                total_close += difference
+                count_close += F(1.0)
+    if not weights > F(0.0):
+        return MatchingCost(MAX_COST, MAX_COST, F(1.0))
+    return MatchingCost(total / weights, total_close / max(count_close, F(1.0)), weights * weights / squares)
+
+
+@jit_rows_inline
+def plane_cost(
+    left: FloatImage,
+    right: FloatImage,
+    valid: Mask,
+    y: int,
+    x: int,
+    disparity: np.float32,
+    slope_x: np.float32,
+    slope_y: np.float32,
+) -> PlaneCost:
+    """Return the matching cost of a plane over the window around a pixel; valid pixels have less weight.
+
+    Pixels whose corresponding point is outside the right image are left out.
+    """
+    rows, cols = left.shape
+    total = F(0.0)
+    weights = F(0.0)
+    squares = F(0.0)
+    for v in range(max(0, y - WINDOW_RADIUS), min(rows, y + WINDOW_RADIUS + 1)):
+        start = F(x) - disparity - slope_y * F(v - y)
+        for u in range(max(0, x - WINDOW_RADIUS), min(cols, x + WINDOW_RADIUS + 1)):
+            column = start + (F(1.0) - slope_x) * F(u - x)
+            if not (column >= F(0.0) and column < F(cols - 1)):
+                continue
+            k = int(column)
+            value = right[v, k] + (column - F(k)) * (right[v, k + 1] - right[v, k])
+            weight = WEIGHT_BY_GREY[int(abs(left[v, u] - left[y, x]))]
+            weight *= WEIGHT_BY_DISTANCE[v - y + WINDOW_RADIUS, u - x + WINDOW_RADIUS]
+            weight *= VALID_WEIGHT if valid[v, u] else F(1.0)
+            total += weight * min(abs(value - left[v, u]), MAX_DIFFERENCE)
+            weights += weight
+            squares += weight * weight
+    if not weights > F(0.0):
+        return PlaneCost(MAX_COST, F(0.0))
+    return PlaneCost(total / weights, weights * weights / squares)

@@ -14,7 +14,8 @@ from sfr_loc_map.mapping.robust_statistics import mad_sigma
 F = np.float32
 
 SMOOTHING_SIDE = F(0.1065)
-"""Side tap of a Gaussian of 0.5 pixels, `exp(-2) / (1 + 2 exp(-2))`. Wider ones lose texture (docs/decisions/0003)."""
+"""Side tap of a Gaussian of 0.5 pixels, `exp(-2) / (1 + 2 exp(-2))`. Wider ones lose texture
+(measurements/mapper_trials.md)."""
 SMOOTHING_CENTRE = F(1.0) - F(2.0) * SMOOTHING_SIDE  #: Centre tap of the same Gaussian.
 DERIVATIVE_NEAR = F(0.5 * (1.0 - 2.0 * 0.1065))  #: Tap at one pixel of a central difference after that Gaussian.
 DERIVATIVE_FAR = F(0.5 * 0.1065)  #: Tap at two pixels of the same.
@@ -32,7 +33,10 @@ SAMPLED_CELLS = np.s_[::4, ::2]  #: The cells of these pixels.
 
 
 class NormalEquations(NamedTuple):
-    """Normal equations of a change in disparity, `(H/2, W/2)` float32 each."""
+    """Normal equations of a change in disparity, `(H/2, W/2)` float32 each.
+
+    `var` is the variance of a residual. The refinement enlarges it (`Linearisation.equations`).
+    """
 
     information: FloatImage  #: Sum of `w g^2 / var`, 1 / px^2.
     information_vector: FloatImage  #: Sum of `w g r / var`, 1 / px: information times the least squares change.
@@ -167,12 +171,12 @@ def slopes(template: FloatImage) -> FloatImage:
 
 @jit_rows
 def normal_equations(
-    slope: FloatImage, residual: FloatImage, offset: FloatImage, inverse_variance: FloatImage, robust: np.float32
+    slope: FloatImage, residual: FloatImage, offset: FloatImage, inverse_variance: FloatImage, robust_factor: np.float32
 ) -> NormalEquations:
     """Return each cell's normal equations of a change in disparity (Lucas and Kanade 1981), robustly weighted.
 
-    `r(d + s) = r(d) - g s` with g the slope along the row. The weight is `1 / (1 + robust r^2 / variance)`. Columns
-    without a slope are excluded.
+    `r(d + s) = r(d) - g s` with g the slope along the row. The weight is `1 / (1 + robust_factor r^2 / variance)`.
+    Columns without a slope are excluded.
 
     Slope and residual are `(H, W)`, the residual's brightness offset and inverse variance `(H/2, W/2)`.
     """
@@ -183,9 +187,9 @@ def normal_equations(
     weights = np.empty_like(information)
     for i in prange(height // 2):
         for j in range(width // 2):
-            hessian = F(0.0)
-            gradient = F(0.0)
-            square = F(0.0)
+            slope_squares = F(0.0)
+            slope_residuals = F(0.0)
+            squares = F(0.0)
             weight_sum = F(0.0)
             inverse = inverse_variance[i, j]
             mean = offset[i, j]
@@ -197,14 +201,14 @@ def normal_equations(
                     continue
                 g = slope[y, x]
                 normalised = value * value * inverse
-                weight = F(1.0) / (F(1.0) + robust * normalised)
-                hessian += weight * g * g
-                gradient += weight * g * value
-                square += weight * normalised
+                weight = F(1.0) / (F(1.0) + robust_factor * normalised)
+                slope_squares += weight * g * g
+                slope_residuals += weight * g * value
+                squares += weight * normalised
                 weight_sum += weight
-            information[i, j] = hessian * inverse
-            information_vector[i, j] = gradient * inverse
-            chi2[i, j] = square
+            information[i, j] = slope_squares * inverse
+            information_vector[i, j] = slope_residuals * inverse
+            chi2[i, j] = squares
             weights[i, j] = weight_sum
     return NormalEquations(information, information_vector, chi2, weights)
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
-from sfr_loc_map.mapping.disparity.rectification_correction import (
+from sfr_loc_map.mapping.disparity.right_image_correction import (
     MIN_RESIDUAL_SIGMA,
     ROBUST_SIGMAS,
     SAMPLING_STRIDE,
@@ -85,20 +85,22 @@ class VerticalFit(NamedTuple):
 def measure_right_camera(disparity: DisparityMap, rig: StereoRig) -> CameraRotation:
     """Return the rotation that explains the vertical disparity of a pair.
 
-    The vertical disparity is the sum of what the correction has removed, which is linear over the image (u, v), and of
-    what it has left, a polynomial of normalised coordinates (x, y).
+    The vertical disparity is the sum of what the correction has removed, which is linear over the image (-1 to 1 along
+    both axes, `edge_x` and `edge_y`), and of what it has left, a polynomial of normalised coordinates (x, y).
     """
     removed = disparity.correction.vertical
-    remaining, saddle_sigma_px = _fit_vertical_disparity(disparity, rig)
+    fit = _fit_vertical_disparity(disparity, rig)
+    remaining = fit.polynomial
     side = GRID_POINTS * 1j
-    v, u = np.mgrid[-1.0:1.0:side, -1.0:1.0:side]
-    x = 0.5 * rig.width * u / rig.fx
-    y = 0.5 * rig.height * v / rig.fy
-    distortion = remaining.along_y * y + remaining.saddle * x * y + remaining.square * y * y + removed.stretch_px * v
-    vertical = remaining.constant + remaining.along_x * x + removed.offset_px + removed.tilt_px * u + distortion
+    edge_y, edge_x = np.mgrid[-1.0:1.0:side, -1.0:1.0:side]
+    x = 0.5 * rig.width * edge_x / rig.fx
+    y = 0.5 * rig.height * edge_y / rig.fy
+    distortion = remaining.along_y * y + remaining.saddle * x * y + remaining.square * y * y
+    distortion = distortion + removed.stretch_px * edge_y
+    vertical = remaining.constant + remaining.along_x * x + removed.offset_px + removed.tilt_px * edge_x + distortion
     return CameraRotation(
         yaw_rad=-remaining.saddle / rig.fy,
-        yaw_sigma_rad=saddle_sigma_px / rig.fy,
+        yaw_sigma_rad=fit.saddle_sigma_px / rig.fy,
         roll_rad=-2.0 * removed.tilt_px / rig.width * (rig.fx / rig.fy) - remaining.along_x / rig.fy,
         pitch_rad=(removed.offset_px + remaining.constant) / rig.fy,
         vertical_rms_px=float(np.sqrt(np.mean(np.square(vertical)))),
@@ -108,11 +110,11 @@ def measure_right_camera(disparity: DisparityMap, rig: StereoRig) -> CameraRotat
 
 def _fit_vertical_disparity(disparity: DisparityMap, rig: StereoRig) -> VerticalFit:
     """Return the vertical disparity of the corrected images: one step of robustly weighted least squares."""
-    residual, mean = residual_and_mean(disparity.left, disparity.right, disparity.px)
-    slope_rows = cv2.filter2D(mean, -1, SOBEL_DIFFERENCE.T)[::SAMPLING_STRIDE]
+    compared = residual_and_mean(disparity.left, disparity.right, disparity.px)
+    slope_rows = cv2.filter2D(compared.mean, -1, SOBEL_DIFFERENCE.T)[::SAMPLING_STRIDE]
     slope = cv2.filter2D(slope_rows, -1, SOBEL_SMOOTHING)[:, ::SAMPLING_STRIDE]
     sampled = np.s_[::SAMPLING_STRIDE, ::SAMPLING_STRIDE]
-    residual = residual[sampled]
+    residual = compared.residual[sampled]
     usable = np.isfinite(residual) & disparity.valid[sampled]
     row, column = np.nonzero(usable)
     if len(row) < MIN_PIXELS:

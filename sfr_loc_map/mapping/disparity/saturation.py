@@ -16,7 +16,7 @@ from sfr_loc_map.jit import jit_rows
 
 F = np.float32
 
-TEXTURELESS_PX = 5
+SATURATED_SQUARE_PX = 5
 """A pixel is invalid if the square of this side around it is completely saturated, pixels: its slope, of five columns
 and three rows, is then 0."""
 NEIGHBOURHOOD_PX = 11
@@ -36,7 +36,7 @@ there, because clipping removes it."""
 class Saturation:
     """Saturation of a pair around each pixel of the left image."""
 
-    textureless: Mask  #: `(H, W)`, the square around the pixel is completely saturated in one of the images.
+    saturated: Mask  #: `(H, W)`, the square around the pixel is completely saturated in one of the images.
     neighbourhood: GreyImage  #: `(H, W)`, saturated fraction of the pixel's neighbourhood, 0 to 255.
     fraction: float  #: Fraction of the pixels that are saturated in either image.
 
@@ -47,11 +47,11 @@ def measure_saturation(left: GreyImage, right: GreyImage, disparity_px: FloatIma
     saturated_right = cv2.LUT(right, SATURATED_GREY_LEVELS)
     if saturated_right.any():
         saturated_right = _warped(saturated_right, disparity_px)
-    square = np.ones((TEXTURELESS_PX, TEXTURELESS_PX), np.uint8)
-    textureless = np.maximum(cv2.erode(saturated_left, square), cv2.erode(saturated_right, square)) > 0
+    square = np.ones((SATURATED_SQUARE_PX, SATURATED_SQUARE_PX), np.uint8)
+    saturated = np.maximum(cv2.erode(saturated_left, square), cv2.erode(saturated_right, square)) > 0
     either = np.maximum(saturated_left, saturated_right)
     neighbourhood = np.asarray(cv2.blur(either, (NEIGHBOURHOOD_PX, NEIGHBOURHOOD_PX)), np.uint8)
-    return Saturation(textureless, neighbourhood, float(np.count_nonzero(either) / either.size))
+    return Saturation(saturated, neighbourhood, float(np.count_nonzero(either) / either.size))
 
 
 def _warped(right: cv2.typing.MatLike, disparity_px: FloatImage) -> cv2.typing.MatLike:

@@ -23,7 +23,7 @@ F = np.float32
 STEPS_PER_PX = F(16.0)  #: Disparities of neighbours are compared in whole sixteenths of a pixel.
 MIN_SEGMENT_PIXELS = 40
 """Segments of this many pixels or fewer are invalid: nothing around agrees with them. With 30, 0.06 % more pixels of a
-KITTI pair are wrong (docs/decisions/0003)."""
+KITTI pair are wrong (measurements/mapper_trials.md)."""
 LARGE_SEGMENT_PIXELS = 2000  #: Larger segments are not noise: the largest one in 100 images of noise had 740 pixels.
 MIN_CORRELATION = 0.7
 """Smallest correlation of the gradients of a segment that is not large. White noise of 0.5 to 5 grey levels reached

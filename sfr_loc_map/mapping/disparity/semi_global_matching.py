@@ -12,19 +12,19 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity.rectification_correction import EXPOSURE_QUANTILES, EXPOSURE_STRIDE
+from sfr_loc_map.mapping.disparity.right_image_correction import EXPOSURE_QUANTILES, EXPOSURE_STRIDE
 
 WIDE_COLUMNS = 800
 """Images of this width or more are matched at half their width: a quarter of the cost and less noise, and the
 refinement has cells of two pixels anyway. Smaller images are matched at full width, because edges are sharper
-(docs/decisions/0003)."""
+(measurements/mapper_trials.md)."""
 DISPARITY_STEP = 16  #: OpenCV's matcher searches a multiple of this many disparities.
 SUBPIXELS = 16  #: Steps per pixel of the disparities of OpenCV's matcher.
 SMALL_JUMP_PENALTY = 8
 """P1 of Hirschmueller (2008): cost of a change of disparity by one pixel. OpenCV recommends 8 per channel."""
 LARGE_JUMP_PENALTY = 32  #: P2 of Hirschmueller (2008): cost of a larger change. OpenCV recommends 32 per channel.
 MAX_LEFT_RIGHT_PX = 1  #: Largest difference of the left-right check, pixels of the matched images; the usual value.
-MAX_DERIVATIVE = 31  #: Derivatives of the images are clipped to this, grey levels. Others: docs/decisions/0003.
+MAX_DERIVATIVE = 31  #: Derivatives of the images are clipped to this, grey levels (measurements/mapper_trials.md).
 MIN_UNIQUENESS_PERCENT = 2
 """Margin of the best cost over the second best one, percent. OpenCV recommends 5 to 15; here wrong matches are rejected
 after the refinement."""
@@ -64,15 +64,17 @@ def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:
 
 
 def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> FloatImage:
-    """Return the disparity of the left image `(H, W)`, pixels, NaN where the left-right check fails.
+    """Return the disparity of the left image `(H, W)`, pixels, NaN where the matcher rejects it.
+
+    Rejected are disparities that fail the left-right check, that are not unique, or that belong to a small segment.
 
     Semi-global matching (Hirschmueller 2008, OpenCV's three paths) has steps of 1/16 pixel. In wide images pairs of
     columns are averaged first, and the steps are 1/8 pixel. A right image of another exposure is equalised. Both images
     are padded on the left, so that columns are matched even if a part of the search range, 0 to `count - 1`, is outside
     the right image.
     """
-    columns = 2 if left.shape[1] >= WIDE_COLUMNS else 1
-    searched = DISPARITY_STEP * math.ceil(count / (DISPARITY_STEP * columns))
+    reduction = 2 if left.shape[1] >= WIDE_COLUMNS else 1
+    searched = DISPARITY_STEP * math.ceil(count / (DISPARITY_STEP * reduction))
     matcher = cv2.StereoSGBM.create(
         minDisparity=0,
         numDisparities=searched,
@@ -85,19 +87,19 @@ def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> Float
         speckleWindowSize=0,
         mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )
-    padded_left = _padded_left(_averaged_columns(left, columns), searched)
-    padded_right = _padded_left(_averaged_columns(_equalised(left, right), columns), searched)
+    padded_left = _padded_on_the_left(_averaged_columns(left, reduction), searched)
+    padded_right = _padded_on_the_left(_averaged_columns(_equalised(left, right), reduction), searched)
     steps = matcher.compute(padded_left, padded_right)[:, searched:]
     cv2.filterSpeckles(steps, UNMATCHED, SPECKLE_PIXELS, SPECKLE_STEP)
-    matched = steps.astype(np.float32) * np.float32(columns / SUBPIXELS)
+    matched = steps.astype(np.float32) * np.float32(reduction / SUBPIXELS)
     disparity = np.where(steps < 0, np.float32(np.nan), matched)  # `UNMATCHED` is the only negative value
-    return np.ascontiguousarray(np.repeat(disparity, columns, axis=1)[:, : left.shape[1]])
+    return np.ascontiguousarray(np.repeat(disparity, reduction, axis=1)[:, : left.shape[1]])
 
 
 def _equalised(left: GreyImage, right: GreyImage) -> GreyImage:
     """Return the right image with a gain and an offset that give it the quantiles of the left image.
 
-    Without disparities the quantiles are those of the whole images. `correct_rectification` measures the exposure again
+    Without disparities the quantiles are those of the whole images. `correct_right_image` measures the exposure again
     from corresponding pixels.
     """
     sampled = np.s_[::EXPOSURE_STRIDE, ::EXPOSURE_STRIDE]
@@ -111,13 +113,13 @@ def _equalised(left: GreyImage, right: GreyImage) -> GreyImage:
     return np.asarray(cv2.LUT(right, np.clip(levels, 0, 255).astype(np.uint8)))
 
 
-def _padded_left(image: GreyImage, columns: int) -> GreyImage:
+def _padded_on_the_left(image: GreyImage, columns: int) -> GreyImage:
     """Return the image with its first column repeated on the left."""
     return np.asarray(cv2.copyMakeBorder(image, 0, 0, columns, 0, cv2.BORDER_REPLICATE), np.uint8)
 
 
-def _averaged_columns(image: GreyImage, columns: int) -> GreyImage:
-    """Return the means of each `columns` columns `(H, ceil(W / columns))`; the last column is repeated."""
+def _averaged_columns(image: GreyImage, reduction: int) -> GreyImage:
+    """Return the means of each `reduction` columns `(H, ceil(W / reduction))`; the last column is repeated."""
     rows, cols = image.shape
-    complete = cv2.copyMakeBorder(image, 0, 0, 0, -cols % columns, cv2.BORDER_REPLICATE)
-    return np.asarray(cv2.resize(complete, (-(-cols // columns), rows), interpolation=cv2.INTER_AREA), np.uint8)
+    complete = cv2.copyMakeBorder(image, 0, 0, 0, -cols % reduction, cv2.BORDER_REPLICATE)
+    return np.asarray(cv2.resize(complete, (-(-cols // reduction), rows), interpolation=cv2.INTER_AREA), np.uint8)

@@ -1,4 +1,4 @@
-"""Texture above the noise: which fraction of the pixels that can be matched is matched."""
+"""Texture above the noise: which fraction of the pixels that can be matched is valid."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NOISE_MASK = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]], n
 NOISE_GAIN = 6.0  #: Factor by which the mask amplifies white noise: the root of its sum of squares.
 
 
-def matched_fraction(left: FloatImage, valid: Mask) -> float:
+def valid_textured_fraction(left: FloatImage, valid: Mask) -> float:
     """Return the fraction of the left image's textured pixels that are valid; NaN if too few pixels are textured."""
     threshold = max(TEXTURE_SIGMAS * image_noise(left), MIN_TEXTURE_GREY)
     textured = local_variance(left) > threshold**2

@@ -23,7 +23,7 @@ MAX_SIGMA_PX = F(2.0)
 the refinement beyond 1.5 pixels or 5 standard deviations are invalid."""
 SMOOTHING_BIAS = F(0.34)
 """Error per pixel of second difference and square cell of smoothing radius. Chosen on rendered ground of several kinds,
-lights and cameras together: docs/decisions/0003."""
+lights and cameras together: measurements/mapper_trials.md."""
 CREASE_BIAS = F(1.2)
 """Error per pixel by which the second difference within 3 x 3 cells exceeds its median, chosen likewise: beside edges
 and creases the error is about as large as the second difference."""
@@ -46,8 +46,8 @@ def disparity_sigma(refined: RefinedDisparity) -> FloatImage:
     weight_x = box_mean(refined.weights.along_x, WINDOW_CELLS)
     weight_y = box_mean(refined.weights.along_y, WINDOW_CELLS)
     weight = np.sqrt(weight_x * weight_y)
-    along_x, along_y = second_differences(refined.cells_px)
-    curvature = np.abs(along_x) + np.abs(along_y)
+    bending = second_differences(refined.cells_px)
+    curvature = np.abs(bending.along_x) + np.abs(bending.along_y)
     median_curvature = median(curvature)
     ground_curvature = np.minimum(curvature, F(EDGE_FACTOR * median_curvature))
     noise_variance = F(0.125) / np.sqrt(information * weight)

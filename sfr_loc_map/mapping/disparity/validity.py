@@ -1,8 +1,9 @@
 """Which disparities are valid: visible to both cameras, consistent in both images, and on the correct surface.
 
-The tests are, in their order: the matcher's left-right consistency, change by the refinement, occlusion, residual
-(`locally_valid`), ramps between surfaces (`ramp_mask`), segments (`segments`), the surface beside a jump
-(`wrong_surface`), segments again, and saturation. Points beyond the largest range are removed later (`reprojection`).
+The tests are, in their order: those of the matcher (left-right check, uniqueness, speckles), change by the refinement,
+occlusion, residual (`locally_valid`), ramps between surfaces (`ramp_mask`), segments (`segments`), the surface beside a
+jump (`wrong_surface`), segments again, and saturation. Points beyond the largest range are removed later
+(`reprojection`).
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ CHI2_WINDOW = 5  #: Side of that window, pixels: 25 residuals of noise exceed th
 MAX_CHI2 = F(36.0)  #: Single squared residuals are clipped to this, 6 sigma squared; unknown ones have this value.
 MAX_CONTRAST_RATIO = F(0.7)
 """Mean squared residual over the variance of the left image above which a suspicious match is invalid; uncorrelated
-images have a ratio of 2. A ratio of 1.2 changes density by 0.001 or less (docs/decisions/0003)."""
+images have a ratio of 2. A ratio of 1.2 changes density by 0.001 or less (measurements/mapper_trials.md)."""
 MAX_CHANGE_PX = 1.5
 """Change by the refinement that is always accepted, pixels: the matcher's noise and the ramps of its smoothness."""
 MAX_CHANGE_SIGMAS = 5.0  #: Larger changes are accepted up to this many standard deviations of all changes.
@@ -37,7 +38,7 @@ CHANGE_STRIDE = 4  #: Every fourth pixel of every fourth row measures the standa
 MAX_SLOPE = F(0.7)
 """Slope along the row above which a pixel is on a ramp, pixels per pixel. A slope of 1 is parallel to a ray of the
 right camera: a steep ramp joins two surfaces across an occluded region. Values of 0.5 to 0.85 change density by 0.001
-(docs/decisions/0003)."""
+(measurements/mapper_trials.md)."""
 
 
 def valid_mask(
@@ -55,20 +56,17 @@ def valid_mask(
     an edge, that belong to a segment that is small or has no common content, or that are completely saturated.
     """
     disparity = refined.disparity_px
-    scene = edge_scene(left, right, initial_px, refined, sigma_px)
-    valid = scene.valid & ~wrong_surface_mask(scene)
+    valid = valid_before_edges(left, right, initial_px, refined)
+    scene = EdgeScene(left, right, disparity, np.isfinite(initial_px), valid, sigma_px)
+    valid = valid & ~wrong_surface_mask(scene)
     valid = valid_segments(left, right, disparity, valid)  # the rest of a segment may be small
-    return valid & ~saturation.textureless
+    return valid & ~saturation.saturated
 
 
-def edge_scene(
-    left: FloatImage, right: FloatImage, initial_px: FloatImage, refined: RefinedDisparity, sigma_px: FloatImage
-) -> EdgeScene:
-    """Return the pixels that are valid by the tests before that for the wrong surface, and what that test requires."""
-    disparity = refined.disparity_px
-    valid = locally_valid(left, initial_px, refined) & ~ramp_mask(disparity)
-    valid = valid_segments(left, right, disparity, valid)
-    return EdgeScene(left, right, disparity, np.isfinite(initial_px), valid, sigma_px)
+def valid_before_edges(left: FloatImage, right: FloatImage, initial_px: FloatImage, refined: RefinedDisparity) -> Mask:
+    """Return which pixels `(H, W)` are valid by the tests before that of the wrong surface beside a jump."""
+    valid = locally_valid(left, initial_px, refined) & ~ramp_mask(refined.disparity_px)
+    return valid_segments(left, right, refined.disparity_px, valid)
 
 
 def locally_valid(left: FloatImage, initial_px: FloatImage, refined: RefinedDisparity) -> Mask:

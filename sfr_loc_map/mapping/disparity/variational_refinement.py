@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatImage, IntArray, median
-from sfr_loc_map.mapping.disparity.cell_field import LEVELS, disparity_from_field, padded, pixels_from_cells
+from sfr_loc_map.mapping.disparity.cell_field import LEVELS, disparity_from_cells, padded, pixels_from_cells
 from sfr_loc_map.mapping.disparity.filters import (
     SURFACE_JUMP_PX,
     box_mean,
@@ -45,9 +45,11 @@ from sfr_loc_map.mapping.robust_statistics import mad_sigma
 
 F = np.float32
 
-WARPS = 3  #: Iterations. More of them change the error of rendered ground by less than 5 % (docs/decisions/0003).
+WARPS = (
+    3  #: Iterations. More of them change the error of rendered ground by less than 5 % (measurements/mapper_trials.md).
+)
 NOISY_WARPS = 5
-"""Iterations if noise is large: the initial field is then farther from the minimum (docs/decisions/0003)."""
+"""Iterations if noise is large: the initial field is then farther from the minimum (measurements/mapper_trials.md)."""
 NOISY_PX = 1.2
 """Noise is large if the median standard deviation of a cell by its own four pixels exceeds this, pixels: the
 linearisation of a residual holds within about a pixel."""
@@ -69,7 +71,7 @@ ROUGHNESS_SPACING = 4
 """Spacing of the second differences that measure roughness, cells: at 8 pixels they exceed the noise of the field."""
 CAUCHY_SCALE = 10.0
 """Scale of the Cauchy weight of a second difference over the one that a surface of the measured curvature has. The
-optimum is flat (docs/decisions/0003)."""
+optimum is flat (measurements/mapper_trials.md)."""
 EDGE_FACTOR = 10.0
 """Second differences above this multiple of the median are edges, not the shape of the ground: of normally distributed
 ones none would be."""
@@ -78,7 +80,7 @@ MIN_TYPICAL_PX = 1e-3  #: Smallest median of the second differences, pixels; it 
 ROUGHNESS_WINDOW = 5  #: Side of the square over which the local roughness is smoothed, in units of its spacing.
 GRID_FACTOR = 2.8
 """Growth of the typical second difference per doubling of the spacing, `2^1.5`: between fractal ground (2 or less) and
-a surface of constant curvature (4). The optimum is flat (docs/decisions/0003)."""
+a surface of constant curvature (4). The optimum is flat (measurements/mapper_trials.md)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,7 +111,9 @@ class Linearisation(NamedTuple):
     residual: FloatImage  #: `(2 h, 2 w)`, grey levels; NaN outside the right image.
     offset: FloatImage  #: `(h, w)`, brightness offset of the residuals, grey levels.
     variance: FloatImage  #: `(h, w)`, variance of the residuals, grey levels squared.
-    equations: NormalEquations  #: Normal equations of a change of the field.
+    #: Normal equations of a change of the field. Information and information vector are divided by the inflation of the
+    #: variance; chi2 and weight are those of the variance above.
+    equations: NormalEquations
 
 
 class FieldStep(NamedTuple):
@@ -129,7 +133,7 @@ class Roughness(NamedTuple):
 def refine(left: FloatImage, right: FloatImage, initial_cells: FloatImage) -> RefinedDisparity:
     """Return the disparity field that fits both images `(H, W)` best.
 
-    The right image has equal exposure and no vertical disparity. The initial field (`field_from_disparity`) is correct
+    The right image has equal exposure and no vertical disparity. The initial field (`cells_from_disparity`) is correct
     to about a pixel.
     """
     reference = prepare_left(left)
@@ -139,16 +143,17 @@ def refine(left: FloatImage, right: FloatImage, initial_cells: FloatImage) -> Re
     for warp in range(NOISY_WARPS):
         if warp == WARPS and median(linear.equations.information) > NOISY_PX**-2:
             break
-        cells, weights = coarse_to_fine_step(cells, linear.equations)
+        step = coarse_to_fine_step(cells, linear.equations)
+        cells = step.cells
         linear = linearise(reference, padded_right, cells)
     height, width = left.shape
     deviation = np.sqrt(linear.variance)
     normalised = (linear.residual - upsample_nearest(linear.offset, 2)) / upsample_nearest(deviation, 2)
     return RefinedDisparity(
-        disparity_px=disparity_from_field(cells, left.shape),
+        disparity_px=disparity_from_cells(cells, left.shape),
         cells_px=cells,
         information=linear.equations.information,
-        weights=weights,
+        weights=step.weights,
         normalised_residual=normalised[:height, :width],
         noise_grey=median(deviation),
     )
@@ -201,11 +206,11 @@ def roughness(cells: FloatImage) -> Roughness:
 
     A surface of constant curvature has second differences proportional to the square of the spacing.
     """
-    along_x, along_y = second_differences(downsample_mean(cells, ROUGHNESS_SPACING))
+    bending = second_differences(downsample_mean(cells, ROUGHNESS_SPACING))
     factor = F(CAUCHY_SCALE / ROUGHNESS_SPACING**2)
     return Roughness(
-        upsample_bilinear(_local_size(along_x), cells.shape) * factor,
-        upsample_bilinear(_local_size(along_y), cells.shape) * factor,
+        upsample_bilinear(_local_size(bending.along_x), cells.shape) * factor,
+        upsample_bilinear(_local_size(bending.along_y), cells.shape) * factor,
     )
 
 
@@ -232,12 +237,15 @@ def coarse_to_fine_step(cells: FloatImage, equations: NormalEquations) -> FieldS
     for level in range(LEVELS - 1, 0, -1):
         factor = 2**level
         cells_per_block = F(factor * factor)
-        field = downsample_mean(cells, factor)
+        coarse_cells = downsample_mean(cells, factor)
         weights = smoothness_weight(
-            field, downsample_mean(scale.along_x, factor), downsample_mean(scale.along_y, factor), F(GRID_FACTOR**level)
+            coarse_cells,
+            downsample_mean(scale.along_x, factor),
+            downsample_mean(scale.along_y, factor),
+            F(GRID_FACTOR**level),
         )
         coarse_step = conjugate_gradient_step(
-            field,
+            coarse_cells,
             downsample_mean(information, factor) * cells_per_block,
             downsample_mean(information_vector, factor) * cells_per_block,
             weights,

@@ -2,7 +2,8 @@
 
 A network with one hidden layer judges a pixel by thirteen features: matching costs at its own disparity and at that of
 the other surface, and what surrounds the pixel. Its weights were trained on rendered ground, whose true disparity is
-known (`tools/train_edge_network.py`).
+known (`tools/train_edge_network.py`). The constants that the features are made with are stored with the weights and
+compared when these are loaded (`training_constants`).
 """
 
 from __future__ import annotations
@@ -17,22 +18,26 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import FloatArray32, FloatImage, IntArray, Mask, median
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX, depth_ratio, dilated
 from sfr_loc_map.mapping.disparity.matching_cost import (
+    DISTANCE_SCALE_PX,
+    GREY_SCALE,
     MAX_COST,
     MAX_DIFFERENCE,
-    WEIGHT_BY_DISTANCE,
     WEIGHT_BY_GREY,
     WINDOW_RADIUS,
+    MatchingCost,
+    constant_cost,
 )
 
 F = np.float32
 
 SMALL_JUMP_PX = F(0.7)
 """Disparities that differ by more may belong to two surfaces that the refinement has joined by a ramp, pixels. Jumps
-from 0.7 px on have twice the squared error of those from 1.5 px on (docs/decisions/0003)."""
+from 0.7 px on have twice the squared error of those from 1.5 px on (measurements/mapper_trials.md)."""
 SURFACE_RADIUS = 3
 """Half side of the square in which other surfaces are searched, pixels: smoothing moves edges by a cell or two."""
 OCCLUDER_COLUMNS = 6
@@ -42,13 +47,13 @@ SAME_COLUMN_PX = F(1.0)  #: Pixels whose right columns differ by no more corresp
 LOG_ODDS_AT_1_PX = F(3.3)
 """Log odds above which a pixel is invalid, if the median sigma of the pair is 1 pixel. The threshold is this value plus
 the logarithm of the median sigma in pixels, for example 0.3 for a sigma of 0.05 pixels: in a precise map a single
-outlier is a larger part of the error. Chosen on rendered ground and two real pairs: docs/decisions/0003."""
+outlier is a larger part of the error. Chosen on rendered ground and two real pairs: measurements/mapper_trials.md."""
 DEPTH_POWER = F(2.0)
 """Power of the depth ratio by which odds increase: the error in metres of a disparity on the wrong surface grows with
-the square of the depth (docs/decisions/0003)."""
+the square of the depth (measurements/mapper_trials.md)."""
 SIGMA_STRIDE = 16  #: Every sixteenth valid pixel is used for the median sigma: tens of thousands of samples suffice.
 
-# How features become inputs of the network. The weights were trained with these values.
+# How features become inputs of the network.
 MAX_LOG = 3.0  #: Logarithms of margins and jumps are clipped to this; also the input margin without another surface.
 MIN_TYPICAL_COST = 0.5  #: Smallest typical cost of a pair, grey levels: rounding alone causes such differences.
 MIN_RELATIVE_COST = 0.05  #: Smallest cost over the typical cost whose logarithm is taken.
@@ -82,16 +87,6 @@ class EdgeFeatures(NamedTuple):
     slope_x: FloatArray32  #: Slope of the disparity along the row, pixels per pixel.
     slope_y: FloatArray32  #: Slope of the disparity along the column, pixels per pixel.
     sigma_px: FloatArray32  #: Standard deviation of the disparity, pixels.
-
-
-class MatchingCost(NamedTuple):
-    """Matching cost of a pixel at a disparity."""
-
-    window: np.float32  #: Cost of the window, grey levels; `MAX_COST` outside the right image.
-    #: Mean absolute difference of 3 x 3 pixels, grey levels. `MAX_COST` if the window is outside the right image; 0 if
-    #: a part of the window is inside but none of these pixels is. The network was trained with the latter.
-    close: np.float32
-    effective_pixels: np.float32  #: Number of pixels with equal weights that the window is equivalent to.
 
 
 class SurfaceCosts(NamedTuple):
@@ -208,50 +203,18 @@ def _surface_costs(scene: EdgeScene, y: int, x: int) -> SurfaceCosts:
             if scene.has_initial[v, u]:
                 low = min(low, scene.disparity[v, u])
                 high = max(high, scene.disparity[v, u])
-    at_own = constant_cost(scene, y, x, own)
+    at_own = constant_cost(scene.left, scene.right, y, x, own)
     best = MAX_COST
     best_close = MAX_COST
     jump = F(0.0)
     for other in (low, high):
         if abs(other - own) >= SURFACE_JUMP_PX:
-            at_other = constant_cost(scene, y, x, other)
+            at_other = constant_cost(scene.left, scene.right, y, x, other)
             if at_other.window < best:
                 best = at_other.window
                 best_close = at_other.close
                 jump = other - own
     return SurfaceCosts(at_own, best - at_own.window, best_close - at_own.close, jump)
-
-
-@jit_rows_inline
-def constant_cost(scene: EdgeScene, y: int, x: int, disparity: np.float32) -> MatchingCost:
-    """Return the matching cost of a pixel at a disparity that is constant over the window."""
-    left = scene.left
-    right = scene.right
-    rows, cols = left.shape
-    whole = int(np.floor(disparity))
-    fraction = disparity - F(whole)
-    total = F(0.0)
-    weights = F(0.0)
-    squares = F(0.0)
-    total_close = F(0.0)
-    count_close = F(0.0)
-    first = max(x - WINDOW_RADIUS, whole + 1, 0)
-    last = min(x + WINDOW_RADIUS, cols - 1 + whole, cols - 1)
-    for v in range(max(0, y - WINDOW_RADIUS), min(rows, y + WINDOW_RADIUS + 1)):
-        for u in range(first, last + 1):
-            value = right[v, u - whole] + fraction * (right[v, u - whole - 1] - right[v, u - whole])
-            difference = min(abs(value - left[v, u]), MAX_DIFFERENCE)
-            weight = WEIGHT_BY_GREY[int(abs(left[v, u] - left[y, x]))]
-            weight *= WEIGHT_BY_DISTANCE[v - y + WINDOW_RADIUS, u - x + WINDOW_RADIUS]
-            total += weight * difference
-            weights += weight
-            squares += weight * weight
-            if abs(v - y) <= 1 and abs(u - x) <= 1:
-                total_close += difference
-                count_close += F(1.0)
-    if not weights > F(0.0):
-        return MatchingCost(MAX_COST, MAX_COST, F(1.0))
-    return MatchingCost(total / weights, total_close / max(count_close, F(1.0)), weights * weights / squares)
 
 
 @jit_rows_inline
@@ -353,11 +316,40 @@ def _signed_log(values: NDArray[np.floating]) -> NDArray[np.floating]:
     return np.asarray(np.sign(values) * np.log1p(np.abs(values)))
 
 
+def training_constants() -> dict[str, float]:
+    """Return the constants that the features are made with, by name: the network holds for these values alone."""
+    constants: dict[str, float | np.float32] = {
+        "WINDOW_RADIUS": WINDOW_RADIUS,
+        "MAX_DIFFERENCE": MAX_DIFFERENCE,
+        "MAX_COST": MAX_COST,
+        "GREY_SCALE": GREY_SCALE,
+        "DISTANCE_SCALE_PX": DISTANCE_SCALE_PX,
+        "SURFACE_JUMP_PX": SURFACE_JUMP_PX,
+        "SMALL_JUMP_PX": SMALL_JUMP_PX,
+        "SURFACE_RADIUS": SURFACE_RADIUS,
+        "OCCLUDER_COLUMNS": OCCLUDER_COLUMNS,
+        "SAME_COLUMN_PX": SAME_COLUMN_PX,
+        "MAX_LOG": MAX_LOG,
+        "MIN_TYPICAL_COST": MIN_TYPICAL_COST,
+        "MIN_RELATIVE_COST": MIN_RELATIVE_COST,
+        "WINDOW_MARGIN_SCALE": WINDOW_MARGIN_SCALE,
+    }
+    return {name: round(float(value), 4) for name, value in constants.items()}
+
+
 @cache
 def edge_network() -> EdgeNetwork:
-    """Return the trained network."""
+    """Return the trained network; raises MappingError if it was trained with other constants (`training_constants`)."""
     text = files("sfr_loc_map.mapping.disparity").joinpath("edge_network.json").read_text(encoding="utf-8")
     weights = json.loads(text)
+    constants = training_constants()
+    trained = weights["constants"]
+    if trained != constants:
+        changed = sorted(name for name in trained.keys() | constants if trained.get(name) != constants.get(name))
+        raise MappingError(
+            f"edge_network.json was trained with other values of {', '.join(changed)}: train it again "
+            "(tools/train_edge_network.py)"
+        )
     return EdgeNetwork(*(np.asarray(weights[name], F) for name in EdgeNetwork._fields))
 
 

@@ -36,14 +36,14 @@ REGION_SAMPLES = 5  #: Side of the smallest region, samples: smaller ones are ch
 MIN_REGION_FRACTION = 0.003  #: Smaller fractions of the image are not removed: 3000 of a million pixels.
 
 
-class GroundViews(NamedTuple):
+class CleanedViews(NamedTuple):
     """Views without fixed content."""
 
     views: Sequence[PairView]
     findings: Findings  #: Fraction of the image that was removed from each pair that lost content, and warnings.
 
 
-def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> GroundViews:
+def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> CleanedViews:
     """Return the views without content that is fixed to the image; both of two pairs lose it."""
     regions: dict[int, Mask] = {}
     warnings = []
@@ -60,7 +60,7 @@ def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> GroundVi
             regions[index] = region | regions.get(index, np.zeros_like(region))
     statistics = {f"fixed_share_{index}": float(region.mean()) for index, region in regions.items()}
     kept = [_without(view, regions[index]) if index in regions else view for index, view in enumerate(views)]
-    return GroundViews(kept, Findings(statistics, tuple(warnings)))
+    return CleanedViews(kept, Findings(statistics, tuple(warnings)))
 
 
 def _fixed_region(first: PairView, second: PairView, rig: StereoRig) -> Mask:

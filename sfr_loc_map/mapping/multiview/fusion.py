@@ -62,7 +62,7 @@ class KeptPoints(NamedTuple):
     """Points of one view after the fusion."""
 
     cloud: PointCloud  #: Points that are kept.
-    merged_count: int  #: Points that another view agrees with.
+    agreeing_count: int  #: Points that another view agrees with, whether they are kept or not.
     conflict_count: int  #: Points that were dropped because another view observes a farther surface.
     findings: Findings  #: Agreement of the poses.
 
@@ -72,8 +72,9 @@ class Comparison(NamedTuple):
 
     total_weight: FloatArray32  #: `(N,)`, weight of the point and of the views that agree, 1 / m^2.
     weighted_difference: FloatArray32  #: `(N,)`, sum of weight times range difference of these views, 1 / m.
-    noise: FloatArray32  #: `(N,)`, variance of the weighted sum of these ranges, the sum of weight^2 sigma^2, 1 / m^2.
-    merged: Mask  #: `(N,)`, another view agrees.
+    #: `(N,)`, variance of the weighted sum of these ranges, the sum of weight^2 sigma^2, 1 / m^2.
+    weighted_variance: FloatArray32
+    agrees: Mask  #: `(N,)`, another view agrees.
     duplicate: Mask  #: `(N,)`, a preferred view has the same sample.
     conflict: Mask  #: `(N,)`, a preferred view observes a farther surface.
     findings: Findings  #: Agreement of the poses.
@@ -95,7 +96,7 @@ def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
     cloud = replace(PointCloud.concatenate([item.cloud for item in fused]), fused=len(views) > 1)
     statistics = {
         "points_in": float(sum(len(view.cloud) for view in views)),
-        "merged": float(sum(item.merged_count for item in fused)),
+        "merged": float(sum(item.agreeing_count for item in fused)),
         "dropped_conflict": float(sum(item.conflict_count for item in fused)),
         "points": float(len(cloud)),
         "pairs": float(len(views)),
@@ -108,7 +109,7 @@ def _fuse_view(index: int, views: Sequence[PairView], rig: StereoRig) -> KeptPoi
     """Return the points of the view of an index after their fusion with the other views."""
     found = _compare(index, views, rig)
     cloud = _fused_points(views[index], found)
-    return KeptPoints(cloud, int(found.merged.sum()), int(found.conflict.sum()), found.findings)
+    return KeptPoints(cloud, int(found.agrees.sum()), int(found.conflict.sum()), found.findings)
 
 
 def _compare(index: int, views: Sequence[PairView], rig: StereoRig) -> Comparison:
@@ -120,10 +121,10 @@ def _compare(index: int, views: Sequence[PairView], rig: StereoRig) -> Compariso
     own_weight = view.point_weights()
     total_weight = own_weight.copy()
     weighted_difference = np.zeros_like(own_weight)
-    noise = np.square(own_weight * view.cloud.sigma)
-    merged = np.zeros(len(view.cloud), np.bool_)
-    duplicate = np.zeros_like(merged)
-    conflict = np.zeros_like(merged)
+    weighted_variance = np.square(own_weight * view.cloud.sigma)
+    agrees = np.zeros(len(view.cloud), np.bool_)
+    duplicate = np.zeros_like(agrees)
+    conflict = np.zeros_like(agrees)
     findings = Findings()
     for other_index, other in enumerate(views):
         if other_index == index:
@@ -133,16 +134,16 @@ def _compare(index: int, views: Sequence[PairView], rig: StereoRig) -> Compariso
         own = own_weight[points]
         is_preferred = seen.weight >= own if other_index < index else seen.weight > own
         sigma = np.sqrt(np.square(view.cloud.sigma[points]) + np.square(seen.sigma))
-        agree = np.abs(seen.difference) / sigma <= AGREE_SIGMAS
-        weight = np.where(agree, seen.weight, F(0.0))
+        is_agreeing = np.abs(seen.difference) / sigma <= AGREE_SIGMAS
+        weight = np.where(is_agreeing, seen.weight, F(0.0))
         total_weight[points] += weight
         weighted_difference[points] += weight * seen.difference
-        noise[points] += np.square(weight * seen.sigma)
-        merged[points] |= agree
-        duplicate[points] |= agree & is_preferred & (seen.offset_px < SAME_SAMPLE_PX)
+        weighted_variance[points] += np.square(weight * seen.sigma)
+        agrees[points] |= is_agreeing
+        duplicate[points] |= is_agreeing & is_preferred & (seen.sample_distance_px < SAME_SAMPLE_PX)
         conflict[points] |= is_preferred & (seen.difference > AGREE_SIGMAS * sigma)
-        findings += _agreement_findings((index, other_index), (view, other), seen)
-    return Comparison(total_weight, weighted_difference, noise, merged, duplicate, conflict, findings)
+        findings += _agreement_findings(index, other_index, view, other, seen)
+    return Comparison(total_weight, weighted_difference, weighted_variance, agrees, duplicate, conflict, findings)
 
 
 def _fused_points(view: PairView, found: Comparison) -> PointCloud:
@@ -155,13 +156,13 @@ def _fused_points(view: PairView, found: Comparison) -> PointCloud:
     """
     kept = np.flatnonzero(~(found.duplicate | found.conflict))
     cloud = view.cloud.select(kept)
-    moved = np.flatnonzero(found.merged[kept])
+    moved = np.flatnonzero(found.agrees[kept])
     total_weight = found.total_weight[kept[moved]]
     points = cloud.xyz.take(moved, axis=0)
     rays = points - view.T_lm_left.translation.astype(F)
     ranges = np.sqrt(np.einsum("ij,ij->i", rays, rays))
     step = found.weighted_difference[kept[moved]] / total_weight / ranges
-    independent = found.noise[kept[moved]] / np.square(total_weight)
+    independent = found.weighted_variance[kept[moved]] / np.square(total_weight)
     variance = COMMON_VARIANCE * np.square(cloud.sigma[moved]) + (1.0 - COMMON_VARIANCE) * independent
     xyz = cloud.xyz.copy()
     xyz[moved] = points + rays * step[:, None]
@@ -192,13 +193,11 @@ def pose_agreement(view: PairView, other: PairView, seen: ProjectedPoints) -> Po
     )
 
 
-def _agreement_findings(indices: tuple[int, int], views: tuple[PairView, PairView], seen: ProjectedPoints) -> Findings:
-    """Return the agreement of the points of the first view with the second one, and a warning if their poses disagree.
+def _agreement_findings(i: int, j: int, view: PairView, other: PairView, seen: ProjectedPoints) -> Findings:
+    """Return the agreement of the points of view i with the other view j, and a warning if their poses disagree.
 
     Of two views each is compared with the other; the comparison from the one of the lower index gives the warning.
     """
-    i, j = indices
-    view, other = views
     common = len(seen.point_indices)
     overlap = {f"overlap_{i}_{j}": common / max(len(view.cloud), 1)}
     if common == 0:

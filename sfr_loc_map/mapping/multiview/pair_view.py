@@ -55,10 +55,6 @@ class PairView:
         xyz = (T_lm_left @ self.T_lm_left.inverse()).apply(self.cloud.xyz).astype(F)
         return replace(self, cloud=replace(self.cloud, xyz=xyz), T_lm_left=T_lm_left)
 
-    def with_index(self, index: int) -> PairView:
-        """Return the view as that of the pair of another index within its set."""
-        return replace(self, cloud=replace(self.cloud, pair=np.full(len(self.cloud), index, np.uint8)))
-
     @cached_property
     def images(self) -> ViewImages:
         """Disparity, sigma and grey level of each pixel."""
@@ -94,7 +90,7 @@ class ProjectedPoints:
     weight: FloatArray32  #: Weight of the view in the fusion, 1 / m^2.
     grey_difference: FloatArray32  #: Grey level of the view minus that of the point; NaN where the view has no point.
     grey_difference_shifted: FloatArray32  #: The same at `SHIFT_PX` to the right and below.
-    offset_px: FloatArray32  #: Distance from the view's nearest sample, pixels.
+    sample_distance_px: FloatArray32  #: Distance from the view's nearest sample, pixels.
 
 
 class ViewSamples(NamedTuple):
@@ -105,7 +101,7 @@ class ViewSamples(NamedTuple):
     weight: FloatArray32  #: Weight in the fusion, 1 / m^2.
     grey: FloatArray32  #: Grey level.
     grey_shifted: FloatArray32  #: Grey level at `SHIFT_PX` to the right and below; NaN beyond the border.
-    offset_px: FloatArray32  #: Distance from the nearest sample, pixels.
+    sample_distance_px: FloatArray32  #: Distance from the nearest sample, pixels.
 
 
 def project_into_view(cloud: PointCloud, T_lm_left: Transform, images: ViewImages, rig: StereoRig) -> ProjectedPoints:
@@ -121,7 +117,7 @@ def project_into_view(cloud: PointCloud, T_lm_left: Transform, images: ViewImage
         weight=observed.weight,
         grey_difference=observed.grey - grey,
         grey_difference_shifted=observed.grey_shifted - grey,
-        offset_px=observed.offset_px,
+        sample_distance_px=observed.sample_distance_px,
     )
 
 
@@ -169,7 +165,7 @@ def _sample_view(xyz: FloatArray32, T_left_lm: Pose, camera: StereoCamera, image
     weights = np.empty(count, F)
     grey = np.empty(count, F)
     grey_shifted = np.full(count, F(np.nan))
-    offset_px = np.empty(count, F)
+    sample_distance_px = np.empty(count, F)
     scale = camera.fx * camera.baseline_m
     for n in prange(count):
         x0 = np.float64(xyz[n, 0])
@@ -207,5 +203,5 @@ def _sample_view(xyz: FloatArray32, T_left_lm: Pose, camera: StereoCamera, image
             grey_shifted[n] = images.grey[nearest_row + SHIFT_PX, nearest_column + SHIFT_PX]
         row_offset = v - nearest_row
         column_offset = u - nearest_column
-        offset_px[n] = np.sqrt(row_offset * row_offset + column_offset * column_offset)
-    return ViewSamples(difference, sigmas, weights, grey, grey_shifted, offset_px)
+        sample_distance_px[n] = np.sqrt(row_offset * row_offset + column_offset * column_offset)
+    return ViewSamples(difference, sigmas, weights, grey, grey_shifted, sample_distance_px)

@@ -46,7 +46,7 @@ class RegisteredViews(NamedTuple):
     """Result of the registration."""
 
     views: Sequence[PairView]  #: Views at their registered poses.
-    findings: Findings = Findings()  #: Motions, and poses that could not be registered or were not changed.
+    findings: Findings  #: Motions, and poses that could not be registered or were not changed.
 
 
 def register_views(views: Sequence[PairView], rig: StereoRig) -> RegisteredViews:

@@ -106,12 +106,12 @@ class ElevationModel:
 
 def elevation_of_cells(
     cloud: PointCloud,
-    T_lm_left: Sequence[Transform] | None,
+    poses: Sequence[Transform] | None,
     grid: CellGrid,
     cell: NDArray[np.int32],
     random_sigma: NDArray[np.float32] | None = None,
 ) -> ElevationModel:
-    """Return the elevation model of a cloud over a grid.
+    """Return the elevation model of a cloud over a grid; raises MappingError if no point is on it.
 
     `cell` `(N,)` is that of each point (`CellGrid.cell_of`). `random_sigma` `(N,)` is the part of the points' sigma
     that differs from point to point; None if all of it does. Poses of the left cameras are in the order of the points'
@@ -133,7 +133,7 @@ def elevation_of_cells(
     height = xyz[:, 2].astype(np.float64)
     total = np.square(cloud.sigma[inside], dtype=np.float64)
     random = total if random_sigma is None else np.square(random_sigma[inside], dtype=np.float64)
-    ratio = height_variance_ratio(xyz, cloud.pair[inside], T_lm_left)
+    ratio = height_variance_ratio(xyz, cloud.pair[inside], poses)
     weight = 1.0 / (ratio * random)
     cell_count = grid.rows * grid.columns
 
@@ -161,7 +161,7 @@ def elevation_of_cells(
 
 
 def height_variance_ratio(
-    xyz: NDArray[np.float32], pair: NDArray[np.uint8], T_lm_left: Sequence[Transform] | None
+    xyz: NDArray[np.float32], pair: NDArray[np.uint8], poses: Sequence[Transform] | None
 ) -> FloatArray:
     """Return the variance of the height of each point `(N,)` over its variance along the ray.
 
@@ -169,26 +169,8 @@ def height_variance_ratio(
     of the error displaces the point, and displaced ground is higher by the slope: about `TYPICAL_SLOPE` times the
     error. The ratio is `z^2 + TYPICAL_SLOPE^2`. Without poses, z is 1, the largest value.
     """
-    if T_lm_left is None:
+    if poses is None:
         return np.full(len(xyz), 1.0 + TYPICAL_SLOPE**2)
-    centres = np.stack([pose.translation for pose in T_lm_left])
+    centres = np.stack([pose.translation for pose in poses])
     x_squared, y_squared, z_squared = np.square(xyz - centres.take(pair, axis=0)).T
     return np.asarray(z_squared / (x_squared + y_squared + z_squared) + TYPICAL_SLOPE**2)
-
-
-def point_covariances(cloud: PointCloud, T_lm_left: Sequence[Transform], focal_px: float) -> NDArray[np.float32]:
-    """Return the covariance of each point in LM `(N, 3, 3)`, square metres.
-
-    Along the ray it is the point's variance `sigma^2`. Across the ray a point represents its pixel: a uniform
-    distribution over a square of side `Z / f`, whose variance is `(Z / f)^2 / 12`. Poses are in the order of the
-    points' `pair`.
-    """
-    axes = np.stack([pose.rotation[:, 2] for pose in T_lm_left])[cloud.pair]
-    ray = cloud.xyz - np.stack([pose.translation for pose in T_lm_left])[cloud.pair]
-    depth = np.einsum("ij,ij->i", ray, axes)
-    ray /= np.sqrt(np.einsum("ij,ij->i", ray, ray))[:, None]
-    across = np.square(depth / focal_px) / 12.0
-    along = np.square(cloud.sigma.astype(np.float64))
-    covariance = np.einsum("n,ni,nj->nij", along - across, ray, ray)
-    covariance[:, [0, 1, 2], [0, 1, 2]] += across[:, None]
-    return np.asarray(covariance, np.float32)

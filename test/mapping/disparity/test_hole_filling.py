@@ -5,7 +5,7 @@ import numpy as np
 from helpers.disparity_world import two_planes
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.hole_filling import MAX_DEPTH_RATIO, MIN_FILLED_SIGMA_PX, fill_holes
-from sfr_loc_map.mapping.disparity.rectification_correction import RightImageCorrection, VerticalDisparity
+from sfr_loc_map.mapping.disparity.right_image_correction import RightImageCorrection, VerticalDisparity
 from sfr_loc_map.mapping.disparity.saturation import Saturation
 
 F = np.float32
@@ -40,7 +40,7 @@ class TwoPlanes:
             correction=RightImageCorrection(1.0, 0.0, VerticalDisparity(0.0, 0.0, 0.0)),
             saturation=saturation,
             noise_grey=NOISE,
-            matched_fraction=1.0,
+            valid_textured_fraction=1.0,
         )
         found = fill_holes(given)
         filled = found.valid & ~valid

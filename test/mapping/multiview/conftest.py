@@ -1,5 +1,6 @@
 """Two pairs of the same ground from the same pose, with other noise."""
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,5 +37,9 @@ def two_views() -> TwoViews:
     first, second = (make_world(hills, width=384, height=320, noise=5.0, noise_seed=n) for n in (1, 2))
     mapper = Mapper(first.rig, MappingConfig())
     maps = mapper.process(first.pair, POSE, 0), mapper.process(second.pair, POSE, 1)
-    views = tuple(item.fusion_input.view for item in maps if item.fusion_input is not None)
+    views = tuple(
+        PairView(replace(item.cloud, sigma=found.noise_sigma), item.disparity_px, item.T_lm_left, found.noise_grey)
+        for item in maps
+        if (found := item.fusion_input) is not None
+    )
     return TwoViews(first.rig, (views[0], views[1]), first.disparity)

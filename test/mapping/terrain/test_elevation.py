@@ -7,6 +7,7 @@ from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.point_covariance import point_covariances
 from sfr_loc_map.mapping.terrain.elevation import (
     MAX_CELLS,
     TYPICAL_SLOPE,
@@ -14,7 +15,6 @@ from sfr_loc_map.mapping.terrain.elevation import (
     ElevationModel,
     Square,
     elevation_of_cells,
-    point_covariances,
 )
 
 CENTRES = [np.array([0.0, 0.0, 2.0]), np.array([1.0, 0.0, 2.0])]

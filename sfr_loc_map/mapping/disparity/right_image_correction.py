@@ -46,8 +46,8 @@ DAMPING = 1e-6  #: Added to the diagonal of the normal equations, as a fraction 
 class VerticalDisparity(NamedTuple):
     """A vertical disparity that is linear over the image.
 
-    Content of the right image is `offset + tilt u + stretch v` pixels lower than in the left image, with u and v from
-    -1 to 1 over the columns and the rows.
+    Content of the right image is `offset + tilt x + stretch y` pixels lower than in the left image, with x and y from
+    -1 to 1 over the columns and the rows (`edge_x` and `edge_y` in the code).
     """
 
     offset_px: float  #: Mean over the image, pixels.
@@ -90,7 +90,7 @@ class ResidualAndMean(NamedTuple):
     mean: FloatImage  #: Mean of both images; the left image outside the right one.
 
 
-def correct_rectification(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> CorrectedImage:
+def correct_right_image(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> CorrectedImage:
     """Measure gain, offset and vertical disparity of the right image `(H, W)`, and return the image without them.
 
     The disparity without holes is correct to about a pixel.
@@ -146,9 +146,9 @@ def _vertical_step(left: FloatImage, right: FloatImage, disparity_px: FloatImage
     A shift of the right image's rows upwards by s changes the residual by s times the slope along the column. The step
     is 0 if too few pixels or no slopes are available.
     """
-    residual, mean = residual_and_mean(left, right, disparity_px)
-    residual = residual[::SAMPLING_STRIDE, ::SAMPLING_STRIDE]
-    slope = cv2.Sobel(mean, -1, 0, 1, scale=0.125)[::SAMPLING_STRIDE, ::SAMPLING_STRIDE]
+    compared = residual_and_mean(left, right, disparity_px)
+    residual = compared.residual[::SAMPLING_STRIDE, ::SAMPLING_STRIDE]
+    slope = cv2.Sobel(compared.mean, -1, 0, 1, scale=0.125)[::SAMPLING_STRIDE, ::SAMPLING_STRIDE]
     usable = np.isfinite(residual)
     row, column = np.nonzero(usable)
     if len(row) < MIN_ROW_PIXELS:
@@ -170,7 +170,7 @@ def _vertical_step(left: FloatImage, right: FloatImage, disparity_px: FloatImage
 def _without_vertical_disparity(image: FloatImage, vertical: VerticalDisparity) -> FloatImage:
     """Return the right image with its rows shifted up by the vertical disparity."""
     height, width = image.shape
-    u = np.linspace(-1.0, 1.0, width)[None]
-    v = np.linspace(-1.0, 1.0, height)[:, None]
-    shift = vertical.offset_px + vertical.tilt_px * u + vertical.stretch_px * v
+    edge_x = np.linspace(-1.0, 1.0, width)[None]
+    edge_y = np.linspace(-1.0, 1.0, height)[:, None]
+    shift = vertical.offset_px + vertical.tilt_px * edge_x + vertical.stretch_px * edge_y
     return shift_rows(image, shift.astype(F))

@@ -1,0 +1,93 @@
+"""Findings of one pair: statistics of its map, and warnings about images that give a poor one."""
+
+from __future__ import annotations
+
+import math
+
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.mapping.config import CalibrationUncertainty
+from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
+from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
+from sfr_loc_map.mapping.findings import Findings
+from sfr_loc_map.mapping.point_sigma import is_yaw_significant
+
+LOW_VALID_TEXTURED_FRACTION = 0.6
+"""Fraction of valid pixels among the textured ones below which a warning is given: twice
+`checks.MIN_VALID_TEXTURED_FRACTION`."""
+MIN_VERTICAL_WARNING_PX = 0.3
+"""Smallest vertical disparity that causes a warning, pixels: the residual distortion of a usual calibration."""
+VERTICAL_WARNING_FACTOR = 3.0
+"""Vertical disparity over the configured residual distortion that causes a warning: three standard deviations."""
+MAX_GAIN = 1.15  #: Gain, or one over it, beyond which a warning is given: a fifth of a stop of exposure.
+MAX_SATURATED_FRACTION = 0.1
+"""Fraction of saturated pixels beyond which a warning is given: most of them have no points."""
+
+
+def findings_of_pair(
+    disparity: DisparityMap,
+    rotation: CameraRotation,
+    point_count: int,
+    rig: StereoRig,
+    configured: CalibrationUncertainty,
+) -> Findings:
+    """Return the findings of a pair's map with so many points, given the configured uncertainty of the calibration.
+
+    The disparity map is the estimated one, whose correction and valid pixels are those of the images; points are
+    counted after the filling of holes.
+    """
+    correction = disparity.correction
+    statistics = {
+        "points": float(point_count),
+        "density": point_count / disparity.px.size,
+        "noise_grey": disparity.noise_grey,
+        "gain": correction.gain,
+        "offset_grey": correction.offset_grey,
+        "vertical_offset_px": correction.vertical.offset_px,
+        "vertical_offset_largest_px": correction.vertical.max_px,
+        "matched_share": disparity.valid_textured_fraction,
+        "right_yaw_deg": math.degrees(rotation.yaw_rad) if rotation.is_measured else math.nan,
+        "right_yaw_sigma_deg": math.degrees(rotation.yaw_sigma_rad) if rotation.is_measured else math.nan,
+        "right_roll_deg": math.degrees(rotation.roll_rad),
+        "saturated_share": disparity.saturation.fraction,
+    }
+    warnings = _warnings_of_images(disparity, configured) + _warnings_of_rotation(rotation, rig, configured)
+    return Findings(statistics, warnings)
+
+
+def _warnings_of_images(disparity: DisparityMap, configured: CalibrationUncertainty) -> tuple[str, ...]:
+    """Return warnings about matches, rectification, exposure and saturation."""
+    fraction = disparity.valid_textured_fraction
+    correction = disparity.correction
+    saturated = disparity.saturation.fraction
+    warnings = []
+    if math.isnan(fraction):
+        warnings.append("too few pixels have texture above the noise: whether the images match is unknown")
+    if fraction < LOW_VALID_TEXTURED_FRACTION:
+        warnings.append(f"only {100 * fraction:.0f} % of the textured pixels are matched")
+    if correction.vertical.max_px > max(MIN_VERTICAL_WARNING_PX, VERTICAL_WARNING_FACTOR * configured.distortion_px):
+        warnings.append(
+            f"vertical disparity of up to {correction.vertical.max_px:.2f} px between left and right (compensated): "
+            "check the rectification"
+        )
+    if not 1.0 / MAX_GAIN < correction.gain < MAX_GAIN:
+        warnings.append(f"the right image has {correction.gain:.2f} times the contrast of the left (compensated)")
+    if saturated > MAX_SATURATED_FRACTION:
+        warnings.append(
+            f"{100 * saturated:.0f} % of the pixels are saturated: saturated regions have no points, sigma is larger "
+            "beside them; change the exposure"
+        )
+    return tuple(warnings)
+
+
+def _warnings_of_rotation(
+    rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty
+) -> tuple[str, ...]:
+    """Return a warning if the right camera has a significant yaw against its calibration."""
+    if not is_yaw_significant(rotation, rig, configured):
+        return ()
+    yaw_deg = math.degrees(rotation.yaw_rad)
+    side = "right" if yaw_deg > 0 else "left"
+    return (
+        f"the right camera is probably rotated by {abs(yaw_deg):.3f} deg to the {side} (vertical disparity has the "
+        "shape that a yaw causes): all depths have a common error, sigma is increased; calibrate the cameras",
+    )

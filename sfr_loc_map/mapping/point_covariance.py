@@ -1,0 +1,29 @@
+"""The covariance of points: sigma along the ray, the footprint of a pixel across it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.transform import Transform
+
+
+def point_covariances(cloud: PointCloud, T_lm_left: Sequence[Transform], focal_px: float) -> NDArray[np.float32]:
+    """Return the covariance of each point in LM `(N, 3, 3)`, square metres.
+
+    Along the ray it is the point's variance `sigma^2`. Across the ray a point represents its pixel: a uniform
+    distribution over a square of side `Z / f`, whose variance is `(Z / f)^2 / 12`. Poses are in the order of the
+    points' `pair`.
+    """
+    axes = np.stack([pose.rotation[:, 2] for pose in T_lm_left])[cloud.pair]
+    ray = cloud.xyz - np.stack([pose.translation for pose in T_lm_left])[cloud.pair]
+    depth = np.einsum("ij,ij->i", ray, axes)
+    ray /= np.sqrt(np.einsum("ij,ij->i", ray, ray))[:, None]
+    across = np.square(depth / focal_px) / 12.0
+    along = np.square(cloud.sigma.astype(np.float64))
+    covariance = np.einsum("n,ni,nj->nij", along - across, ray, ray)
+    covariance[:, [0, 1, 2], [0, 1, 2]] += across[:, None]
+    return np.asarray(covariance, np.float32)
