@@ -19,9 +19,10 @@ from sfr_loc_map.metrics.catalogue import Subject, clause_of, defines
 from sfr_loc_map.metrics.config import CallKind, Rebase, VerdictState, label_of
 from sfr_loc_map.metrics.judge import common_verdict, each_by_its_limits, few_words
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
-from sfr_loc_map.metrics.score import Score, TargetRecord, Verdict
+from sfr_loc_map.metrics.score import Figure, Score, TargetRecord, Verdict
 from sfr_loc_map.metrics.shortfalls import SHORTFALLS
 from sfr_loc_map.report.page import NO_VERDICT, Overall, from_template, overall_of
+from sfr_loc_map.report.printed_figure import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, printed_figures
 from sfr_loc_map.report.score_tables import (
     NO_INTERVAL,
     certain_text,
@@ -106,6 +107,8 @@ def render_test_report(scores: Sequence[Score], title: str = "", number: str = "
             "".join(to_html(replace(table, name=f"{table.name}-{n}")) for table in judged_by if table.rows)
             for n, judged_by in enumerate(tables_of_all, 1)
         ],
+        drawn=[printed_figures(item) for item in scores],
+        size=(WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT),
         deviations=_of_all(scores, _deviations),
         anomalies=_of_all(scores, _anomalies),
         open_points=_of_all(scores, _open_points),
@@ -173,7 +176,7 @@ def _results(score: Score, index: int) -> Iterator[dict[str, Any]]:
             "limit": Cell.number(item.limit, f"{key}.limit", unit),
             "margin": Cell.number(item.margin, f"{key}.margin", unit, ABSENT),
             "ci95": Cell.interval(item.interval, key, unit),
-            "count": Cell.number(item.n, f"{key}.n", undefined=ABSENT),
+            "count": count_cell(score, item, key),
             "independent": independent_cell(score, item),
             "verdict": verdict,
             "certain": certain_text(item),
@@ -184,12 +187,26 @@ def _results(score: Score, index: int) -> Iterator[dict[str, Any]]:
         }
 
 
+def count_cell(score: Score, item: Verdict, key: str) -> Cell:
+    """Return the number of values that a limited figure is made of."""
+    if item.n is not None:
+        return Cell.number(item.n, f"{key}.n")
+    place, row = _row_of(score, item)
+    return Cell.number(None if row is None else row.n, f"figures.{place}.n", undefined=ABSENT)
+
+
 def independent_cell(score: Score, item: Verdict) -> Cell:
     """Return how many of the values of a limited figure are independent."""
+    place, row = _row_of(score, item)
+    return Cell.number(None if row is None else row.independent, f"figures.{place}.independent", undefined=ABSENT)
+
+
+def _row_of(score: Score, item: Verdict) -> tuple[int, Figure | None]:
+    """Return the row of the table of figures that a limit is on, and its place."""
     for place, row in enumerate(score.figures):
         if (row.figure, row.condition, row.part) == (item.figure, item.condition, item.part):
-            return Cell.number(row.independent, f"figures.{place}.independent", undefined=ABSENT)
-    return Cell.number(None, undefined=ABSENT)
+            return place, row
+    return 0, None
 
 
 def _from_the_document(score: Score) -> Iterator[str]:
@@ -223,7 +240,8 @@ def _from_the_document(score: Score) -> Iterator[str]:
     for item in score.verdicts:
         is_of_host = item.subject in (Subject.TIMING, Subject.MEMORY) and not item.name.startswith("target ")
         if is_of_host:
-            yield f"{_name(item)} was measured on the host; the document requires the target [4.2.1, 4.3.1]."
+            clauses = "4.2.1, 4.3.1" if item.subject is Subject.TIMING else "4.2.2, 4.3.2"
+            yield f"{_name(item)} was measured on the host; the document requires the target [{clauses}]."
         if item.figure in (CallKind.MAPPING, CallKind.FUSION):
             yield f"{_name(item)} is of a stage; the call of the document makes one cloud of all pairs [4.3.1]."
 

@@ -149,6 +149,14 @@ def test_reasons_why_something_is_not_judged() -> None:
     assert "only 1 values" in reasons_not_judged(few)[0]
 
 
+def test_what_a_limit_says_of_itself_counts_before_what_its_block_says() -> None:
+    block = {"id": "A", "coverage_min": {"limit": 0.8, "id": "B"}, "point_error_p95_m": 1}
+    limits = parse_limits({"minimum_independent": 3, "map": block}, "limits")
+    assert [item.id for item in limits.limits] == ["B", "A"]
+    assert limits.minimum_independent == 3
+    assert parse_limits({"map": block}, "limits").minimum_independent == 5, "as docs/metrics.md says"
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [
@@ -156,6 +164,9 @@ def test_reasons_why_something_is_not_judged() -> None:
         ({"trajectory": [{"condition": "distance=5", "position_mean_mm": 5}]}, "position_mean_m"),
         ({"trajectory": [{"position_mean_m": 5}]}, "needs 'condition'"),
         ({"map": {"coverage_min": float("nan")}}, "a number >= 0"),
+        ({"map": {"point_error_p95_m": float("inf")}}, "a number >= 0"),
+        ({"completeness": {"missing_max_share": 5}}, "a share from 0 to 1"),
+        ({"minimum_independent": 0.5, "map": {"coverage_min": 0.8}}, "minimum_independent"),
         ({"map": [1]}, "a mapping"),
         ({"minimum_count": 1, "map": {"coverage_min": 0.8}}, "minimum_count"),
         ({}, "no limit"),

@@ -7,6 +7,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import pytest
 from msgspec.structs import replace
 
 from helpers.cli_result import Sfr
@@ -17,6 +18,8 @@ from sfr_loc_map.metrics.judge import common_verdict, each_by_its_limits, judged
 from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord, Score, Verdict
 from sfr_loc_map.report.page import load_score, overall_of
+from sfr_loc_map.report.printed_figure import printed_figures
+from sfr_loc_map.report.score_figures import error_sizes
 from sfr_loc_map.report.score_tables import score_tables, table_of
 from sfr_loc_map.report.test_report import CLAUSES, clause_of_limit, clauses_used, junit, render_test_report
 
@@ -214,3 +217,20 @@ def test_the_banner_counts_every_limit() -> None:
     incomplete = sum(item.state is VerdictState.INCOMPLETE for item in part.on_limits)
     assert incomplete
     assert f"{incomplete} on incomplete data" in overall_of(part).text
+
+
+def test_the_figure_on_paper_shows_the_error_of_each_sub_trajectory() -> None:
+    score = scores()[0]
+    assert score.details is not None
+    assert score.details.trajectory is not None
+    errors = [error_sizes(rows) for rows in score.details.trajectory.sub_trajectories if rows.start_frame]
+    drawn = printed_figures(score)
+    assert [figure.count for figure in drawn] == [len(sizes) for sizes in errors]
+    for figure, sizes in zip(drawn, errors, strict=True):
+        zero, top = figure.y_ticks[0], figure.y_ticks[-1]
+        factor = {"mm": 1e3, "m": 1.0}[figure.unit]
+        scale = float(top.text) / (zero.at - top.at)
+        shown = [(zero.at - y) * scale for _, y in figure.points]
+        assert shown == pytest.approx([size * factor for size in sizes if size is not None], abs=0.02 * scale)
+        assert all(figure.x_ticks[0].at <= x <= figure.x_ticks[-1].at for x, _ in figure.points)
+    assert render_test_report([score]).count("<circle") == sum(map(len, errors))
