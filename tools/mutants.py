@@ -35,7 +35,12 @@ COPIED = (
     "docs",
     "sample",
 )
-GROUPS = (("test/metrics",), ("test/geometry",), ("test/scoring/test_incomplete_everywhere.py",))
+GROUPS = (
+    ("test/metrics",),
+    ("test/geometry",),
+    ("test/scoring/test_incomplete_everywhere.py",),
+    ("test/cli/test_signed_verdict.py", "test/report/test_test_report.py"),
+)
 """The tests."""
 OF_METHODS = ("test/methods/test_loop.py", "test/methods/test_measured_outside.py")
 """The tests of how methods are shown pairs and measured."""
@@ -51,7 +56,7 @@ class Mutation(NamedTuple):
     instead: str
 
 
-FORMULAS, SCORE = "metrics/formulas.py", "metrics/trajectory_score.py"
+FORMULAS, SCORE, SHORTFALLS = "metrics/formulas.py", "metrics/trajectory_score.py", "metrics/shortfalls.py"
 MUTATIONS = (
     # 4.1.1 sub-trajectories
     Mutation(FORMULAS, "np.arange(0, frames, spacing)", "np.arange(1, frames, spacing)"),
@@ -196,7 +201,7 @@ MUTATIONS = (
     Mutation("metrics/judge.py", "value >= limit.limit if", "value <= limit.limit if"),
     Mutation("metrics/judge.py", "score = struct_replace(score, incomplete=why_incomplete(score))\n    ", ""),
     Mutation("metrics/judge.py", "(LIVE in parts or part_of(limit) in parts)", "LIVE in parts"),
-    Mutation("metrics/judge.py", '"points_without_truth": 0.01', '"points_without_truth": 0.1'),
+    Mutation(SHORTFALLS, '"points_without_truth", MAP, 0.01', '"points_without_truth", MAP, 0.1'),
     Mutation("metrics/judge.py", "if set(states) == {VerdictState.PASS} else", "if VerdictState.PASS in states else"),
     Mutation("metrics/judge.py", "figure.n < limits.minimum_count", "figure.n <= limits.minimum_count"),
     Mutation(
@@ -228,7 +233,7 @@ MUTATIONS = (
     Mutation("metrics/completeness.py", "DOUBLED_SHARE = 0.1 ", "DOUBLED_SHARE = 0.6 "),
     Mutation("metrics/completeness.py", "stamps_ns.max() - in_flight_ns", "stamps_ns.max() - 2 * in_flight_ns"),
     Mutation("metrics/completeness.py", "max(expected_pairs - mapped, 0), expected_pairs", "0, expected_pairs"),
-    Mutation("metrics/completeness.py", "max(bare, default=None)", "min(bare, default=None)"),
+    Mutation("metrics/completeness.py", "max(known, default=None)", "min(known, default=None)"),
     Mutation("metrics/completeness.py", "not_finite, points + not_finite)", "not_finite, points)"),
     Mutation("metrics/completeness.py", "np.isfinite(measured)", "~np.isinf(measured)"),
     Mutation("metrics/completeness.py", "counts[~is_of_drive].sum()", "(~is_of_drive).sum()"),
@@ -245,13 +250,11 @@ MUTATIONS = (
     Mutation("metrics/calls.py", "usage.peak_rss_bytes - self._idle, 0)", "usage.peak_rss_bytes, 0)"),
     Mutation("metrics/calls.py", "if is_time or is_memory else row", "if is_memory else row"),
     # the judge
-    Mutation("metrics/judge.py", '{"missing": 0.0, "images', '{"missing": 0.01, "images'),
-    Mutation("metrics/judge.py", '"images_without_truth": 0.0', '"images_without_truth": 0.01'),
-    Mutation("metrics/judge.py", '"points_not_finite": 0.0', '"points_not_finite": 0.5'),
-    Mutation("metrics/judge.py", '"pixels_without_point": 0.5', '"pixels_without_point": 0.99'),
-    Mutation(
-        "metrics/judge.py", '"calls_other": 0.0, "calls_doubled": 0.0', '"calls_other": 0.0, "calls_doubled": 0.1'
-    ),
+    Mutation(SHORTFALLS, '"missing", DRIVE, 0.0', '"missing", DRIVE, 0.01'),
+    Mutation(SHORTFALLS, '"images_without_truth", DRIVE, 0.0', '"images_without_truth", DRIVE, 0.01'),
+    Mutation(SHORTFALLS, '"points_not_finite", MAP, 0.0', '"points_not_finite", MAP, 0.5'),
+    Mutation(SHORTFALLS, "MAP,\n        0.5,", "MAP,\n        0.99,"),
+    Mutation(SHORTFALLS, '"calls_doubled", CALLS, 0.0', '"calls_doubled", CALLS, 0.1'),
     Mutation("metrics/judge.py", 'figure not in ("calls_other", "calls_doubled")', 'figure != "calls_other"'),
     Mutation("metrics/judge.py", "if len(items) > 1:", "if len(items) > 2:"),
     Mutation("metrics/judge.py", "if None in items:", "if items == {None, 0}:"),
@@ -261,7 +264,11 @@ MUTATIONS = (
     Mutation("metrics/judge.py", "score.rules.sha256 != hash_of(score.rules)", "not score.rules.sha256"),
     Mutation("metrics/judge.py", "expected = abs(row.mean) + 3.0 * row.sigma", "expected = row.mean_plus_3sigma"),
     Mutation("metrics/judge.py", "if mine != theirs and not _is_near(mine, theirs):", "if False:"),
-    Mutation("metrics/judge.py", "key=lambda item: item.value or 0.0,", "key=lambda item: -(item.value or 0.0),"),
+    Mutation(
+        "metrics/judge.py",
+        "math.inf if item.value is None else item.value,",
+        "0.0 if item.value is None else -item.value,",
+    ),
     Mutation("metrics/judge.py", "if score.failures:", "if score.failures and score.rules:"),
     Mutation("metrics/judge.py", "interval[0] <= limit.limit < interval[1]", "interval[0] <= limit.limit"),
     # methods: what is shown to them, what a call takes

@@ -11,15 +11,18 @@ from sfr_loc_map.metrics.calls import (
     FIRST,
     HOST_CLOCK,
     METHOD_UNAVAILABLE,
+    STATED,
     TARGET,
     CallMeter,
     Calls,
     score_calls,
     score_target,
+    with_external,
 )
 from sfr_loc_map.metrics.completeness import CALLS, calls_completeness
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.formulas import Statistics
+from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, Score
 
 SIZE = 200 * 1024 * 1024
 
@@ -143,3 +146,28 @@ def test_no_measured_call_has_no_fraction_of_other_stamps() -> None:
     rows = calls_completeness(CallKind.LOCALISATION, stamps, stamps, {CALLS: unknown})
     values = {row.figure: row.value for row in rows}
     assert values == {"judged": 0.0, "calls_missing": 1.0, "calls_other": None, "calls_doubled": None}
+
+
+def test_a_call_that_takes_the_period_is_within_it_and_the_load_is_that_of_all_calls() -> None:
+    stamps, unknown = np.array([0, 1, 2, 3, 9]) * 10**9, np.full(5, np.nan)
+    seconds = np.array([1.0, 0.1, 0.1, 0.1, 2.7])
+    score = Score(figures=score_calls(Calls(stamps, seconds, ["tracking"] * 5, unknown, unknown)).figures)
+    assert score.number("period") == 1.0, "one pause does not change the period"
+    assert score.number("within_period") == 0.8
+    assert score.number("processor_share") == pytest.approx(0.8)
+
+
+def test_the_share_of_a_target_is_of_the_estimates() -> None:
+    stamps, unknown = np.array([0, 1]) * 10**9, np.full(2, np.nan)
+    some = Calls(stamps, np.ones(2), ["tracking"] * 2, unknown, unknown)
+    _, target = score_target(some, "GR740", np.arange(4) * 10**9, has_stamps=True)
+    assert target.matched_share == 0.5
+
+
+def test_what_an_external_node_states_of_its_time_is_beside_what_was_measured() -> None:
+    own = score_calls(calls(["tracking"] * 3, [0.001] * 3, [1e6] * 3))
+    late = Statistics(n=3, mean=0.4, p95=0.4)
+    node = ExternalScore(task="localisation", topic="t", frames="odom", answers=AnswerCounts(), latency_s=late)
+    score = Score(figures=with_external(own, node).figures)
+    assert score.number("localisation", "p95", part=None) == 0.4
+    assert score.number("localisation", "p95", part=STATED) == 0.001

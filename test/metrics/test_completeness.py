@@ -1,5 +1,7 @@
 """What of a drive is covered, on drives of which parts are left out."""
 
+from collections.abc import Iterable
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,8 +11,16 @@ from helpers.random_drives import as_score
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates
-from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.completeness import (
+    CALLS,
+    calls_completeness,
+    live_completeness,
+    map_completeness,
+    settled,
+    single_run_stamps,
+)
+from sfr_loc_map.metrics.config import CallKind, TrajectoryScoreConfig
+from sfr_loc_map.metrics.score import Figure, Score
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
 SECOND = 1_000_000_000
@@ -210,3 +220,59 @@ def test_stamps_that_a_file_has_rounded_cover_their_images() -> None:
         found = covered(rounded, dense, images)
         assert found.judged_share == pytest.approx(share, abs=0.01)
         assert (found.incomplete is None) == (share == 1.0)
+
+
+def test_a_tenth_of_the_stamps_with_other_poses_is_two_runs() -> None:
+    whole = straight()
+    for count, is_refused in ((30, False), (50, True)):
+        again = straight(last=count)
+        moved = again.positions + np.array([5.0, 0.0, 0.0])
+        stamps = np.concatenate([whole.stamps_ns, again.stamps_ns])
+        quats = np.concatenate([whole.quats_xyzw, again.quats_xyzw])
+        both = Trajectory(stamps, np.concatenate([whole.positions, moved]), quats)
+        if is_refused:
+            with pytest.raises(MetricsError, match="two runs"):
+                single_run_stamps(both)
+        else:
+            assert len(single_run_stamps(both)) == COUNT
+
+
+def test_results_are_due_once_they_may_not_take_longer() -> None:
+    stamps = np.arange(11) * SECOND
+    none = np.empty(0, np.int64)
+    assert settled(stamps, none, 3 * SECOND).tolist() == stamps[:8].tolist()
+    assert settled(stamps, stamps[:10], 3 * SECOND).tolist() == stamps[:10].tolist()
+    assert settled(stamps, none, 0).tolist() == stamps.tolist()
+
+
+def values_of(rows: Iterable[Figure]) -> dict[str, float | None]:
+    return {" ".join(filter(None, (row.figure, row.part))): row.value for row in rows}
+
+
+@pytest.mark.clause("4.3.4")
+def test_rows_of_a_map_by_hand() -> None:
+    rows = values_of(map_completeness(90, 10, 9, np.array([0, 0, 1]), 3, [0.2, 0.7, 0.1]))
+    assert rows == {
+        **{"judged map": 2 / 3, "pairs_without_cloud": 1 / 3, "pairs_without_cloud count": 1},
+        **{"points_without_truth": 0.1, "points_without_truth count": 9},
+        **{"points_not_finite": 0.1, "points_not_finite count": 10, "pixels_without_point": 0.7},
+    }
+
+
+@pytest.mark.clause("4.2.1")
+def test_rows_of_calls_by_hand() -> None:
+    """Of five pairs two were measured, one of them twice; two calls of one stamp are of another run."""
+    expected = np.arange(5) * SECOND
+    given = np.array([0, 0, 1, 2, 77, 77]) * SECOND
+    seconds = np.array([0.1, 0.1, 0.1, np.nan, 0.1, 0.1])
+    rows = values_of(calls_completeness(CallKind.LOCALISATION, given, expected, {CALLS: seconds}))
+    part = " localisation"
+    shares = {"judged calls": 2 / 5, "calls_missing": 3 / 5, "calls_other": 2 / 5, "calls_doubled": 2 / 5}
+    assert rows == {f"{name}{part}": value for name, value in shares.items()}
+    other = values_of(calls_completeness(CallKind.FUSION, given[-1:], expected, {CALLS: seconds[-1:]}))
+    assert other["judged calls fusion"] == 0.0, "a call for a set is at a stamp of the source, too"
+
+
+def test_rows_of_a_live_run_by_hand() -> None:
+    rows = values_of(live_completeness(90, 10, 2))
+    assert rows == {"judged live": 0.9, "dropped": 0.1, "dropped count": 10, "restarts": 2}
