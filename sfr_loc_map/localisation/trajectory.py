@@ -175,7 +175,8 @@ def _errors_with(
     return replace(
         errors,
         in_window=pose.given_landmarks + landmark_map.window.covariance,
-        unobserved=_of_left(path, pose.added.unobserved_rb, model),
+        suspected=_of_left(path, pose.added.unobserved_rb, model),
+        unseen=ZERO,
         bias=bias,
     )
 
@@ -190,7 +191,13 @@ def _published_with(path: PathState, pose: _NewPose, model: RoverModel) -> Publi
         shear=pose.pair.shear,
         model=model,
     )
-    return PublishedPose(pose.pair.stamp_ns, pose.T_world_left, pose.added.of_step, noise, factor)
+    return PublishedPose(
+        stamp_ns=pose.pair.stamp_ns,
+        T_world_left=pose.T_world_left,
+        shared=pose.added.of_step,
+        noise=noise,
+        variance_factor=factor,
+    )
 
 
 def _step_to(
@@ -212,7 +219,7 @@ def _step_to(
     return StepEstimate(
         seconds=seconds,
         motion=step.vector,
-        covariance=of_images + before.shared + pose.added.of_step,
+        covariance=of_images + before.shared + before.unseen + pose.added.of_step,
         systematic=systematic_step(step, depth_m, calibration, model),
         noise=published.noise,
         noise_before=before.noise,
@@ -222,7 +229,7 @@ def _step_to(
 
 def kept(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PathState, StepEstimate]:
     """Return the path with the last pose kept up to a stamp, and the step; the rover may stand still or have moved."""
-    errors = replace(path.errors, unobserved=_unobserved_of_left(path, stamp_ns, model))
+    errors = path.errors.kept(_unobserved_of_left(path, stamp_ns, model))
     published, step = _step_to_same_pose(path, stamp_ns, model)
     return replace(path, errors=errors, published=published), step
 
@@ -233,16 +240,14 @@ def restarted(
     """Return the path with a new window that begins at the last pose, and the step to it."""
     position = path.motion.T_world_left.translation
     depth_m = landmark_map.landmarks.median_depth
-    known = drift_covariance(path.errors, position, model) + _unobserved_of_left(path, stamp_ns, model)
+    until_now = path.errors.kept(_unobserved_of_left(path, stamp_ns, model))
     blur_rad = model.sources.blur_px / model.fx
-    of_first_image = DirectedError(blur_rad * depth_m, blur_rad).covariance
     in_window = landmark_map.window.covariance
-    errors = replace(
-        path.errors,
-        start=LocatedCovariance(position, known + of_first_image),
-        drift_origin=None,
+    errors = until_now.restarted(
+        position,
+        drift=drift_covariance(path.errors, position, model),
+        first_image=DirectedError(blur_rad * depth_m, blur_rad).covariance,
         in_window=in_window,
-        unobserved=ZERO,
     )
     published, step = _step_to_same_pose(path, stamp_ns, model)
     window = path.window + 1
@@ -282,7 +287,7 @@ def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_ste
     return replace(
         path,
         motion=replace(path.motion, T_world_left=T_world_left),
-        errors=replace(path.errors, in_window=covariance, unobserved=ZERO),
+        errors=path.errors.adjusted(covariance),
         published=published,
     )
 
@@ -306,9 +311,9 @@ def _step_to_same_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tup
     seconds = 0.0 if before.stamp_ns is None else (stamp_ns - before.stamp_ns) / NS_PER_S
     speed = path.motion.speed
     unobserved = unobserved_motion(speed, path.motion.unobserved_s(stamp_ns), model)
-    growth = np.maximum(unobserved - before.shared, unobserved_motion(speed, seconds, model))
+    growth = np.maximum(unobserved - before.unseen, unobserved_motion(speed, seconds, model))
     covariance = growth + MIN_VARIANCE * np.eye(6)
-    published = replace(before, stamp_ns=stamp_ns, T_world_left=path.motion.T_world_left, shared=unobserved)
+    published = replace(before, stamp_ns=stamp_ns, T_world_left=path.motion.T_world_left, unseen=unobserved)
     step = StepEstimate(seconds, np.zeros(6), covariance, np.zeros(6), before.noise, before.noise, ZERO)
     return published, step
 

@@ -18,8 +18,8 @@ landmarks, m, f the focal length, px, and b the baseline, m.
 - B: path integral of the position over a constant disparity error, m/px. U: position error of the path that was
   travelled before the yaw was corrected, m.
 - attitude: (bent_attitude_ratio hypot(yaw_sigma, yaw_target))^2 + (followed_attitude_ratio followed drift)^2, over f^2.
-- unobserved: the motion since the last pose as if no image had shown it, for findings that ask for it
-  (`findings.RULES`), and while the last pose is kept.
+- unobserved: the motion up to the last accepted pose as if no image had shown it, for findings that ask for it
+  (`findings.RULES`), and the motion since that pose while it is kept (`PathErrors.suspected`, `PathErrors.unseen`).
 
 Two poses share most of P, and P shrinks when the yaw is learnt. P therefore does not give the uncertainty of the motion
 between two poses, which is composed of steps.
@@ -30,8 +30,9 @@ between two poses, which is composed of steps.
     r = max(step / max(keyframe interval, min_interval_ratio usual interval), min_step_ratio)
 
 - K: covariance of the newest keyframe given the one before. The sizes of step and interval are optical flow, rad.
-- added: what findings add to the two poses of the step (`inflation_of`), and the motion of the pose before by a
-  correction of the yaw (`PublishedPose.shared`). The factor in front is 1 before the first residuals.
+- added: what findings add to the two poses of the step (`inflation_of`), the motion of the pose before by a correction
+  of the yaw (`PublishedPose.shared`), and the motion while that pose was kept (`unseen`). The factor in front is 1
+  before the first residuals.
 
 **Noise** (`pose_noise`): white noise of a pose itself, which cancels between consecutive steps.
 
@@ -220,19 +221,64 @@ class DirectedError(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathErrors:
-    """What the covariance of the present pose is composed of, accumulated since the start pose."""
+    """What the covariance of the present pose is composed of, accumulated since the start pose.
+
+    Two parts come from motions that no image showed, `suspected` and `unseen`:
+
+    | event | `suspected` | `unseen` |
+    |---|---|---|
+    | accepted pair | of its findings: the next pose no longer contains it | ends |
+    | kept pair | stays: the pose is the same | the motion since the accepted pose |
+    | adjustment of a keyframe | stays: its images may be partly older | is zero already |
+    | new window | ends in the start of the window | ends in the start of the window |
+    """
 
     start: LocatedCovariance  #: Start of the run or of the window, or a pose from outside.
     #: Pose in the window from which the drift counts; None: from the start of the window.
     drift_origin: LocatedCovariance | None = None
     in_window: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of the present pose in its window.
-    #: Covariance of the motion up to the present pose that no image showed.
-    unobserved: FloatArray = field(default_factory=lambda: ZERO)
+    #: Covariance of the motion up to the last accepted pose, if its images may partly be older.
+    suspected: FloatArray = field(default_factory=lambda: ZERO)
+    unseen: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of the motion since that pose.
     bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))
     bias_at_start: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))
     directed: DirectedError = DirectedError(0.0, 0.0)  #: Sum of ambiguous motions and of the bending by the lens.
     #: Covariance of that sum, and where it arose.
     directed_covariance: LocatedCovariance = LocatedCovariance(np.zeros(3), ZERO)
+
+    @property
+    def unobserved(self) -> FloatArray:
+        """Covariance `(6, 6)` of the motions that no image showed."""
+        return self.suspected + self.unseen
+
+    def kept(self, unseen: FloatArray) -> PathErrors:
+        """Return the errors of a pose that is kept while a motion is unseen."""
+        return replace(self, unseen=unseen)
+
+    def adjusted(self, in_window: FloatArray) -> PathErrors:
+        """Return the errors after an adjustment of the newest keyframe, whose covariance in the window is given."""
+        return replace(self, in_window=in_window)
+
+    def restarted(
+        self, position: FloatArray, *, drift: FloatArray, first_image: FloatArray, in_window: FloatArray
+    ) -> PathErrors:
+        """Return the errors at the start of a new window.
+
+        Args:
+            position: Position of the left camera.
+            drift: `(6, 6)` of the start pose and the drift up to here (`drift_covariance`).
+            first_image: `(6, 6)` that the first image adds.
+            in_window: `(6, 6)` of the first keyframe in the new window.
+        """
+        start = drift + self.unobserved + first_image
+        return replace(
+            self,
+            start=LocatedCovariance(position, start),
+            drift_origin=None,
+            in_window=in_window,
+            suspected=ZERO,
+            unseen=ZERO,
+        )
 
     def with_directed(self, error: DirectedError, position: FloatArray) -> PathErrors:
         """Return the errors with a further directed one, which arose at a position."""
@@ -251,6 +297,8 @@ class PublishedPose:
     #: `(6, 6)` in RB: uncertainty of the step to this pose that the next step shares, because that step may take it
     #: back: what findings added, and the motion of the pose by a correction of the yaw.
     shared: FloatArray = field(default_factory=lambda: ZERO)
+    #: `(6, 6)` in RB: motion since the last accepted pose while it was published again.
+    unseen: FloatArray = field(default_factory=lambda: ZERO)
     noise: FloatArray = field(default_factory=lambda: ZERO)  #: White noise `(6, 6)` of it, in RB.
     variance_factor: float | None = None  #: Ratio of residuals found to residuals stated; None before the first.
 

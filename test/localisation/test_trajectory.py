@@ -68,6 +68,7 @@ def move(
     to: Transform | np.ndarray,
     known: OnlineCalibration | None = None,
     rig: StereoRig = IN_CAMERA,
+    inflation: Inflation = Inflation.NONE,
 ) -> PathState:
     """Return the path after the pair of a number was tracked at a pose, or a position."""
     pose = Pose(to.rotation, to.translation) if isinstance(to, Transform) else Pose(np.eye(3), to)
@@ -78,7 +79,7 @@ def move(
         chi_median=1.0,
         was_known=True,
         shear=0.0,
-        inflation=Inflation.NONE,
+        inflation=inflation,
         rival_distance=DirectedError(0.0, 0.0),
     )
     calibration = known or OnlineCalibration(RIG.camera, 7)
@@ -146,3 +147,26 @@ def test_a_yaw_found_late_leaves_the_path_before_it_uncertain() -> None:
     corrected = replace(exact, offset=RightOffset(u=0.5))
     path = move(path, 2, 2.0 * STEP, corrected)
     assert np.trace(of_path(path, corrected)) == pytest.approx((0.5 * PER_PX * LENGTH) ** 2 + (2 * common) ** 2)
+
+
+def test_what_the_images_of_a_pose_may_not_show_lasts_until_the_next_pose() -> None:
+    model = model_of(IN_CAMERA)
+    clear = move(begun(), 1, STEP)
+    suspected = move(begun(), 1, STEP, inflation=Inflation.UNOBSERVED)
+    added = of_path(suspected) - of_path(clear)
+    assert np.linalg.eigvalsh(added)[0] > 0.0
+    now_ns = 2 * PERIOD_NS
+    for path in (suspected, trajectory.adjusted(suspected, Pose(np.eye(3), STEP), NOTHING, has_yaw_step=False)):
+        assert path is not None
+        kept, of_kept = trajectory.kept(path, now_ns, model)
+        clear_kept, of_clear = trajectory.kept(clear, now_ns, model)
+        np.testing.assert_allclose(of_path(kept) - of_path(clear_kept), added)
+        assert np.linalg.eigvalsh(of_path(kept) - of_path(path))[0] > 0.0
+        np.testing.assert_array_equal(of_kept.covariance, of_clear.covariance)
+        for number in (3, 4):  # a window that begins, also after further kept pairs
+            again = trajectory.restarted(kept, number * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
+            clear_again = trajectory.restarted(clear, number * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
+            np.testing.assert_allclose(
+                again.errors.start.covariance[:3, :3] - clear_again.errors.start.covariance[:3, :3], added
+            )
+        np.testing.assert_allclose(of_path(move(kept, 3, STEP)), of_path(move(clear_kept, 3, STEP)), atol=1e-16)
