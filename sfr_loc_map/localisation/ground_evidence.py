@@ -33,7 +33,7 @@ CONVINCING = 0.6  #: Fraction of these from which a rival is accepted without fu
 MIN_DIFFERENCE_PX = 1.0  #: Minimum image motion between two poses that are different motions, px.
 MIN_DIFFERENCE_RATIO = 0.05  #: Minimum of the same as a ratio to the image motion of the main pose.
 STANDSTILL_RATIO = 0.15  #: Image motion, as a ratio to the expected one, below which a motion is a standstill.
-OLD_WEIGHT = 3.0  #: Weight of a landmark that is older than the newest keyframe; a newer one has 1.
+OLD_WEIGHT = 3.0  #: Weight of a landmark whose host is older than the newest host; a newer one has 1.
 EXPECTED_WEIGHT = 1.5  #: Factor on the weight of a motion that continues the one before.
 CLEAR_RATIO = 1.4  #: Minimum ratio of the weights, or of the inliers, that makes one of two solutions the better one.
 
@@ -256,7 +256,8 @@ class Evidence:
 
     def _weight(self, tracks: Tracks, other: Tracks) -> float:
         """Return the number of landmarks that follow a motion, weighted by how likely it is the ground's."""
-        old = float(np.count_nonzero(tracks.inliers & tracks.landmarks.are_old))
+        are_old = tracks.landmarks.host != self.main.landmarks.newest_host
+        old = float(np.count_nonzero(tracks.inliers & are_old))
         weight = tracks.inlier_count + (OLD_WEIGHT - 1.0) * old
         expected = self.pair.prediction.guesses.expected
         to_own_px = self.tools.image_motion_px(self.pair, tracks, start=expected, end=tracks.pose)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -21,6 +22,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
+from sfr_loc_map.localisation.ground_evidence import OLD_WEIGHT, Evidence
 from sfr_loc_map.localisation.ground_memory import AGREEING_PAIRS, LONG_DOUBT_PAIRS, Confidence, Phase
 from sfr_loc_map.localisation.ground_motion import EFFECTS, FIRST_CASES, ONE_MOTION_CASES, TWO_MOTION_CASES, Case
 from sfr_loc_map.localisation.localiser import Localiser
@@ -77,6 +79,20 @@ def test_doubt_lasts_longer_for_a_ground_that_was_not_known() -> None:
         assert after_agreements(doubt, pairs) is Phase.LEARNING
         assert doubt.after_interruption() is doubt
     assert known.after_interruption().phase is Phase.LEARNING
+
+
+def test_a_rival_of_old_landmarks_alone_has_the_weight_of_old_landmarks() -> None:
+    def followed(hosts: list[int]) -> SimpleNamespace:
+        landmarks = SimpleNamespace(host=np.array(hosts), newest_host=max(hosts))
+        return SimpleNamespace(
+            inliers=np.ones(len(hosts), np.bool_), inlier_count=len(hosts), landmarks=landmarks, pose=None
+        )
+
+    tools = SimpleNamespace(image_motion_px=lambda *_, **__: 1.0)
+    pair = SimpleNamespace(prediction=SimpleNamespace(guesses=SimpleNamespace(expected=None)))
+    evidence = Evidence(tools, pair, followed([0, 1, 2, 2]), None, None)  # type: ignore[arg-type]
+    evidence.__dict__["rival"] = followed([0, 0, 1])
+    assert evidence.weight_ratio == pytest.approx((2.0 * OLD_WEIGHT + 2.0) / (3.0 * OLD_WEIGHT))
 
 
 def test_the_own_body_is_found_by_the_first_motion_and_left_out() -> None:

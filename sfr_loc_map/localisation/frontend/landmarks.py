@@ -136,9 +136,9 @@ class Landmarks:
         return 1.0 / max(float(np.median(inverse_depth)), 1.0 / MAX_DEPTH_M) if len(inverse_depth) else 0.0
 
     @property
-    def are_old(self) -> Mask:
-        """Mask `(M,)` of the landmarks that the newest host keyframe does not host."""
-        return np.asarray(self.host != self.host[-1:])
+    def newest_host(self) -> int:
+        """Row of the newest keyframe that hosts one of the landmarks; -1 without landmarks."""
+        return int(self.host.max(initial=-1))
 
     @property
     def points(self) -> FloatArray:
