@@ -196,6 +196,8 @@ class Localiser:
         state = replace(state, path=trajectory.arrived(state.path, pair.stamp_ns))
         outcome = self._locate(state, pair, odometry, clock)
         self._state = self._with_pose_from_outside(outcome.state, pair.stamp_ns)
+        # a pose from outside forgets the map only if it is later than the last accepted pose, which a keyframe is
+        assert outcome.keyframe is None or self._state.landmark_map is not None
         estimate = self._estimate(pair.stamp_ns, self._state, outcome, clock)
         if outcome.keyframe is not None:
             self._pending = BACKGROUND.submit(self._keyframes.make, outcome.keyframe)
@@ -330,7 +332,7 @@ class Localiser:
         tracks = candidate.tracks
         landmark_map = candidate.landmark_map
         landmarks = landmark_map.landmarks
-        if len(tracks.inliers) >= len(landmarks.index):
+        if landmarks.among(tracks.landmarks).all():
             return tracks
         if np.array_equal(tracks.landmarks.index, landmark_map.followed.index):
             rest = landmark_map.rest  # its patches are already copied

@@ -19,13 +19,15 @@ from helpers import made_scene
 from helpers.loc_drive import BLACK, LOST, black, drive, errors, localiser, run
 from helpers.made_scene import HEIGHT, LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, WIDTH, stereo_pair, true_pose
 from sfr_loc_map.errors import ConfigError, GeometryError, LocalisationError
+from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform, interpolated, propagated_covariance
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StateReason, TrackingState
-from sfr_loc_map.localisation.frontend.tracking import Tracks
-from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracks
+from sfr_loc_map.localisation.ground_motion import Ground
+from sfr_loc_map.localisation.localiser import Candidate, CorrectedTracks, Localiser
 
 DRIVE = drive()
 
@@ -312,6 +314,27 @@ def test_a_refused_pair_leaves_behind_the_memories_of_the_guards_alone(fault: st
         assert getattr(after, name) is getattr(before, name), name
     assert after.path.history == before.path.history
     assert after.path.motion.T_world_left is before.path.motion.T_world_left
+
+
+# ---- keyframes
+
+
+def test_a_keyframe_is_solved_for_by_all_landmarks_though_some_are_excluded() -> None:
+    by = localiser()
+    run(DRIVE[:12], by)
+    state = by._state
+    assert state.landmark_map is not None
+    landmarks = state.landmark_map.landmarks
+    are_followed = np.ones(len(landmarks.index), np.bool_)
+    are_followed[-5:] = False
+    frame = StereoFrame.of(DRIVE[12])
+    start = Pose.of(state.path.motion.T_world_left @ state.path.motion.T_before_last)
+    tracks = by._tracker.refine(frame, landmarks.subset(are_followed), start, state.calibration.offset)
+    smaller_map = state.landmark_map.without(landmarks.index[:10])
+    corrected = CorrectedTracks(tracks, state.calibration, state.shear_mean)
+    candidate = Candidate(frame, smaller_map, Ground.unselected(tracks, state.ground), corrected)
+    complete = by._with_all_landmarks(candidate)
+    np.testing.assert_array_equal(complete.landmarks.index, landmarks.index[10:])
 
 
 # ---- poses that cannot be
