@@ -185,7 +185,7 @@ class Localiser:
         """Return the pose at a pair.
 
         The odometry, for example of the wheels, is the motion of RB since the last pair, `T_before_now`. It is used as
-        an initial guess only.
+        an initial guess only. The caller gives the pairs in the order of their stamps, which increase.
 
         LocalisationError if the images have another size than the rig.
         """

@@ -413,7 +413,8 @@ class Adjustment(NamedTuple):
 
 
 def adjust(problem: BundleProblem, prior: Prior, iterations: int) -> Adjustment:
-    """Adjust keyframes and landmarks by Gauss-Newton with robust weights, for a maximum number of iterations."""
+    """Adjust keyframes and landmarks by Gauss-Newton with robust weights, for at most so many iterations (>= 1)."""
+    assert iterations >= 1, "an adjustment has at least one iteration"
     for _ in range(iterations):
         keyframes = problem.keyframes
         system, system_rhs, blocks = linearise(problem)

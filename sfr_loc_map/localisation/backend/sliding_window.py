@@ -92,6 +92,11 @@ class SlidingWindow:
         )
 
     @property
+    def keyframe_count(self) -> int:
+        """Number of keyframes in the window."""
+        return len(self.patches)
+
+    @property
     def newest_pose(self) -> Pose:
         """Pose of the newest keyframe's left camera in the world."""
         rotations, positions = self.problem.keyframes
@@ -144,14 +149,14 @@ class SlidingWindow:
             observations=np.concatenate((problem.observations, new_uv), axis=1),
             variance=np.concatenate((problem.variance, new_variance), axis=1),
         )
-        if self.patches:
+        if self.keyframe_count > 0:
             information = np.pad(self.prior.information, (0, 6))
         else:
             information = np.diag(np.full(6, 1.0 / START_VARIANCE))
         vector = np.pad(self.prior.information_vector, (0, 6))
         prior = Prior(information, vector, _appended(self.prior.keyframes, pose))
         window = replace(self, problem=problem, prior=prior, patches=(*self.patches, NO_PATCHES))
-        return window._without_oldest() if len(window.patches) > self.size else window
+        return window._without_oldest() if window.keyframe_count > self.size else window
 
     def _without_oldest(self) -> SlidingWindow:
         """Return the window without its oldest keyframe and the landmarks that it hosts (marginalised)."""
@@ -180,7 +185,7 @@ class SlidingWindow:
         """Return the window with the landmarks that the newest keyframe hosts; once per keyframe."""
         problem = self.problem
         count = len(new.uv)
-        keyframes = len(self.patches)
+        keyframes = self.keyframe_count
         new_uv = np.full((count, keyframes, 4), np.nan)
         new_uv[:, -1] = new.observed.uv
         new_variance = np.ones((count, keyframes, 2, 3))

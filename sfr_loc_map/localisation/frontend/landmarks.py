@@ -27,7 +27,7 @@ BORDER = HALF + 4  #: Width, px, of the image border without landmarks: a patch 
 COARSE_HALF = 3  #: Half width, px, of a patch on the coarser pyramid levels.
 MIN_INVERSE_DEPTH = 1e-6  #: Inverse depth, 1/m, up to which a landmark is at infinity.
 MAX_DEPTH_M = 1000.0  #: Maximum median depth, m.
-ALIGNED_LANDMARKS = 200  #: Number of landmarks that align a pose to some hundredths of a pixel.
+ALIGNED_LANDMARKS = 200  #: Number of landmarks that align a pose.
 FOLLOWED_LANDMARKS = 800
 """Number of landmarks tracked in a pair that does not become a keyframe, whose pose errors do not accumulate."""
 

@@ -1,7 +1,7 @@
 """Tracking of landmarks in a stereo pair, and the pose of the pair that follows from them.
 
 1. `align`: one pose for many patches at once, from coarse to fine pyramid levels (direct image alignment, as in
-   Forster et al., SVO, 2017). The result is right to some hundredths of a pixel.
+   Forster et al., SVO, 2017). The result is right to some hundredths of a pixel of the finest level that is aligned.
 2. `observe`: each landmark by itself, in both images, with its patch warped by its local plane (Lucas and Kanade 1981).
 3. `solve`: the pose from all observations, with robust weights (Geman-McClure) and the uncertainty of each landmark.
 """
@@ -28,9 +28,10 @@ from sfr_loc_map.localisation.parallel import both
 LIMITS = TrackingLimits(max_shift=2.5, iterations=6, min_correlation=0.6)
 """Limits of a landmark against its projection: px, Gauss-Newton iterations, normalised cross-correlation."""
 SEARCHED_OFFSET_PX = 0.5
-"""Offset of the right image, px, above which landmarks are searched at the offset position. A smaller offset is within
-the capture range of the tracker."""
-ALIGNED_LEVELS = range(LEVELS - 1, 0, -1)  #: Level 0 is not aligned: patches are tracked from some tenths of a pixel.
+"""Offset u of the right image, px, above which landmarks are searched at the offset position. A smaller offset is
+within the capture range of the tracker. Offset v and roll are not searched: they must be within it (`LIMITS`)."""
+ALIGNED_LEVELS = range(LEVELS - 1, 0, -1)
+"""Levels of the alignment. Level 0 is left to the tracking of each patch, which captures what remains."""
 ALIGNMENT_ITERATIONS = (6, 4)  #: Gauss-Newton iterations of the alignment on its first level, on each further level.
 POSE_ITERATIONS = 10  #: Maximum number of Gauss-Newton iterations of the pose.
 INLIER_CHI2_PER_DOF = 9.0  #: Gate of an inlier: squared Mahalanobis residual per degree of freedom (3 sigma).
@@ -72,7 +73,10 @@ def is_textured(image: Pyramid) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracks:
-    """Observations of M landmarks in a stereo pair, and the pose that follows from them."""
+    """Observations of M landmarks in a stereo pair, and the pose that follows from them.
+
+    Information, residuals and inliers are those of the last linearisation, at the pose before the last step.
+    """
 
     pose: Pose  #: Left camera in the world.
     information: FloatArray  #: `(6, 6)` information matrix of the pose, given the landmarks.
@@ -118,7 +122,10 @@ class Tracker:
     def align(
         self, left: Pyramid, landmarks: Landmarks, guesses: Sequence[Pose], levels: Sequence[int] = ALIGNED_LEVELS
     ) -> Pose:
-        """Return the pose to some hundredths of a pixel, from the initial guess that fits the first level best."""
+        """Return the pose, to some hundredths of a pixel of the last level.
+
+        The alignment continues from the initial guess that fits the first level best.
+        """
         iterations, next_iterations = ALIGNMENT_ITERATIONS
         planes = landmarks.planes
         for level in levels:
