@@ -126,7 +126,10 @@ class SlidingWindow:
         return replace(self, active=active)
 
     def with_right_shift(self, yaw_px: float) -> SlidingWindow:
-        """Return the window with all right observations corrected for a yaw of the right camera, px."""
+        """Return the window with all right observations corrected along the rows for a yaw of the right camera, px.
+
+        Unlike in later observations (`RightOffset.at`), the rows stay, which a yaw moves by x y times its pixels.
+        """
         camera = self.problem.camera
         observations = self.problem.observations.copy()
         x = (observations[:, :, 2] - camera.cx) / camera.fx
