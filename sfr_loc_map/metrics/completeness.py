@@ -18,12 +18,13 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.metrics.config import CallKind, Condition, ConditionKind
+from sfr_loc_map.metrics.config import AssociationMode, CallKind, Condition, ConditionKind
 from sfr_loc_map.metrics.score import Association, Figure, figure_row
 
 MISSING_SHARE = 0.01  #: An estimate that misses more is reported as incomplete where no limit judges it.
 GAP_PERIODS = 5  #: Neighbouring poses that are more of their usual periods apart cover nothing between them.
 IMAGE_PERIOD_SHARE = 0.4  #: An estimate this near to an image, in periods, is of this image: files round stamps.
+SPARSER = 1.5  #: Ratio of the usual periods of truth and images from which the truth is sparser than the images.
 DRIVE, MAP, LIVE, SUITE, CALLS, MEMORY = "drive", "map", "live", "suite", "calls", "memory"
 """Parts of the rows `judged`; those of calls and of their memory are followed by the kind of call."""
 DOUBLED_SHARE = 0.1  #: With more stamps that occur twice, and other poses at them, a file holds two runs.
@@ -49,13 +50,14 @@ def completeness(
     estimate: Trajectory,
     truth: Trajectory,
     association: Association,
+    frames_ns: IntArray,
     conditions: Sequence[Condition],
     image_stamps_ns: IntArray | None,
     in_flight_ns: int = 0,
 ) -> tuple[Association, list[Figure]]:
     """Return what of a drive is covered: the association with why it is incomplete, and the rows of the score.
 
-    MetricsError if the estimate holds two runs.
+    `frames_ns` are the stamps of the frames, which go up. MetricsError if the estimate holds two runs.
     """
     stamps = single_run_stamps(estimate)
     true_ns, rows = np.unique(truth.stamps_ns, return_index=True)
@@ -68,8 +70,10 @@ def completeness(
     if image_stamps_ns is not None and len(image_stamps_ns):
         needed = settled(np.unique(image_stamps_ns), stamps, in_flight_ns)
         images = len(needed)
-    has_estimate = has_near(needed, stamps, nearness_ns(needed, tolerance_ns))
+    near_ns = nearness_ns(needed, tolerance_ns)
+    has_estimate, has_frame = has_near(needed, stamps, near_ns), has_near(needed, frames_ns, near_ns)
     has_truth = is_spanned(needed, true_ns, round(association.max_gap_s * NS_PER_S), tolerance_ns)
+    has_truth &= has_frame | ~has_estimate | ~needs_frame(needed, true_ns, near_ns, association.mode)
     gaps = gaps_of(needed, ~has_estimate)
     covered = gaps if images else gaps_in_truth(stamps, true_ns)
     sizes = sizes_of(covered, stamps, true_ns, travelled_m, images)
@@ -148,6 +152,24 @@ def has_near(stamps: IntArray, among: IntArray, near_ns: int) -> Mask:
     """Tell which stamps have one of the other stamps near them; both go up."""
     first = np.searchsorted(among, stamps - near_ns, "left")
     return np.asarray(first < np.searchsorted(among, stamps + near_ns, "right"))
+
+
+def needs_frame(needed: IntArray, true_ns: IntArray, near_ns: int, mode: AssociationMode | str) -> Mask:
+    """Tell which needed stamps are judged only if their estimate is a frame; stamps of both go up.
+
+    No figure contains the error of an estimate that is no frame. Interpolated truth makes every estimate a frame.
+    Matched truth makes a frame of the estimates at true poses, which are all estimates unless the truth is sparser than
+    the images. At both ends of the truth a file may have rounded the stamp of an estimate outwards.
+    """
+    if not len(true_ns):
+        return np.zeros(len(needed), np.bool_)
+    is_inside = (needed - near_ns >= true_ns[0]) & (needed + near_ns <= true_ns[-1])
+    is_sparse = min(len(true_ns), len(needed)) > 1 and np.median(np.diff(true_ns)) >= SPARSER * np.median(
+        np.diff(needed)
+    )
+    if mode == AssociationMode.MATCH and is_sparse:
+        is_inside &= has_near(needed, true_ns, near_ns)
+    return np.asarray(is_inside)
 
 
 def is_spanned(needed: IntArray, true_ns: IntArray, max_gap_ns: int, tolerance_ns: int) -> Mask:

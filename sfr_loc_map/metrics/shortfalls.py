@@ -22,7 +22,13 @@ class ShortfallKind(NamedTuple):
 
 SHORTFALLS = (
     ShortfallKind("missing", DRIVE, 0.0),  # in the words of `judge.missing_text`
-    ShortfallKind("images_without_truth", DRIVE, 0.0, "{percent} % of the images or true poses have no ground truth"),
+    ShortfallKind(
+        "images_without_truth",
+        DRIVE,
+        0.0,
+        "{percent} % of the images or true poses have no ground truth, or none at the stamp of their estimate "
+        "(sfr score --frames images interpolates the truth)",
+    ),
     ShortfallKind("lost", DRIVE),
     ShortfallKind("degraded", DRIVE),
     ShortfallKind("unmatched", DRIVE),

@@ -144,7 +144,7 @@ def score_trajectory(
     poses = Poses(frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat)
     length_m = formulas.path_length_m(frames.gt_pos)
     association, covered = completeness(
-        estimates.trajectory, truth, association, conditions, image_stamps_ns, in_flight_ns
+        estimates.trajectory, truth, association, frames.stamps_ns, conditions, image_stamps_ns, in_flight_ns
     )
     chosen = [select(condition, config.spacing, frames, length_m) for condition in conditions]
     sums = step_sums(placed.estimates, frames, chosen)

@@ -212,6 +212,16 @@ def test_one_percent_of_the_images_may_be_missing() -> None:
         assert (covered(part, full, full).incomplete is None) == whole
 
 
+def test_estimates_in_short_holes_of_a_matched_truth_are_not_judged() -> None:
+    """Nothing is interpolated there, so that no figure contains their errors."""
+    full, rows = straight(), np.arange(COUNT)
+    kept = (rows % 5 == 0) | (rows < 100) | (rows >= 200)
+    truth = Trajectory(full.stamps_ns[kept], full.positions[kept], full.quats_xyzw[kept])
+    assert covered(full, truth, full).without_truth == 80
+    sparse = covered(full, straight(every=5), full)  # its frames are those of the truth, as a warning says
+    assert (sparse.without_truth, sparse.judged_share) == (0, 1.0)
+
+
 def test_stamps_that_a_file_has_rounded_cover_their_images() -> None:
     images, dense = straight(every=5), straight()
     for every, share in ((5, 1.0), (10, 0.5)):
