@@ -14,13 +14,12 @@ from sfr_loc_map.cli.output import output_folder, progress_bar, say
 from sfr_loc_map.config import build, flatten, load_yaml
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
 from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.simulation.faults import FaultKind, parse_fault
 
 FAULT_HELP = (
     "KIND, or KIND: and some of amount=A (its unit: docs/simulation.md), share=S of the pairs (0 to 1), burst=N pairs "
-    "at a time, start=N (first pair), camera=both|left|right, with commas between; repeatable. Kinds: "
-    "dropped, repeated, swapped, identical, frozen, torn, ghost, interlaced; black, start, fade, blinded, saturation, "
-    "blurred, noisy, exposure, shear; body, object, arm, texture, reflection, scratch, dirt, shadow; late, clock; "
-    "focal, baseline, roll, pitch, yaw, drift, shift."
+    "at a time, start=N (first pair), camera=both|left|right, with commas between; repeatable. "
+    f"Kinds: {', '.join(FaultKind)}."
 )
 
 
@@ -100,7 +99,6 @@ def _inject(
 ) -> None:
     """Write a copy of a source with faults."""
     from sfr_loc_map.io.convert import EXACT, convert
-    from sfr_loc_map.simulation.faults import FaultKind, parse_fault
     from sfr_loc_map.simulation.faulty_source import faulty
 
     if not fault:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain, pairwise
 from typing import NamedTuple
 
@@ -15,7 +16,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage, Mask
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.simulation.faults import IMAGE_KINDS, RIG_KINDS, ROTATION_AXES, Fault, FaultKind
+from sfr_loc_map.simulation.faults import Fault, FaultKind
 
 READ_NOISE = 1.0  #: Noise of a camera that is left when no light comes in, grey levels.
 BODY_DEPTH, OBJECT_DEPTH, SHADOW_DEPTH = 6.0, 8.0, 12.0
@@ -28,10 +29,7 @@ SHADOW_BRIGHTNESS, DIRT_BRIGHTNESS = 0.35, 0.4
 SCRATCH_LIGHT = 60.0  #: Grey levels by which the strongest scratches are brighter or darker.
 SPOT_RADIUS = 0.04  #: Typical radius of a spot of dirt, fraction of the image's width (chosen by eye).
 SPEED = 0.006  #: Motion of a texture from pair to pair, fraction of the image's width: 3 px at 512.
-ALL_PAIRS = (*RIG_KINDS, *ROTATION_AXES, FaultKind.SHIFT, FaultKind.CLOCK)  #: Kinds that affect all pairs.
 REPEATING = (FaultKind.REPEATED, FaultKind.FROZEN)  #: Kinds that show the images of a pair before.
-EPISODES = (FaultKind.FADE, FaultKind.OBJECT, FaultKind.ARM)
-"""Kinds whose bursts are complete: a burst begins only if it can end within the sequence."""
 DRIFT_PAIRS = 100.0  #: Pairs over which a drift reaches its amount.
 UNAFFECTED = -1  #: Start of the burst of a pair without a fault.
 LAST_STAMP_NS = 2**63 - 1  #: Largest stamp of 64 bits.
@@ -44,6 +42,22 @@ class Moment(NamedTuple):
     pair: int  #: Its number.
     spot: FloatArray  #: `(2,)` random point, as shares of width and height.
     rng: np.random.Generator  #: Generator of this pair.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Affected:
+    """A pair that a fault affects, and all that its change depends on."""
+
+    fault: Fault
+    pair: StereoPair  #: As the fault finds it.
+    previous: StereoPair | None  #: The last new pair as the fault found it, None before the first.
+    following: StereoPair | None  #: The next pair, None after the last.
+    moment: Moment
+    rig: StereoRig  #: The true one.
+    fixed: np.random.Generator  #: Generator that is the same for all pairs of a drive.
+
+
+Change = Callable[[Affected], StereoPair]  #: Returns the pair with the fault.
 
 
 class Perturber:
@@ -95,61 +109,32 @@ class Perturber:
         """Return a pair with one fault more; `beside` are the last new pair, as the fault found it, and the next."""
         previous, following = beside
         first = int(self._bursts[number][index])
-        if first == UNAFFECTED or fault.kind in RIG_KINDS:
+        if first == UNAFFECTED:
             return pair
         rng = np.random.default_rng([self._seed, number, index])
         moment = Moment((index - first + 0.5) / fault.burst, index, rng.random(2), rng)
-        if fault.kind in (FaultKind.LATE, FaultKind.CLOCK):
-            stamp_ns = pair.stamp_ns + round(fault.amount * NS_PER_S)
-            if fault.kind is FaultKind.LATE:
-                stamp_ns = min(stamp_ns, following.stamp_ns - 1 if following is not None else LAST_STAMP_NS)
-            return replace(pair, stamp_ns=stamp_ns)
-        if fault.kind in ROTATION_AXES:
-            share = (index - fault.start) / DRIFT_PAIRS if fault.kind is FaultKind.DRIFT else 1.0
-            angle_deg = fault.amount * max(share, 0.0)
-            return replace(pair, right=rotated(pair.right, fault.kind, angle_deg, self._true_rig))
-        if fault.kind is FaultKind.SHIFT:
-            return replace(pair, right=as_grey(_moved(pair.right.astype(np.float32), fault.amount)))
-        left, right = pair.left, pair.right
-        if fault.kind is FaultKind.SWAPPED:
-            return replace(pair, left=right, right=left)
-        if fault.kind is FaultKind.IDENTICAL:
-            return replace(pair, right=left)
-        if fault.kind in VIEW_FAULTS:  # its look is the same for all pairs of a drive
-            fixed = np.random.default_rng([self._seed, number, self._count])
-            left, right = VIEW_FAULTS[fault.kind](pair, fault.amount, moment, self._true_rig, fixed)
-        elif fault.kind in IMAGE_KINDS:
-            left = left if fault.camera == "right" else degraded(left, fault.kind, fault.amount, moment)
-            right = right if fault.camera == "left" else degraded(right, fault.kind, fault.amount, moment)
-        elif previous is not None:
-            if fault.kind is FaultKind.REPEATED:
-                return replace(previous, stamp_ns=pair.stamp_ns)
-            left, right = with_old(left, previous.left, fault, rng), with_old(right, previous.right, fault, rng)
-        if fault.camera == "right":
-            left = pair.left
-        elif fault.camera == "left":
-            right = pair.right
-        return replace(pair, left=left, right=right)
+        fixed = np.random.default_rng([self._seed, number, self._count])
+        return CHANGES[fault.kind](Affected(fault, pair, previous, following, moment, self._true_rig, fixed))
 
 
 def burst_starts(fault: Fault, rng: np.random.Generator, count: int) -> NDArray[np.intp]:
     """Return the first pair of the burst, chosen at random up to a share, that affects each pair `(count,)`, or -1."""
     starts = np.full(count, UNAFFECTED)
-    if fault.kind in ALL_PAIRS:
+    if fault.kind.info.affects_all_pairs:
         return np.zeros_like(starts)
     if fault.kind is FaultKind.START:
         starts[: max(round(fault.amount), 0)] = 0
         return starts
     candidates = np.arange(min(fault.start, count), count)
     wanted = round(fault.share * len(candidates))
-    if fault.kind in EPISODES and wanted > 0:
+    if fault.kind.info.has_complete_bursts and wanted > 0:
         wanted = max(wanted, min(fault.burst, len(candidates)))
     for first in rng.permutation(candidates):
         room = wanted - int(np.count_nonzero(starts >= 0))
         if room <= 0:
             break
         burst = slice(first, first + min(fault.burst, room))
-        if fault.kind in EPISODES:
+        if fault.kind.info.has_complete_bursts:
             burst = slice(first, first + fault.burst)
             if first + min(fault.burst, len(candidates)) > count or (starts[burst] >= 0).any():
                 continue
@@ -162,60 +147,171 @@ def with_noise(grey: FloatImage, sigma: float, rng: np.random.Generator) -> Grey
     return as_grey(grey + sigma * rng.standard_normal(grey.shape, np.float32))
 
 
-def with_old(image: GreyImage, old: GreyImage, fault: Fault, rng: np.random.Generator) -> GreyImage:
-    """Return an image `(H, W)` with parts of an old one, or the old one with new noise."""
-    if fault.kind is FaultKind.FROZEN:
-        return with_noise(old.astype(np.float32), fault.amount, rng)
-    if fault.kind is FaultKind.GHOST:
-        return as_grey((1.0 - fault.amount) * image + fault.amount * old)
-    rows = np.arange(len(image)) % 2 == 1
-    if fault.kind is FaultKind.TORN:
-        rows = np.arange(len(image)) >= round((1.0 - fault.amount) * len(image))
-    return np.where(rows[:, None], old, image)
-
-
 def as_grey(values: FloatArray | FloatImage) -> GreyImage:
     """Return grey levels rounded and clipped."""
     return np.clip(np.rint(values), 0, 255).astype(np.uint8)
 
 
-def degraded(image: GreyImage, kind: FaultKind, amount: float, moment: Moment) -> GreyImage:
-    """Return an image `(H, W)` with a fault of `IMAGE_KINDS`."""
-    if kind in (FaultKind.BLACK, FaultKind.START):
-        return np.zeros_like(image)
-    if kind is FaultKind.BLURRED:
-        return np.asarray(cv2.GaussianBlur(image, (0, 0), max(amount, 1e-3)), np.uint8)
-    grey = image.astype(np.float32)
-    height, width = image.shape
-    if kind is FaultKind.SHEAR:
-        slope = (amount if moment.spot[0] < 0.5 else -amount) / height
-        shear = np.array([[1.0, slope, -0.5 * slope * height], [0.0, 1.0, 0.0]])
-        return as_grey(_warped(grey, shear))
-    if kind is FaultKind.EXPOSURE:
-        return as_grey(amount * grey)
-    if kind is FaultKind.NOISY:
-        return with_noise(grey, amount, moment.rng)
-    if kind is FaultKind.FADE:  # darker to the middle of the burst, where it is black, and brighter again
-        return with_noise(abs(2.0 * moment.progress - 1.0) * grey, READ_NOISE, moment.rng)
-    if kind is FaultKind.SATURATION:  # brighter until the brightest share of the image is clipped
-        white = max(float(np.quantile(image, 1.0 - amount)), 1.0)
-        return with_noise(255.0 / white * grey, READ_NOISE, moment.rng)
-    y, x = np.mgrid[:height, :width]
-    r = np.hypot(x - moment.spot[0] * width, y - moment.spot[1] * height) / max(0.5 * amount * width, 1e-6)
-    # glare around a point
-    glare = (255.0 * np.minimum(1.2, 1.2 / np.maximum(r, 1e-3) ** 3)).astype(np.float32)
-    return as_grey(grey + glare)
+# ---- faults of the pair, of stamps and of the right camera
 
 
-def rotated(image: GreyImage, kind: FaultKind, angle_deg: float, rig: StereoRig) -> GreyImage:
-    """Return the image of a camera that is rotated against its calibration (the homography `K R K^-1`)."""
+def _unchanged(at: Affected) -> StereoPair:
+    """Return the pair: a dropped pair is not delivered, and a fault of the calibration is in `Perturber.rig`."""
+    return at.pair
+
+
+def _repeated(at: Affected) -> StereoPair:
+    return at.pair if at.previous is None else replace(at.previous, stamp_ns=at.pair.stamp_ns)
+
+
+def _swapped(at: Affected) -> StereoPair:
+    return replace(at.pair, left=at.pair.right, right=at.pair.left)
+
+
+def _identical(at: Affected) -> StereoPair:
+    return replace(at.pair, right=at.pair.left)
+
+
+def _late(at: Affected) -> StereoPair:
+    last_ns = LAST_STAMP_NS if at.following is None else at.following.stamp_ns - 1
+    return replace(at.pair, stamp_ns=min(at.pair.stamp_ns + round(at.fault.amount * NS_PER_S), last_ns))
+
+
+def _with_clock(at: Affected) -> StereoPair:
+    return replace(at.pair, stamp_ns=at.pair.stamp_ns + round(at.fault.amount * NS_PER_S))
+
+
+def _shifted(at: Affected) -> StereoPair:
+    return replace(at.pair, right=as_grey(_moved(at.pair.right.astype(np.float32), at.fault.amount)))
+
+
+def _rotated(axis: int, sign: float, at: Affected) -> StereoPair:
+    return replace(at.pair, right=rotated(at.pair.right, axis, sign * at.fault.amount, at.rig))
+
+
+def _drifting(at: Affected) -> StereoPair:
+    progress = max((at.moment.pair - at.fault.start) / DRIFT_PAIRS, 0.0)
+    return replace(at.pair, right=rotated(at.pair.right, 1, -at.fault.amount * progress, at.rig))
+
+
+def rotated(image: GreyImage, axis: int, angle_deg: float, rig: StereoRig) -> GreyImage:
+    """Return the image of a camera that is rotated against its calibration (the homography `K R K^-1`).
+
+    `axis` is that of the optical frame about which the camera is rotated.
+    """
     vector = np.zeros(3)
-    sign = 1.0 if kind is FaultKind.ROLL else -1.0
-    vector[ROTATION_AXES[kind]] = sign * np.radians(angle_deg)
+    vector[axis] = np.radians(angle_deg)
     K = rig.camera_matrix
     homography = K @ matrix_from_rotvec(vector).T @ np.linalg.inv(K)
     size = (rig.width, rig.height)
     return np.asarray(cv2.warpPerspective(image, homography, size, flags=cv2.INTER_CUBIC), np.uint8)
+
+
+# ---- faults of single images
+
+
+def _each_image(change: Callable[[GreyImage, float, Moment], GreyImage], at: Affected) -> StereoPair:
+    """Return the pair with the images of the affected cameras changed, the left one first."""
+    left, right, camera = at.pair.left, at.pair.right, at.fault.camera
+    if camera != "right":
+        left = change(left, at.fault.amount, at.moment)
+    if camera != "left":
+        right = change(right, at.fault.amount, at.moment)
+    return replace(at.pair, left=left, right=right)
+
+
+def _black(image: GreyImage, amount: float, moment: Moment) -> GreyImage:
+    return np.zeros_like(image)
+
+
+def _blurred(image: GreyImage, amount: float, moment: Moment) -> GreyImage:
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), max(amount, 1e-3)), np.uint8)
+
+
+def _sheared(image: GreyImage, amount: float, moment: Moment) -> GreyImage:
+    height = len(image)
+    slope = (amount if moment.spot[0] < 0.5 else -amount) / height
+    shear = np.array([[1.0, slope, -0.5 * slope * height], [0.0, 1.0, 0.0]])
+    return as_grey(_warped(image.astype(np.float32), shear))
+
+
+def _exposed(image: GreyImage, amount: float, moment: Moment) -> GreyImage:
+    return as_grey(amount * image.astype(np.float32))
+
+
+def _noisy(image: GreyImage, amount: float, moment: Moment) -> GreyImage:
+    return with_noise(image.astype(np.float32), amount, moment.rng)
+
+
+def _faded(image: GreyImage, amount: float, moment: Moment) -> GreyImage:
+    """Darken to the middle of the burst, where the image is black, and brighten again."""
+    return with_noise(abs(2.0 * moment.progress - 1.0) * image.astype(np.float32), READ_NOISE, moment.rng)
+
+
+def _saturated(image: GreyImage, amount: float, moment: Moment) -> GreyImage:
+    """Brighten until the brightest share of the image is clipped."""
+    white = max(float(np.quantile(image, 1.0 - amount)), 1.0)
+    return with_noise(255.0 / white * image.astype(np.float32), READ_NOISE, moment.rng)
+
+
+def _blinded(image: GreyImage, amount: float, moment: Moment) -> GreyImage:
+    """Add a glare around a point."""
+    height, width = image.shape
+    y, x = np.mgrid[:height, :width]
+    r = np.hypot(x - moment.spot[0] * width, y - moment.spot[1] * height) / max(0.5 * amount * width, 1e-6)
+    glare = (255.0 * np.minimum(1.2, 1.2 / np.maximum(r, 1e-3) ** 3)).astype(np.float32)
+    return as_grey(image.astype(np.float32) + glare)
+
+
+# ---- faults that show the pair before
+
+
+def _with_previous(
+    change: Callable[[GreyImage, GreyImage, float, np.random.Generator], GreyImage], at: Affected
+) -> StereoPair:
+    """Return the pair with parts of the last new one; the first pair has none and does not change."""
+    if at.previous is None:
+        return at.pair
+    left = change(at.pair.left, at.previous.left, at.fault.amount, at.moment.rng)
+    right = change(at.pair.right, at.previous.right, at.fault.amount, at.moment.rng)
+    return _of_cameras(at, left, right)
+
+
+def _of_cameras(at: Affected, left: GreyImage, right: GreyImage) -> StereoPair:
+    """Return the pair with the changed images of the affected cameras."""
+    if at.fault.camera == "right":
+        left = at.pair.left
+    elif at.fault.camera == "left":
+        right = at.pair.right
+    return replace(at.pair, left=left, right=right)
+
+
+def _frozen(image: GreyImage, old: GreyImage, amount: float, rng: np.random.Generator) -> GreyImage:
+    return with_noise(old.astype(np.float32), amount, rng)
+
+
+def _ghost(image: GreyImage, old: GreyImage, amount: float, rng: np.random.Generator) -> GreyImage:
+    return as_grey((1.0 - amount) * image + amount * old)
+
+
+def _torn(image: GreyImage, old: GreyImage, amount: float, rng: np.random.Generator) -> GreyImage:
+    rows = np.arange(len(image)) >= round((1.0 - amount) * len(image))
+    return np.where(rows[:, None], old, image)
+
+
+def _interlaced(image: GreyImage, old: GreyImage, amount: float, rng: np.random.Generator) -> GreyImage:
+    rows = np.arange(len(image)) % 2 == 1
+    return np.where(rows[:, None], old, image)
+
+
+# ---- faults of the view
+
+
+def _view(
+    draw: Callable[[StereoPair, float, Moment, StereoRig, np.random.Generator], Views], at: Affected
+) -> StereoPair:
+    """Return the pair with what is drawn into the view of both cameras."""
+    return _of_cameras(at, *draw(at.pair, at.fault.amount, at.moment, at.rig, at.fixed))
 
 
 def _with_body(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig, fixed: np.random.Generator) -> Views:
@@ -314,17 +410,43 @@ def _with_shadow(pair: StereoPair, amount: float, moment: Moment, rig: StereoRig
 
 
 Views = tuple[GreyImage, GreyImage]  #: Left and right image.
-VIEW_FAULTS: dict[FaultKind, Callable[[StereoPair, float, Moment, StereoRig, np.random.Generator], Views]] = {
-    FaultKind.BODY: _with_body,
-    FaultKind.OBJECT: _with_object,
-    FaultKind.ARM: _with_arm,
-    FaultKind.TEXTURE: _with_texture,
-    FaultKind.REFLECTION: _with_reflection,
-    FaultKind.SCRATCH: _with_scratches,
-    FaultKind.DIRT: _with_dirt,
-    FaultKind.SHADOW: _with_shadow,
+CHANGES: dict[FaultKind, Change] = {
+    FaultKind.DROPPED: _unchanged,
+    FaultKind.REPEATED: _repeated,
+    FaultKind.SWAPPED: _swapped,
+    FaultKind.IDENTICAL: _identical,
+    FaultKind.FROZEN: partial(_with_previous, _frozen),
+    FaultKind.TORN: partial(_with_previous, _torn),
+    FaultKind.GHOST: partial(_with_previous, _ghost),
+    FaultKind.INTERLACED: partial(_with_previous, _interlaced),
+    FaultKind.BLACK: partial(_each_image, _black),
+    FaultKind.START: partial(_each_image, _black),
+    FaultKind.FADE: partial(_each_image, _faded),
+    FaultKind.BLINDED: partial(_each_image, _blinded),
+    FaultKind.SATURATION: partial(_each_image, _saturated),
+    FaultKind.LATE: _late,
+    FaultKind.BLURRED: partial(_each_image, _blurred),
+    FaultKind.NOISY: partial(_each_image, _noisy),
+    FaultKind.EXPOSURE: partial(_each_image, _exposed),
+    FaultKind.SHEAR: partial(_each_image, _sheared),
+    FaultKind.BODY: partial(_view, _with_body),
+    FaultKind.OBJECT: partial(_view, _with_object),
+    FaultKind.ARM: partial(_view, _with_arm),
+    FaultKind.TEXTURE: partial(_view, _with_texture),
+    FaultKind.REFLECTION: partial(_view, _with_reflection),
+    FaultKind.SCRATCH: partial(_view, _with_scratches),
+    FaultKind.DIRT: partial(_view, _with_dirt),
+    FaultKind.SHADOW: partial(_view, _with_shadow),
+    FaultKind.FOCAL: _unchanged,
+    FaultKind.BASELINE: _unchanged,
+    FaultKind.ROLL: partial(_rotated, 2, 1.0),
+    FaultKind.PITCH: partial(_rotated, 0, -1.0),
+    FaultKind.YAW: partial(_rotated, 1, -1.0),
+    FaultKind.DRIFT: _drifting,
+    FaultKind.SHIFT: _shifted,
+    FaultKind.CLOCK: _with_clock,
 }
-"""Each takes the pair, the amount, the moment, the true rig and a generator that is the same for all pairs."""
+"""What each kind does to an affected pair."""
 
 
 def _texture(height: int, width: int, like: GreyImage, fixed: np.random.Generator) -> FloatImage:

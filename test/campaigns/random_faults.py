@@ -21,7 +21,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.runs.offline import localise, start_pose
-from sfr_loc_map.simulation.faults import IMAGE_KINDS, ROTATION_AXES, SHARES_OF_IMAGE, FaultKind, parse_fault
+from sfr_loc_map.simulation.faults import FaultKind, parse_fault
 from sfr_loc_map.simulation.faulty_source import FaultyLoc
 from sfr_loc_map.suite.fault_benchmark import Honesty, StatedErrors, stated_errors
 
@@ -63,8 +63,8 @@ AMOUNTS = {
 Wrong stamps are no fault of a pose, and a wrong focal length or baseline is unobservable: neither is drawn.
 """
 COUNTS = (0.6, 0.3, 0.1)  #: Probability of one, two and three faults at a time.
-WHOLE_DRIVE = (*("body", "dirt", "shadow", "texture", "reflection", "scratch", "shift", "start"), *ROTATION_AXES)
-ONE_CAMERA = (*IMAGE_KINDS, *SHARES_OF_IMAGE, FaultKind.FROZEN)  #: Kinds that may affect one camera alone.
+ROTATIONS = (FaultKind.ROLL, FaultKind.PITCH, FaultKind.YAW, FaultKind.DRIFT)
+WHOLE_DRIVE = (*("body", "dirt", "shadow", "texture", "reflection", "scratch", "shift", "start"), *ROTATIONS)
 
 
 def random_faults(rng: np.random.Generator, pairs: int) -> str:
@@ -79,7 +79,7 @@ def _random_fault(rng: np.random.Generator, kind: FaultKind, pairs: int) -> str:
     values = []
     if high > 0.0:
         amount = low + (high - low) * float(rng.random())
-        if kind in ROTATION_AXES and rng.random() < 0.5:
+        if kind in ROTATIONS and rng.random() < 0.5:
             amount = -amount
         values.append(f"amount={round(amount)}" if kind is FaultKind.START else f"amount={amount:.3f}")
     if kind not in WHOLE_DRIVE:
@@ -88,7 +88,7 @@ def _random_fault(rng: np.random.Generator, kind: FaultKind, pairs: int) -> str:
         start = int(rng.integers(1, max(2, pairs // 2)))
         values += [f"share={0.05 + 0.35 * float(rng.random()):.2f}", f"burst={burst}", f"start={start}"]
     camera = rng.choice(("both", "both", "both", "left", "right"))
-    if kind in ONE_CAMERA and camera != "both":
+    if kind.info.affects_one_camera and kind is not FaultKind.INTERLACED and camera != "both":
         values.append(f"camera={camera}")
     return f"{kind}:{','.join(values)}" if values else str(kind)
 

@@ -8,7 +8,7 @@ import pytest
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.simulation.faults import FaultKind, parse_fault
-from sfr_loc_map.simulation.perturber import Perturber
+from sfr_loc_map.simulation.perturber import CHANGES, Perturber
 
 RIG = StereoRig(64, 48, 50.0, 50.0, 31.5, 23.5, 0.1)
 COUNT = 40
@@ -61,6 +61,10 @@ def test_rotated_right_camera_moves_the_image(kind: str, du: int, dv: int) -> No
     v, u = np.nonzero(pair.right > 100)
     assert u.mean() - 31.5 == pytest.approx(5 * du, abs=0.3)
     assert v.mean() - 23.5 == pytest.approx(5 * dv, abs=0.3)
+
+
+def test_every_kind_has_its_change_and_no_other_is_known() -> None:
+    assert set(CHANGES) == set(FaultKind)
 
 
 @pytest.mark.parametrize("kind", FaultKind)
