@@ -35,9 +35,9 @@ from sfr_loc_map.metrics.score import MethodRecord, Score
 from sfr_loc_map.runs import offline
 from sfr_loc_map.runs.calls import CallRecord, CallStats, stats_of
 from sfr_loc_map.scoring.score_run import (
+    CloudToScore,
     Correction,
     Run,
-    ScoredCloud,
     ScoreInputs,
     converted_run,
     load_map_truth,
@@ -221,7 +221,7 @@ def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool 
         read = [*load_run(ScoreInputs(stats=stats)).stats, *_own_stats(estimate)]
         loaded = said_fused(LoadedCloud(estimate.xyz.astype(np.float64), estimate), fused, "the cloud")
         truths, nav_stamps_ns = load_map_truth(Path(place), estimate.pair_stamps_ns)
-        cloud = ScoredCloud(loaded, truths)
+        cloud = CloudToScore(loaded, truths)
         in_memory = {"cloud": hash_arrays([estimate.to_structured()])}
         inputs = ScoreInputs(map_truth=Path(place), stats=stats)
         return Run(inputs, read, cloud=cloud, nav_stamps_ns=nav_stamps_ns, in_memory=in_memory)

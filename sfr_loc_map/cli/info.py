@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from sfr_loc_map.cli.app import app, examples, propose
+from sfr_loc_map.cli.app import app, examples
+from sfr_loc_map.cli.doctor import FindingsReport
 from sfr_loc_map.cli.options import (
     CalibrationOption,
     ConfigOption,
@@ -18,15 +18,14 @@ from sfr_loc_map.cli.options import (
     SourceArgument,
     sections_of,
 )
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, progress_bar, say, show
+from sfr_loc_map.cli.output import check_outputs, progress_bar, say
 from sfr_loc_map.config import read_sections
-from sfr_loc_map.errors import FailedVerdictError, InputError
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.io.atomic import write_text
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from sfr_loc_map.doctor.findings import Finding
     from sfr_loc_map.io.source_config import SourceConfig
     from sfr_loc_map.report.tables import Table
 
@@ -81,42 +80,6 @@ def info(
     after = ["sfr", "replay", str(source), *of_config, *start, "--out", "out"]
     report.propose(after, why="through the nodes, scored")
     report.show(json_path, facts, _tables(facts))
-
-
-@dataclass(frozen=True, slots=True)
-class FindingsReport:
-    """Findings on a subject, as `sfr info` and `sfr doctor` show them."""
-
-    subject: str
-    findings: list[Finding]
-
-    @property
-    def stops(self) -> int:
-        """Number of the findings that block."""
-        return sum(finding.is_blocking for finding in self.findings)
-
-    def propose(self, after: list[str], why: str) -> None:
-        """Propose the first fix that is a command, else the same command again, else `after`."""
-        fix = next((item.fix.partition(";")[0] for item in self.findings if item.fix.startswith("sfr info")), "")
-        if fix:
-            propose(fix, why="writes the sfr.yaml of the source")
-        elif self.stops:
-            propose("...", why="again, after the fix")
-        else:
-            propose(*after, why=why)
-
-    def show(self, json_path: str | None, facts: dict[str, Any], tables: list[Table]) -> None:
-        """Print tables and findings, write the JSON; raise FailedVerdictError if a finding blocks."""
-        found = [finding.as_dict() for finding in self.findings]
-        show({"subject": self.subject, **facts, "stops": self.stops, "findings": found}, json_path, tables)
-        if json_path != STANDARD_OUTPUT:
-            for finding in self.findings:
-                say(f"{'BLOCKING' if finding.is_blocking else 'warning '}  {finding.where}: {finding.text}")
-                say(f"          fix: {finding.fix}")
-            if not self.findings:
-                say(f"{self.subject}: no blocking issue")
-        if self.stops:
-            raise FailedVerdictError(f"{self.stops} blocking issue{'s' * (self.stops > 1)} on {self.subject}")
 
 
 def _words(calibration: Path | None, settings: list[str] | None, remap: list[str] | None) -> list[str]:

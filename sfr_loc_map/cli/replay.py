@@ -186,7 +186,7 @@ def replay(
         with _room_for(files, (source, limits, config), overwrite=overwrite):
             with naming(source):
                 result, interruption = _play(opened, options)
-                result = result.finished(opened, options.score, correction)
+                result = result.with_converted_poses(opened, options.score, correction)
             if files is not None:
                 files.remove()  # of an earlier run, which may have written more of them
                 save_replay(result, files)

@@ -27,7 +27,16 @@ from sfr_loc_map.metrics.convention import converted_estimates
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, FindingRecord, MethodRecord, Score
 from sfr_loc_map.runs.calls import CallRecord, save_stats, stats_of
-from sfr_loc_map.scoring import score_run as scoring
+from sfr_loc_map.scoring.score_run import (
+    CloudToScore,
+    Correction,
+    DriveToScore,
+    Run,
+    ScoreInputs,
+    corrected,
+    estimates_of,
+    score_run,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,13 +59,13 @@ class ReplayResult:
     cloud: PointCloud | None  # the last one
     records: Sequence[CallRecord]  # all calls of localiser and mapper
     mapped_ns: tuple[int, ...]  # of the pairs of the cloud, in the order of the points' `pair`: their truth judges it
-    external: ExternalRun | None = None  # `finished` converts its poses
+    external: ExternalRun | None = None  # `with_converted_poses` converts its poses
     points: FloatArray | None = None  # `(N, 3)` in LM of an external mapper that tells no pixels
 
-    def finished(self, source: Source, config: ScoreConfig, correction: scoring.Correction) -> ReplayResult:
-        """Return it with the poses of an external localiser as poses of RB in DS, and a record for each.
+    def with_converted_poses(self, source: Source, config: ScoreConfig, correction: Correction) -> ReplayResult:
+        """Return the result with the poses of an external localiser converted to RB in DS, and a record for each pose.
 
-        Without one it stays as it is.
+        A result without an external localiser is returned unchanged.
         """
         run, loc, published = self.external, source.loc, self.estimate
         if run is None or run.score.task != CallKind.LOCALISATION or loc is None or not len(published):
@@ -72,7 +81,7 @@ class ReplayResult:
         found = Estimates.of(published, lost, covariance=None if np.isnan(covariance).all() else covariance)
         convention = None
         if truth is not None and len(truth):
-            drive, convention = scoring.corrected(scoring.ScoredDrive(found, truth, rig), correction, config)
+            drive, convention = corrected(DriveToScore(found, truth, rig), correction, config)
             found = drive.estimates
         elif (declared := correction.declared).settings:
             found = converted_estimates(found, declared, declared.T_rb_child(rig), None)
@@ -151,7 +160,7 @@ def score_replay(
     that `save_replay` has written, None without, the file of the limits and the command are for provenance.
     """
     stats = [stats_of(result.records)] if result.records else []
-    inputs = scoring.ScoreInputs(limits=limits_file, command=command)
+    inputs = ScoreInputs(limits=limits_file, command=command)
     in_memory: dict[str, str] = {}
     if files is not None and stats:
         inputs = replace(inputs, stats=(files.stats,))
@@ -159,8 +168,8 @@ def score_replay(
     truth, images = (None, None) if source.loc is None else (source.loc.ground_truth, source.loc.stamps_ns)
     if source.loc is not None and truth is not None and len(result.estimate):
         estimate = result.estimate
-        estimates = scoring.estimates_of(estimate, stats)
-        drive = scoring.ScoredDrive(estimates, truth, source.loc.rig, np.asarray(images, np.int64))
+        estimates = estimates_of(estimate, stats)
+        drive = DriveToScore(estimates, truth, source.loc.rig, np.asarray(images, np.int64))
         inputs = replace(inputs, truth=source.path, configuration=source.configuration)
         if files is not None:
             inputs = replace(inputs, estimate=files.estimate)
@@ -178,18 +187,18 @@ def score_replay(
         else:
             in_memory["cloud"] = hash_arrays([cloud.loaded.xyz])
     task = Task.MAPPING if drive is None else Task.LOCALISATION
-    run = scoring.Run(inputs, stats, drive=drive, cloud=cloud, method=record_of_ours(task), unposed_images=unposed)
+    run = Run(inputs, stats, drive=drive, cloud=cloud, method=record_of_ours(task), unposed_images=unposed)
     run = replace(run, in_memory=in_memory, nav_stamps_ns=nav_stamps_ns, unmapped_pairs=unmapped)
     if (node := result.external) is not None:
         run = replace(run, method=node.method, external=node.score, findings=node.findings, convention=node.convention)
-    score = scoring.score_run(run, config, limits)
+    score = score_run(run, config, limits)
     if (made := score.provenance) is None:
         return score
     made = struct_replace(made, configuration={**made.configuration, **settings})
     return struct_replace(score, provenance=made)
 
 
-def _scored_cloud(source: Source, result: ReplayResult) -> scoring.ScoredCloud | None:
+def _scored_cloud(source: Source, result: ReplayResult) -> CloudToScore | None:
     xyz = result.points if result.cloud is None else result.cloud.xyz
     if source.nav is None or xyz is None:
         return None
@@ -198,4 +207,4 @@ def _scored_cloud(source: Source, result: ReplayResult) -> scoring.ScoredCloud |
     if not pairs or len(pairs) < len(result.mapped_ns) or any(pair.truth is None for pair in pairs):
         return None
     loaded = LoadedCloud(np.asarray(xyz, np.float64), result.cloud)
-    return scoring.ScoredCloud(loaded, truths_of(pairs, source.nav.rig))
+    return CloudToScore(loaded, truths_of(pairs, source.nav.rig))

@@ -125,7 +125,7 @@ class ScoreInputs:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ScoredDrive:
+class DriveToScore:
     """Estimated and true poses of RB in DS."""
 
     estimates: Estimates  #: Estimated poses.
@@ -134,14 +134,14 @@ class ScoredDrive:
     image_stamps_ns: IntArray | None = None  #: Stamps of its images, None where they are not known.
     notes: tuple[str, ...] = ()  #: What the format of each file was found to be, one line each.
 
-    def converted(self, convention: PoseConvention) -> ScoredDrive:
+    def converted(self, convention: PoseConvention) -> DriveToScore:
         """Return it with estimates that were written in a convention as poses of RB in DS."""
         T_rb_child = convention.T_rb_child(self.rig)
         return replace(self, estimates=converted_estimates(self.estimates, convention, T_rb_child, self.truth))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ScoredCloud:
+class CloudToScore:
     """A cloud and the truth of its pairs."""
 
     loaded: LoadedCloud
@@ -169,8 +169,8 @@ class Run:
     stats: Sequence[CallStats] = ()  #: Calls on this host.
     target: CallStats | None = None  #: Calls on the target of `inputs`.
     about: TargetRecord | None = None  #: What the target says of itself.
-    drive: ScoredDrive | None = None  #: Trajectory.
-    cloud: ScoredCloud | None = None  #: Map.
+    drive: DriveToScore | None = None  #: Trajectory.
+    cloud: CloudToScore | None = None  #: Map.
     method: MethodRecord | None = None  #: Whose run it is; None: as the statistics say.
     external: ExternalScore | None = None  #: How an external node behaved, None where there was none.
     findings: tuple[FindingRecord, ...] = ()  #: What was wrong with its answers.
@@ -199,8 +199,8 @@ def converted_run(run: Run, config: ScoreConfig, correction: Correction) -> Run:
 
 
 def corrected(
-    drive: ScoredDrive, correction: Correction, config: ScoreConfig
-) -> tuple[ScoredDrive, ConventionRecord | None]:
+    drive: DriveToScore, correction: Correction, config: ScoreConfig
+) -> tuple[DriveToScore, ConventionRecord | None]:
     """Return a drive as its convention says, and what was done; None where nothing was."""
     done = ConventionRecord(declared=correction.declared.settings)
     if done.declared:
@@ -340,7 +340,7 @@ def _drive_part(
     )
 
 
-def _frame_warnings(drive: ScoredDrive, association: Association) -> Iterator[str]:
+def _frame_warnings(drive: DriveToScore, association: Association) -> Iterator[str]:
     """Yield that frames are those of a sparse truth."""
     many, what = association.images, "images"
     if not many:
@@ -589,7 +589,7 @@ def load_run(
         truths, nav_stamps_ns = load_map_truth(inputs.map_truth, stamps_ns, inputs.config)
         if truths:
             loaded = loaded.of_images(truths[0].rig.width, truths[0].rig.height, f"cloud '{inputs.cloud}'")
-        run = replace(run, cloud=ScoredCloud(loaded, truths), nav_stamps_ns=nav_stamps_ns)
+        run = replace(run, cloud=CloudToScore(loaded, truths), nav_stamps_ns=nav_stamps_ns)
 
     in_memory, place, loc, how = Path(IN_MEMORY), inputs.truth, None, inputs.config or AS_IT_IS
     read = place or inputs.map_truth
@@ -649,7 +649,7 @@ def load_run(
         rig = loc.rig
         with suppress(InputError):  # it has no whole pair
             images = np.asarray(loc.stamps_ns, np.int64)
-    return replace(run, drive=ScoredDrive(estimates, true.trajectory, rig, images, notes))
+    return replace(run, drive=DriveToScore(estimates, true.trajectory, rig, images, notes))
 
 
 def refuse_copy(inputs: ScoreInputs, estimate: Trajectory, truth: Trajectory) -> None:
@@ -685,7 +685,7 @@ def load_target(path: Path) -> TargetRecord:
         return msgspec.convert(content, TargetRecord)
 
 
-def load_drive(estimate: Path, truth: Path) -> ScoredDrive:
+def load_drive(estimate: Path, truth: Path) -> DriveToScore:
     """Read estimated and true poses of files."""
     drive = load_run(ScoreInputs(estimate=estimate, truth=truth)).drive
     assert drive is not None  # both are there

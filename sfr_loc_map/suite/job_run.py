@@ -34,7 +34,7 @@ from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.runs.calls import load_call_stats, save_stats
 from sfr_loc_map.runs.offline import localise, localise_with, map_pairs, map_pairs_with, start_pose, trajectory_of
-from sfr_loc_map.scoring.score_run import Run, ScoredCloud, ScoreInputs, load_run, score_files, score_run
+from sfr_loc_map.scoring.score_run import CloudToScore, Run, ScoreInputs, load_run, score_files, score_run
 from sfr_loc_map.simulation.faults import Fault, parse_fault
 from sfr_loc_map.simulation.faulty_source import faulty
 from sfr_loc_map.suite.job import Job, JobKind
@@ -99,7 +99,7 @@ def _map(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
     cloud, stats = scratch / "cloud.npz", scratch / "stats.csv"
     save_cloud(cloud, run.fused.cloud)
     save_stats(stats, run.records, about)
-    scored = ScoredCloud(load_cloud(cloud), truths_of(list(source.nav.pairs()), source.nav.rig))
+    scored = CloudToScore(load_cloud(cloud), truths_of(list(source.nav.pairs()), source.nav.rig))
     inputs = ScoreInputs(cloud=cloud, map_truth=truth, stats=(stats,))
     return Run(inputs, [load_call_stats(stats)], cloud=scored)
 

@@ -31,7 +31,7 @@ from sfr_loc_map.report.test_report import junit, render_test_report
 from sfr_loc_map.runs.calls import CallRecord, stats_of
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.scoring.replay_result import ReplayResult, score_replay
-from sfr_loc_map.scoring.score_run import Run, ScoredCloud, ScoredDrive, ScoreInputs, score_run
+from sfr_loc_map.scoring.score_run import CloudToScore, DriveToScore, Run, ScoreInputs, score_run
 from sfr_loc_map.suite.summary import ScoredJob, Summary, groups_of
 
 COUNT, PERIOD_NS = 401, 100_000_000
@@ -149,8 +149,8 @@ class Nav:
 
 def scored(made: Made) -> Score:
     truths = truths_of(list(made.nav), NAV_RIG)
-    cloud = ScoredCloud(LoadedCloud(made.cloud.xyz.astype(np.float64), made.cloud), truths)
-    of_drive = ScoredDrive(Estimates.of(made.estimate), made.truth, LOC_RIG, STAMPS)
+    cloud = CloudToScore(LoadedCloud(made.cloud.xyz.astype(np.float64), made.cloud), truths)
+    of_drive = DriveToScore(Estimates.of(made.estimate), made.truth, LOC_RIG, STAMPS)
     stamps = np.array(NAV_STAMPS, np.int64)
     run = Run(ScoreInputs(), [stats_of(made.records)], drive=of_drive, cloud=cloud, nav_stamps_ns=stamps)
     return score_run(run, CONFIG, LIMITS)
