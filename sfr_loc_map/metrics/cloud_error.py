@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -155,10 +155,20 @@ def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
         along = np.sum((estimated - true) * ray, axis=1) / distance
         offset = estimated - true
         horizontal = np.hypot(offset[:, 0], offset[:, 1])
-        parts.append((index, error, distance, along, offset[:, 2], horizontal, disparity))
-    index, *rest = (np.concatenate(column) for column in zip(*parts, strict=True))
-    order = np.argsort(index, kind="stable")
-    return PointErrors(index[order], *(column[order] for column in rest))
+        parts.append(
+            PointErrors(
+                index=index,
+                error_m=error,
+                range_m=distance,
+                along_m=along,
+                vertical_m=offset[:, 2],
+                horizontal_m=horizontal,
+                disparity_px=disparity,
+            )
+        )
+    order = np.argsort(np.concatenate([part.index for part in parts]), kind="stable")
+    columns = (field.name for field in fields(PointErrors))
+    return PointErrors(**{name: np.concatenate([getattr(part, name) for part in parts])[order] for name in columns})
 
 
 def points_table(cloud: PointCloud, truths: Sequence[PairTruth]) -> dict[str, NDArray[Any]]:

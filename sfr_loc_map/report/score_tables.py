@@ -271,7 +271,8 @@ def figure_table(
     rows = [item.row for item in placed]
     statistics = [key for key in wanted if any(row.statistic(key) is not None for row in rows)]
     has_interval = any(row.interval for row in rows)
-    has_independent = len(wanted) == len(NUMBERS) and any(row.independent is not None for row in rows)
+    is_detailed = tuple(wanted) == NUMBERS
+    has_independent = is_detailed and any(row.independent is not None for row in rows)
     columns = [Column("figure", words=True), Column("unit", words=True)]
     columns += [Column(statistic_title(key)) for key in statistics]
     columns += [Column("95 % interval")] if has_interval else []
