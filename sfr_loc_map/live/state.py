@@ -95,7 +95,8 @@ class ReportView:
 
     def ended(self, missing: str) -> ReportView:
         """Return the report of a run that is over, which may be incomplete; the figures are unchanged."""
-        return ReportView(judged_at_the_end(self.score, missing), self.received_s)
+        score = judged_at_the_end(self.score, missing)
+        return self if score is self.score else ReportView(score, self.received_s)
 
     def to_plain(self) -> dict[str, Any]:
         """Return what a page shows, as JSON values."""
