@@ -63,7 +63,7 @@ def _warnings_of_images(disparity: DisparityMap, configured: CalibrationUncertai
     if math.isnan(fraction):
         warnings.append("too few pixels have texture above the noise: whether the images match is unknown")
     if fraction < LOW_VALID_TEXTURED_FRACTION:
-        warnings.append(f"only {100 * fraction:.0f} % of the textured pixels are matched")
+        warnings.append(f"only {100 * fraction:.0f} % of the textured pixels have a valid disparity")
     if correction.vertical.max_px > max(MIN_VERTICAL_WARNING_PX, VERTICAL_WARNING_FACTOR * configured.distortion_px):
         warnings.append(
             f"vertical disparity of up to {correction.vertical.max_px:.2f} px between left and right (compensated): "

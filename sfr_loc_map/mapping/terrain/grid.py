@@ -105,9 +105,9 @@ def elevation_grid(
     return TerrainGrid(model, slope_rad, roughness_m, step_m, hazard)
 
 
-def _mapped_square(T_lm_left: Sequence[Transform], config: TerrainConfig) -> Square:
+def _mapped_square(poses: Sequence[Transform], config: TerrainConfig) -> Square:
     """Return the square within the configured range of the mean of the cameras."""
-    x_m, y_m = np.mean([pose.translation[:2] for pose in T_lm_left], axis=0).tolist()
+    x_m, y_m = np.mean([pose.translation[:2] for pose in poses], axis=0).tolist()
     return Square(x_m, y_m, config.range_m)
 
 
