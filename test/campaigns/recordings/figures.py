@@ -6,10 +6,11 @@ from pathlib import Path
 
 from sfr_loc_map.report.page import load_score
 
-_OVER_1_M = "minimum_count: 2\nminimum_independent: 2\ntrajectory:\n  - {condition: distance=1, %s: 0.05}\n"
+_OVER_1_M = "minimum_count: 2\nminimum_independent: 2\ntrajectory:\n  - {condition: distance=1, %s: %g}\n"
 LIMITS = {
-    "position": _OVER_1_M % "position_mean_plus_3sigma_m",
-    "chord": _OVER_1_M % "chord_mean_plus_3sigma_m",
+    "position": _OVER_1_M % ("position_mean_plus_3sigma_m", 0.05),
+    # a truth of fixes is off by some centimetres, within which nothing is judged
+    "chord": _OVER_1_M % ("chord_mean_plus_3sigma_m", 0.2),
     "map": "map: {point_error_p95_m: 1.0}\n",
 }
 

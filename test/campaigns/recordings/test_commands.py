@@ -158,7 +158,7 @@ def test_limits_that_were_edited_are_kept(sfr: Sfr, tmp_path: Path, drive: Drive
 
 @pytest.mark.parametrize("name", ["truth_pose", "truth_nav_sat_fix"])
 def test_a_tracked_body_is_named_and_its_verdict_can_be_judged(sfr: Sfr, tmp_path: Path, name: str) -> None:
-    drive = load_drive(22)
+    drive = load_drive(70)  # five independent sub-trajectories of 1 m
     made = ROWS[name].make(tmp_path, drive)
     result = sfr("init", tmp_path, "--from", made.source)
     assert result.code == 0, result.err
