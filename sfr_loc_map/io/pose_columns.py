@@ -540,8 +540,8 @@ def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
         return "s"
     steps = np.abs(np.diff(numbers))
     step = float(np.median(steps)) if len(steps) > 1 else 0.0
-    ranges = {"s": (0.0, 10.0), "": (10.0, 1e4), "us": (1e4, 1e6), " ": (1e6, 1e7), "ns": (1e7, np.inf)}
-    unit = next(unit for unit, (low, high) in ranges.items() if low <= step <= high).strip()
+    ranges = ((10.0, "s"), (1e4, ""), (1e6, "us"), (1e7, ""), (np.inf, "ns"))  # largest step, unit if it is certain
+    unit = next(unit for high, unit in ranges if step <= high)
     if unit == "s" and not is_seconds and magnitude < EARLIEST_CLOCK_S:  # or milliseconds
         return ""
     return unit or ("s" if is_seconds and step <= LONGEST_STEP_S else "")

@@ -148,7 +148,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self.add_service("~/reset", self._reset)
         self.endpoints.add_timer(config.publish_period_s, lambda: self.worker.enqueue(self._publish))
         if self._report_file is not None and config.save_period_s:
-            self._warning(self._report_file.keep_previous)
+            self._warn_on_error(self._report_file.keep_previous)
             self.endpoints.add_timer(config.save_period_s, lambda: self.worker.enqueue(self._autosave))
 
     def teardown(self) -> None:
@@ -350,9 +350,9 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
 
     def _autosave(self) -> None:
         if self._unsaved:
-            self._warning(self._save)
+            self._warn_on_error(self._save)
 
-    def _warning(self, action: Callable[[], object]) -> None:
+    def _warn_on_error(self, action: Callable[[], object]) -> None:
         try:
             action()
         except SfrError as error:

@@ -238,10 +238,8 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
             )
     seconds, peak, above_idle, heap, stack = (_column(path, rows, name) for name in COSTS)
     stages = {stage: _column(path, rows, name) for name in rows[0] if (stage := stage_of(name or ""))}
-    covariance, steps = (
-        np.column_stack([_column(path, rows, name) for name in names]) if rows[0].keys() >= set(needed) else None
-        for names, needed in ((COVARIANCE_NAMES,) * 2, (STEP_NAMES, STEP_NAMES[:WITHOUT_NOISE]))
-    )
+    covariance = _columns(path, rows, COVARIANCE_NAMES, COVARIANCE_NAMES)
+    steps = _columns(path, rows, STEP_NAMES, STEP_NAMES[:WITHOUT_NOISE])
     if steps is not None and STEP_NAMES[-1] not in rows[0]:
         steps[:, WITHOUT_NOISE:] = 0.0
     method = None
@@ -257,6 +255,15 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     taken = [_column(path, rows, name) for name in TAKEN] if TAKEN[1] in rows[0] else None
     usage = None if taken is None else _processes(taken, calls)
     return CallStats(calls, covariance, steps, method, findings, usage, has_stamps="stamp_ns" in rows[0])
+
+
+def _columns(
+    path: Path, rows: list[dict[str, str]], names: Sequence[str], required: Sequence[str]
+) -> FloatArray | None:
+    """Return columns `(N, names)`, None unless all required ones are there."""
+    if not rows[0].keys() >= set(required):
+        return None
+    return np.column_stack([_column(path, rows, name) for name in names])
 
 
 def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:

@@ -578,91 +578,117 @@ def load_run(
     """
     stats = [*(load_call_stats(path) for path in inputs.stats), *calls]
     target = None if inputs.target is None else load_call_stats(inputs.target, needed="processing_time_s")
-    run = Run(inputs, stats, target)
-    if inputs.target_about is not None:
-        about = load_target(inputs.target_about)
-        method = MethodRecord(name="candidate", version=about.candidate, kind=MethodKind.LIBRARY)
-        run = replace(run, about=about, method=method)
-    if inputs.cloud is not None and inputs.map_truth is not None:
-        loaded = said_fused(load_cloud(inputs.cloud), fused, f"cloud '{inputs.cloud}'")
-        stamps_ns = None if loaded.cloud is None else loaded.cloud.pair_stamps_ns
-        truths, nav_stamps_ns = load_map_truth(inputs.map_truth, stamps_ns, inputs.config)
-        if truths:
-            loaded = loaded.of_images(truths[0].rig.width, truths[0].rig.height, f"cloud '{inputs.cloud}'")
-        run = replace(run, cloud=CloudToScore(loaded, truths), nav_stamps_ns=nav_stamps_ns)
-
-    in_memory, place, loc, how = Path(IN_MEMORY), inputs.truth, None, inputs.config or AS_IT_IS
-    read = place or inputs.map_truth
-    if read is not None and inputs.config is None and (read.is_dir() or is_bag(read)):
-        how = source_config(read)
+    run = _with_cloud(_with_target(Run(inputs, stats, target)), fused)
+    how = _how_to_read(inputs)
     truth_file, calibration = _existing(how.truth.source), _existing(how.calibration.file)
     named = replace(inputs, configuration=how.path, truth_file=truth_file, calibration=calibration)
     run = replace(run, inputs=named)
-    given = how.truth
-    opened: Source | None = None
-    if place is None and truth is not None:
-        true = LoadedTrajectory(in_memory, truth)
-    elif place is None:
+    if inputs.truth is None and truth is None:
         return run
-    elif is_bag(place) or given.source:
-        true = LoadedTrajectory(place, truth_of_file(place, given, how.remap))
-        if is_bag(place) or not place.is_file():
-            with suppress(SfrError):  # true poses alone: whoever needs the images reports what is wrong with them
-                opened = io.open_source(place, how)
-                loc = opened.loc
-    elif place.is_file():
-        true = read_trajectory_file(place, given.columns, "truth")
-    else:
-        opened = io.open_source(place, how)
-        loc = opened.loc
-        if loc is None or loc.ground_truth is None:
-            text = f"'{place}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth"
-            raise InputError(text)
-        true = LoadedTrajectory(place, loc.ground_truth)
-    if inputs.estimate is not None and is_bag(inputs.estimate):
-        estimates = load_estimates(inputs.estimate)
-        found = LoadedTrajectory(inputs.estimate, estimates.trajectory)
-    else:
-        if inputs.estimate is not None:
-            found = read_trajectory_file(inputs.estimate, inputs.columns, "estimate")
-        elif estimate is not None:
-            found = LoadedTrajectory(in_memory, estimate)
-        else:
-            return run
-        if found.by_index:
-            found = found.with_stamps_of(true)
-        known = [*stats, *([] if target is None or not target.has_stamps else [target])]
-        estimates = estimates_of(found.trajectory, known)
-        if found.covariance is not None and estimates.covariance is None:
-            estimates = replace(estimates, covariance=found.covariance[:, *UPPER])
+    true, opened = _read_truth(inputs.truth, truth, how)
+    read = _read_estimate(inputs, estimate, true, run)
+    if read is None:
+        return run
+    found, estimates = read
     if true.by_index:
         true = true.with_stamps_of(found)
-    if given != AS_IT_IS.truth:
-        true = replace(true, trajectory=given.applied(true.trajectory, read_from=true.text))
-    elif place is not None and place.is_file() and not is_bag(place):
-        true = replace(true, trajectory=possible_truth(true.trajectory, f"of '{place}'")[1])
-    refuse_copy(inputs, estimates.trajectory, true.trajectory)
+    true = _as_declared(true, inputs.truth, how)
     notes = tuple(item.text for item in (found, true) if item.is_announced)
     run = _with_nav_stamps(run, opened)
-    rig, images = None, None
-    if loc is not None:
-        rig = loc.rig
-        with suppress(InputError):  # it has no whole pair
-            images = np.asarray(loc.stamps_ns, np.int64)
+    rig, images = _images_of(opened)
     return replace(run, drive=DriveToScore(estimates, true.trajectory, rig, images, notes))
 
 
-def refuse_copy(inputs: ScoreInputs, estimate: Trajectory, truth: Trajectory) -> None:
-    """Raise MetricsError where limits would judge true poses: each is equal bit by bit, as no measurement is."""
-    rows = np.searchsorted(truth.stamps_ns, estimate.stamps_ns)
-    if inputs.limits is None or len(estimate) < 2 or not len(truth) or rows.max() >= len(truth):
-        return
-    names = ("stamps_ns", "positions", "quats_xyzw")
-    if all(np.array_equal(getattr(estimate, name), getattr(truth, name)[rows]) for name in names):
-        raise MetricsError(
-            f"the estimate '{inputs.estimate}' is equal to the ground truth bit by bit. Limits judge an estimate of "
-            "the item under test: give its estimate"
-        )
+def _with_target(run: Run) -> Run:
+    """Return a run with what the target says of itself."""
+    if run.inputs.target_about is None:
+        return run
+    about = load_target(run.inputs.target_about)
+    method = MethodRecord(name="candidate", version=about.candidate, kind=MethodKind.LIBRARY)
+    return replace(run, about=about, method=method)
+
+
+def _with_cloud(run: Run, fused: bool | None) -> Run:
+    """Return a run with its cloud and the truth of the pairs that the cloud was made of."""
+    inputs = run.inputs
+    if inputs.cloud is None or inputs.map_truth is None:
+        return run
+    loaded = said_fused(load_cloud(inputs.cloud), fused, f"cloud '{inputs.cloud}'")
+    stamps_ns = None if loaded.cloud is None else loaded.cloud.pair_stamps_ns
+    truths, nav_stamps_ns = load_map_truth(inputs.map_truth, stamps_ns, inputs.config)
+    if truths:
+        loaded = loaded.of_images(truths[0].rig.width, truths[0].rig.height, f"cloud '{inputs.cloud}'")
+    return replace(run, cloud=CloudToScore(loaded, truths), nav_stamps_ns=nav_stamps_ns)
+
+
+def _how_to_read(inputs: ScoreInputs) -> SourceConfig:
+    """Return how the source of the truth is read: as given, else as the configuration beside it says."""
+    place = inputs.truth or inputs.map_truth
+    if place is not None and inputs.config is None and (place.is_dir() or is_bag(place)):
+        return source_config(place)
+    return inputs.config or AS_IT_IS
+
+
+def _read_truth(
+    place: Path | None, truth: Trajectory | None, how: SourceConfig
+) -> tuple[LoadedTrajectory, Source | None]:
+    """Read true poses of a file, bag or data set folder, else those in memory; and the source of their images."""
+    if place is None:
+        assert truth is not None  # one of both is there
+        return LoadedTrajectory(Path(IN_MEMORY), truth), None
+    if is_bag(place) or how.truth.source:
+        true, opened = LoadedTrajectory(place, truth_of_file(place, how.truth, how.remap)), None
+        if is_bag(place) or not place.is_file():
+            with suppress(SfrError):  # true poses alone: whoever needs the images reports what is wrong with them
+                opened = io.open_source(place, how)
+        return true, opened
+    if place.is_file():
+        return read_trajectory_file(place, how.truth.columns, "truth"), None
+    source = io.open_source(place, how)
+    if source.loc is None or source.loc.ground_truth is None:
+        text = f"'{place}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth"
+        raise InputError(text)
+    return LoadedTrajectory(place, source.loc.ground_truth), source
+
+
+def _read_estimate(
+    inputs: ScoreInputs, estimate: Trajectory | None, true: LoadedTrajectory, run: Run
+) -> tuple[LoadedTrajectory, Estimates] | None:
+    """Read the estimated poses of a bag or file, else those in memory; None if there are none."""
+    if inputs.estimate is not None and is_bag(inputs.estimate):
+        estimates = load_estimates(inputs.estimate)
+        return LoadedTrajectory(inputs.estimate, estimates.trajectory), estimates
+    if inputs.estimate is not None:
+        found = read_trajectory_file(inputs.estimate, inputs.columns, "estimate")
+    elif estimate is not None:
+        found = LoadedTrajectory(Path(IN_MEMORY), estimate)
+    else:
+        return None
+    if found.by_index:
+        found = found.with_stamps_of(true)
+    known = [*run.stats, *([] if run.target is None or not run.target.has_stamps else [run.target])]
+    estimates = estimates_of(found.trajectory, known)
+    if found.covariance is not None and estimates.covariance is None:
+        estimates = replace(estimates, covariance=found.covariance[:, *UPPER])
+    return found, estimates
+
+
+def _as_declared(true: LoadedTrajectory, place: Path | None, how: SourceConfig) -> LoadedTrajectory:
+    """Return true poses as the configuration declares them; without a declaration those of a file that can be true."""
+    if how.truth != AS_IT_IS.truth:
+        return replace(true, trajectory=how.truth.applied(true.trajectory, read_from=true.text))
+    if place is not None and place.is_file() and not is_bag(place):
+        return replace(true, trajectory=possible_truth(true.trajectory, f"of '{place}'")[1])
+    return true
+
+
+def _images_of(source: Source | None) -> tuple[StereoRig | None, IntArray | None]:
+    """Return the rig of a source's localisation pairs and their stamps, None for what is unknown."""
+    if source is None or source.loc is None:
+        return None, None
+    with suppress(InputError):  # it has no complete pair
+        return source.loc.rig, np.asarray(source.loc.stamps_ns, np.int64)
+    return source.loc.rig, None
 
 
 def _with_nav_stamps(run: Run, source: Source | None) -> Run:
