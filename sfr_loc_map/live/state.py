@@ -273,55 +273,84 @@ class LiveState:
             self.timeline.take(update, at_s)
         match update:
             case updates.Report():
-                self._note_topic(REPORT, None, update.received_s)
-                if (length := len(update.text)) > MAX_REPORT_CHARACTERS:
-                    raise InputError(f"{REPORT} has {length} characters: up to {MAX_REPORT_CHARACTERS} are read")
-                report = ReportView(from_json(update.text, REPORT), update.received_s)
-                self.report = report.ended(self._missing) if self.ended else report
-                judged = {bar.place: bar for bar in self.report.bars}
-                states = self.report.score.verdicts
-                self.timeline.judge(((item, judged[k].text) for k, item in enumerate(states) if k in judged), at_s)
-                score = self.report.score
-                if score.association is not None and score.conditions:  # the first that is scored is that under way
-                    self.path.condition = Condition.parse(score.conditions[0])
-                    self.path.spacing = score.association.spacing_frames or self.path.spacing
+                self._take_report(update)
             case updates.PoseSample():
-                topic = LOCALISATION if update.track is updates.Track.ESTIMATE else updates.TRUTH
-                self._note_topic(topic, update.stamp_ns, update.received_s)
-                if update.track is updates.Track.ESTIMATE:
-                    self._result_s = update.received_s
-                self.path.add(update, self._published.get(update.stamp_ns))
+                self._take_pose(update)
             case updates.Status():
-                if (node := self._node(update.node)) is None:
-                    return
-                node.add(update)
-                call = _call_to_plain(self._call_count, update) if update.kind is updates.StatusKind.CALL else None
-                if call is not None:
-                    self._result_s = update.received_s
-                    self.calls.append(call)
-                    self._call_count += 1
+                self._take_status(update)
             case updates.Sampled():
-                self._note_topic(update.topic, update.stamp_ns, update.published_s)
-                self._published[update.stamp_ns] = update.published_s
-                if len(self._published) > MAX_STAMPS:
-                    self._published.popitem(last=False)
+                self._take_stamp(update)
             case updates.ImageProblem():
-                if update.topic in self.image_problems or len(self.image_problems) < MAX_TOPICS:
-                    self.image_problems[update.topic] = one_line(update.text)[:MAX_LETTERS]
+                self._take_image_problem(update)
             case updates.GraphView():
-                self.lost = dict(update.lost)
-                for name in update.nodes:
-                    self._node(name)
-                for name, node in self.nodes.items():
-                    node.in_graph = name in update.nodes
-            case _:
-                before = self.media.get(update.topic)
-                if before is None and len(self.media) >= MAX_TOPICS:
-                    return
-                is_new = before is None or before.stamp_ns != update.stamp_ns
-                if is_new and isinstance(update, updates.CloudSample | updates.ElevationSample):
-                    self._note_topic(update.topic, update.stamp_ns, update.published_s)
-                self.media[update.topic] = update
+                self._take_graph(update)
+            case _:  # media
+                self._take_media(update)
+
+    def _take_report(self, update: updates.Report) -> None:
+        """Show a report of the monitor."""
+        self._note_topic(REPORT, None, update.received_s)
+        if (length := len(update.text)) > MAX_REPORT_CHARACTERS:
+            raise InputError(f"{REPORT} has {length} characters: up to {MAX_REPORT_CHARACTERS} are read")
+        report = ReportView(from_json(update.text, REPORT), update.received_s)
+        self.report = report.ended(self._missing) if self.ended else report
+        judged = {bar.place: bar for bar in self.report.bars}
+        states = self.report.score.verdicts
+        texts = ((item, judged[k].text) for k, item in enumerate(states) if k in judged)
+        self.timeline.judge(texts, update.received_s)
+        score = self.report.score
+        if score.association is not None and score.conditions:  # the first that is scored is that under way
+            self.path.condition = Condition.parse(score.conditions[0])
+            self.path.spacing = score.association.spacing_frames or self.path.spacing
+
+    def _take_pose(self, update: updates.PoseSample) -> None:
+        """Add a pose to the path of its track."""
+        topic = LOCALISATION if update.track is updates.Track.ESTIMATE else updates.TRUTH
+        self._note_topic(topic, update.stamp_ns, update.received_s)
+        if update.track is updates.Track.ESTIMATE:
+            self._result_s = update.received_s
+        self.path.add(update, self._published.get(update.stamp_ns))
+
+    def _take_status(self, update: updates.Status) -> None:
+        """Note the health, the input or a call of a node."""
+        if (node := self._node(update.node)) is None:
+            return
+        node.add(update)
+        call = _call_to_plain(self._call_count, update) if update.kind is updates.StatusKind.CALL else None
+        if call is not None:
+            self._result_s = update.received_s
+            self.calls.append(call)
+            self._call_count += 1
+
+    def _take_stamp(self, update: updates.Sampled) -> None:
+        """Note when the images of a stamp were published."""
+        self._note_topic(update.topic, update.stamp_ns, update.published_s)
+        self._published[update.stamp_ns] = update.published_s
+        if len(self._published) > MAX_STAMPS:
+            self._published.popitem(last=False)
+
+    def _take_image_problem(self, update: updates.ImageProblem) -> None:
+        """Note why an image is not shown."""
+        if update.topic in self.image_problems or len(self.image_problems) < MAX_TOPICS:
+            self.image_problems[update.topic] = one_line(update.text)[:MAX_LETTERS]
+
+    def _take_graph(self, update: updates.GraphView) -> None:
+        """Note which nodes are in the graph, and what their transport lost."""
+        self.lost = dict(update.lost)
+        for name in update.nodes:
+            self._node(name)
+        for name, node in self.nodes.items():
+            node.in_graph = name in update.nodes
+
+    def _take_media(self, update: updates.Media) -> None:
+        """Keep the last image, cloud or grid of a topic."""
+        before = self.media.get(update.topic)
+        if before is None and len(self.media) >= MAX_TOPICS:
+            return
+        is_new = before is None or before.stamp_ns != update.stamp_ns
+        if is_new and isinstance(update, updates.CloudSample | updates.ElevationSample):
+            self._note_topic(update.topic, update.stamp_ns, update.published_s)
+        self.media[update.topic] = update
 
 
 def _call_to_plain(n: int, status: updates.Status) -> dict[str, Any] | None:

@@ -142,7 +142,8 @@ class PairNode(ManagedNode[P]):
         if is_silent and calls:
             text = f"The source has ended or is silent. {text}"
         self.status.note_problem(Level.WARN, text)
-        if periods & (periods - 1) == 0:  # of silence after 5, 10, 20, 40 s and so on
+        is_power_of_two = periods & (periods - 1) == 0  # ever more rarely: after 5, 10, 20, 40 s of silence and so on
+        if is_power_of_two:
             self.get_logger().warning(text)
 
     def inputs(self) -> list[Input]:
