@@ -4,8 +4,9 @@ RULES are JSON: folders whose `names` may be listed, what may be read (`read`), 
 that are not there are left out; how large shared memory of its own may grow (`shared_memory`, bytes), the `folder` in
 it that stays. Files are shut off by Landlock (kernel 5.13), which needs no privilege. In a PID namespace, where the
 kernel gives one, other processes cannot be reached, and all that were started end with the command. Capabilities are
-dropped. A line of JSON says what could be done, before anything else is written to standard
-output; `levels` is how many processes stand between this one and the command.
+dropped. The command can still start processes and open network connections: no rule here concerns the network. A line
+of JSON says what could be done, before anything else is written to standard output; `levels` is how many processes are
+between this one and the command.
 """
 
 from __future__ import annotations
