@@ -75,3 +75,18 @@ def test_a_limit_without_a_figure_keeps_the_others_from_a_pass() -> None:
     )
     limits = parse_limits({"map": {"point_error_p95_m": 1.0, "point_error_p99_m": 1.0}}, "test")
     assert judged(Score(figures=rows), limits).verdict == "not enough data"
+
+
+@pytest.mark.parametrize(
+    ("part", "figure", "share"),
+    [("drive", "missing", 0.005), ("drive", "images_without_truth", 0.005), ("map", "points_not_finite", 0.001)],
+)
+def test_the_least_shortfall_is_incomplete(part: str, figure: str, share: float) -> None:
+    limits = parse_limits({"completeness": {"lost_max_share": 1.0}}, "test")
+    for value, verdict in ((0.0, "pass"), (share, "incomplete")):
+        rows = (
+            figure_row("lost", n=1000, value=0.0),
+            figure_row("judged", part=part, n=1000, value=1.0 - value),
+            figure_row(figure, n=1000, value=value),
+        )
+        assert judged(Score(figures=rows), limits).verdict == verdict
