@@ -34,6 +34,8 @@ class Estimates:
     trajectory: Trajectory  #: Estimated poses of RB in DS, in any order.
     lost: Mask  #: `(N,)` bool, pose was repeated because the localiser was lost.
     degraded: Mask  #: `(N,)` bool, a check of the localiser reported a problem with the pose.
+    is_lost_known: Mask  #: `(N,)` bool, the source of the estimate reports whether the pose is lost.
+    is_degraded_known: Mask  #: `(N,)` bool, the source of the estimate reports whether the pose is degraded.
     #: `(N, 21)` float64, upper triangle, ROS order (m^2, rad^2), NaN where not known; None if known of none.
     covariance: FloatArray | None
     #: `(N, 48)` float64, step to each pose (see `metrics.consistency`), NaN where unknown; None without steps.
@@ -48,10 +50,16 @@ class Estimates:
         covariance: FloatArray | None = None,
         steps: FloatArray | None = None,
     ) -> Estimates:
-        """Return estimates, by default none of them lost or degraded and without covariances."""
+        """Return estimates; what is not given is unknown of all of them."""
+        is_lost_known, is_degraded_known = (np.full(len(trajectory), flags is not None) for flags in (lost, degraded))
         nowhere = np.zeros(len(trajectory), np.bool_)
         lost, degraded = (nowhere if flags is None else np.asarray(flags, np.bool_) for flags in (lost, degraded))
-        return cls(trajectory, lost, degraded, covariance, steps)
+        return cls(trajectory, lost, degraded, is_lost_known, is_degraded_known, covariance, steps)
+
+    def unknown_states(self, rows: Rows) -> frozenset[str]:
+        """Return which of the states `lost` and `degraded` are unknown of any of some poses."""
+        known = {"lost": self.is_lost_known, "degraded": self.is_degraded_known}
+        return frozenset(name for name, flags in known.items() if not flags[rows].all())
 
 
 def lost_by_covariance(covariance: FloatArray) -> Mask:

@@ -148,22 +148,31 @@ class ScoredCalls(NamedTuple):
     plots: Mapping[str, CallPlots] = MappingProxyType({})  #: What plots are drawn from, if wanted, by kind.
 
 
-def joined(parts: Sequence[ScoredCalls]) -> ScoredCalls:
-    """Return the calls of several sources; of a kind that several have, those of the last."""
-    rows: dict[tuple[str, str | None, str], Figure] = {}
-    clocks: dict[str, str] = {}
-    method: str | None = None
-    plots: dict[str, CallPlots] = {}
-    for calls in parts:
-        kinds = {row.figure for row in calls.figures if row.subject is Subject.TIMING}
-        rows = {key: row for key, row in rows.items() if row.figure not in kinds}
-        rows |= {(row.subject, row.part, row.figure): row for row in calls.figures}
-        clocks |= calls.records.clocks
-        method = calls.records.memory_method or method
-        plots |= calls.plots
-    order = {subject: number for number, subject in enumerate(Subject)}
-    figures = sorted(rows.values(), key=lambda row: order[row.subject])
-    return ScoredCalls(tuple(figures), CallRecords(clocks=clocks, memory_method=method), plots)
+def concatenated(parts: Sequence[Calls]) -> Calls:
+    """Return the calls of several files, at least one, as those of one run in the order of the files."""
+    counts = [len(part.stamps_ns) for part in parts]
+    stages = dict.fromkeys(name for part in parts for name in part.stage_s)
+    stage_s = {name: stacked([part.stage_s.get(name) for part in parts], counts) for name in stages}
+    return Calls(
+        np.concatenate([part.stamps_ns for part in parts]),
+        np.concatenate([part.seconds for part in parts]),
+        [state for part in parts for state in part.states],
+        np.concatenate([part.peak_bytes for part in parts]),
+        np.concatenate([part.above_idle_bytes for part in parts]),
+        {name: values for name, values in stage_s.items() if values is not None},
+        stacked([part.heap_bytes for part in parts], counts),
+        stacked([part.stack_bytes for part in parts], counts),
+    )
+
+
+def stacked(parts: Sequence[FloatArray | None], counts: Sequence[int]) -> FloatArray | None:
+    """Return the values of several files one below the other, NaN for a file without them; None if no file has them."""
+    shape = next((part.shape[1:] for part in parts if part is not None), None)
+    if shape is None:
+        return None
+    return np.concatenate(
+        [np.full((count, *shape), np.nan) if part is None else part for part, count in zip(parts, counts, strict=True)]
+    )
 
 
 def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) -> ScoredCalls:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import msgspec
@@ -146,6 +147,8 @@ def score_trajectory(
     association, covered = completeness(
         estimates.trajectory, truth, association, frames.stamps_ns, conditions, image_stamps_ns, in_flight_ns
     )
+    unknown = placed.estimates.unknown_states(frames.est_rows)
+    covered = [msgspec.structs.replace(row, value=None) if row.figure in unknown else row for row in covered]
     chosen = [select(condition, config.spacing, frames, length_m) for condition in conditions]
     sums = step_sums(placed.estimates, frames, chosen)
     figures: list[Figure] = []
@@ -265,7 +268,7 @@ def associate_positions(
         translation = true_middle - turn @ middle
         est_quat = quat_multiply(quat_from_matrix(turn), frames.est_quat)
         frames = frames._replace(est_pos=frames.est_pos @ turn.T + translation, est_quat=est_quat)
-    known = Estimates(poses, estimates.lost, estimates.degraded, None)  # its covariance does not describe the fit
+    known = replace(estimates, trajectory=poses, covariance=None, steps=None)  # a covariance is not of the fit
     yaw_deg = float(np.degrees(np.arctan2(turn[1, 0], turn[0, 0])))
     return known, frames, association, Placement(yaw_deg, tilt_deg, tuple(translation.tolist()))
 

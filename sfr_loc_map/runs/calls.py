@@ -23,7 +23,7 @@ from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.text_table import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.metrics.association import UPPER, Estimates
-from sfr_loc_map.metrics.calls import METHOD, Calls, CallUsage, stage_of
+from sfr_loc_map.metrics.calls import METHOD, Calls, CallUsage, concatenated, stacked, stage_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.consistency import STEP_SIZE, WITHOUT_NOISE
 from sfr_loc_map.metrics.score import FindingKind, FindingRecord, MethodKind, MethodRecord, ProcessUsage
@@ -45,6 +45,7 @@ TAKEN = ("cpu_s", "cpu_between_s", "threads", "processes")  #: Of a method's pro
 ADAPTER_S = 0.015  #: Processor time that the adapter of a method may take for a call, and what its steps of 0.01 hide.
 TREE = "of the method's processes and all that they started, at each call, from outside (psutil)"
 STATES = (*TrackingState, *MappingState)
+WORST_LAST = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}  #: Order of states; others are 0.
 DEFAULT_STATE = {Task.LOCALISATION: TrackingState.TRACKING.value, Task.MAPPING: MappingState.MAPPED.value}
 """State of a call by its task, where an external node reports none."""
 MAX_CALL_S = 1e6
@@ -95,9 +96,14 @@ class CallStats:
 
     @property
     def localised(self) -> dict[int, int]:
-        """Row of the last call of a localiser by stamp; calls of a mapper may have the same stamps."""
-        calls = zip(self.calls.stamps_ns.tolist(), self.calls.states, strict=True)
-        return {stamp: row for row, (stamp, state) in enumerate(calls) if state not in set(MappingState)}
+        """Row of a call of a localiser by stamp; calls of a mapper may have the same stamps.
+
+        Of several calls of one stamp the row is that of the worst state, and of equal states that of the last call.
+        """
+        calls = enumerate(zip(self.calls.stamps_ns.tolist(), self.calls.states, strict=True))
+        of_localiser = [(row, stamp, state) for row, (stamp, state) in calls if state not in set(MappingState)]
+        worst_last = sorted(of_localiser, key=lambda call: WORST_LAST.get(call[2], 0))
+        return {stamp: row for row, stamp, _ in worst_last}
 
     def estimates(self, trajectory: Trajectory) -> Estimates:
         """Return poses with what the calls of their stamps report of them."""
@@ -114,7 +120,17 @@ class CallStats:
             between = np.diff(np.searchsorted(told, own, "right")) > np.isin(own[1:], told)
             steps[np.isin(trajectory.stamps_ns, own[1:][between])] = np.nan
         lost, degraded = states == TrackingState.LOST, states == TrackingState.DEGRADED
-        return Estimates.of(trajectory, lost, degraded, covariance, steps)
+        estimates = Estimates.of(trajectory, lost, degraded, covariance, steps)
+        is_known = np.asarray(states != "", np.bool_)
+        return replace(estimates, is_lost_known=is_known, is_degraded_known=is_known)
+
+
+def united(parts: Sequence[CallStats]) -> CallStats:
+    """Return the calls of several files of one run, at least one; of the rest what is known of each call."""
+    counts = [len(part.calls.stamps_ns) for part in parts]
+    covariance = stacked([part.covariance for part in parts], counts)
+    steps = stacked([part.steps for part in parts], counts)
+    return CallStats(concatenated([part.calls for part in parts]), covariance, steps)
 
 
 def stats_of(records: Sequence[CallRecord], method: MethodRecord | None = None) -> CallStats:

@@ -33,7 +33,8 @@ def bag_estimates(path: Path) -> Estimates:
     known = np.where(covariance.any(axis=1, keepdims=True), covariance, np.nan) if covariance.any() else None
     calls = _calls_of(bag, topic)
     said = stats_of(calls).estimates(trajectory) if calls else Estimates.of(trajectory)
-    return replace(said, lost=lost_by_covariance(covariance), covariance=known)
+    is_lost_known = said.is_lost_known | covariance.any(axis=1)
+    return replace(said, lost=said.lost | lost_by_covariance(covariance), is_lost_known=is_lost_known, covariance=known)
 
 
 def _calls_of(bag: Bag, odometry: Topic) -> list[CallRecord]:

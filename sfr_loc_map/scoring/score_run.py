@@ -41,7 +41,7 @@ from sfr_loc_map.metrics.calls import (
     Calls,
     ScoredCalls,
     completeness_rows,
-    joined,
+    concatenated,
     score_calls,
     score_target,
     with_external,
@@ -77,7 +77,7 @@ from sfr_loc_map.metrics.score import (
     TruthRecord,
 )
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
-from sfr_loc_map.runs.calls import CallStats, load_call_stats
+from sfr_loc_map.runs.calls import CallStats, load_call_stats, united
 from sfr_loc_map.scoring.contradiction import contradiction_of
 
 _log = logging.getLogger(__name__)
@@ -414,13 +414,13 @@ def _map_part(run: Run, config: ScoreConfig) -> _MapPart:
 
 
 def _calls_part(run: Run) -> _CallsPart:
-    calls = [score_calls(item.calls) for item in run.stats]
+    of_host = score_calls(concatenated([item.calls for item in run.stats])) if run.stats else ScoredCalls()
     if run.external is not None:
-        calls = [with_external(item, run.external) for item in calls or [ScoredCalls()]]
-    of_host = joined(calls)
-    records = of_host.records if calls else None
+        of_host = with_external(of_host, run.external)
+    records = of_host.records if run.stats or run.external is not None else None
     expected = _expected_calls(run)
-    figures = [*of_host.figures, *completeness_rows([_stamped(item, expected) for item in run.stats], expected)]
+    stamped = [concatenated([_stamped(item, expected) for item in run.stats])] if run.stats else []
+    figures = [*of_host.figures, *completeness_rows(stamped, expected)]
     if (node := run.external) is not None:
         figures = [row for row in figures if row.part not in (f"{CALLS} {node.task}", f"{MEMORY} {node.task}")]
         answers = node.answers
@@ -666,8 +666,7 @@ def _read_estimate(
         return None
     if found.by_index:
         found = found.with_stamps_of(true)
-    known = [*run.stats, *([] if run.target is None or not run.target.has_stamps else [run.target])]
-    estimates = estimates_of(found.trajectory, known)
+    estimates = estimates_of(found.trajectory, run.stats, run.target)
     if found.covariance is not None and estimates.covariance is None:
         estimates = replace(estimates, covariance=found.covariance[:, *UPPER])
     return found, estimates
@@ -727,13 +726,17 @@ def load_estimates(path: Path, stats: Sequence[CallStats] = ()) -> Estimates:
     return bag_estimates(path)
 
 
-def estimates_of(trajectory: Trajectory, stats: Sequence[CallStats] = ()) -> Estimates:
-    """Return estimated poses with the lost flags and covariances of the calls that gave them."""
-    stamps = set(trajectory.stamps_ns.tolist()) if stats else set()
-    for item in stats:
-        if not stamps.isdisjoint(item.localised):
-            return item.estimates(trajectory)
-    if any(item.localised for item in stats):
+def estimates_of(trajectory: Trajectory, stats: Sequence[CallStats] = (), target: CallStats | None = None) -> Estimates:
+    """Return estimated poses with the lost flags and covariances of the calls that gave them.
+
+    The calls are those of all files of this host together or, if these have no call of a pose, those of the target.
+    """
+    of_target = [] if target is None or not target.has_stamps else [target]
+    stamps = set(trajectory.stamps_ns.tolist())
+    for items in (stats, of_target):
+        if own := [item for item in items if not stamps.isdisjoint(item.localised)]:
+            return united(own).estimates(trajectory)
+    if any(item.localised for item in (*stats, *of_target)):
         _log.warning("no call of the statistics has the stamp of an estimate: which poses are lost is not known")
     return Estimates.of(trajectory)
 

@@ -153,7 +153,7 @@ def test_a_share_may_be_missing_where_a_limit_says_so(judge: Judge) -> None:
     for share, code in ((0.6, 0), (0.4, 1)):
         for text in (
             f"completeness:\n  missing_max_share: {share}\n",
-            f"completeness:\n  - missing_max_share: {share}\n    id: A\n  - lost_max_share: 0\n",
+            f"completeness:\n  - missing_max_share: {share}\n    id: A\n  - doubled_max_share: 0\n",
             f"{FEW}{SUM}1\n  missing_max_share: {share}\n",
             f"{FEW}{SUM}1\n  missing_max_share: {{limit: {share}, id: A, certain: true}}\n",
         ):

@@ -48,3 +48,33 @@ def test_wrong_poses_with_other_stamps_are_missing(tmp_path: Path, files: tuple[
         moved = replace(drive, positions=away, stamps_ns=drive.stamps_ns + shift_ns * is_moved)
         save_trajectory(files[0], moved)
         assert sfr("score", *files, "--limits", rules).code == code
+
+
+def calls(path: Path, rows: range, lost: range = range(0), seconds: float = 0.01) -> Path:
+    """Write calls of the poses of some rows, of which some are lost."""
+    lines = [f"{row * PERIOD_NS},{seconds},{'lost' if row in lost else 'tracking'},1000" for row in rows]
+    path.write_text("\n".join(["stamp_ns,processing_time_s,state,peak_rss_bytes", *lines]) + "\n")
+    return path
+
+
+def test_a_limit_on_lost_poses_needs_their_states(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
+    """Without a call of every pose the lost ones are unknown; those of several files count together."""
+    rules = limits(tmp_path, {"trajectory": [{"condition": "distance=5", "lost_max_share": 0.0}]})
+    first = calls(tmp_path / "first.csv", range(50))
+    second, good = (
+        calls(tmp_path / name, range(50, COUNT), lost)
+        for name, lost in (("2.csv", range(90, 100)), ("3.csv", range(0)))
+    )
+    for stats, code in (([], 3), ([first], 3), ([first, second], 1), ([first, second, good], 1), ([first, good], 0)):
+        options = [option for path in stats for option in ("--stats", path)]
+        assert sfr("score", *files, "--limits", rules, *options).code == code, stats
+
+
+def test_times_of_several_files_are_those_of_one_run(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
+    """A run in two files passes; the file of a second run does not take the place of the slow first one."""
+    rules = limits(tmp_path, {"timing": {"localisation_max_s": 1.0}})
+    parts = [calls(tmp_path / "1.csv", range(50)), calls(tmp_path / "2.csv", range(50, COUNT))]
+    slow, fast = calls(tmp_path / "slow.csv", range(COUNT), seconds=9.5), calls(tmp_path / "fast.csv", range(COUNT))
+    for stats, code in ((parts, 0), ([slow, fast], 1), ([fast, slow], 1), ([fast, parts[0]], 3)):
+        options = [option for path in stats for option in ("--stats", path)]
+        assert sfr("score", *files, "--limits", rules, *options).code == code, stats
