@@ -237,3 +237,13 @@ def test_an_unknown_fraction_of_calls_is_the_worst() -> None:
     values = {"mapping": 0.0, "fusion": None}
     rows = tuple(figure_row("calls_other", part=kind, n=5, value=value) for kind, value in values.items())
     assert [item.state for item in judged(Score(figures=rows), limits).verdicts] == ["not enough data"]
+
+
+def test_as_many_independent_sub_trajectories_as_are_required_are_enough() -> None:
+    for independent, state in ((5.0, "pass"), (4.9, "not enough data")):
+        score = with_position(0.4)
+        rows = [
+            replace(row, independent=independent) if row.figure == "position" and row.condition == "distance=5" else row
+            for row in score.figures
+        ]
+        assert judge(LIMIT, replace(score, figures=tuple(rows))) == [state]
