@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.metrics.score import Score
 
 FORMATS = (*HTML_SUFFIXES, ".md", ".csv")
+NO_LIMITS = "the score was judged by no limits"
 
 
 SIGNED = "Test report of scores"
@@ -137,11 +138,16 @@ def _write_score(score: Score, page: Path, json_path: str | None) -> None:
         propose(f"open {page} in a browser")
 
 
+def _is_judged(score: Score) -> bool:
+    """Return whether a score has a verdict, or a reason why it has none."""
+    return bool(score.verdicts) or score.incomplete is not None or score.contradiction is not None
+
+
 def _conclude_all(scores: list[Score], *, lenient: bool) -> None:
     """Raise the verdict of scores; a missed limit in any of them counts before what could not be judged."""
     undecided: NotJudgedError | None = None
     for score in scores:
-        if not score.verdicts and score.incomplete is None:
+        if not _is_judged(score):
             continue
         try:
             conclude(score, (), lenient=lenient)
@@ -159,7 +165,11 @@ def _write_test_report(
     from sfr_loc_map.report.test_report import render_test_report
 
     if junit is not None:
-        write_text(junit_of({f"score {n}": score for n, score in enumerate(scores, 1)}), junit)
+        named = {f"score {n}": score for n, score in enumerate(scores, 1)}
+        without: dict[str, str] = {}
+        if any(score.verdict is not None for score in scores):  # a score beside judged ones is judged, too
+            without = {name: NO_LIMITS for name, score in named.items() if not _is_judged(score)}
+        write_text(junit_of({name: score for name, score in named.items() if name not in without}, without), junit)
     if test_report is not None:
         write_text(render_test_report(scores, *heading), test_report)
         say(f"test report: {test_report}")

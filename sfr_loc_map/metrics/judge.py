@@ -185,17 +185,19 @@ def limits_about(limits: Limits | None, parts: Collection[str]) -> Limits | None
 def each_by_its_limits(scores: Sequence[Score]) -> list[Score]:
     """Return scores that were judged by one limits file, each by the limits that are about it.
 
-    A limit that is about no score, as one on a map where there are drives alone, stays with every score.
+    A limit leaves a score only if another score, which is of the part that the limit is about, is judged by the same
+    limit. A limit on a map therefore stays with every score where there are drives alone.
     """
-    every = {part for score in scores for part in what_of(score)}
+    every = [(what_of(score), limits_of(score)) for score in scores]
     found = []
-    for score in scores:
-        limits, own = limits_of(score), what_of(score)
-        elsewhere = every - set(own)
-        if limits is not None and elsewhere:
-            limits = limits_about(limits, [part for part in (DRIVE, MAP) if part not in elsewhere])
+    for score, (own, limits) in zip(scores, every, strict=True):
+        elsewhere = [
+            item for parts, given in every if given is not None for item in given.limits if about(item) in parts
+        ]
+        kept = [item for item in limits.limits if about(item) in own or item not in elsewhere] if limits else []
+        if limits is not None and len(kept) < len(limits.limits):
             is_partial = score.rules is not None and score.rules.partial
-            score = judged(score, limits, partial=is_partial)
+            score = judged(score, replace(limits, limits=tuple(kept)) if kept else None, partial=is_partial)
         found.append(score)
     return found
 
@@ -304,6 +306,8 @@ def common_verdict(scores: Sequence[Score]) -> Common:
     worst = min(states, key=WORST_FIRST.index, default=None)
     items = {None if score.method is None else (score.method.name, score.method.version, score.method.sha256)
              for score in scores}  # fmt: skip
+    if worst is None and any(states):
+        return Common(None, "There is no common verdict: not every score was judged by limits.")
     if worst is not VerdictState.PASS or len(scores) < 2:
         return Common(worst)
     if None in items:

@@ -96,7 +96,7 @@ def evidence_rows(condition: str, errors: FloatArray, overlap: float) -> Iterato
 def sample_of(score: Score, figure: str, condition: str | None) -> Sample | None:
     """Return all errors of a figure over a condition; None if a score does not keep all of them."""
     row, errors = score.judged_row(figure, condition=condition), errors_of(score, figure, condition)
-    if errors is None or row is None or row.independent is None:
+    if errors is None or row is None or row.independent is None or not np.isfinite(errors).all():
         return None
     return Sample(errors, min(row.independent, float(len(errors))))
 

@@ -44,6 +44,7 @@ class JobSource:
     truth: str = ""  #: Truth of an estimate, otherwise empty.
     settings: Mapping[str, object] = field(default_factory=dict)  #: All settings of a simulation, otherwise empty.
     sha256: str  #: Hash of the content, or of the settings; empty before the plan.
+    truth_sha256: str = ""  #: Hash of the truth of an estimate alone, otherwise empty.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,8 +83,8 @@ class Job:
 
     @property
     def drive(self) -> str:
-        """What repeats of one drive have in common; their errors are not independent."""
-        return digest([self.kind, self.source.kind, self.source.sha256, self.faults])
+        """What repeats of one drive, and estimates of one truth, have in common; their errors are not independent."""
+        return digest([self.kind, self.source.kind, self.source.truth_sha256 or self.source.sha256, self.faults])
 
     @property
     def pairing(self) -> str:

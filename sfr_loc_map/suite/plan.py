@@ -66,7 +66,8 @@ def _known(
 ) -> tuple[JobSource, tuple[JobKind, ...]]:
     """Return a source on this host, with its hash, and the kinds of jobs that it has the data for."""
     if source.kind is SourceKind.ESTIMATE:
-        return replace(source, sha256=data_hash(source)), (JobKind.SCORE,)
+        truth_sha256 = files_hash(source.truth)
+        return replace(source, sha256=data_hash(source), truth_sha256=truth_sha256), (JobKind.SCORE,)
     if source.kind is SourceKind.SIMULATED:
         config = build(SimulationConfig, source.settings)
         drive, panorama = config.drive.enabled, config.panorama.enabled

@@ -8,7 +8,7 @@ are not independent.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -219,6 +219,7 @@ def groups_of(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator[Gr
     members: dict[tuple[str, str, str], list[ScoredJob]] = {}
     for drive in drives:
         members.setdefault(drive.runs, []).append(drive)
+    parts_judged = {part for drive in drives for part in what_of(drive.score)}
     for (task, configuration, faults), jobs in members.items():
         scores = [job.score for job in jobs]
         trajectories = [score.association for score in scores if score.association is not None]
@@ -233,14 +234,21 @@ def groups_of(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator[Gr
             lost=sum(item.lost for item in trajectories),
             matched=sum(item.matched for item in trajectories),
             figures=pooled,
-            verdicts=tuple(verdicts_over(limits, results, pooled)),
+            verdicts=tuple(verdicts_over(limits, results, pooled, parts_judged)),
         )
 
 
 def verdicts_over(
-    limits: Limits | None, results: Sequence[tuple[str, Score]], pooled: tuple[Figure, ...]
+    limits: Limits | None,
+    results: Sequence[tuple[str, Score]],
+    pooled: tuple[Figure, ...],
+    of_suite: Collection[str] = (),
 ) -> Iterator[GroupVerdict]:
-    """Yield the verdicts over drives that were run alike: those that need no limit, then one for each limit."""
+    """Yield the verdicts over drives that were run alike: those that need no limit, then one for each limit.
+
+    `of_suite` are the parts that any result of the suite is about. A limit that is about none of them has not enough
+    data in every group.
+    """
     scores = [score for _, score in results]
     wrong = [item for score in scores for item in finding_verdicts(score)]
     for name in dict.fromkeys(item.name for item in wrong):
@@ -260,7 +268,7 @@ def verdicts_over(
         yield _of_group(whole, "worst drive", len(parts))
     parts_judged = {part for score in scores for part in what_of(score)}
     for limit in () if limits is None else limits.limits:
-        if about(limit) not in parts_judged:
+        if about(limit) not in parts_judged and about(limit) in of_suite:
             continue  # maps are not judged by the limits of drives
         if limit.terms is not None:
             yield proof_over_drives(limit, limit.terms, results)
@@ -272,7 +280,7 @@ def verdicts_over(
             figure = figure_of(limit, Score(figures=pooled))
             of_each = [figure_of(limit, score) for score in own]
             figure = figure._replace(
-                independent=sum(each.independent or 0.0 for each in of_each),
+                independent=independent_of_drives(limit, results),
                 truth_error=max((each.truth_error for each in of_each), default=0.0),
             )
             over, count = "pooled", figure.n or 0
@@ -284,6 +292,15 @@ def verdicts_over(
         if verdict.state is VerdictState.PASS and not all(has_value):
             verdict = replace(verdict, state=VerdictState.INCOMPLETE)  # a drive that cannot be judged is no pass
         yield _of_group(verdict, over, sum(not meets(limit, found) for found in values))
+
+
+def independent_of_drives(limit: Limit, results: Sequence[tuple[str, Score]]) -> float:
+    """Return how many values of a limited figure are independent; repeats of one drive count as one of them."""
+    of_drives: dict[str, float] = {}
+    for drive, score in results:
+        if about(limit) in what_of(score):
+            of_drives[drive] = max(of_drives.get(drive, 0.0), figure_of(limit, score).independent or 0.0)
+    return sum(of_drives.values())
 
 
 def samples_by_drive(limit: Limit, results: Sequence[tuple[str, Score]]) -> dict[str, list[Sample]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 import yaml
@@ -12,6 +13,8 @@ import yaml
 from helpers.cli_result import Sfr
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.metrics.judge import judged
+from sfr_loc_map.metrics.score_json import from_json, to_json
 
 PERIOD_NS = 100_000_000
 COUNT = 300
@@ -78,3 +81,54 @@ def test_times_of_several_files_are_those_of_one_run(tmp_path: Path, files: tupl
     for stats, code in ((parts, 0), ([slow, fast], 1), ([fast, slow], 1), ([fast, parts[0]], 3)):
         options = [option for path in stats for option in ("--stats", path)]
         assert sfr("score", *files, "--limits", rules, *options).code == code, stats
+
+
+def test_a_report_of_scores_passes_only_what_limits_judged(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
+    """A score without limits beside one that passes, and a score that contradicts its truth."""
+    good, bare, turned = (tmp_path / f"{name}.json" for name in ("good", "bare", "turned"))
+    options = ["--test-report", tmp_path / "t.html", "--junit", tmp_path / "t.xml", "--overwrite"]
+    assert sfr("score", *files, "--limits", limits(tmp_path, POSITION), "--json", good).code == 0
+    assert sfr("score", *files, "--json", bare).code == 0
+    assert sfr("report", good, bare, *options).code == 3
+    assert (tmp_path / "t.xml").read_text().count("<error") == 1
+    assert sfr("report", good, *options).code == 0
+    score = from_json(bare.read_text())
+    turned.write_text(to_json(judged(msgspec.structs.replace(score, contradiction="conjugated"), None)))
+    assert sfr("report", turned, *options).code == 3
+    assert sfr("report", turned, "-o", tmp_path / "page.html").code == 3
+
+
+def test_a_suite_judges_every_limit_and_counts_drives_by_their_truth(
+    tmp_path: Path, files: tuple[Path, Path], sfr: Sfr
+) -> None:
+    """Nine estimates of one truth are one drive; a limit on maps has not enough data where no map is."""
+    names = [f"d{number}.csv" for number in range(9)]
+    for number, name in enumerate(names):
+        save_trajectory(tmp_path / name, straight(0.999 + 1e-9 * number))
+    pairs = [{"estimate": name, "truth": "truth.csv"} for name in names]
+    bound = {"limit": 0.05, "prob": 0.8, "confidence": 0.8, "interpretation": "ensemble"}
+    of_bound = {"minimum_independent": 1, "trajectory": [{"condition": "distance=5", "position_bound_m": bound}]}
+    for number, (rules, code) in enumerate(
+        (
+            (POSITION, 0),
+            (POSITION | {"map": {"coverage_min": 0.99}}, 3),
+            ({"map": {"coverage_min": 0.99}}, 3),
+            (of_bound, 3),
+        )
+    ):
+        suite = tmp_path / f"suite{number}.yaml"
+        suite.write_text(yaml.safe_dump({"sources": pairs, "limits": rules}))
+        done = sfr("suite", "run", suite, "--out", tmp_path / f"out{number}", "--workers", "1")
+        assert done.code == code, (number, done.out, done.err)
+
+
+def test_a_sequential_bound_on_unknown_errors_has_not_enough_data(
+    tmp_path: Path, files: tuple[Path, Path], sfr: Sfr
+) -> None:
+    """The truth has positions alone, so that the errors of the attitude are unknown."""
+    drive = straight()
+    save_trajectory(files[1], Trajectory(drive.stamps_ns, drive.positions, np.zeros((COUNT, 4))))
+    bound = {"limit": 0.1, "prob": 0.5, "confidence": 0.5, "power": 0.5, "good": 0.0, "interpretation": "ensemble"}
+    for name, code in (("position_bound_m", 0), ("attitude_bound_deg", 3)):
+        content = {"minimum_independent": 1, "trajectory": [{"condition": "distance=5", name: bound}]}
+        assert sfr("score", *files, "--limits", limits(tmp_path, content)).code == code, name
