@@ -90,6 +90,7 @@ CATALOGUE = (
     FigureKind("longest_gap", Subject.COMPLETENESS, "", "m", "longest gap"),
     FigureKind("points_without_truth", Subject.COMPLETENESS, "", "1", "map points without ground truth"),
     FigureKind("pairs_without_cloud", Subject.COMPLETENESS, "", "1", "mapping pairs without points"),
+    FigureKind("points_repeated", Subject.COMPLETENESS, "", "1", "map points at a pixel that another point has"),
     FigureKind("points_not_finite", Subject.COMPLETENESS, "", "1", "map points that are not finite"),
     FigureKind("pixels_without_point", Subject.COMPLETENESS, "", "1", "true pixels without a map point, worst pair"),
     FigureKind("calls_missing", Subject.COMPLETENESS, "", "1", "pairs without a measured call"),

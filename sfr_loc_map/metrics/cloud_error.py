@@ -237,7 +237,9 @@ def score_map(
     without_truth = len(cloud) - len(errors.index)
     bare = [bare_share(image, distance, *scored) for image, distance in zip(covered, ranges, strict=True)]
     many = len(truths) if expected_pairs is None else expected_pairs
-    figures += map_completeness(len(cloud), not_finite, without_truth, cloud.pair, many, bare)
+    pixels = (cloud.pair.astype(np.int64) << 32) | (cloud.v.astype(np.int64) << 16) | cloud.u
+    repeated = len(cloud) - len(np.unique(pixels))
+    figures += map_completeness(len(cloud), not_finite, without_truth, cloud.pair, many, bare, repeated)
     figures += sigma_rows(cloud, errors)
     kind = CloudKind.FUSED if cloud.fused else CloudKind.SINGLE_PAIRS
     record = CloudRecord(kind=kind, scored_range_m=scored)

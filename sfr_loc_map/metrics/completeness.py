@@ -265,17 +265,20 @@ def map_completeness(
     point_pairs: NDArray[np.integer],
     expected_pairs: int,
     bare: Sequence[float | None],
+    repeated: int = 0,
 ) -> Iterator[Figure]:
     """Yield the rows of a cloud.
 
     `points` are those of the cloud that are finite, `point_pairs` the pairs that have one, `bare` the fraction of the
-    true pixels of each pair, in the scored range, without a point; None where the pair has no such pixel.
+    true pixels of each pair, in the scored range, without a point; None where the pair has no such pixel. `repeated`
+    are the points at a pixel of a pair that an earlier point has.
     """
     mapped = len(np.unique(point_pairs))
     yield expected_row(MAP, mapped, expected_pairs)
     yield from share_rows("pairs_without_cloud", max(expected_pairs - mapped, 0), expected_pairs)
     yield from share_rows("points_without_truth", without_truth, points)
     yield from share_rows("points_not_finite", not_finite, points + not_finite)
+    yield from share_rows("points_repeated", repeated, points)
     known = [share for share in bare if share is not None]
     yield figure_row("pixels_without_point", n=len(known), value=max(known, default=None))
 

@@ -39,6 +39,7 @@ SHORTFALLS = (
         "points_without_truth", MAP, 0.01, "{percent} % of the map points are where there is no ground truth"
     ),
     ShortfallKind("points_not_finite", MAP, 0.0, "{percent} % of the map points are not finite"),
+    ShortfallKind("points_repeated", MAP, 0.0, "{percent} % of the map points are at a pixel that another point has"),
     # no matcher gives every pixel a point
     ShortfallKind(
         "pixels_without_point",

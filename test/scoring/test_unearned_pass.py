@@ -11,7 +11,10 @@ import pytest
 import yaml
 
 from helpers.cli_result import Sfr
+from helpers.made_scene import NAV_RIG, nav_pair, write_folder
+from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.judge import judged
 from sfr_loc_map.metrics.score_json import from_json, to_json
@@ -132,3 +135,20 @@ def test_a_sequential_bound_on_unknown_errors_has_not_enough_data(
     for name, code in (("position_bound_m", 0), ("attitude_bound_deg", 3)):
         content = {"minimum_independent": 1, "trajectory": [{"condition": "distance=5", name: bound}]}
         assert sfr("score", *files, "--limits", limits(tmp_path, content)).code == code, name
+
+
+def test_points_of_a_map_that_are_repeated_are_no_more_points(tmp_path: Path, sfr: Sfr) -> None:
+    """A tenth of the points is 0.5 m too far away; the others, each twenty times, hide them from the 95 % quantile."""
+    folder, path = write_folder(tmp_path / "nav", 0, 1), tmp_path / "cloud.ply"
+    xyz = nav_pair(0).truth.reshape(-1, 3).copy()
+    is_wrong = np.arange(len(xyz)) % 10 == 0
+    xyz[is_wrong] += np.float32([0.5, 0.0, 0.0])
+    v, u = np.indices((NAV_RIG.height, NAV_RIG.width), np.uint16).reshape(2, -1)
+    ones = np.ones(len(xyz), np.float32)
+    cloud = PointCloud(xyz, 0.1 * ones, ones, u, v, np.zeros(len(xyz), np.uint8), fused=False)
+    rules = limits(tmp_path, {"map": {"point_error_p95_m": 0.1}})
+    rows = np.flatnonzero(~is_wrong)
+    records = cloud.to_structured()
+    for chosen, code in ((np.arange(len(xyz)), 1), (rows, 0), (np.append(np.arange(len(xyz)), np.tile(rows, 20)), 3)):
+        save_cloud(path, replace(PointCloud.from_structured(records[chosen]), fused=False))
+        assert sfr("score", path, folder, "--limits", rules).code == code, code
