@@ -17,7 +17,7 @@ from helpers.cli_result import Sfr
 from helpers.score_rows import number, rows_about
 from sfr_loc_map.errors import ConfigError, InputError
 
-LIMITS = {"trajectory": [{"condition": "frames=2", "position_mean_plus_3sigma_m": 0.5}]}
+LIMITS = {"minimum_independent": 2, "trajectory": [{"condition": "frames=2", "position_mean_plus_3sigma_m": 0.5}]}
 SIGNATURES = {
     "open": ["source", "remap", "config"],
     "localise": ["source", "start", "live", "config", "method"],
