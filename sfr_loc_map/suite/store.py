@@ -122,10 +122,14 @@ class Store:
             return "failed"
         return "done" if (self.results / f"{key}.json").is_file() else "waiting"
 
-    def score(self, key: str) -> Score:
-        """Return the score of a job."""
-        path = self.results / f"{key}.json"
-        return from_dict(_read(path), f"'{path}'")
+    def score(self, job: Job) -> Score:
+        """Return the score of a job; InputError if the file has the score of another job."""
+        path = self.results / f"{job.key}.json"
+        score = from_dict(_read(path), f"'{path}'")
+        about = {} if score.provenance is None else score.provenance.configuration
+        if about.get("suite.key", job.key) != job.key:
+            raise InputError(f"'{path}' is the result of '{about.get('suite.source')}', not of '{job.label}': {ADVICE}")
+        return score
 
     def failure(self, key: str) -> JobFailure:
         """Return why a job failed."""

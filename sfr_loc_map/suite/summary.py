@@ -198,7 +198,7 @@ def summarise(store: Store) -> Summary:
     drives = []
     for job, state in entries:
         if state == "done":
-            score = store.score(job.key)
+            score = store.score(job)
             of_score = limits_about(limits, what_of(score))
             drives.append(ScoredJob(job, judged(score, of_score, partial=job.scoring.partial)))
     return Summary(

@@ -152,3 +152,16 @@ def test_points_of_a_map_that_are_repeated_are_no_more_points(tmp_path: Path, sf
     for chosen, code in ((np.arange(len(xyz)), 1), (rows, 0), (np.append(np.arange(len(xyz)), np.tile(rows, 20)), 3)):
         save_cloud(path, replace(PointCloud.from_structured(records[chosen]), fused=False))
         assert sfr("score", path, folder, "--limits", rules).code == code, code
+
+
+def test_a_suite_refuses_the_result_of_another_job(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
+    """The result of a good estimate is copied over that of a bad one."""
+    save_trajectory(tmp_path / "bad.csv", straight(1.5))
+    suite, out = tmp_path / "suite.yaml", tmp_path / "out"
+    pairs = [{"estimate": name, "truth": "truth.csv"} for name in ("estimate.csv", "bad.csv")]
+    suite.write_text(yaml.safe_dump({"sources": pairs, "limits": POSITION}))
+    assert sfr("suite", "run", suite, "--out", out, "--workers", "1").code == 1
+    first, second = (out / "results").glob("*.json")
+    good, bad = (first, second) if from_json(first.read_text()).verdict == "pass" else (second, first)
+    bad.write_text(good.read_text())
+    assert sfr("suite", "report", out, "--overwrite").code == 2
