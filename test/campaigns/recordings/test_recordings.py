@@ -44,8 +44,15 @@ def test_fixes_are_the_positions_that_the_truth_reads_from_them() -> None:
 
 
 CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")
-BLURRED = {"compressed_jpeg": 4.0, "bayer": 7.0, "ros_yaml": 5.0}
-"""Mean difference of the images of what is compressed, a mosaic, or distorted and rectified again, grey levels."""
+BLURRED = {
+    "compressed_jpeg": 4.0,
+    "bayer": 7.0,
+    "bayer_png": 7.0,
+    "ros_yaml": 5.0,
+    "grey_12_bit": 0.6,
+    "grey_10_bit": 0.02,
+}
+"""Mean difference of the images of what is compressed, a mosaic, of another depth, or rectified again, grey levels."""
 OTHER_FOCAL = ("kalibr_yaml", "opencv_yaml")  # cv2.stereoRectify chooses a focal length that leaves no black rim
 
 
