@@ -12,7 +12,7 @@ import hashlib
 import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -88,12 +88,14 @@ def limits_of(score: Score) -> Limits | None:
 
 
 def _record_of(limit: Limit) -> LimitRecord:
-    terms = {} if limit.terms is None else limit.terms._asdict()
+    given = {} if limit.terms is None else limit.terms._asdict()
+    # a whole number of a limits file is hashed as the float that it is read back as
+    terms: dict[str, Any] = {name: float(value) if type(value) is int else value for name, value in given.items()}
     return LimitRecord(
         **terms,
         part=limit.part.value,
         name=limit.key,
-        limit=limit.limit,
+        limit=float(limit.limit),
         condition=None if limit.condition is None else limit.condition.setting,
         id=limit.id,
         text=limit.text,

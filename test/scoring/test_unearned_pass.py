@@ -131,10 +131,12 @@ def test_a_sequential_bound_on_unknown_errors_has_not_enough_data(
     """The truth has positions alone, so that the errors of the attitude are unknown."""
     drive = straight()
     save_trajectory(files[1], Trajectory(drive.stamps_ns, drive.positions, np.zeros((COUNT, 4))))
-    bound = {"limit": 0.1, "prob": 0.5, "confidence": 0.5, "power": 0.5, "good": 0.0, "interpretation": "ensemble"}
+    bound = {"limit": 0.1, "prob": 0.5, "confidence": 0.5, "power": 0.5, "good": 0, "interpretation": "ensemble"}
     for name, code in (("position_bound_m", 0), ("attitude_bound_deg", 3)):
         content = {"minimum_independent": 1, "trajectory": [{"condition": "distance=5", name: bound}]}
-        assert sfr("score", *files, "--limits", limits(tmp_path, content)).code == code, name
+        rules, score = limits(tmp_path, content), tmp_path / f"{name}.json"
+        assert sfr("score", *files, "--limits", rules, "--json", score).code == code, name
+        assert sfr("report", score, "-o", tmp_path / f"{name}.html").code == code, "what is written is read"
 
 
 def test_points_of_a_map_that_are_repeated_are_no_more_points(tmp_path: Path, sfr: Sfr) -> None:
