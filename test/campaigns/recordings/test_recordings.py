@@ -50,7 +50,7 @@ BLURRED = {
     "bayer_png": 7.0,
     "ros_yaml": 5.0,
     "grey_12_bit": 0.6,
-    "grey_10_bit": 0.02,
+    "grey_10_bit": 0.1,
 }
 """Mean difference of the images of what is compressed, a mosaic, of another depth, or rectified again, grey levels."""
 OTHER_FOCAL = ("kalibr_yaml", "opencv_yaml")  # cv2.stereoRectify chooses a focal length that leaves no black rim
