@@ -322,7 +322,8 @@ class MonitorScore:
         trajectory = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
         covariance = None if np.isnan(rows["covariance"]).all() else rows["covariance"]
         if not len(said):
-            return Estimates.of(trajectory, rows["lost"], covariance=covariance)
+            lost = None if covariance is None else rows["lost"]  # only a covariance says that a pose is lost
+            return Estimates.of(trajectory, lost, covariance=covariance)
         last = unique_rows(said["stamp_ns"])
         stamps = said["stamp_ns"][last]
         at = np.minimum(np.searchsorted(stamps, rows["stamp_ns"]), len(stamps) - 1)

@@ -593,10 +593,24 @@ def load_run(
     if true.by_index:
         true = true.with_stamps_of(found)
     true = _as_declared(true, inputs.truth, how)
+    refuse_copy(inputs, estimates.trajectory, true.trajectory)
     notes = tuple(item.text for item in (found, true) if item.is_announced)
     run = _with_nav_stamps(run, opened)
     rig, images = _images_of(opened)
     return replace(run, drive=DriveToScore(estimates, true.trajectory, rig, images, notes))
+
+
+def refuse_copy(inputs: ScoreInputs, estimate: Trajectory, truth: Trajectory) -> None:
+    """Raise MetricsError where limits would judge true poses: each is equal bit by bit, as no measurement is."""
+    rows = np.searchsorted(truth.stamps_ns, estimate.stamps_ns)
+    if inputs.limits is None or len(estimate) < 2 or not len(truth) or rows.max() >= len(truth):
+        return
+    names = ("stamps_ns", "positions", "quats_xyzw")
+    if all(np.array_equal(getattr(estimate, name), getattr(truth, name)[rows]) for name in names):
+        raise MetricsError(
+            f"the estimate '{inputs.estimate}' is equal to the ground truth bit by bit. Limits judge an estimate of "
+            "the item under test: give its estimate"
+        )
 
 
 def _with_target(run: Run) -> Run:

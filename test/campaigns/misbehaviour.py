@@ -6,6 +6,7 @@ truth itself meets.
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import subprocess
@@ -145,8 +146,8 @@ def run_case(case: Case, folder: Path, sfr: Sfr, library: Path | None = None) ->
     found = [line.rpartition("verdict: ")[2].partition(".")[0] for line in said.splitlines() if "verdict: " in line]
     verdict = CONVENTION if score.get("contradiction") else (found or ["none"])[-1]
     if cheats and stats.exists():
-        rows = [line.split(",") for line in stats.read_text().splitlines()]
-        said += f"\nopened {sum(float(row[rows[0].index('opened')]) for row in rows[1:]):.0f}"
+        with stats.open(newline="") as file:
+            said += f"\nopened {sum(float(row['opened']) for row in csv.DictReader(file)):.0f}"
     kinds = tuple(item["kind"] for item in score.get("findings", []))
     return Outcome(kinds, verdict, tuple(item.code for item in ran), said, time.monotonic() - began, score)
 

@@ -717,7 +717,7 @@ def test_a_suite_judges_every_planned_drive(sfr: Sfr, tmp_path: Path) -> None:
     limits = {"trajectory": [{"condition": "distance=1", "position_mean_plus_3sigma_m": 0.5}], "minimum_independent": 2}
     suite = made_suite(tmp_path / "suite", 1, poses=101, limits=limits)
     content = yaml.safe_load(suite.read_text())
-    good = tmp_path / "suite" / "truth.csv"
+    good = tmp_path / "suite" / "truth0.csv"
     rows = good.read_text().splitlines(keepends=True)
     for name, count in (("one", 14), ("none", 8)):
         (tmp_path / "suite" / f"truth_{name}.csv").write_text("".join(rows[:count]))

@@ -55,13 +55,18 @@ def straight(count: int, sigma_m: float, seed: int) -> Trajectory:
 
 
 def made_suite(folder: Path, drives: int, sigma_m: float = 0.001, *, poses: int = 60, **more: object) -> Path:
-    """Write estimates, their truth, and the file of a suite that scores them."""
+    """Write estimates, the truth of each, and the file of a suite that scores them.
+
+    The truths differ by a displacement: estimates of one truth are one drive.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    save_trajectory(folder / "truth.csv", straight(poses, 0.0, 0))
     sources = []
     for number in range(drives):
-        save_trajectory(folder / f"drive{number}.csv", straight(poses, sigma_m, number + 1))
-        sources.append({"estimate": f"drive{number}.csv", "truth": "truth.csv"})
+        place = np.array([0.0, 10.0 * number, 0.0])
+        for name, sigma, seed in ((f"truth{number}.csv", 0.0, 0), (f"drive{number}.csv", sigma_m, number + 1)):
+            drive = straight(poses, sigma, seed)
+            save_trajectory(folder / name, Trajectory(drive.stamps_ns, drive.positions + place, drive.quats_xyzw))
+        sources.append({"estimate": f"drive{number}.csv", "truth": f"truth{number}.csv"})
     suite = folder / "suite.yaml"
     suite.write_text(yaml.safe_dump({"sources": sources, "conditions": ["distance=1"], "spacing": 5, **more}))
     return suite

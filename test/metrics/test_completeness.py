@@ -266,6 +266,7 @@ def test_rows_of_a_map_by_hand() -> None:
         **{"judged map": 2 / 3, "pairs_without_cloud": 1 / 3, "pairs_without_cloud count": 1},
         **{"points_without_truth": 0.1, "points_without_truth count": 9},
         **{"points_not_finite": 0.1, "points_not_finite count": 10, "pixels_without_point": 0.7},
+        **{"points_repeated": 0.0, "points_repeated count": 0.0},
     }
 
 
