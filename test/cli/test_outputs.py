@@ -11,6 +11,8 @@ import pytest
 
 from helpers import broken_sources as broken
 from helpers.cli_result import Sfr
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.trajectory_file import read_trajectory_file, save_trajectory
 
 MadeOnce = Callable[[Callable[[Path], Path]], Path]
 TUM = "".join(f"{t}.0 {0.5 * t} 0 0 0 0 0 1\n" for t in range(30))
@@ -99,7 +101,9 @@ def test_no_input_is_overwritten(sfr: Sfr, made_once: MadeOnce, out: Path) -> No
     limits.write_text("trajectory:\n - {condition: frames=1, position_mean_plus_3sigma_m: 1e-3}\n")
     inputs = [limits, *(path for path in source.rglob("*") if path.is_file())]
     before, truth = [path.read_bytes() for path in inputs], next(source.rglob("groundtruth.csv"))
-    words = ["score", truth, source, "--limits", limits, "--overwrite"]
+    poses = read_trajectory_file(truth).trajectory
+    save_trajectory(out / "moved.csv", Trajectory(poses.stamps_ns, poses.positions + 0.001, poses.quats_xyzw))
+    words = ["score", out / "moved.csv", source, "--limits", limits, "--overwrite"]
     for place in inputs:
         result = sfr(*words, "--json", place)
         assert result.code == 2
