@@ -56,11 +56,17 @@ def values(hint: Any) -> st.SearchStrategy[Any]:
 
 def columns(hint: type, length: int) -> st.SearchStrategy[Any]:
     """Return records whose columns have a length."""
-    parts = {}
-    for name, part in get_type_hints(hint).items():
-        is_column = get_origin(part) is tuple
-        parts[name] = st.tuples(*[values(get_args(part)[0])] * length) if is_column else values(part)
+    parts = {name: column_or_value(part, length) for name, part in get_type_hints(hint).items()}
     return st.builds(hint, **parts)
+
+
+def column_or_value(part: Any, length: int) -> st.SearchStrategy[Any]:
+    """Return columns of a length where a type is a tuple or a dictionary of them."""
+    if get_origin(part) is tuple:
+        return st.tuples(*[values(get_args(part)[0])] * length)
+    if get_origin(part) is dict and get_origin(get_args(part)[1]) is tuple:
+        return st.dictionaries(WORDS, column_or_value(get_args(part)[1], length), max_size=2)
+    return values(part)
 
 
 @settings(max_examples=25, suppress_health_check=list(HealthCheck))
