@@ -27,7 +27,7 @@ from sfr_loc_map.metrics.score import (
     column,
     figure_row,
 )
-from sfr_loc_map.metrics.statistics import chi2_interval95, chi2_quantile
+from sfr_loc_map.metrics.statistics import chi2_interval95
 
 FOOTPRINTS = 2.0  #: A true point is covered by a point of a fused cloud nearer than so many pixel footprints, Z / f.
 BATCH = 262144
@@ -326,11 +326,6 @@ def sigma_rows(cloud: PointCloud, errors: PointErrors) -> Iterator[Figure]:
     low, high = chi2_interval95(count, count)
     mean, median = float(np.mean(squares)), float(np.median(squares))
     yield figure_row("nees", part=POINTS, n=count, mean=mean, p50=median, low95=low, high95=high, value=1.0)
-
-
-def expected_median() -> float:
-    """Return the median of the normalised squares of honest sigmas: of chi-square with one degree of freedom."""
-    return chi2_quantile(0.5, 1)
 
 
 def _details(cloud: PointCloud, errors: PointErrors, truths: Sequence[PairTruth]) -> MapDetails:

@@ -6,7 +6,7 @@ A figure that no table asks for is shown in the last one, so that every row of t
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -581,17 +581,6 @@ def external_table(score: Score) -> Table:
     note += f" Processes: {node.process.method}." if node.process is not None else ""
     note += f" It {node.ended}." if node.ended else ""
     return Table("external", f"External node: {node.task}", columns, rows, note)
-
-
-def call_rows(score: Score, subject: Subject) -> Iterator[tuple[CallKind, Figure]]:
-    """Yield the rows of complete calls on this host, of times or of peak memory, by the kind of call."""
-    for kind in CallKind:
-        if subject is Subject.TIMING:
-            row = score.figure(kind, subject=subject, part=None)
-        else:
-            row = score.figure("peak", subject=subject, part=kind)
-        if row is not None:
-            yield kind, row
 
 
 # ---- the tables of figures

@@ -23,12 +23,12 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import JUMP_BACK_NS, LOST_VARIANCE, MAX_JSON_BYTES, NS_PER_S, Task, parse_json, read_text
+from sfr_loc_map.inputs import JUMP_BACK_NS, MAX_JSON_BYTES, NS_PER_S, Task, parse_json, read_text
 from sfr_loc_map.io.atomic import check_output, output_target, write_text
 from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MAX_PAIRS
-from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, unique_rows
+from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, lost_by_covariance, unique_rows
 from sfr_loc_map.metrics.calls import KINDS, METHOD, Calls, ScoredCalls, completeness_rows, score_calls, stage_of
 from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
 from sfr_loc_map.metrics.completeness import live_completeness, settled
@@ -46,7 +46,7 @@ MAX_STAGES = 16  #: Stages whose times are kept: their names come from the netwo
 MAX_KEPT = 2 * MAX_PAIRS  #: True points, poses, sets of pairs and clouds that are kept until the others come.
 POSE = [("stamp_ns", np.int64), ("position", np.float64, 3), ("quat", np.float64, 4)]
 TRUE_POSE = [*POSE, ("variances", np.float64, 6)]
-ESTIMATE = [*POSE, ("covariance", np.float64, COVARIANCE_SIZE), ("lost", np.bool_)]
+ESTIMATE = [*POSE, ("covariance", np.float64, COVARIANCE_SIZE)]
 STEP = [("stamp_ns", np.int64), ("step", np.float64, STEP_SIZE), ("degraded", np.bool_), ("known", np.bool_)]
 CALL: list[Any] = [("stamp_ns", np.int64), ("seconds", np.float64), ("state", "U16"), ("peak", np.float64)]
 CALL += [("above_idle", np.float64), ("stages", np.float64, MAX_STAGES)]
@@ -192,9 +192,8 @@ class MonitorScore:
         _check(stamp_ns, position, quat_xyzw)
         if not any(quat_xyzw):
             raise InputError(f"the estimate of stamp {stamp_ns} has no attitude: its quaternion is zero")
-        lost = covariance is not None and bool((np.diagonal(covariance) >= LOST_VARIANCE).all())
         triangle = UNKNOWN_COVARIANCE if covariance is None else covariance[UPPER]
-        self._estimates.add(stamp_ns, position, quat_xyzw, triangle, lost)
+        self._estimates.add(stamp_ns, position, quat_xyzw, triangle)
 
     def add_truth(
         self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float], variances: FloatArray | None = None
@@ -321,9 +320,9 @@ class MonitorScore:
         rows, said = self._estimates.all(), self._steps.all()
         trajectory = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
         covariance = None if np.isnan(rows["covariance"]).all() else rows["covariance"]
-        if not len(said):
-            lost = None if covariance is None else rows["lost"]  # only a covariance says that a pose is lost
-            return Estimates.of(trajectory, lost, covariance=covariance)
+        lost = lost_by_covariance(rows["covariance"])
+        if not len(said):  # only a covariance says that a pose is lost
+            return Estimates.of(trajectory, None if covariance is None else lost, covariance=covariance)
         last = unique_rows(said["stamp_ns"])
         stamps = said["stamp_ns"][last]
         at = np.minimum(np.searchsorted(stamps, rows["stamp_ns"]), len(stamps) - 1)
@@ -334,7 +333,7 @@ class MonitorScore:
         if said["known"][of_found].any():
             steps = np.full((len(rows), STEP_SIZE), np.nan)
             steps[found] = said["step"][of_found]
-        return Estimates.of(trajectory, rows["lost"], degraded, covariance, steps)
+        return Estimates.of(trajectory, lost, degraded, covariance, steps)
 
 
 def _check(stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float]) -> None:
