@@ -8,8 +8,8 @@ The ground is identified by its motion. It begins in the phase `LEARNING`:
 | `KNOWN` | one motion has explained them | `LEARNING` with a new window |
 | `IN_DOUBT` | the image contradicted the motion, or two competed | `LEARNING` after several pairs that agree |
 
-A contradiction or a second motion leads from each phase to `IN_DOUBT`. To end that phase, the motion must also be
-observed where the image contradicted it.
+A case with `leaves_doubt` (`ground_motion.EFFECTS`) leads from each phase to `IN_DOUBT`, and an unusual moving pair
+keeps that phase. To end it, landmarks must also follow the motion where landmarks did not follow it before.
 """
 
 from __future__ import annotations

@@ -36,8 +36,9 @@ pair changes in the state:
 | lost (`_lose`) | path (it forgets the velocity), failed recoveries (by a good image), status, reason |
 | begins a window (`_begin`) | all but `shear_mean`: the window starts at the last known pose; if it fails, as lost |
 
-Each pair, also a refused one, changes `images` unless it repeats the pair before, and `ground` if it has stale rows or
-contradicts its pose. A pair that would be kept is lost if the localiser is lost already.
+Each pair, also a refused one, changes `images` unless it repeats the pair before. A pair that is compared with a map
+changes `ground`, also if it is refused, if it has stale rows or contradicts its pose. A pair that would be
+kept is lost if the localiser is lost already.
 """
 
 from __future__ import annotations
@@ -395,7 +396,7 @@ class Localiser:
         statistics = TrackingStatistics(repeated=1) if is_repeated else TrackingStatistics(inliers=0)
         if verdict.action is Action.KEEP:
             return self._keep(state, verdict, stamp_ns, statistics, tracks)
-        # no frame: the images were refused before their pyramids were built, and cannot begin a window
+        # without a frame the verdict is of stage 1, of which no finding has the action RESTART
         if verdict.action is Action.RESTART and frame is not None:
             count = 0 if state.landmark_map is None else len(state.landmark_map.landmarks.index)
             if self._relocaliser.is_good_image(frame, count):

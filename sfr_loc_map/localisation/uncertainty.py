@@ -24,7 +24,8 @@ landmarks, m, f the focal length, px, and b the baseline, m.
 Two poses share most of P, and P shrinks when the yaw is learnt. P therefore does not give the uncertainty of the motion
 between two poses, which is composed of steps.
 
-**Step** (`step_covariance`): RB in RB at the pose before, independent from step to step.
+**Step** (`step_covariance` without `added`, which `trajectory` adds): RB in RB at the pose before, independent from
+step to step.
 
     Q = step_inflation max(v, min_variance_factor) r (adjustment_inflation K + (keyframe_px Z / f)^2) + added
     r = max(step / max(keyframe interval, min_interval_ratio usual interval), min_step_ratio)
