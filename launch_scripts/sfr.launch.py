@@ -3,8 +3,8 @@
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 
-from sfr_loc_map.nodes.launch_parts import all_nodes, common_arguments, file_argument
-from sfr_loc_map.nodes.processes import TASKS
+from sfr_loc_map.nodes.launch.launch_parts import all_nodes, common_arguments, file_argument
+from sfr_loc_map.nodes.launch.processes import TASKS
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -12,7 +12,7 @@ FLOORS = (
     {"geometry"},
     {"io", "localisation", "mapping", "metrics"},
     {"methods", "report", "simulation"},
-    {"runs"},
+    {"runs", "source_setup"},
     {"scoring"},
     {"doctor", "evidence"},
     {"live", "suite"},

@@ -51,7 +51,7 @@ def doctor(
     require_ros("doctor")
     from sfr_loc_map.doctor.examination import examine
     from sfr_loc_map.io.source_config import SourceConfig
-    from sfr_loc_map.nodes.graph import GraphObserver
+    from sfr_loc_map.nodes.graph.observer import GraphObserver
 
     given = SourceConfig.of(sections_of(config, calibration, settings, remap), config)
     extrinsics_given = given.extrinsics.transform() is not None

@@ -53,8 +53,8 @@ def info(
     """Show what a source holds, and what blocks its use, each with its fix; exit 1 if something does."""
     from sfr_loc_map.doctor.examination import examine
     from sfr_loc_map.doctor.fixes import observe, with_fix
-    from sfr_loc_map.doctor.source_facts import facts_of
     from sfr_loc_map.io.source_config import SourceConfig, config_beside
+    from sfr_loc_map.source_setup.facts import facts_of
 
     check_outputs(json_path, inputs=(source, config, calibration), overwrite=overwrite)
     path = config or config_beside(source)
@@ -93,8 +93,8 @@ def _words(calibration: Path | None, settings: list[str] | None, remap: list[str
 
 def _write(source: Path, sections: dict[str, Any], path: Path | None) -> tuple[Path, SourceConfig]:
     """Write the proposed configuration into the one that was read, else a new one; return its file and content."""
-    from sfr_loc_map.doctor.source_proposal import propose_config
     from sfr_loc_map.io.source_config import NAME
+    from sfr_loc_map.source_setup.proposal import propose_config
 
     place = path or (source if source.is_dir() else source.parent) / NAME
     found = propose_config(source, sections, place, {} if path is None else read_sections(path))

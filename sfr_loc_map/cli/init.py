@@ -66,9 +66,9 @@ def _init_from(
     source: Path, folder: Path, sections: dict[str, Any], inputs: Iterable[Path | None], *, overwrite: bool
 ) -> None:
     """Write the configuration that is inferred from a source, and limits; report what is missing."""
-    from sfr_loc_map.doctor.source_proposal import propose_config
     from sfr_loc_map.io.source_config import NAME
     from sfr_loc_map.metrics.limits_template import CONDITION, POSES, POSITIONS, is_edited, limits_text
+    from sfr_loc_map.source_setup.proposal import propose_config
 
     path, limits = folder / NAME, folder / "limits.yaml"
     if folder.is_dir():

@@ -26,7 +26,7 @@ from sfr_loc_map.inputs import one_line
 
 if TYPE_CHECKING:
     from sfr_loc_map.live.foxglove import FoxgloveView
-    from sfr_loc_map.nodes.processes import LivePage
+    from sfr_loc_map.nodes.launch.processes import LivePage
 
 LiveOption = Annotated[bool, Option("--live", help="Show the run on a page while it goes on (see sfr live).")]
 LivePortOption = Annotated[int, Option(metavar="P", min=0, max=65535, help="Port of that page; 0: a free one.")]
@@ -51,8 +51,8 @@ def live_beside(
         yield None
         return
     require_live()
-    from sfr_loc_map.nodes import environment
-    from sfr_loc_map.nodes.processes import LivePage
+    from sfr_loc_map.nodes.launch import environment
+    from sfr_loc_map.nodes.launch.processes import LivePage
 
     if isolated:
         environment.isolate()
@@ -119,7 +119,7 @@ def live(
 
         config = build(LiveConfig, {"host": host, "port": port, "token": token}, origin="sfr live")
     with ExitStack() as stack:
-        from sfr_loc_map.nodes.live_feed import RosFeed
+        from sfr_loc_map.nodes.view.feed import RosFeed
 
         title = namespace
         stack.enter_context(RosFeed(state, namespace, remap or ()))

@@ -57,8 +57,8 @@ def run(
     """Run the nodes, one process each, until Ctrl-C, SIGTERM or SIGHUP; exit 2 if one ends before."""
     require_ros("run")
     propose("sfr doctor", why="while the nodes run: are their inputs there")
+    from sfr_loc_map.nodes.launch.processes import node_names, run_nodes
     from sfr_loc_map.nodes.parameter_files import run_arguments
-    from sfr_loc_map.nodes.processes import node_names, run_nodes
 
     given = list(names or ())
     cut = given.index(ROS_ARGS) if ROS_ARGS in given else len(given)
@@ -101,8 +101,8 @@ def record(
 ) -> None:
     """Record topics; every half second all messages are on disk, so that a crash costs no more."""
     require_ros("record")
-    from sfr_loc_map.nodes.record import RecordOptions
-    from sfr_loc_map.nodes.record import record as run_recorder
+    from sfr_loc_map.nodes.graph.record import RecordOptions
+    from sfr_loc_map.nodes.graph.record import record as run_recorder
 
     options = RecordOptions(tuple(topics or ()), everything, namespace, duration, zstd)
     with output_folder(out, overwrite=overwrite, resumable=True) as place:

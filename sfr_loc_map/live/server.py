@@ -325,8 +325,8 @@ class LiveServer:
 async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, end_file: Path | None = None) -> None:
     """Serve until SIGINT, SIGTERM or SIGHUP; print the address when the page can be opened.
 
-    SIGUSR1 reports that the run is over. The file, written by `nodes.processes.LivePage`, holds how it ended. The
-    pages are told and can still be opened.
+    SIGUSR1 reports that the run is over. The file, which `nodes/launch/processes.py` writes, holds how the run ended.
+    The pages show that and can still be opened.
     """
 
     def announce(url: str) -> None:

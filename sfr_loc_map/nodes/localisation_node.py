@@ -35,12 +35,12 @@ from sfr_loc_map.nodes import messages
 from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.extrinsics import Extrinsics
 from sfr_loc_map.nodes.lifecycle.endpoints import profile
-from sfr_loc_map.nodes.localisation_session import LocalisationSession, PoseFile
+from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.motion_prior import MotionPriorConfig, OdometryBuffer
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
-from sfr_loc_map.nodes.runner import run
 from sfr_loc_map.nodes.stereo_input import ReceivedPair
 from sfr_loc_map.runs.calls import call_of_estimate
+from sfr_loc_map.runs.localisation_session import LocalisationSession, PoseFile
 
 MAX_POSE_AGE_NS = 600 * NS_PER_S  #: Of an initialpose; an older one says nothing of where the rover is now.
 OUTPUT_DEPTH = 1000  #: Odometry messages that are kept for a slow subscriber.

@@ -38,9 +38,11 @@ from sfr_loc_map.metrics.limits import load_limits
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.nodes.diagnostics import Level, Value, status_msg
+from sfr_loc_map.nodes.graph.publishers import publishers_of
 from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED, RELIABILITIES, profile
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
+from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.nodes.messages import (
     cloud_from_msg,
@@ -50,9 +52,7 @@ from sfr_loc_map.nodes.messages import (
     odometry_row,
     transform_from_pose,
 )
-from sfr_loc_map.nodes.publishers import publishers_of
 from sfr_loc_map.nodes.reception import AnyOrder, TransportGaps
-from sfr_loc_map.nodes.runner import run
 from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.scoring.monitor_score import MonitorScore, ReportFile
 

@@ -21,11 +21,11 @@ from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig, rig_of_
 from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
 from sfr_loc_map.localisation.parallel import both
 from sfr_loc_map.nodes.diagnostics import StatusReporter
-from sfr_loc_map.nodes.environment import EXPORT_LINE
+from sfr_loc_map.nodes.graph.waiting import Input
+from sfr_loc_map.nodes.launch.environment import EXPORT_LINE
 from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, Endpoints, profile
 from sfr_loc_map.nodes.messages import check_image
 from sfr_loc_map.nodes.reception import AGREEING, RunOrder, TransportGaps
-from sfr_loc_map.nodes.waiting import Input
 
 LOSS_WINDOW = 40  #: Images of which the share lost is taken, at the least.
 RECENT = 200  #: Stamps that are kept of each topic, to say why no pair comes of them.

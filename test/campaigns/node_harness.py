@@ -35,9 +35,9 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, stamp_of
 from sfr_loc_map.io import bag_messages
 from sfr_loc_map.nodes.diagnostics import TOPIC, Level, level_of
-from sfr_loc_map.nodes.environment import start_ros
+from sfr_loc_map.nodes.launch.environment import start_ros
+from sfr_loc_map.nodes.launch.processes import ChildProcess, end_processes, node_process
 from sfr_loc_map.nodes.messages import pose_msg
-from sfr_loc_map.nodes.processes import ChildProcess, end_processes, node_process
 from sfr_loc_map.nodes.replay.options import RELIABLE_INPUT
 from sfr_loc_map.runs.calls import values_of
 

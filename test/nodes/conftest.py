@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 WITHOUT_ROS = (
-    *("test_environment.py", "test_launch_parts.py", "test_localisation_session.py", "test_motion_prior.py"),
+    *("test_environment.py", "test_launch_parts.py", "test_motion_prior.py"),
     *("test_pose_matching.py", "test_reception.py", "test_worker.py"),
 )
 

@@ -10,7 +10,6 @@ from rosbags.rosbag2 import Reader, Writer
 
 from helpers.made_scene import write_bag
 from sfr_loc_map.config import build
-from sfr_loc_map.doctor.source_proposal import propose_config
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag import TYPESTORE
@@ -19,6 +18,7 @@ from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
 from sfr_loc_map.nodes.mapping_node import MappingNodeConfig
 from sfr_loc_map.nodes.monitor_node import MonitorNodeConfig
 from sfr_loc_map.nodes.parameter_files import run_arguments
+from sfr_loc_map.source_setup.proposal import propose_config
 
 pytestmark = pytest.mark.ros
 TEXT = """

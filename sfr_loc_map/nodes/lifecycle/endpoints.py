@@ -16,7 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPo
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.nodes.publishers import node_of
+from sfr_loc_map.nodes.graph.publishers import node_of
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Of a topic that keeps its last message for subscribers that come later."""

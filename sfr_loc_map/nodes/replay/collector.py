@@ -15,8 +15,8 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.nodes import diagnostics
 from sfr_loc_map.nodes.diagnostics import Level, level_of
+from sfr_loc_map.nodes.graph.peer import POLL_S
 from sfr_loc_map.nodes.messages import cloud_from_msg, covariance_of, odometry_row
-from sfr_loc_map.nodes.peer import POLL_S
 from sfr_loc_map.nodes.replay.external import ExternalNode
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
 from sfr_loc_map.nodes.replay.received import Received

@@ -26,8 +26,8 @@ from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.convention import world_at_first_pose
 from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, MethodKind, MethodRecord
 from sfr_loc_map.nodes import messages
+from sfr_loc_map.nodes.launch.processes import ChildProcess
 from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED
-from sfr_loc_map.nodes.processes import ChildProcess
 from sfr_loc_map.nodes.replay.external_answers import AnswerBook, ProcessWatch, processes_named
 from sfr_loc_map.nodes.replay.graph_node import ReplayNode
 from sfr_loc_map.nodes.replay.options import ExternalOptions

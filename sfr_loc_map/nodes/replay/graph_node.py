@@ -13,8 +13,8 @@ from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.inputs import Task
-from sfr_loc_map.nodes.peer import POLL_S, Peer
-from sfr_loc_map.nodes.processes import LivePage, Supervisor
+from sfr_loc_map.nodes.graph.peer import POLL_S, Peer
+from sfr_loc_map.nodes.launch.processes import LivePage, Supervisor
 from sfr_loc_map.nodes.replay.options import RESULT_TOPICS
 
 NAME = "sfr_player"

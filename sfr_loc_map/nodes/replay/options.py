@@ -19,7 +19,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.nodes.processes import LivePage
+from sfr_loc_map.nodes.launch.processes import LivePage
 
 RESULT_TOPICS = {Task.LOCALISATION: "localisation/odometry", Task.MAPPING: "mapping/points"}
 """Topics of the suite that carry the results of a task."""

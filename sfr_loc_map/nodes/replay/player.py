@@ -13,8 +13,8 @@ from std_srvs.srv import Trigger
 
 from sfr_loc_map.io.message_stream import Message
 from sfr_loc_map.localisation.estimate import StartPose
+from sfr_loc_map.nodes.graph.peer import POLL_S
 from sfr_loc_map.nodes.messages import header_msg, message_type, pose_msg
-from sfr_loc_map.nodes.peer import POLL_S
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
 from sfr_loc_map.nodes.replay.pacing import Pacer
 

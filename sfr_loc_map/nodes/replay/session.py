@@ -14,9 +14,9 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.io import message_stream
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.completeness import MISSING_SHARE
-from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.extrinsics import publish_extrinsics
-from sfr_loc_map.nodes.processes import Supervisor, user_command
+from sfr_loc_map.nodes.launch import environment
+from sfr_loc_map.nodes.launch.processes import Supervisor, user_command
 from sfr_loc_map.nodes.replay.collector import ResultCollector
 from sfr_loc_map.nodes.replay.external import ExternalNode, external_node
 from sfr_loc_map.nodes.replay.graph_node import ReplayNode

@@ -18,7 +18,7 @@ from helpers.peers import Capture, LocalNode, Manager
 from helpers.processes import PATIENCE_S, Process
 from sfr_loc_map.doctor.findings import Cause
 from sfr_loc_map.doctor.silence import COMPRESSED, IMAGE, Publisher, Reliability, silence_of
-from sfr_loc_map.nodes.environment import see_whole_graph
+from sfr_loc_map.nodes.launch.environment import see_whole_graph
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 
 SFR = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")

@@ -12,7 +12,7 @@ NODE = """
 import sys, time
 from rclpy.node import Node
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.nodes.runner import run
+from sfr_loc_map.nodes.lifecycle.runner import run
 
 class Slow(Node):
     def __init__(self):
@@ -34,7 +34,7 @@ import sys, time
 from std_msgs.msg import String
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.pair_node import PairNodeConfig
-from sfr_loc_map.nodes.runner import run
+from sfr_loc_map.nodes.lifecycle.runner import run
 
 class Slow(ManagedNode[PairNodeConfig]):
     task, config_type = "mapping", PairNodeConfig

@@ -15,9 +15,9 @@ from typer.testing import CliRunner
 
 from sfr_loc_map.cli.main import app
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.nodes.environment import PROFILE, PROFILE_VARIABLES
+from sfr_loc_map.nodes.launch.environment import PROFILE, PROFILE_VARIABLES
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 KINDS = {
     "launch": ["LaunchDescription", "LaunchContext"],
     "launch.actions": [
@@ -56,7 +56,7 @@ def described(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
             setattr(module, member, partial(make, member))
         module.get_package_share_directory = lambda package: str(ROOT)
         monkeypatch.setitem(sys.modules, name, module)
-    monkeypatch.delitem(sys.modules, "sfr_loc_map.nodes.launch_parts", raising=False)
+    monkeypatch.delitem(sys.modules, "sfr_loc_map.nodes.launch.launch_parts", raising=False)
 
     def describe(name: str, **values: str) -> dict[str, list[Made]]:
         """Return what a launch file makes of values for its arguments, by kind."""
@@ -76,7 +76,7 @@ def described(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
         return found
 
     yield describe
-    sys.modules.pop("sfr_loc_map.nodes.launch_parts", None)  # it has imported the stand-ins
+    sys.modules.pop("sfr_loc_map.nodes.launch.launch_parts", None)  # it has imported the stand-ins
 
 
 @pytest.mark.parametrize(("name", "tasks"), [("sfr", ALL), *(("node", [task]) for task in ALL)])

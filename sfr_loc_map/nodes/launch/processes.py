@@ -19,7 +19,7 @@ from pathlib import Path
 from sfr_loc_map.child_process import child_environment, end_with_parent
 from sfr_loc_map.errors import ConfigError, NodeError
 from sfr_loc_map.io.atomic import write_text
-from sfr_loc_map.nodes import environment
+from sfr_loc_map.nodes.launch import environment
 from sfr_loc_map.signals import END_SIGNALS, hold, stopping
 
 TASKS = ("localisation", "mapping", "monitor")
@@ -135,7 +135,7 @@ class LivePage(AbstractContextManager["LivePage"]):
     def __init__(self, arguments: Sequence[str]) -> None:
         self._folder = Path(tempfile.mkdtemp(prefix="sfr-live-"))
         self._end_file, self._told = self._folder / "end.json", dict[str, str]()
-        self._process = node_process("nodes.live_page", (*arguments, "--end-file", str(self._end_file)))
+        self._process = node_process("nodes.view.page", (*arguments, "--end-file", str(self._end_file)))
 
     def __exit__(self, *_: object) -> None:
         end_processes([self._process])

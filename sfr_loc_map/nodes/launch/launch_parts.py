@@ -12,8 +12,8 @@ from launch.substitutions import EnvironmentVariable, LaunchConfiguration
 from launch_ros.actions import Node
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.nodes.environment import PROFILE, PROFILE_VARIABLES
-from sfr_loc_map.nodes.processes import TASKS
+from sfr_loc_map.nodes.launch.environment import PROFILE, PROFILE_VARIABLES
+from sfr_loc_map.nodes.launch.processes import TASKS
 
 PACKAGE = "sfr_loc_map"
 SWITCH = ["true", "false"]

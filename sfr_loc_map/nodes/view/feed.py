@@ -30,13 +30,13 @@ from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages
 from sfr_loc_map.nodes import messages
 from sfr_loc_map.nodes.diagnostics import TOPIC, level_of
+from sfr_loc_map.nodes.graph.peer import Peer
+from sfr_loc_map.nodes.launch.processes import SUITE_NODES, page_node_name
 from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED
 from sfr_loc_map.nodes.lifecycle.worker import Overload, Worker
-from sfr_loc_map.nodes.live_maps import MapFeed
-from sfr_loc_map.nodes.live_operator import NodeOperator
-from sfr_loc_map.nodes.peer import Peer
-from sfr_loc_map.nodes.processes import SUITE_NODES, page_node_name
 from sfr_loc_map.nodes.reception import TransportGaps
+from sfr_loc_map.nodes.view.maps import MapFeed
+from sfr_loc_map.nodes.view.operator import NodeOperator
 from sfr_loc_map.runs.calls import decode_call, values_of
 
 DEPTH = 200  #: Messages of poses, calls and diagnostics that wait to be received.

@@ -18,9 +18,9 @@ from sfr_loc_map.errors import NodeError
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag import TYPESTORE
 from sfr_loc_map.io.bag_writer import BagRecorder
+from sfr_loc_map.nodes.graph.peer import Peer
+from sfr_loc_map.nodes.graph.publishers import publishers_of
 from sfr_loc_map.nodes.messages import message_type
-from sfr_loc_map.nodes.peer import Peer
-from sfr_loc_map.nodes.publishers import publishers_of
 from sfr_loc_map.nodes.reception import TransportGaps
 from sfr_loc_map.signals import hold, stopping
 

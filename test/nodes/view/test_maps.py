@@ -13,8 +13,8 @@ from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import CloudSample, ElevationSample
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid
-from sfr_loc_map.nodes.live_maps import MapFeed
 from sfr_loc_map.nodes.messages import byte_array, cloud_msg, elevation_from_msg, elevation_msg, hazard_msg
+from sfr_loc_map.nodes.view.maps import MapFeed
 
 STAMP_NS = 1_700_000_000_000_000_000
 SIDE, CELL_M = 48, 0.5

@@ -28,7 +28,7 @@ from sfr_loc_map.live.path import ROW_FIELDS
 from sfr_loc_map.live.state import STALE_AFTER_S
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
-PAGE = ("-m", "sfr_loc_map.nodes.start", "nodes.live_page", "--port", "0")
+PAGE = ("-m", "sfr_loc_map.nodes.start", "nodes.view.page", "--port", "0")
 
 
 def asked(url: str, content: Any = None, **headers: str) -> bytes:

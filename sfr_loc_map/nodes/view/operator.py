@@ -17,8 +17,8 @@ from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import InputError, NodeError
 from sfr_loc_map.live.updates import Action, Command
-from sfr_loc_map.nodes.processes import SUITE_NODES
-from sfr_loc_map.nodes.services import call_service
+from sfr_loc_map.nodes.graph.services import call_service
+from sfr_loc_map.nodes.launch.processes import SUITE_NODES
 
 TRANSITIONS = {Action.ACTIVATE: Transition.TRANSITION_ACTIVATE, Action.DEACTIVATE: Transition.TRANSITION_DEACTIVATE}
 SERVICES = {Action.RESET: SUITE_NODES, Action.FINISH: ("mapping_node",), Action.SAVE: ("monitor_node",)}

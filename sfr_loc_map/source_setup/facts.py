@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.doctor.source_proposal import seen_topics
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import NS_PER_S
@@ -16,6 +15,7 @@ from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.source_setup.proposal import seen_topics
 
 GAP = 1.5  #: Periods between two pairs beyond which something is missing.
 

@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     os.nice(NICENESS)
     try:
-        from sfr_loc_map.nodes.live_feed import RosFeed
+        from sfr_loc_map.nodes.view.feed import RosFeed
 
         state, config = LiveState(), build(LiveConfig, {"port": options.port}, origin="sfr live")
         with RosFeed(state, options.namespace, options.remaps):

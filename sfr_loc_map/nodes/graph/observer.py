@@ -31,16 +31,16 @@ from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME
 from sfr_loc_map.geometry.transform import FrameTree
 from sfr_loc_map.inputs import NS_PER_S, stamp_of
 from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
-from sfr_loc_map.nodes import environment
 from sfr_loc_map.nodes.extrinsics import TF_STATIC, add_static_transforms
+from sfr_loc_map.nodes.graph.peer import POLL_S, Peer
+from sfr_loc_map.nodes.graph.publishers import node_of, publishers_of, reliability_of
+from sfr_loc_map.nodes.graph.services import call_service
+from sfr_loc_map.nodes.launch import environment
+from sfr_loc_map.nodes.launch.processes import SUITE_NODES
 from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED
 from sfr_loc_map.nodes.messages import message_type, tf_message_type
-from sfr_loc_map.nodes.peer import POLL_S, Peer
-from sfr_loc_map.nodes.processes import SUITE_NODES
-from sfr_loc_map.nodes.publishers import node_of, publishers_of, reliability_of
 from sfr_loc_map.nodes.reception import TransportGaps
 from sfr_loc_map.nodes.replay import graph_node
-from sfr_loc_map.nodes.services import call_service
 
 QUIET_S = 1.5  #: Discovery counts as complete when there are images and the graph has not changed for so long,
 DISCOVERY_S = 8.0  #: or after so long.

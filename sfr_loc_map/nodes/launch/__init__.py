@@ -1,0 +1,1 @@
+"""Starts nodes: their environment, their processes, and the parts of launch files."""

@@ -1,0 +1,1 @@
+"""What a source holds, and the sfr.yaml that its topics, frames and stamps suggest."""
