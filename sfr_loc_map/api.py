@@ -34,17 +34,9 @@ from sfr_loc_map.metrics.limits import Limits, load_limits, parse_limits
 from sfr_loc_map.metrics.score import MethodRecord, Score
 from sfr_loc_map.runs import offline
 from sfr_loc_map.runs.calls import CallRecord, CallStats, stats_of
-from sfr_loc_map.scoring.score_run import (
-    CloudToScore,
-    Correction,
-    Run,
-    ScoreInputs,
-    converted_run,
-    load_map_truth,
-    load_run,
-    said_fused,
-    score_run,
-)
+from sfr_loc_map.scoring.load import load_map_truth, load_run, with_fusion_flag
+from sfr_loc_map.scoring.run import CloudToScore, Correction, Run, ScoreInputs
+from sfr_loc_map.scoring.score_run import converted_run, score_run
 from sfr_loc_map.scoring.settings import ScoreSettings, score_settings
 
 C = TypeVar("C")
@@ -219,7 +211,7 @@ def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool 
         if isinstance(place, Trajectory):
             raise ConfigError("a cloud is scored against a source with mapping pairs and truth, not a trajectory")
         read = [*load_run(ScoreInputs(stats=stats)).stats, *_own_stats(estimate)]
-        loaded = said_fused(LoadedCloud(estimate.xyz.astype(np.float64), estimate), fused, "the cloud")
+        loaded = with_fusion_flag(LoadedCloud(estimate.xyz.astype(np.float64), estimate), fused, "the cloud")
         truths, nav_stamps_ns = load_map_truth(Path(place), estimate.pair_stamps_ns)
         cloud = CloudToScore(loaded, truths)
         in_memory = {"cloud": hash_arrays([estimate.to_structured()])}

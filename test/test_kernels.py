@@ -62,7 +62,8 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.kernels import PARTS
 from sfr_loc_map.runs.offline import map_pairs
-from sfr_loc_map.scoring.score_run import ScoreInputs, score_files
+from sfr_loc_map.scoring.run import ScoreInputs
+from sfr_loc_map.scoring.score_run import score_files
 
 def signatures():
     modules = [module for name, module in sys.modules.items() if name.startswith("sfr_loc_map")]

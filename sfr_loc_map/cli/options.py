@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
     from sfr_loc_map.methods.registry import Method, MethodLimits
     from sfr_loc_map.metrics.limits import Limits
-    from sfr_loc_map.scoring.score_run import Correction
+    from sfr_loc_map.scoring.run import Correction
 
 OURS = "sfr"  #: Name of the suite's own localiser and mapper, which run in the process of the command.
 MORE = "More"
@@ -248,7 +248,7 @@ def judgement(limits_file: Path | None, conditions: list[str] | None, config: Pa
 def correction_of(settings: list[str] | None, apply_diagnosis: bool, *, has_poses: bool = True) -> Correction:
     """Return how an estimate is converted; raise ConfigError if a setting is invalid, or there are no poses."""
     from sfr_loc_map.geometry.pose_convention import PoseConvention
-    from sfr_loc_map.scoring.score_run import Correction
+    from sfr_loc_map.scoring.run import Correction
 
     correction = Correction(PoseConvention.parse(settings or ()), apply_diagnosis)
     if not has_poses and correction != Correction():

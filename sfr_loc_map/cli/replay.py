@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.localisation.estimate import StartPose
     from sfr_loc_map.nodes.replay.options import ExternalOptions, ReplayOptions
     from sfr_loc_map.scoring.replay_result import ReplayFiles, ReplayResult
-    from sfr_loc_map.scoring.score_run import Correction
+    from sfr_loc_map.scoring.run import Correction
 
 PLAYED = "How the source is played"
 UNDER_TEST = "A node of anyone in place of ours"

@@ -45,7 +45,7 @@ from sfr_loc_map.metrics.config import ScoreConfig, aligned_error_config
 if TYPE_CHECKING:
     from sfr_loc_map.io.source_config import SourceConfig
     from sfr_loc_map.metrics.score import Score
-    from sfr_loc_map.scoring.score_run import Run, ScoreInputs
+    from sfr_loc_map.scoring.run import Run, ScoreInputs
 
 
 SHOWN_HYPOTHESES = 5
@@ -172,7 +172,9 @@ def score(
     ] = None,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
-    from sfr_loc_map.scoring.score_run import ScoreInputs, converted_run, load_run, score_run
+    from sfr_loc_map.scoring.load import load_run
+    from sfr_loc_map.scoring.run import ScoreInputs
+    from sfr_loc_map.scoring.score_run import converted_run, score_run
     from sfr_loc_map.scoring.settings import score_settings
 
     read = (estimate, truth, limits, *(stats or ()), target_timing, config_file)
@@ -263,10 +265,10 @@ def _write_beside(
     result: Score, run: Run, config: ScoreConfig, junit: Path | None, points: Path | None, pieces: Path | None
 ) -> None:
     """Write the verdicts as JUnit XML and the tables of points and sub-trajectories, as far as they are asked for."""
+    from sfr_loc_map.io.table_file import save_table
     from sfr_loc_map.metrics.cloud_error import points_table
     from sfr_loc_map.metrics.trajectory_score import pieces_table
     from sfr_loc_map.report.test_report import junit as junit_of
-    from sfr_loc_map.scoring.score_run import save_table
 
     if junit is not None:
         with beside():

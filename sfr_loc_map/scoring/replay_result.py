@@ -27,16 +27,9 @@ from sfr_loc_map.metrics.convention import converted_estimates
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, FindingRecord, MethodRecord, Score
 from sfr_loc_map.runs.calls import CallRecord, save_stats, stats_of
-from sfr_loc_map.scoring.score_run import (
-    CloudToScore,
-    Correction,
-    DriveToScore,
-    Run,
-    ScoreInputs,
-    corrected,
-    estimates_of,
-    score_run,
-)
+from sfr_loc_map.scoring.load import estimates_of
+from sfr_loc_map.scoring.run import CloudToScore, Correction, DriveToScore, Run, ScoreInputs
+from sfr_loc_map.scoring.score_run import corrected, score_run
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.bag import Bag
 from sfr_loc_map.io.bag_files import is_bag
 from sfr_loc_map.io.registry import read_truth
-from sfr_loc_map.scoring.score_run import load_drive, load_estimates
+from sfr_loc_map.scoring.load import load_drive, load_estimates
 
 
 def load_trajectories(paths: list[Path], truth: Path | None) -> tuple[dict[str, Trajectory], Trajectory | None]:

@@ -34,7 +34,9 @@ from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.runs.calls import load_call_stats, save_stats
 from sfr_loc_map.runs.offline import localise, localise_with, map_pairs, map_pairs_with, start_pose, trajectory_of
-from sfr_loc_map.scoring.score_run import CloudToScore, Run, ScoreInputs, load_run, score_files, score_run
+from sfr_loc_map.scoring.load import load_run
+from sfr_loc_map.scoring.run import CloudToScore, Run, ScoreInputs
+from sfr_loc_map.scoring.score_run import score_files, score_run
 from sfr_loc_map.simulation.faults import Fault, parse_fault
 from sfr_loc_map.simulation.faulty_source import faulty
 from sfr_loc_map.suite.job import Job, JobKind

@@ -31,7 +31,8 @@ from sfr_loc_map.report.test_report import junit, render_test_report
 from sfr_loc_map.runs.calls import CallRecord, stats_of
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.scoring.replay_result import ReplayResult, score_replay
-from sfr_loc_map.scoring.score_run import CloudToScore, DriveToScore, Run, ScoreInputs, score_run
+from sfr_loc_map.scoring.run import CloudToScore, DriveToScore, Run, ScoreInputs
+from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.suite.summary import ScoredJob, Summary, groups_of
 
 COUNT, PERIOD_NS = 401, 100_000_000

@@ -28,7 +28,8 @@ from sfr_loc_map.report.page import overall_of
 from sfr_loc_map.runs.offline import MapRun, map_pairs
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.scoring.replay_result import ReplayFiles, ReplayResult, save_replay, score_replay
-from sfr_loc_map.scoring.score_run import ScoreInputs, score_files
+from sfr_loc_map.scoring.run import ScoreInputs
+from sfr_loc_map.scoring.score_run import score_files
 
 SAMPLE = Path(__file__).parents[2] / "sample" / "sample.mcap"
 

@@ -23,7 +23,7 @@ from sfr_loc_map.io.bag_messages import odometry
 from sfr_loc_map.io.cloud_file import save_cloud
 from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.runs.calls import CallRecord, encode_call, load_call_stats, save_stats
-from sfr_loc_map.scoring.score_run import estimates_of, load_estimates
+from sfr_loc_map.scoring.load import estimates_of, load_estimates
 
 PERIOD_NS = 100_000_000
 Scored = Callable[..., dict[str, Any]]

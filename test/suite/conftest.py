@@ -6,7 +6,8 @@ from helpers.made_suites import straight
 from sfr_loc_map.io.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.scoring.score_run import ScoreInputs, score_files
+from sfr_loc_map.scoring.run import ScoreInputs
+from sfr_loc_map.scoring.score_run import score_files
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,272 @@
+"""From the files of a run, or from what is in memory, to the run that is scored."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from sfr_loc_map import io  # whose `open_source` is loaded late: files of trajectories need no images
+from sfr_loc_map.errors import ConfigError, InputError, MetricsError, SfrError
+from sfr_loc_map.geometry.arrays import IntArray
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import read_text, refusing
+from sfr_loc_map.io.bag_files import is_bag
+from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.source_config import AS_IT_IS, SourceConfig, source_config
+from sfr_loc_map.io.trajectory_file import LoadedTrajectory, read_trajectory_file
+from sfr_loc_map.io.truth import possible_truth, truth_of_file
+from sfr_loc_map.metrics.association import UPPER, Estimates
+from sfr_loc_map.metrics.calls import KINDS
+from sfr_loc_map.metrics.cloud_error import PairTruth, truths_of
+from sfr_loc_map.metrics.score import MethodKind, MethodRecord, TargetRecord
+from sfr_loc_map.runs.calls import CallStats, load_call_stats, united
+from sfr_loc_map.scoring.run import IN_MEMORY, CloudToScore, DriveToScore, Run, ScoreInputs
+
+_log = logging.getLogger(__name__)
+TARGET_SCHEMA = "sfr-target/1"
+
+
+def load_run(
+    inputs: ScoreInputs,
+    fused: bool | None = None,
+    *,
+    estimate: Trajectory | None = None,
+    truth: Trajectory | None = None,
+    calls: Sequence[CallStats] = (),
+) -> Run:
+    """Read files of a run; poses without stamps get those of the other ones, pose by pose.
+
+    Lost flags and covariances of an estimate come from its bag or from the statistics of the calls that gave it. Poses
+    and calls may be in memory; `fused` is for cloud files that do not say so.
+    """
+    stats = [*(load_call_stats(path) for path in inputs.stats), *calls]
+    target = None if inputs.target is None else load_call_stats(inputs.target, needed="processing_time_s")
+    run = _with_cloud(_with_target(Run(inputs, stats, target)), fused)
+    how = _how_to_read(inputs)
+    truth_file, calibration = _existing(how.truth.source), _existing(how.calibration.file)
+    named = replace(inputs, configuration=how.path, truth_file=truth_file, calibration=calibration)
+    run = replace(run, inputs=named)
+    if inputs.truth is None and truth is None:
+        return run
+    true, opened = _read_truth(inputs.truth, truth, how)
+    read = _read_estimate(inputs, estimate, true, run)
+    if read is None:
+        return run
+    found, estimates = read
+    if true.by_index:
+        true = true.with_stamps_of(found)
+    true = _as_declared(true, inputs.truth, how)
+    refuse_copy(inputs, estimates.trajectory, true.trajectory)
+    notes = tuple(item.text for item in (found, true) if item.is_announced)
+    run = _with_nav_stamps(run, opened)
+    rig, images = _images_of(opened)
+    return replace(run, drive=DriveToScore(estimates, true.trajectory, rig, images, notes))
+
+
+def refuse_copy(inputs: ScoreInputs, estimate: Trajectory, truth: Trajectory) -> None:
+    """Raise MetricsError where limits would judge true poses: each is equal bit by bit, as no measurement is."""
+    rows = np.searchsorted(truth.stamps_ns, estimate.stamps_ns)
+    if inputs.limits is None or len(estimate) < 2 or not len(truth) or rows.max() >= len(truth):
+        return
+    names = ("stamps_ns", "positions", "quats_xyzw")
+    if all(np.array_equal(getattr(estimate, name), getattr(truth, name)[rows]) for name in names):
+        raise MetricsError(
+            f"the estimate '{inputs.estimate}' is equal to the ground truth bit by bit. Limits judge an estimate of "
+            "the item under test: give its estimate"
+        )
+
+
+def _with_target(run: Run) -> Run:
+    """Return a run with what the target says of itself."""
+    if run.inputs.target_about is None:
+        return run
+    about = load_target(run.inputs.target_about)
+    method = MethodRecord(name="candidate", version=about.candidate, kind=MethodKind.LIBRARY)
+    return replace(run, about=about, method=method)
+
+
+def _with_cloud(run: Run, fused: bool | None) -> Run:
+    """Return a run with its cloud and the truth of the pairs that the cloud was made of."""
+    inputs = run.inputs
+    if inputs.cloud is None or inputs.map_truth is None:
+        return run
+    loaded = with_fusion_flag(load_cloud(inputs.cloud), fused, f"cloud '{inputs.cloud}'")
+    stamps_ns = None if loaded.cloud is None else loaded.cloud.pair_stamps_ns
+    truths, nav_stamps_ns = load_map_truth(inputs.map_truth, stamps_ns, inputs.config)
+    if truths:
+        loaded = loaded.of_images(truths[0].rig.width, truths[0].rig.height, f"cloud '{inputs.cloud}'")
+    return replace(run, cloud=CloudToScore(loaded, truths), nav_stamps_ns=nav_stamps_ns)
+
+
+def _how_to_read(inputs: ScoreInputs) -> SourceConfig:
+    """Return how the source of the truth is read: as given, else as the configuration beside it says."""
+    place = inputs.truth or inputs.map_truth
+    if place is not None and inputs.config is None and (place.is_dir() or is_bag(place)):
+        return source_config(place)
+    return inputs.config or AS_IT_IS
+
+
+def _read_truth(
+    place: Path | None, truth: Trajectory | None, how: SourceConfig
+) -> tuple[LoadedTrajectory, Source | None]:
+    """Read true poses of a file, bag or data set folder, else those in memory; and the source of their images."""
+    if place is None:
+        assert truth is not None  # one of both is there
+        return LoadedTrajectory(Path(IN_MEMORY), truth), None
+    if is_bag(place) or how.truth.source:
+        true, opened = LoadedTrajectory(place, truth_of_file(place, how.truth, how.remap)), None
+        if is_bag(place) or not place.is_file():
+            with suppress(SfrError):  # true poses alone: whoever needs the images reports what is wrong with them
+                opened = io.open_source(place, how)
+        return true, opened
+    if place.is_file():
+        return read_trajectory_file(place, how.truth.columns, "truth"), None
+    source = io.open_source(place, how)
+    if source.loc is None or source.loc.ground_truth is None:
+        text = f"'{place}' has no true poses (groundtruth.csv, ground_truth/odometry): give a source with truth"
+        raise InputError(text)
+    return LoadedTrajectory(place, source.loc.ground_truth), source
+
+
+def _read_estimate(
+    inputs: ScoreInputs, estimate: Trajectory | None, true: LoadedTrajectory, run: Run
+) -> tuple[LoadedTrajectory, Estimates] | None:
+    """Read the estimated poses of a bag or file, else those in memory; None if there are none."""
+    if inputs.estimate is not None and is_bag(inputs.estimate):
+        estimates = load_estimates(inputs.estimate)
+        return LoadedTrajectory(inputs.estimate, estimates.trajectory), estimates
+    if inputs.estimate is not None:
+        found = read_trajectory_file(inputs.estimate, inputs.columns, "estimate")
+    elif estimate is not None:
+        found = LoadedTrajectory(Path(IN_MEMORY), estimate)
+    else:
+        return None
+    if found.by_index:
+        found = found.with_stamps_of(true)
+    estimates = estimates_of(found.trajectory, run.stats, run.target)
+    if found.covariance is not None and estimates.covariance is None:
+        estimates = replace(estimates, covariance=found.covariance[:, *UPPER])
+    return found, estimates
+
+
+def _as_declared(true: LoadedTrajectory, place: Path | None, how: SourceConfig) -> LoadedTrajectory:
+    """Return true poses as the configuration declares them; without a declaration those of a file that can be true."""
+    if how.truth != AS_IT_IS.truth:
+        return replace(true, trajectory=how.truth.applied(true.trajectory, read_from=true.text))
+    if place is not None and place.is_file() and not is_bag(place):
+        return replace(true, trajectory=possible_truth(true.trajectory, f"of '{place}'")[1])
+    return true
+
+
+def _images_of(source: Source | None) -> tuple[StereoRig | None, IntArray | None]:
+    """Return the rig of a source's localisation pairs and their stamps, None for what is unknown."""
+    if source is None or source.loc is None:
+        return None, None
+    with suppress(InputError):  # it has no complete pair
+        return source.loc.rig, np.asarray(source.loc.stamps_ns, np.int64)
+    return source.loc.rig, None
+
+
+def _with_nav_stamps(run: Run, source: Source | None) -> Run:
+    """Return a run with the stamps of the mapping pairs of its source if calls of a mapper are compared with them."""
+    stats = [*run.stats, *([] if run.target is None else [run.target])]
+    if source is None or source.nav is None or run.nav_stamps_ns is not None:
+        return run
+    if not any(state in KINDS for item in stats for state in item.calls.states):
+        return run
+    stamps = np.array([item.pair.stamp_ns for item in source.nav.pairs()], np.int64)
+    return replace(run, nav_stamps_ns=stamps)
+
+
+def load_target(path: Path) -> TargetRecord:
+    """Read what a target says of itself; InputError if it is not as the harness writes it."""
+    with refusing(f"target '{path}' cannot be read", "give what the harness wrote"):
+        content = msgspec.json.decode(read_text(path), type=dict[str, Any])
+        if content.pop("schema", None) != TARGET_SCHEMA:
+            raise ValueError(f"no schema {TARGET_SCHEMA}")
+        return msgspec.convert(content, TargetRecord)
+
+
+def load_drive(estimate: Path, truth: Path) -> DriveToScore:
+    """Read estimated and true poses of files."""
+    drive = load_run(ScoreInputs(estimate=estimate, truth=truth)).drive
+    assert drive is not None  # both are there
+    return drive
+
+
+def load_estimates(path: Path, stats: Sequence[CallStats] = ()) -> Estimates:
+    """Read estimated poses; lost flags and covariances come from the bag or from the statistics of the calls."""
+    if not is_bag(path):
+        return estimates_of(read_trajectory_file(path).trajectory, stats)
+    from sfr_loc_map.scoring.bag_estimates import bag_estimates
+
+    return bag_estimates(path)
+
+
+def estimates_of(trajectory: Trajectory, stats: Sequence[CallStats] = (), target: CallStats | None = None) -> Estimates:
+    """Return estimated poses with the lost flags and covariances of the calls that gave them.
+
+    The calls are those of all files of this host together or, if these have no call of a pose, those of the target.
+    """
+    of_target = [] if target is None or not target.has_stamps else [target]
+    stamps = set(trajectory.stamps_ns.tolist())
+    for items in (stats, of_target):
+        if own := [item for item in items if not stamps.isdisjoint(item.localised)]:
+            return united(own).estimates(trajectory)
+    if any(item.localised for item in (*stats, *of_target)):
+        _log.warning("no call of the statistics has the stamp of an estimate: which poses are lost is not known")
+    return Estimates.of(trajectory)
+
+
+def load_map_truth(
+    path: Path, stamps_ns: Sequence[int] | None = None, config: SourceConfig | None = None
+) -> tuple[list[PairTruth], IntArray]:
+    """Read the truth of the mapping pairs of a source, all or those of some stamps in their order; and all stamps."""
+    nav = io.open_source(path, config).nav
+    if nav is None:
+        raise InputError(f"'{path}' has no mapping pairs: a cloud is scored against a source with nav pairs and truth")
+    wanted = None if stamps_ns is None else set(stamps_ns)
+    pairs: dict[int, PosedStereoPair] = {}
+    every: list[int] = []
+    for item in nav.pairs():
+        every.append(item.pair.stamp_ns)
+        if wanted is None or item.pair.stamp_ns in wanted:
+            pairs[item.pair.stamp_ns] = item
+    missing = [str(stamp_ns) for stamp_ns in stamps_ns or () if stamp_ns not in pairs]
+    if missing:
+        raise InputError(
+            f"the cloud was made of pairs of stamps {', '.join(missing)}, which '{path}' does not have: give the "
+            "source that it was made from"
+        )
+    chosen = pairs.values() if stamps_ns is None else [pairs[stamp_ns] for stamp_ns in stamps_ns]
+    return truths_of(list(chosen), nav.rig), np.array(every, np.int64)
+
+
+def with_fusion_flag(loaded: LoadedCloud, fused: bool | None, name: str) -> LoadedCloud:
+    """Return a cloud that says whether it is fused, unless its points have no pixels."""
+    if loaded.cloud is None:
+        return loaded
+    said = loaded.cloud.fused
+    if said is None and fused is None:
+        raise InputError(
+            f"{name} does not say whether it is fused: give --fused (one surface of several pairs) or "
+            "--not-fused (each pair's own points); coverage is counted differently"
+        )
+    if said is not None and fused is not None and said != fused:
+        option, word = ("--fused", "not fused") if fused else ("--not-fused", "fused")
+        raise ConfigError(f"'{option}': {name} says that it is {word}; leave the option out")
+    return replace(loaded, cloud=replace(loaded.cloud, fused=fused if said is None else said))
+
+
+def _existing(name: str) -> Path | None:
+    """Return the file of a name in a configuration; None where it is empty or the name of a topic."""
+    return Path(name) if name and Path(name).exists() else None

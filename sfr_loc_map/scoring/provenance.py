@@ -1,0 +1,81 @@
+"""What a score was made of: files with their hashes, settings, and facts of the host."""
+
+from __future__ import annotations
+
+import os
+import platform
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+
+from msgspec.structs import replace as struct_replace
+
+from sfr_loc_map import __version__  # whose `open_source` is loaded late: files of trajectories need no images
+from sfr_loc_map.config import flatten
+from sfr_loc_map.geometry.trajectory import Truth
+from sfr_loc_map.inputs import COMMIT, hash_path
+from sfr_loc_map.io.bag_files import is_bag
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.score import InputFile, Provenance
+from sfr_loc_map.scoring.run import IN_MEMORY, Run
+
+
+def provenance_of(run: Run, config: ScoreConfig, truth_sha256: str | None, map_truth_sha256: str | None) -> Provenance:
+    """Return the provenance of a score; the hashes are those of the values of both truths."""
+    inputs = run.inputs
+    data = {"truth": truth_sha256, "map_truth": map_truth_sha256}
+    paths: dict[str, Path | None] = {
+        "estimate": inputs.estimate,
+        "truth": inputs.truth,
+        "cloud": inputs.cloud,
+        "map_truth": inputs.map_truth,
+        "target": inputs.target,
+        "target_about": inputs.target_about,
+        "limits": inputs.limits,
+        "configuration": inputs.configuration,
+        "truth_file": inputs.truth_file,
+        "calibration": inputs.calibration,
+    }
+    paths |= {f"stats_{number}": path for number, path in enumerate(inputs.stats)}
+    files: dict[str, InputFile] = {}
+    for name, path in paths.items():
+        if path is not None:
+            hashed = _trajectory_in(path) if name == "truth" else path
+            files[name] = InputFile(path=str(hashed), sha256=hash_path(hashed), data_sha256=data.get(name))
+    if run.drive is not None and isinstance(run.drive.truth, Truth) and "truth" in files:
+        files["truth"] = struct_replace(files["truth"], read_from=run.drive.truth.read_from or None)
+    for name, sha256 in run.in_memory.items():
+        files[name] = InputFile(path=IN_MEMORY, sha256=sha256, data_sha256=data.get(name))
+    return Provenance(
+        version=__version__,
+        commit=COMMIT,
+        command=inputs.command,
+        inputs=files,
+        configuration=flatten(config),
+        host=host_facts(),
+        time=datetime.now(UTC).isoformat(timespec="seconds"),
+    )
+
+
+def host_facts() -> dict[str, str]:
+    """Return what is known of this host: machine, system, Python; processor, kernel, load and governor."""
+    found = {"machine": platform.machine(), "system": platform.system(), "python": platform.python_version()}
+    found["kernel"] = platform.release()
+    with suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+        names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+        found["processor"] = names[0] if names else "unknown"
+    with suppress(OSError):
+        found["load"] = f"{os.getloadavg()[0]:.2f} of {os.cpu_count()} processors"
+    with suppress(OSError):
+        governor = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
+        found["governor"] = governor.read_text(encoding="utf-8").strip()
+    return found
+
+
+def _trajectory_in(path: Path) -> Path:
+    """Return the file of true poses of a data set folder: of the folder nothing else counts; otherwise the path."""
+    if not path.is_dir() or is_bag(path):
+        return path
+    places = [path / "groundtruth.csv", path / "loc" / "groundtruth.csv"]
+    return next((place for place in places if place.is_file()), path)
