@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 import msgspec
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.metrics.judge import contradiction_of
 from sfr_loc_map.metrics.score import SCHEMA, Score
+from sfr_loc_map.metrics.stored import stored_contradiction
 
 T = TypeVar("T")
 MAX_NUMBER = 1e100  #: Largest number of a figure: squares and sums of it stay finite.
@@ -98,7 +98,7 @@ def decoded(text: str | bytes, origin: str = "score") -> Score:
 
 def checked(score: Score, origin: str) -> Score:
     """Return a score whose verdicts follow from its figures; InputError, which names the contradiction, otherwise."""
-    if (problem := contradiction_of(score)) is not None:
+    if (problem := stored_contradiction(score)) is not None:
         raise InputError(f"{origin} contradicts itself: {problem}; {SCORE_AGAIN}")
     return score
 

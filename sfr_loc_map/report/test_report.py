@@ -17,8 +17,9 @@ import msgspec
 from sfr_loc_map.inputs import NS_PER_S, printable
 from sfr_loc_map.metrics.catalogue import Subject, clause_of, defines
 from sfr_loc_map.metrics.config import CallKind, Rebase, VerdictState, label_of
-from sfr_loc_map.metrics.judge import common_verdict, each_by_its_limits, few_words
+from sfr_loc_map.metrics.judge import common_verdict, each_by_its_limits
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
+from sfr_loc_map.metrics.reasons import few_words
 from sfr_loc_map.metrics.score import Figure, Score, TargetRecord, Verdict
 from sfr_loc_map.metrics.shortfalls import SHORTFALLS
 from sfr_loc_map.report.page import NO_VERDICT, Overall, from_template, overall_of

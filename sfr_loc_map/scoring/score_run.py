@@ -28,7 +28,8 @@ from sfr_loc_map.metrics.cloud_error import score_map, score_nearest
 from sfr_loc_map.metrics.completeness import CALLS, DRIVE, MAP, MEMORY, expected_row, share_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, Condition, ScoreConfig, label_of
 from sfr_loc_map.metrics.convention import Diagnosis, diagnose
-from sfr_loc_map.metrics.judge import judged, why_incomplete
+from sfr_loc_map.metrics.incomplete import why_incomplete
+from sfr_loc_map.metrics.judge import judged
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import (
     Alignment,

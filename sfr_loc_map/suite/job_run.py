@@ -28,8 +28,9 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.registry import MethodLimits, record_of_ours
 from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.judge import judged, limits_about, what_of
+from sfr_loc_map.metrics.judge import judged
 from sfr_loc_map.metrics.limits import Limits, parse_limits
+from sfr_loc_map.metrics.rules import limits_about, what_of
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.runs.calls import load_call_stats, save_stats

@@ -23,22 +23,17 @@ from sfr_loc_map.metrics.catalogue import KINDS, Subject
 from sfr_loc_map.metrics.completeness import SUITE, expected_row
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judge import (
-    LimitedFigure,
-    about,
-    condition_of,
-    figure_of,
     finding_verdicts,
     incomplete_verdict,
     judged,
-    limits_about,
-    meets,
     plain_verdict,
     proof_verdict,
     verdict_on,
-    what_of,
 )
+from sfr_loc_map.metrics.limited import LimitedFigure, condition_of, figure_of, meets
 from sfr_loc_map.metrics.limits import Limit, Limits, parse_limits
 from sfr_loc_map.metrics.proof import SEQUENTIAL, Interpretation, Terms, prove, sample_of
+from sfr_loc_map.metrics.rules import about, limits_about, what_of
 from sfr_loc_map.metrics.score import POOLED, Figure, Score, Verdict, figure_row
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.statistics import student_quantile

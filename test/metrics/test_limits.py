@@ -12,16 +12,12 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.calls import Calls, score_target
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.judge import (
-    Shortfall,
-    judged,
-    judged_at_the_end,
-    limits_of,
-    overall_verdict,
-    reasons_not_judged,
-)
+from sfr_loc_map.metrics.incomplete import Shortfall
+from sfr_loc_map.metrics.judge import judged, judged_at_the_end, overall_verdict
 from sfr_loc_map.metrics.limits import PLACES, LimitPart, Limits, parse_limits
 from sfr_loc_map.metrics.proof import BOUND
+from sfr_loc_map.metrics.reasons import reasons_not_judged
+from sfr_loc_map.metrics.rules import limits_of
 from sfr_loc_map.metrics.score import Association, Details, FindingKind, FindingRecord, Score, figure_row
 from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.metrics.trajectory_score import score_trajectory

@@ -10,7 +10,7 @@ from scipy import stats
 from campaigns.tolerance_coverage import coverage
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.metrics import judge, limits, tolerance
+from sfr_loc_map.metrics import judge, limits, reasons, rules, tolerance
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.tolerance import Sample
@@ -113,14 +113,16 @@ def test_a_limit_with_a_share_passes_fails_or_says_how_many_drives_are_missing()
     assert row.value == verdict.value < 10.0
     assert score.figure("position").p95 < row.value <= score.figure("position").max
     assert row.unit == "m"
-    again = judge.judged(found, judge.limits_of(found))
+    again = judge.judged(found, rules.limits_of(found))
     assert again.rows("bound") == found.rows("bound"), "judged again, the table has the bound once"
     assert judged(score, limit=0.0, prob=0.95, confidence=0.95)[1].state == "fail"
     _, ensemble = judged(score, limit=10.0, prob=0.95, confidence=0.95, interpretation="ensemble")
     assert (ensemble.state, ensemble.proof.more) == ("not enough data", 58)
     assert (
         "58 more drives"
-        in judge.reasons_not_judged(judged(score, limit=10.0, interpretation="mixed", prob=0.95, confidence=0.95)[0])[0]
+        in reasons.reasons_not_judged(judged(score, limit=10.0, interpretation="mixed", prob=0.95, confidence=0.95)[0])[
+            0
+        ]
     )
     without = judged(replace(score, details=None), limit=10.0)[1]
     assert (without.state, without.value) == ("not enough data", None)

@@ -1,0 +1,124 @@
+"""What of a score cannot be judged, though it was expected: the shortfalls of its parts."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from typing import NamedTuple
+
+from sfr_loc_map.metrics.catalogue import KINDS, Subject
+from sfr_loc_map.metrics.completeness import CALLS, MAP, MEMORY
+from sfr_loc_map.metrics.config import CallKind, VerdictState
+from sfr_loc_map.metrics.limited import margin_of
+from sfr_loc_map.metrics.limits import COVERAGE_MIN, LimitPart
+from sfr_loc_map.metrics.rules import limits_of, parts_of
+from sfr_loc_map.metrics.score import Score, Verdict
+from sfr_loc_map.metrics.shortfalls import SHORTFALLS
+
+NOT_DUE = "nothing of the {part} is due yet"
+UNKNOWN = "what was expected of the {part} is unknown: score against the source"
+
+
+class Shortfall(NamedTuple):
+    """What of a part cannot be judged, though it was expected."""
+
+    part: str  #: `drive`, `map`, `calls localisation`, ...
+    figure: str  #: Figure that is beyond its largest fraction; `judged` where what was expected is unknown.
+    most: float  #: That fraction.
+    value: float | None
+    text: str
+
+    @property
+    def verdict(self) -> Verdict:
+        """The verdict that states the shortfall."""
+        is_lower_bound = self.figure == "judged"
+        name = "judged_share_min" if is_lower_bound else f"{self.figure}_max_share"
+        if KINDS[self.figure].is_count:
+            name = f"{self.figure}_max"
+        return Verdict(
+            name=name,
+            subject=Subject.COMPLETENESS,
+            part=self.part if is_lower_bound else None,
+            figure=self.figure,
+            statistic="value",
+            limit=self.most,
+            value=self.value,
+            margin=None if self.value is None else margin_of(name, self.most, self.value),
+            state=VerdictState.INCOMPLETE,
+        )
+
+
+def shortfalls(score: Score) -> list[Shortfall]:
+    """Return what of the judged parts of a score is not complete; empty where a part was asked for."""
+    limits = limits_of(score)
+    if limits is None:
+        return []
+    found: list[Shortfall] = []
+    allowed = {limit.key.removesuffix("_max_share") for limit in limits.limits if limit.part is LimitPart.COMPLETENESS}
+    if any(limit.key == COVERAGE_MIN for limit in limits.limits):
+        allowed.add("pixels_without_point")
+    for part in parts_of(limits, score):
+        found += _shortfalls_of(score, part, allowed)
+    return found
+
+
+def _shortfalls_of(score: Score, part: str, allowed: Collection[str]) -> Iterator[Shortfall]:
+    row = score.figure("judged", subject=Subject.COMPLETENESS, part=part)
+    is_partial = score.rules is not None and score.rules.partial
+    if row is None or row.value is None:
+        if not is_partial:
+            text = NOT_DUE if row is not None and row.n == 0 else UNKNOWN
+            yield Shortfall(part, "judged", 1.0, None, text.format(part=part))
+        return
+    words = part.split()
+    if MEMORY in words:
+        if row.value < 1.0 and not is_partial and "calls_missing" not in allowed:
+            text = f"the memory of {100.0 * (1.0 - row.value):.4g} % of the {words[-1]} calls was not measured"
+            yield Shortfall(part, "judged", 1.0, row.value, text)
+        return
+    of_calls = CALLS in words
+    kind = part.replace(f"{CALLS} ", "") if of_calls else None
+    for figure, _, most, text in (each for each in SHORTFALLS if each.part == (CALLS if of_calls else part)):
+        asked = is_partial and figure not in ("calls_other", "calls_doubled")
+        value = score.number(figure, subject=Subject.COMPLETENESS, part=kind)
+        if figure in allowed or asked or most is None or value is None or value <= most:
+            continue
+        said = text.format(percent=f"{100.0 * value:.4g}", value=f"{value:g}", part=kind)
+        yield Shortfall(part, figure, most, value, missing_text(score) if figure == "missing" else said)
+
+
+def missing_text(score: Score) -> str:
+    """Return how much of a drive has no estimate."""
+    drive, value = score.association, score.number("missing", part=None) or 0.0
+    what = "images" if drive is None or drive.images else "true poses"
+    if value == 1.0 and drive is None:
+        return f"no pose for any of {score.number('missing', 'n', part=None):.0f} {what}"
+    text = f"the estimate covers {100.0 * (1.0 - value):.4g} % of the {what}"
+    longest_m, longest_s = (score.number("longest_gap", part=part) for part in ("distance", "time"))
+    if longest_m is not None and longest_s is not None:
+        text += f", its longest gap is {longest_m:.4g} m and {longest_s:.4g} s"
+    if what == "true poses":
+        text += "; where the truth is longer or denser than the images, score against the source with its images"
+    return text
+
+
+def why_incomplete(score: Score) -> str | None:
+    """Return what of the expected data cannot be judged; without limits only what is plainly absent."""
+    if score.rules is not None and score.rules.limits:
+        texts = [item.text for item in shortfalls(score)]
+    elif score.rules is not None and score.rules.partial:
+        texts = []
+    else:
+        texts = [] if score.association is None or not score.association.incomplete else [score.association.incomplete]
+        if score.association is None and score.number("missing", part=None):
+            texts = [missing_text(score)]
+        pairs, bare = score.number("pairs"), score.number("pairs_without_cloud", part="count")
+        row = score.figure("judged", part=MAP)
+        if row is not None and row.n and bare and row.n > (pairs or 0.0):
+            texts.append(f"the map holds {row.n - bare:.0f} of {row.n} pairs")
+    node = score.external
+    is_partial = score.rules is not None and score.rules.partial
+    allows = score.rules is not None and any(item.name == "missing_max_share" for item in score.rules.limits)
+    is_silent = node is not None and node.task == CallKind.LOCALISATION and node.answers.missing
+    if node is not None and is_silent and not is_partial and not allows:
+        texts.append(f"{node.answers.missing} of {node.answers.pairs} pairs have no answer")
+    return "; ".join(dict.fromkeys(texts)) or None

@@ -1,0 +1,91 @@
+"""Why something could not be judged, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.metrics.config import Condition, ConditionKind, VerdictState, label_of
+from sfr_loc_map.metrics.limited import condition_of, truth_error_of
+from sfr_loc_map.metrics.limits import Limits
+from sfr_loc_map.metrics.proof import words_of
+from sfr_loc_map.metrics.rules import limits_of
+from sfr_loc_map.metrics.score import Rules, Score, Verdict
+
+
+def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple[str, ...]:
+    """Return why something could not be judged, a phrase each; conditions of the settings count if none is asked."""
+    if score.contradiction is not None:
+        return (score.contradiction,)
+    whole = () if score.incomplete is None else (f"incomplete: {score.incomplete}",)
+    unmet: dict[str | None, str] = {}
+    if (drive := score.association) is not None:
+        extent = drive.matched, drive.path_length_m, drive.duration_s or 0.0
+        for row in score.rows("position", part=str(drive.rebase)):
+            if row.condition is not None and not row.n:
+                condition = Condition.parse(row.condition)
+                if not asked or condition in asked:
+                    unmet[row.condition] = _reason(condition, *extent)
+    reasons = [*whole, *unmet.values()]
+    points = score.figure("point_error")
+    if points is not None and not points.n:
+        reasons.append("map: no point of the cloud has a true point")
+    for item in score.verdicts:
+        if item.state is VerdictState.NOT_ENOUGH_DATA and item.condition not in unmet:
+            over = "" if item.condition is None else f" over {label_of(item.condition)}"
+            few = few_words(item, score)
+            interval = item.interval
+            if item.proof is not None:
+                few = words_of(item.proof, item.state)
+            if item.needs_certainty and item.value is not None and (interval is None or item.certain is not None):
+                few = f"'certain' needs its 95 % interval {'' if interval is None else 'within the limit'}".rstrip()
+                few += ", which it does not have" if interval is None else ""
+            reasons.append(f"limit {item.name}{over}: {few}")
+    return tuple(reasons)
+
+
+def few_words(item: Verdict, score: Score) -> str:
+    """Return why a limited number is not made of enough data."""
+    rules = score.rules or Rules()
+    limits = limits_of(score) or Limits(())
+    for limit in limits.limits:
+        same = (limit.key, limit.limit, condition_of(limit)) == (item.name, item.limit, item.condition)
+        error = truth_error_of(limit, score) if same else 0.0
+        if error and item.margin is not None and abs(item.margin) <= error:
+            return f"its margin of {item.margin:.3g} is within the error of the truth, {error:.3g}"
+    row = score.figure(item.figure or "", condition=item.condition, part=item.part)
+    if not item.n:
+        return "no data" if row is None or not row.unknown else f"all {row.unknown} values are unknown"
+    independent = None if row is None else row.independent
+    if item.n >= rules.minimum_count and independent is not None and independent < rules.minimum_independent:
+        return f"{item.n} values, of which {independent:.3g} are independent ({rules.minimum_independent:g} are needed)"
+    if row is not None and row.unknown:
+        return f"{row.unknown} of {item.n + row.unknown} values are unknown"
+    return f"only {item.n} values"
+
+
+def conditions_beyond(truth: Trajectory, conditions: Collection[Condition]) -> tuple[str, ...]:
+    """Return why a drive with this truth never meets some conditions, to be said before the work is done."""
+    length_m = float(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1).sum())
+    duration_s = float(truth.stamps_ns[-1] - truth.stamps_ns[0]) / NS_PER_S if len(truth) else 0.0
+    longest = {ConditionKind.TIME: duration_s, ConditionKind.FRAMES: len(truth) - 1.0}
+    # a straight line is no longer than the path
+    longest |= dict.fromkeys((ConditionKind.DISTANCE, ConditionKind.DISPLACEMENT), length_m)
+    beyond = (
+        item for item in conditions if any(part.value > longest.get(part.kind, part.value) for part in item.parts)
+    )
+    return tuple(_reason(item, len(truth), length_m, duration_s) for item in beyond)
+
+
+def _reason(condition: Condition, frames: int, length_m: float, duration_s: float) -> str:
+    path = f"is {length_m:.1f} m long"
+    texts = {ConditionKind.TIME: f"lasts {duration_s:.1f} s", ConditionKind.FRAMES: f"has {frames} frames"}
+    texts[ConditionKind.TURN] = "never turns so far"
+    texts[ConditionKind.DISPLACEMENT] = "never gets so far in a straight line"
+    told = " and ".join(dict.fromkeys(texts.get(part.kind, path) for part in condition.parts))
+    named = ",".join(f"{part.kind}={part.value:g}" for part in condition.parts)
+    one = "one pose of the estimate has a true pose, at least two are needed"
+    return f"condition {named}: {f'the drive {told}' if frames > 1 else one}"

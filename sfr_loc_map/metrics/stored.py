@@ -1,0 +1,57 @@
+"""Whether a stored score follows from its own figures and rules."""
+
+from __future__ import annotations
+
+from sfr_loc_map.metrics.judge import judged_again
+from sfr_loc_map.metrics.rules import hash_of
+from sfr_loc_map.metrics.score import Figure, Score, Verdict
+
+ROUNDING = 1e-9  #: Relative difference up to which a stored number is the derived one.
+
+
+def stored_contradiction(score: Score) -> str | None:
+    """Return what of a stored score does not follow from its figures and its rules; None if everything does."""
+    if score.rules is not None and score.rules.sha256 != hash_of(score.rules):
+        return "its limits are not those that it was judged by (rules.sha256)"
+    for row in score.figures:
+        if row.mean is None or row.sigma is None or row.mean_plus_3sigma is None:
+            continue
+        expected = abs(row.mean) + 3.0 * row.sigma
+        if abs(row.mean_plus_3sigma - expected) > ROUNDING * max(expected, 1e-300):
+            return f"mean_plus_3sigma of {label(row)} is {row.mean_plus_3sigma:.9g}, |mean| + 3 sigma is {expected:.9g}"
+    again = judged_again(score)
+    if again.figures != score.figures:
+        return "its tolerance bounds do not follow from its sub-trajectories"
+    if len(again.verdicts) != len(score.verdicts):
+        return f"it has {len(score.verdicts)} verdicts, from its figures and limits follow {len(again.verdicts)}"
+    for stored, derived in zip(score.verdicts, again.verdicts, strict=True):
+        for field in Verdict.__struct_fields__:
+            mine, theirs = getattr(stored, field), getattr(derived, field)
+            if mine != theirs and not _is_near(mine, theirs):
+                place = f"{json_name(field)} of the verdict on {stored.name}"
+                return f"{place} is {_text(mine)}, from the figures follows {_text(theirs)}"
+    for field in ("verdict", "incomplete"):
+        mine, theirs = getattr(score, field), getattr(again, field)
+        if mine != theirs:
+            return f"{field} is {_text(mine)}, from the figures follows {_text(theirs)}"
+    return None
+
+
+def json_name(field: str) -> str:
+    """Return the name of a field of a verdict in the JSON."""
+    return "verdict" if field == "state" else field
+
+
+def label(row: Figure) -> str:
+    """Return what names a row of the table."""
+    return " ".join(filter(None, (row.figure, row.condition, row.part)))
+
+
+def _is_near(mine: object, theirs: object) -> bool:
+    if not isinstance(mine, float | int) or not isinstance(theirs, float | int):
+        return False
+    return abs(mine - theirs) <= ROUNDING * max(abs(mine), abs(theirs))
+
+
+def _text(value: object) -> str:
+    return "null" if value is None else f"'{value}'" if isinstance(value, str) else f"{value}"
