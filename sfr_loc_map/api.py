@@ -21,7 +21,7 @@ from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task, hash_arrays
-from sfr_loc_map.io.cloud_file import LoadedCloud
+from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source, drive_of, panorama_of
 from sfr_loc_map.io.source_config import source_config

@@ -15,7 +15,7 @@ import pytest
 from sfr_loc_map import kernels
 from sfr_loc_map.child_process import child_environment
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.kernels import load_kernels
 
 Part = Callable[[Callable[[], object]], None]

@@ -8,14 +8,14 @@ import sfr_loc_map
 PACKAGE = Path(sfr_loc_map.__file__).parent
 NAME = PACKAGE.name
 FLOORS = (
-    {"__init__", "display", "errors", "inputs", "config", "jit", "kernels", "child_process", "signals"},
+    {"__init__", "atomic", "display", "errors", "inputs", "config", "jit", "kernels", "child_process", "signals"},
     {"geometry"},
     {"io", "localisation", "mapping", "metrics"},
-    {"methods", "report", "simulation"},
+    {"faults", "methods", "report", "simulation"},
     {"runs", "source_setup"},
     {"scoring"},
     {"doctor", "evidence"},
-    {"live", "suite"},
+    {"bench", "live", "suite"},
     {"nodes"},
     {"cli", "api"},
 )

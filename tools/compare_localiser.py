@@ -21,6 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sfr_loc_map.faults.kinds import parse_fault
+from sfr_loc_map.faults.source import FaultyLoc
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
@@ -29,8 +31,6 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.runs.offline import start_pose
-from sfr_loc_map.simulation.faults import parse_fault
-from sfr_loc_map.simulation.faulty_source import FaultyLoc
 
 PAIRS = 70  #: Pairs of a run with a fault.
 FAULTS = (

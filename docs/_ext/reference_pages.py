@@ -199,6 +199,7 @@ PACKAGES = (
     "report",
     "methods",
     "simulation",
+    "faults",
 )
 """Packages whose public names are described; those of the nodes need ROS and are explained in nodes.md."""
 

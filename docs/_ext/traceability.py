@@ -75,7 +75,7 @@ CLAUSES = (
         "Naming conventions",
         "`rbOriginPos_m_Ds` is the position of the origin of RB in DS; `att_q_DsToRb` turns components in DS into "
         "components in RB.",
-        ("geometry/transform.py", "geometry/trajectory.py", "io/trajectory_file.py"),
+        ("geometry/transform.py", "geometry/trajectory.py", "io/tables/trajectory_file.py"),
         "columns of `estimate.csv` and `groundtruth.csv`",
         "It is the conjugate of the orientation in a ROS message; both are converted in one place.",
         "components are turned, not the vector",

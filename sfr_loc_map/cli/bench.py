@@ -63,9 +63,9 @@ def localise(
     lenient: LenientOption = False,
 ) -> None:
     """Our localiser against a plain OpenCV one, ORB-SLAM3 (pyorbslam3) where installed, and any other method."""
+    from sfr_loc_map.bench.method_benchmark import compare_localisers, methods_to_compare
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.runs.offline import start_pose
-    from sfr_loc_map.suite.method_benchmark import compare_localisers, methods_to_compare
 
     propose("sfr localise SRC -o T.csv --stats S.csv --method NAME", why="one method, to score and compare")
     scoring = TrajectoryScoreConfig(conditions=tuple(condition or ["distance=5"]), spacing=spacing)
@@ -103,8 +103,8 @@ def map_(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Our mapper against OpenCV's semi-global matching, Pandora where installed, and any other method."""
+    from sfr_loc_map.bench.method_benchmark import compare_mappers, methods_to_compare
     from sfr_loc_map.io.sequence import panorama_of
-    from sfr_loc_map.suite.method_benchmark import compare_mappers, methods_to_compare
 
     propose("sfr map SRC -o C.ply --stats S.csv --method NAME", why="one method, to score and compare")
     check_outputs(json_path, inputs=(source, config), overwrite=overwrite)
@@ -138,8 +138,8 @@ def faults(
     remap: RemapOption = None,
 ) -> None:
     """Localiser on data with faults: errors beside stated sigmas; exit 1 if one is wrong and does not say so."""
+    from sfr_loc_map.bench.fault_benchmark import FAULTS, Honesty, benchmark_faults
     from sfr_loc_map.io.sequence import drive_of
-    from sfr_loc_map.suite.fault_benchmark import FAULTS, Honesty, benchmark_faults
 
     propose("sfr simulate DST --from SRC --fault KIND:amount=A", why="one fault alone, kept")
     check_outputs(json_path, inputs=(source, config), overwrite=overwrite)

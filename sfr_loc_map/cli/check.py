@@ -59,7 +59,7 @@ def check(
     from sfr_loc_map.evidence.check import check_drive, check_table, hat_table
     from sfr_loc_map.evidence.variants import Run, Variant
     from sfr_loc_map.io.sequence import drive_of
-    from sfr_loc_map.io.trajectory_file import read_trajectory_file
+    from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
     from sfr_loc_map.metrics.association import Estimates
     from sfr_loc_map.metrics.score_json import to_plain
 

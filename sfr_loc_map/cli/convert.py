@@ -23,7 +23,7 @@ from sfr_loc_map.cli.output import check_outputs, check_suffix, output_folder, p
 from sfr_loc_map.errors import ConfigError, InputError, naming
 
 CLOUDS = (".ply", ".pcd", ".npz")
-"""Endings of files of points; the same as `io.cloud_file.SUFFIXES`, which takes long to import."""
+"""Endings of files of points; the same as `io.clouds.cloud_file.SUFFIXES`, which takes long to import."""
 PAIRS = ".sfrp"
 
 
@@ -65,7 +65,7 @@ def convert(
     """
     from sfr_loc_map.io.convert import ConvertOptions, Layout
     from sfr_loc_map.io.convert import convert as run
-    from sfr_loc_map.io.trajectory_file import FILE_SUFFIXES, format_of_name
+    from sfr_loc_map.io.tables.trajectory_file import FILE_SUFFIXES, format_of_name
 
     layout = None if to is None else Layout(to)
     options = ConvertOptions(jpeg_quality, compression == "zstd", truth_grid, layout)
@@ -104,7 +104,7 @@ def convert(
 
 def _convert_cloud(source: Path, destination: Path, *, overwrite: bool) -> None:
     """Write a cloud in another format."""
-    from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
+    from sfr_loc_map.io.clouds.cloud_file import load_cloud, save_cloud
 
     check_suffix(destination, CLOUDS)
     check_outputs(destination, inputs=(source,), overwrite=overwrite)
@@ -122,7 +122,7 @@ def _convert_pairs(
     source: Path, destination: Path, remap: list[str] | None, config: Path | None, *, overwrite: bool
 ) -> None:
     """Write the pairs of a source for a target board; a drive with a truth starts at its first true pose."""
-    from sfr_loc_map.io.pairs_file import write_pairs
+    from sfr_loc_map.io.layouts.pairs_file import write_pairs
     from sfr_loc_map.runs.offline import start_pose
 
     check_outputs(destination, inputs=(source, config), overwrite=overwrite)
@@ -150,11 +150,11 @@ def _convert_trajectory(
     columns: str,
 ) -> None:
     """Write a trajectory, or the true one of a source, as a file of poses or as a folder or bag."""
-    from sfr_loc_map.io.bag_files import is_bag
+    from sfr_loc_map.io.bag.files import is_bag
     from sfr_loc_map.io.convert import convert_trajectory
     from sfr_loc_map.io.registry import read_truth
     from sfr_loc_map.io.source_config import source_config
-    from sfr_loc_map.io.trajectory_file import files_written, format_of_name, read_trajectory_file
+    from sfr_loc_map.io.tables.trajectory_file import files_written, format_of_name, read_trajectory_file
 
     to_file = format_of_name(destination) is not None
     if to_file:

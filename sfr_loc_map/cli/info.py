@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
+from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.doctor import FindingsReport
 from sfr_loc_map.cli.options import (
@@ -21,7 +22,6 @@ from sfr_loc_map.cli.options import (
 from sfr_loc_map.cli.output import check_outputs, progress_bar, say
 from sfr_loc_map.config import read_sections
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io.atomic import write_text
 
 if TYPE_CHECKING:
     from pathlib import Path

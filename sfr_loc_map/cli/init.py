@@ -8,12 +8,12 @@ from typing import Annotated, Any
 
 from typer import Argument, Option
 
+from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import CalibrationOption, OverwriteOption, RemapOption, SectionsOption, sections_of
 from sfr_loc_map.cli.output import check_outputs, make_folder, say
 from sfr_loc_map.config import to_yaml_lines
 from sfr_loc_map.errors import FailedVerdictError
-from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 

@@ -64,7 +64,7 @@ def localise(
 ) -> None:
     """Estimate the trajectory of a drive, with the same code as the node, or by another method."""
     from sfr_loc_map.io.sequence import drive_of
-    from sfr_loc_map.io.trajectory_file import FILE_SUFFIXES, files_written, save_trajectory
+    from sfr_loc_map.io.tables.trajectory_file import FILE_SUFFIXES, files_written, save_trajectory
     from sfr_loc_map.methods.registry import record_of_ours
     from sfr_loc_map.runs import offline
     from sfr_loc_map.runs.calls import save_stats

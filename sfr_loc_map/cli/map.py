@@ -66,7 +66,7 @@ def map_cloud(
     memory_limit: MemoryLimitOption = 4000,
 ) -> None:
     """Map up to three stereo pairs, with the same code as the node, or by another method."""
-    from sfr_loc_map.io.cloud_file import SUFFIXES
+    from sfr_loc_map.io.clouds.cloud_file import SUFFIXES
     from sfr_loc_map.io.sequence import panorama_of
     from sfr_loc_map.methods.registry import record_of_ours
     from sfr_loc_map.runs.calls import save_stats

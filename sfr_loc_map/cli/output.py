@@ -16,10 +16,10 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from sfr_loc_map.atomic import atomic_path, check_output, exchange, output_target, write_text
 from sfr_loc_map.cli.app import current_run, propose
 from sfr_loc_map.errors import OutputError, SfrError
 from sfr_loc_map.inputs import one_line, printable
-from sfr_loc_map.io.atomic import atomic_path, check_output, exchange, output_target, write_text
 
 if TYPE_CHECKING:
     from sfr_loc_map.report.tables import Table

@@ -250,7 +250,7 @@ def _node_under_test(
 
 def _first_pose(source: Source, start: str, offset_s: float) -> StartPose | None:
     """Return the pose that a drive starts at; None for the identity, and without a drive."""
-    from sfr_loc_map.io.message_stream import begin_of
+    from sfr_loc_map.io.bag.message_stream import begin_of
     from sfr_loc_map.runs.offline import start_pose
 
     if source.loc is None or start == "identity":

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
+from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import Align, JsonOption, LenientOption, OverwriteOption
 from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, show
 from sfr_loc_map.cli.verdict import conclude, not_judged
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, NotJudgedError
-from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.metrics.config import AlignedErrorConfig
 
 if TYPE_CHECKING:
@@ -201,10 +201,10 @@ def _compare_scores(paths: list[Path], scores: list[Score], page: Path | None, j
 def _compare_suites(folders: list[Path], page: Path | None, json_path: str | None) -> None:
     """Compare two suites over the drives that both have: better, worse, or no difference shown."""
     from sfr_loc_map.report.page import render_tables
-    from sfr_loc_map.suite.comparison import compare_suites
-    from sfr_loc_map.suite.store import Store
-    from sfr_loc_map.suite.summary import summarise
-    from sfr_loc_map.suite.tables import comparison_tables
+    from sfr_loc_map.suite.pages.tables import comparison_tables
+    from sfr_loc_map.suite.running.store import Store
+    from sfr_loc_map.suite.statistics.comparison import compare_suites
+    from sfr_loc_map.suite.statistics.summary import summarise
 
     if len(folders) != 2:
         what = "sfr suite report makes the page of one" if len(folders) == 1 else "sfr suite history takes several"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument, Option
 
+from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import (
     CONVENTION,
@@ -38,8 +39,7 @@ from sfr_loc_map.cli.output import HTML_SUFFIXES, STANDARD_OUTPUT, beside, check
 from sfr_loc_map.cli.verdict import conclude, not_judged
 from sfr_loc_map.config import build, flatten
 from sfr_loc_map.errors import ConfigError, FailedVerdictError
-from sfr_loc_map.io.atomic import write_text
-from sfr_loc_map.io.bag_files import is_bag
+from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.metrics.config import ScoreConfig, aligned_error_config
 
 if TYPE_CHECKING:
@@ -265,7 +265,7 @@ def _write_beside(
     result: Score, run: Run, config: ScoreConfig, junit: Path | None, points: Path | None, pieces: Path | None
 ) -> None:
     """Write the verdicts as JUnit XML and the tables of points and sub-trajectories, as far as they are asked for."""
-    from sfr_loc_map.io.table_file import save_table
+    from sfr_loc_map.io.tables.table_file import save_table
     from sfr_loc_map.metrics.cloud_error import points_table
     from sfr_loc_map.metrics.trajectory_score import pieces_table
     from sfr_loc_map.report.test_report import junit as junit_of

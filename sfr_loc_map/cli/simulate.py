@@ -13,8 +13,8 @@ from sfr_loc_map.cli.options import ConfigOption, OverwriteOption, RemapOption, 
 from sfr_loc_map.cli.output import output_folder, progress_bar, say
 from sfr_loc_map.config import build, flatten, load_yaml
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
+from sfr_loc_map.faults.kinds import FaultKind, parse_fault
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.simulation.faults import FaultKind, parse_fault
 
 FAULT_HELP = (
     "KIND, or KIND: and some of amount=A (its unit: docs/simulation.md), share=S of the pairs (0 to 1), burst=N pairs "
@@ -98,8 +98,8 @@ def _inject(
     overwrite: bool,
 ) -> None:
     """Write a copy of a source with faults."""
+    from sfr_loc_map.faults.source import faulty
     from sfr_loc_map.io.convert import EXACT, convert
-    from sfr_loc_map.simulation.faulty_source import faulty
 
     if not fault:
         raise ConfigError(f"no --fault given: name at least one of {', '.join(FaultKind)}")

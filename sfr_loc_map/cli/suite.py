@@ -11,22 +11,22 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
+from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import command_group, examples, propose
 from sfr_loc_map.cli.options import HtmlOption, JsonOption, LenientOption, OverwriteOption
 from sfr_loc_map.cli.output import HTML_SUFFIXES, STANDARD_OUTPUT, check_outputs, check_suffix, progress_bar, say, show
 from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, InterruptedRunError
 from sfr_loc_map.inputs import one_line
-from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.proof import words_of
 from sfr_loc_map.signals import hold
 
 if TYPE_CHECKING:
-    from sfr_loc_map.suite.job import Job
-    from sfr_loc_map.suite.specification import SuiteSettings
-    from sfr_loc_map.suite.store import Store
-    from sfr_loc_map.suite.summary import Summary
+    from sfr_loc_map.suite.running.job import Job
+    from sfr_loc_map.suite.running.specification import SuiteSettings
+    from sfr_loc_map.suite.running.store import Store
+    from sfr_loc_map.suite.statistics.summary import Summary
 
 app = command_group("Suites of runs: many sources, configurations and faults, resumed where they stopped.")
 
@@ -56,9 +56,9 @@ def run(
     lenient: LenientOption = False,
 ) -> None:
     """Run what is not done yet, on Dask (extra suite). After an interruption the same command continues."""
-    from sfr_loc_map.suite.plan import make_plan
-    from sfr_loc_map.suite.specification import load_specification
-    from sfr_loc_map.suite.store import Store
+    from sfr_loc_map.suite.running.plan import make_plan
+    from sfr_loc_map.suite.running.specification import load_specification
+    from sfr_loc_map.suite.running.store import Store
 
     propose("sfr", "suite", "report", out, why="its page again, from the results")
     check_outputs(json_path, junit, inputs=(suite,), overwrite=overwrite)
@@ -89,8 +89,8 @@ def run(
             interrupted = True
         finally:  # whatever ended it, the suite reports what it has
             hold()
-            from sfr_loc_map.suite.page import write_summary  # its imports take as long as all of the start
-            from sfr_loc_map.suite.summary import summarise
+            from sfr_loc_map.suite.pages.page import write_summary  # its imports take as long as all of the start
+            from sfr_loc_map.suite.statistics.summary import summarise
 
             summary = summarise(store)
             write_summary(summary, store)
@@ -102,8 +102,8 @@ def run(
 
 def _run_jobs(jobs: Sequence[Job], store: Store, settings: SuiteSettings, places: int, scheduler: str | None) -> None:
     """Run jobs and keep what comes of each; show a bar on a terminal, a line each elsewhere."""
-    from sfr_loc_map.suite.cluster import SuiteWorkers, connected, run_jobs
-    from sfr_loc_map.suite.summary import summarise
+    from sfr_loc_map.suite.running.cluster import SuiteWorkers, connected, run_jobs
+    from sfr_loc_map.suite.statistics.summary import summarise
 
     with ExitStack() as stack:
         bar = stack.enter_context(progress_bar("tasks"))
@@ -134,8 +134,8 @@ def report(
     lenient: LenientOption = False,
 ) -> None:
     """Write the report page again from the results that are there."""
-    from sfr_loc_map.suite.page import write_summary
-    from sfr_loc_map.suite.summary import summarise
+    from sfr_loc_map.suite.pages.page import write_summary
+    from sfr_loc_map.suite.statistics.summary import summarise
 
     propose("sfr report A B", why="against an earlier one")
     check_outputs(json_path, junit, inputs=(folder,), overwrite=overwrite)
@@ -159,8 +159,8 @@ def plan(
 ) -> None:
     """Say how many independent drives a requirement with a share and a confidence needs."""
     from sfr_loc_map.metrics.proof import terms_of
-    from sfr_loc_map.suite.drive_count import count_without_runs, drive_counts, plan_table
-    from sfr_loc_map.suite.summary import limits_of_store, summarise
+    from sfr_loc_map.suite.statistics.drive_count import count_without_runs, drive_counts, plan_table
+    from sfr_loc_map.suite.statistics.summary import limits_of_store, summarise
 
     check_outputs(json_path, overwrite=overwrite)
     asked = {"prob": prob, "confidence": confidence, "power": power, "good": good}
@@ -188,9 +188,9 @@ def history(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Find the nights at which figures changed, and the drives; exit code 1 if one is worse and stayed so."""
-    from sfr_loc_map.suite.history import Night, find_changes
-    from sfr_loc_map.suite.page import render_history
-    from sfr_loc_map.suite.tables import history_tables
+    from sfr_loc_map.suite.pages.page import render_history
+    from sfr_loc_map.suite.pages.tables import history_tables
+    from sfr_loc_map.suite.statistics.history import Night, find_changes
 
     propose("sfr report A B", why="two of these nights in full")
     check_suffix(html, HTML_SUFFIXES)
@@ -206,7 +206,7 @@ def history(
 
 
 def _open_store(folder: Path) -> Store:
-    from sfr_loc_map.suite.store import Store
+    from sfr_loc_map.suite.running.store import Store
 
     if not (folder / "plan.json").is_file():
         raise InputError(f"'{folder}' is not a folder of a suite: sought plan.json; give one made by sfr suite run")
@@ -217,8 +217,8 @@ def _present(
     summary: Summary, store: Store, json_path: str | None, junit: Path | None, mlflow: str | None, *, lenient: bool
 ) -> None:
     """Print the tables and say how it ended: raise an error if a limit was missed, a job failed, or is not judged."""
-    from sfr_loc_map.suite.export import log_to_mlflow, suite_junit
-    from sfr_loc_map.suite.tables import suite_tables
+    from sfr_loc_map.suite.pages.export import log_to_mlflow, suite_junit
+    from sfr_loc_map.suite.pages.tables import suite_tables
 
     if junit is not None:
         write_text(suite_junit(summary), junit)

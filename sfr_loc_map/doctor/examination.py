@@ -14,12 +14,12 @@ from sfr_loc_map.doctor.silence import Publisher, Reliability, silence_of
 from sfr_loc_map.doctor.transport import MUCH_LOST, loss_fix
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage, IntArray
+from sfr_loc_map.geometry.rectification import StereoRectifier, rectified_rig, rig_of_rectified
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import NS_PER_S, SIDES, stamp_of
-from sfr_loc_map.io.bag import COMPRESSED, IMAGE
-from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
-from sfr_loc_map.io.image_codec import SampleDepth, samples_of
-from sfr_loc_map.io.rectification import StereoRectifier, rectified_rig, rig_of_rectified
+from sfr_loc_map.io.bag.bag import COMPRESSED, IMAGE
+from sfr_loc_map.io.bag.sequence import RAW, RECTIFIED
+from sfr_loc_map.io.images.codec import SampleDepth, samples_of
 from sfr_loc_map.metrics.association import nearest_stamps
 
 VIDEO = {

@@ -12,7 +12,7 @@ from sfr_loc_map.doctor.examination import examine
 from sfr_loc_map.doctor.findings import Finding
 from sfr_loc_map.doctor.observation import Observation, observe_bag, observe_source
 from sfr_loc_map.errors import SfrError
-from sfr_loc_map.io.bag_files import is_bag
+from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.source_setup.proposal import propose_config
 

@@ -15,7 +15,7 @@ from sfr_loc_map.doctor.silence import Publisher, Reliability
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.inputs import SIDES
-from sfr_loc_map.io.bag import (
+from sfr_loc_map.io.bag.bag import (
     CAMERA_INFO,
     COMPRESSED,
     IMAGE,
@@ -27,8 +27,8 @@ from sfr_loc_map.io.bag import (
     Topic,
     read_extrinsics,
 )
-from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
-from sfr_loc_map.io.message_stream import messages_of
+from sfr_loc_map.io.bag.message_stream import messages_of
+from sfr_loc_map.io.bag.sequence import RAW, RECTIFIED
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
 

@@ -121,7 +121,7 @@ class PointCloud(Shown):
     @staticmethod
     def load(path: str | os.PathLike[str]) -> PointCloud:
         """Read a cloud file of the suite: .ply, .pcd or .npz."""
-        from sfr_loc_map.io.cloud_file import load_cloud
+        from sfr_loc_map.io.clouds.cloud_file import load_cloud
 
         found = load_cloud(Path(path)).cloud
         if found is None:
@@ -130,7 +130,7 @@ class PointCloud(Shown):
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the cloud: .ply, .pcd or .npz."""
-        from sfr_loc_map.io.cloud_file import save_cloud
+        from sfr_loc_map.io.clouds.cloud_file import save_cloud
 
         save_cloud(Path(path), self)
 

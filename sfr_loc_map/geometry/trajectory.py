@@ -110,13 +110,13 @@ class Trajectory(Shown):
     @staticmethod
     def load(path: str | os.PathLike[str]) -> Trajectory:
         """Read a file; the format is detected from the content: csv of the suite, TUM, KITTI, EuRoC."""
-        from sfr_loc_map.io.trajectory_file import read_trajectory_file
+        from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 
         return read_trajectory_file(Path(path)).trajectory
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a file; the name gives the format: `.csv`, `.txt` or `.tum`, `.kitti`, `.euroc.csv`."""
-        from sfr_loc_map.io.trajectory_file import save_trajectory
+        from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 
         save_trajectory(Path(path), self)
 

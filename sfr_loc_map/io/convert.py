@@ -10,15 +10,15 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.io.bag_writer import STORAGE_BY_SUFFIX, BagWriter
-from sfr_loc_map.io.euroc import EurocWriter
-from sfr_loc_map.io.folder import FolderWriter
-from sfr_loc_map.io.kitti import KittiWriter
+from sfr_loc_map.io.bag.writer import STORAGE_BY_SUFFIX, BagWriter
+from sfr_loc_map.io.layouts.euroc import EurocWriter
+from sfr_loc_map.io.layouts.folder import FolderWriter
+from sfr_loc_map.io.layouts.kitti import KittiWriter
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.trajectory_file import format_of_name, save_trajectory
+from sfr_loc_map.io.tables.trajectory_file import format_of_name, save_trajectory
 
 SourceWriter = BagWriter | FolderWriter | KittiWriter | EurocWriter
 Event = tuple[int, bool, Callable[..., None], tuple[Any, ...]]

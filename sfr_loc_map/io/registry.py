@@ -10,11 +10,11 @@ from typing import Any
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import check_regular, refusing
-from sfr_loc_map.io.bag_files import is_bag
-from sfr_loc_map.io.euroc import is_euroc, open_euroc
-from sfr_loc_map.io.folder import PLACES, open_folder
-from sfr_loc_map.io.image_folder import is_image_folder, open_image_folder
-from sfr_loc_map.io.kitti import is_kitti, open_kitti
+from sfr_loc_map.io.bag.files import is_bag
+from sfr_loc_map.io.layouts.euroc import is_euroc, open_euroc
+from sfr_loc_map.io.layouts.folder import PLACES, open_folder
+from sfr_loc_map.io.layouts.image_folder import is_image_folder, open_image_folder
+from sfr_loc_map.io.layouts.kitti import is_kitti, open_kitti
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig, source_config
 from sfr_loc_map.io.truth import TruthConfig, possible_truth, truth_of_file
@@ -23,7 +23,7 @@ Opener = Callable[[Path, SourceConfig], Source]
 
 
 def _open_bag(path: Path, config: SourceConfig) -> Source:
-    from sfr_loc_map.io.bag_sequence import open_bag  # the library of the bags is loaded for a bag only
+    from sfr_loc_map.io.bag.sequence import open_bag  # the library of the bags is loaded for a bag only
 
     return open_bag(path, config)
 

@@ -11,9 +11,9 @@ from typing import Any, get_type_hints
 from sfr_loc_map.config import SECTIONS, build, param, read_sections, suggestion
 from sfr_loc_map.errors import ConfigError, GeometryError, SfrError
 from sfr_loc_map.geometry.extrinsics import FramesConfig
+from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.bag_files import is_bag
-from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S
+from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.truth import TruthConfig
 
 NAME = "sfr.yaml"

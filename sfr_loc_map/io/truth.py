@@ -23,15 +23,15 @@ from sfr_loc_map.geometry.pose_checks import has_constant_attitude, possible_pos
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_rotate
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, refusing
-from sfr_loc_map.io.bag_files import is_bag
-from sfr_loc_map.io.bag_frames import chain_above, pose_row, read_frames, sampled, trajectory_of
-from sfr_loc_map.io.text_table import check_order
-from sfr_loc_map.io.topic_guess import is_own
-from sfr_loc_map.io.trajectory_file import CONFIGURED, read_trajectory_file
-from sfr_loc_map.io.true_poses import FIX, ODOMETRY, POINT, POSE, TRANSFORM, WITH_COVARIANCE, TruePoses
+from sfr_loc_map.io.bag.files import is_bag
+from sfr_loc_map.io.bag.frames import chain_above, pose_row, read_frames, sampled, trajectory_of
+from sfr_loc_map.io.bag.topic_guess import is_own
+from sfr_loc_map.io.bag.true_poses import FIX, ODOMETRY, POINT, POSE, TRANSFORM, WITH_COVARIANCE, TruePoses
+from sfr_loc_map.io.tables.text_table import check_order
+from sfr_loc_map.io.tables.trajectory_file import CONFIGURED, read_trajectory_file
 
 if TYPE_CHECKING:
-    from sfr_loc_map.io.bag import Bag, Topic
+    from sfr_loc_map.io.bag.bag import Bag, Topic
 
 _log = logging.getLogger(__name__)
 NO_LEVER = (0.0, 0.0, 0.0)
@@ -163,7 +163,7 @@ def truth_of_file(place: Path, config: TruthConfig = TruthConfig(), remap: Mappi
     """
     side = "truth"
     if is_bag(place):
-        from sfr_loc_map.io.bag import Bag
+        from sfr_loc_map.io.bag.bag import Bag
 
         bag = Bag(place, remap)
         if not config.source or bag.matches(config.source.strip("/")):
@@ -181,7 +181,7 @@ def truth_of_file(place: Path, config: TruthConfig = TruthConfig(), remap: Mappi
 
 def truth_of_bag(bag: Bag, config: TruthConfig = TruthConfig()) -> Truth:
     """Read the truth of an opened bag; InputError if it has none."""
-    from sfr_loc_map.io.bag import GROUND_TRUTH
+    from sfr_loc_map.io.bag.bag import GROUND_TRUTH
 
     if config.frame:
         return config.applied(_tf_poses(bag, config.frame), None, f"{bag.path}, frame {config.frame} on /tf")
@@ -217,7 +217,7 @@ Poses = tuple[Trajectory, FloatArray | None]
 
 
 def _with_covariances(bag: Bag, topic: Topic) -> Poses:
-    from sfr_loc_map.io.bag import read_odometry
+    from sfr_loc_map.io.bag.bag import read_odometry
 
     poses, covariances = read_odometry(bag, topic)
     return poses, np.diagonal(covariances, axis1=1, axis2=2)

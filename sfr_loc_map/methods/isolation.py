@@ -24,7 +24,7 @@ OWN_FILES = "SFR_METHOD_FILES"  #: Variable with more paths that methods may rea
 SYSTEM = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/sbin", "/etc", "/opt", "/nix", "/snap", "/sys")
 FACTS = ("cpuinfo", "meminfo", "stat", "version", "filesystems", "loadavg", "sys/kernel", "sys/vm", "driver")
 DEVICES = ("null", "zero", "full", "random", "urandom", "tty", "shm", "dri", "kfd", "nvidia*")
-KERNELS = "sfr_loc_map.methods.workers.numba_cache"
+KERNELS = "sfr_loc_map.methods.adapters.numba_cache"
 
 
 def rules_of(method: Method, folder: Path, memory_bytes: int, hidden: Sequence[Path]) -> dict[str, object]:

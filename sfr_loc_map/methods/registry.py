@@ -17,7 +17,7 @@ from sfr_loc_map.errors import ConfigError, MethodError
 from sfr_loc_map.inputs import Task, hash_path, read_text
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord
 
-WORKERS = Path(__file__).parent / "workers"
+WORKERS = Path(__file__).parent / "adapters"
 OURS, EXTERNAL = "sfr", "external"
 OURS_IN_TABLES = "ours"  #: Name of our method in the tables and files of a comparison.
 LIBRARY_PREFIX = "lib:"
@@ -42,7 +42,7 @@ class Method:
     name: str  # as it was chosen
     task: Task
     kind: MethodKind
-    worker: str  # its adapter in `workers/`; an absolute path stands for itself
+    worker: str  # its adapter in `adapters/`; an absolute path stands for itself
     target: str = ""  # what the adapter loads: `package.module:Class`, the path of a library
     config: str = ""  # text of its configuration
     background: bool = False  # works between calls: in a benchmark it runs alone, at the recording's rate

@@ -737,7 +737,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the JSON."""
-        from sfr_loc_map.io.atomic import write_text
+        from sfr_loc_map.atomic import write_text
 
         write_text(self.to_json(), Path(path))
 

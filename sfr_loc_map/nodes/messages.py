@@ -39,7 +39,7 @@ from sfr_loc_map.geometry.plausibility import MAX_VARIANCE, check_image_size, is
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import LOST_VARIANCE, refusing, stamp_of
-from sfr_loc_map.io.image_codec import JPEG_MAGIC, PNG_MAGIC, claimed_size, unread_codec
+from sfr_loc_map.io.images.codec import JPEG_MAGIC, PNG_MAGIC, claimed_size, unread_codec
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StepEstimate
 
 if TYPE_CHECKING:

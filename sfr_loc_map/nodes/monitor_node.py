@@ -26,10 +26,10 @@ from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.doctor.silence import Reliability, silence_of
 from sfr_loc_map.errors import InputError, MetricsError, SfrError
+from sfr_loc_map.geometry.rectification import rig_of_rectified
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, Side, Task, parse_json, stamp_of
-from sfr_loc_map.io.image_codec import points_image
-from sfr_loc_map.io.rectification import rig_of_rectified
-from sfr_loc_map.io.true_poses import ODOMETRY, TYPES, TruePoses
+from sfr_loc_map.io.bag.true_poses import ODOMETRY, TYPES, TruePoses
+from sfr_loc_map.io.images.codec import points_image
 from sfr_loc_map.io.truth import TrackedBody
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.catalogue import KINDS

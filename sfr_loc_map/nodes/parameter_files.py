@@ -12,10 +12,10 @@ from typing import Any
 
 import yaml
 
+from sfr_loc_map.atomic import write_text
 from sfr_loc_map.config import changed, read_config, read_sections, section, to_yaml_lines
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.inputs import Task
-from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig

@@ -13,10 +13,10 @@ from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
 from sfr_loc_map import __version__
+from sfr_loc_map.atomic import write_text
 from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
-from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState, label_of
 from sfr_loc_map.metrics.score import Score, Verdict

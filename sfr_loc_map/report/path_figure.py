@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sfr_loc_map.atomic import write_text
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, printable
-from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.metrics.aligned_error import aligned_poses
 from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.report.plots import COLORS, Plot, Trace, axis, error_scale, line, scaled, to_figure

@@ -15,12 +15,12 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, Task, read_table_text, refusing
-from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.io.text_table import parse_stamp_ns
+from sfr_loc_map.io.tables.text_table import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.calls import METHOD, Calls, CallUsage, concatenated, stacked, stage_of

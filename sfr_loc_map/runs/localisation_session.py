@@ -17,6 +17,7 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
+from sfr_loc_map.atomic import check_output
 from sfr_loc_map.errors import InputError, LocalisationError, OutputError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.plausibility import is_plausible_covariance
@@ -24,7 +25,6 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_bytes
-from sfr_loc_map.io.atomic import check_output
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser

@@ -13,12 +13,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.errors import ConfigError, OutputError
 from sfr_loc_map.geometry.arrays import ColourImage
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.io import geotiff
-from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.io.cloud_file import save_cloud
+from sfr_loc_map.io.clouds import geotiff
+from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.point_covariance import point_covariances

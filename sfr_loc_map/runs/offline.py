@@ -16,13 +16,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.errors import InputError, MappingError, OutputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.io.atomic import atomic_path
 from sfr_loc_map.io.sequence import LocSequence, NavSequence
 from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.localisation.config import LocalisationConfig

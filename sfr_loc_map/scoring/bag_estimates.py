@@ -9,8 +9,8 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.inputs import Task
-from sfr_loc_map.io.bag import ODOMETRY, STRING, Bag, Topic, read_odometry
-from sfr_loc_map.io.bag_frames import TF
+from sfr_loc_map.io.bag.bag import ODOMETRY, STRING, Bag, Topic, read_odometry
+from sfr_loc_map.io.bag.frames import TF
 from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.runs.calls import CallRecord, decode_call, stats_of
 

@@ -18,11 +18,11 @@ from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import read_text, refusing
-from sfr_loc_map.io.bag_files import is_bag
-from sfr_loc_map.io.cloud_file import LoadedCloud, load_cloud
+from sfr_loc_map.io.bag.files import is_bag
+from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import AS_IT_IS, SourceConfig, source_config
-from sfr_loc_map.io.trajectory_file import LoadedTrajectory, read_trajectory_file
+from sfr_loc_map.io.tables.trajectory_file import LoadedTrajectory, read_trajectory_file
 from sfr_loc_map.io.truth import possible_truth, truth_of_file
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.calls import KINDS

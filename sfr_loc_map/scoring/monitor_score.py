@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from sfr_loc_map.atomic import check_output, output_target, write_text
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, PointImage
 from sfr_loc_map.geometry.cloud import PointCloud
@@ -24,7 +25,6 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import JUMP_BACK_NS, MAX_JSON_BYTES, NS_PER_S, Task, parse_json, read_text
-from sfr_loc_map.io.atomic import check_output, output_target, write_text
 from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MAX_PAIRS

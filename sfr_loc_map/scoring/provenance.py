@@ -14,7 +14,7 @@ from sfr_loc_map import __version__  # whose `open_source` is loaded late: files
 from sfr_loc_map.config import flatten
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import COMMIT, hash_path
-from sfr_loc_map.io.bag_files import is_bag
+from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score import InputFile, Provenance
 from sfr_loc_map.scoring.run import IN_MEMORY, Run

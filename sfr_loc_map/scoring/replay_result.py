@@ -10,14 +10,14 @@ from types import MappingProxyType
 import numpy as np
 from msgspec.structs import replace as struct_replace
 
+from sfr_loc_map.atomic import write_text
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import Task, hash_arrays
-from sfr_loc_map.io.atomic import write_text
-from sfr_loc_map.io.cloud_file import LoadedCloud, save_cloud, save_points
+from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, save_cloud, save_points
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, lost_by_covariance

@@ -10,8 +10,8 @@ from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.cloud_file import SUFFIXES as CLOUD_SUFFIXES
-from sfr_loc_map.io.cloud_file import LoadedCloud
+from sfr_loc_map.io.clouds.cloud_file import SUFFIXES as CLOUD_SUFFIXES
+from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.cloud_error import PairTruth

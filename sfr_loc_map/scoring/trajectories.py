@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.bag import Bag
-from sfr_loc_map.io.bag_files import is_bag
+from sfr_loc_map.io.bag.bag import Bag
+from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.scoring.load import load_drive, load_estimates
 

@@ -1,7 +1,4 @@
-"""A ray-traced world like Mars: terrain, light, drive and sensor, with exact truth; faults for any recording.
-
-The faults (`faults`, `perturber`, `faulty_source`) change the pairs of a source and do not use the world.
-"""
+"""A ray-traced world like Mars: terrain, light, drive and sensor, with exact truth."""
 
 import lazy_loader
 

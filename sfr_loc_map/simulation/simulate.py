@@ -21,16 +21,16 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 
+from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.child_process import end_with_parent
 from sfr_loc_map.config import build, flatten, load_yaml
 from sfr_loc_map.errors import ConfigError, OutputError
 from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.inputs import SIDES, Task
-from sfr_loc_map.io.atomic import atomic_path
-from sfr_loc_map.io.bag_writer import STORAGE_BY_SUFFIX
-from sfr_loc_map.io.folder import LOC_COLUMNS, NAV_COLUMNS, TRUTH_COLUMN, rig_json
-from sfr_loc_map.io.image_codec import encode_png
-from sfr_loc_map.io.trajectory_file import trajectory_text
+from sfr_loc_map.io.bag.writer import STORAGE_BY_SUFFIX
+from sfr_loc_map.io.images.codec import encode_png
+from sfr_loc_map.io.layouts.folder import LOC_COLUMNS, NAV_COLUMNS, TRUTH_COLUMN, rig_json
+from sfr_loc_map.io.tables.trajectory_file import trajectory_text
 from sfr_loc_map.signals import deferred_signals
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.drive import Plan

@@ -10,8 +10,8 @@ import numpy as np
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.io.bag import Bag
-from sfr_loc_map.io.bag_files import is_bag
+from sfr_loc_map.io.bag.bag import Bag
+from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig

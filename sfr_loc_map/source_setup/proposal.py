@@ -12,15 +12,15 @@ import numpy as np
 from sfr_loc_map.config import flatten, yaml_text
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.extrinsics import COULD_BE
+from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S, below_half_period
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, SIDES
-from sfr_loc_map.io.bag import CAMERA_INFO, COMPRESSED, IMAGE, Bag, Topic, read_frame_tree
-from sfr_loc_map.io.bag_sequence import image_name
-from sfr_loc_map.io.image_codec import claimed_size
+from sfr_loc_map.io.bag.bag import CAMERA_INFO, COMPRESSED, IMAGE, Bag, Topic, read_frame_tree
+from sfr_loc_map.io.bag.sequence import image_name
+from sfr_loc_map.io.bag.topic_guess import SeenTopic, guess_topics, is_tracker
+from sfr_loc_map.io.images.codec import claimed_size
 from sfr_loc_map.io.registry import format_of, open_source
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, below_half_period
-from sfr_loc_map.io.topic_guess import SeenTopic, guess_topics, is_tracker
 from sfr_loc_map.io.truth import could_be_truth
 from sfr_loc_map.metrics.association import nearest_stamps
 

@@ -28,8 +28,8 @@ from campaigns.own_domain import in_own_domain
 from helpers.node_scenes import DRIVERS, params
 from helpers.processes import IMPORTS, ROOT, Peer
 from sfr_loc_map.child_process import child_environment
+from sfr_loc_map.geometry.camera_info import projection
 from sfr_loc_map.inputs import SIDES, stamp_of
-from sfr_loc_map.io.camera_info import projection
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.nodes.launch.environment import start_ros
 from sfr_loc_map.nodes.launch.processes import Supervisor

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sfr_loc_map.suite.figures import FigureKind
-from sfr_loc_map.suite.history import FALSE_ALARM_RATE, SCALES, changes_of
+from sfr_loc_map.suite.statistics.figures import FigureKind
+from sfr_loc_map.suite.statistics.history import FALSE_ALARM_RATE, SCALES, changes_of
 
 DRIVES = 45
 LENGTHS = {20: 13, 200: 100, 400: 300}  #: Night of the change by nights of the history.

@@ -16,7 +16,7 @@ from std_msgs.msg import String
 from helpers.node_scenes import raw
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.inputs import SIDES
-from sfr_loc_map.io import bag_messages
+from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.nodes.messages import header_msg
 
 NAN, HUGE = math.nan, 2**32 - 1

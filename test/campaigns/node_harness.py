@@ -33,7 +33,7 @@ from sfr_loc_map.errors import NodeError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, stamp_of
-from sfr_loc_map.io import bag_messages
+from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.nodes.diagnostics import TOPIC, Level, level_of
 from sfr_loc_map.nodes.launch.environment import start_ros
 from sfr_loc_map.nodes.launch.processes import ChildProcess, end_processes, node_process

@@ -15,15 +15,15 @@ from pathlib import Path
 
 import numpy as np
 
+from sfr_loc_map.bench.fault_benchmark import Honesty, StatedErrors, stated_errors
+from sfr_loc_map.faults.kinds import FaultKind, parse_fault
+from sfr_loc_map.faults.source import FaultyLoc
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.runs.offline import localise, start_pose
-from sfr_loc_map.simulation.faults import FaultKind, parse_fault
-from sfr_loc_map.simulation.faulty_source import FaultyLoc
-from sfr_loc_map.suite.fault_benchmark import Honesty, StatedErrors, stated_errors
 
 MAX_PAIRS = 100
 AMOUNTS = {

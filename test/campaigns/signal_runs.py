@@ -24,7 +24,7 @@ from campaigns.own_domain import in_own_domain
 from helpers.made_scene import write_folder
 from helpers.processes import ROOT, handles_signals
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.trajectory_file import read_trajectory_file
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 
 SFR = "from sfr_loc_map.cli.main import main; raise SystemExit(main())"
 MARK = "SFR_SIGNAL_RUN"

@@ -21,11 +21,11 @@ from distributed import WorkerPlugin
 
 from helpers.made_suites import JOB
 from sfr_loc_map.inputs import hash_path
-from sfr_loc_map.suite import job_run
-from sfr_loc_map.suite.cluster import SuiteWorkers, connected, run_jobs
-from sfr_loc_map.suite.digests import code_fingerprint
-from sfr_loc_map.suite.job import Job
-from sfr_loc_map.suite.specification import SuiteSettings
+from sfr_loc_map.suite.running import job_run
+from sfr_loc_map.suite.running.cluster import SuiteWorkers, connected, run_jobs
+from sfr_loc_map.suite.running.digests import code_fingerprint
+from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.specification import SuiteSettings
 
 WORKERS = 2
 

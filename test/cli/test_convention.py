@@ -15,7 +15,7 @@ from helpers.score_rows import number
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 
 WORLD = Transform(Rotation.from_euler("xyz", [0.4, -1.0, 2.0]).as_matrix(), np.array([4.0, -5.0, 6.0]))
 FIGURES = ("position", "attitude", "heading")

@@ -19,8 +19,8 @@ from helpers.processes import Process, wait_until
 from sfr_loc_map.doctor.examination import examine
 from sfr_loc_map.doctor.observation import Observation, ObservedTopic
 from sfr_loc_map.doctor.silence import Publisher, Reliability
-from sfr_loc_map.io import bag_messages
-from sfr_loc_map.io.bag import CAMERA_INFO, IMAGE
+from sfr_loc_map.io.bag import messages as bag_messages
+from sfr_loc_map.io.bag.bag import CAMERA_INFO, IMAGE
 
 Edit = broken.Edit
 RIGHT_INFO = "/loc/right/camera_info"

@@ -12,7 +12,7 @@ from helpers.cli_result import Sfr
 from sfr_loc_map.errors import ExitCode
 from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 
 SECOND_NS = 1_000_000_000
 CODES = Path(__file__).parents[2] / "docs" / "operating.md"

@@ -7,7 +7,7 @@ import pytest
 
 from helpers.broken_sources import good_folder
 from helpers.cli_result import Sfr
-from sfr_loc_map.io.cloud_file import load_cloud
+from sfr_loc_map.io.clouds.cloud_file import load_cloud
 
 rasterio = pytest.importorskip("rasterio", reason="extra dem")
 

@@ -12,7 +12,7 @@ import pytest
 from helpers import broken_sources as broken
 from helpers.cli_result import Sfr
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.trajectory_file import read_trajectory_file, save_trajectory
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
 
 MadeOnce = Callable[[Callable[[Path], Path]], Path]
 TUM = "".join(f"{t}.0 {0.5 * t} 0 0 0 0 0 1\n" for t in range(30))

@@ -18,7 +18,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.timeout(120), pytest.mark.usefixtures
 from rosbags.highlevel import AnyReader
 
 from helpers.processes import Process, wait_until
-from sfr_loc_map.io.bag import Bag
+from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.registry import open_source
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")

@@ -18,7 +18,7 @@ from helpers.cli_result import Sfr
 from helpers.made_scene import fill, loc_pair, write_folder
 from helpers.processes import Process, has_started_ros, nodes_of, segments_of, wait_until
 from helpers.score_rows import number, rows_about
-from sfr_loc_map.io.bag_writer import BagWriter
+from sfr_loc_map.io.bag.writer import BagWriter
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 

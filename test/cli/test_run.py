@@ -23,7 +23,7 @@ from helpers.made_scene import LOC_RIG, T_RB_LOCSB, loc_pair
 from helpers.node_scenes import MOUNT, raw, send_infos, send_pair
 from helpers.processes import Peer, Process, has_started_ros, nodes_of, segments_of, wait_until
 from sfr_loc_map.cli.main import main
-from sfr_loc_map.io import bag_messages
+from sfr_loc_map.io.bag import messages as bag_messages
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 

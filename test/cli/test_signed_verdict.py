@@ -23,9 +23,9 @@ from helpers.made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair
 from helpers.made_suites import made_suite
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.cloud_file import load_cloud, save_cloud
-from sfr_loc_map.io.folder import FolderWriter
-from sfr_loc_map.io.trajectory_file import read_trajectory_file, save_trajectory
+from sfr_loc_map.io.clouds.cloud_file import load_cloud, save_cloud
+from sfr_loc_map.io.layouts.folder import FolderWriter
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
 
 COUNT, PERIOD_NS, STEP_M = 401, 100_000_000, 0.15
 SKY_ROWS = 30  #: Uppermost rows of the made mapping pairs that see no surface.

@@ -16,7 +16,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.check import check_drive, check_table
 from sfr_loc_map.evidence.variants import PairsInMemory, Run
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.score import Score

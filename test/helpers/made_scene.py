@@ -11,8 +11,8 @@ import numpy as np
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.bag_writer import BagWriter
-from sfr_loc_map.io.folder import FolderWriter
+from sfr_loc_map.io.bag.writer import BagWriter
+from sfr_loc_map.io.layouts.folder import FolderWriter
 
 WIDTH, HEIGHT = 160, 120
 WALL_X_M = 3.0

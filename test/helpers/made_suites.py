@@ -11,9 +11,9 @@ import yaml
 
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.suite.job import Job, JobKind, JobSource, SourceKind
+from sfr_loc_map.suite.running.job import Job, JobKind, JobSource, SourceKind
 
 SFR = (sys.executable, "-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 MEASURED = ("timing", "memory")

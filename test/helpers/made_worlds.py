@@ -13,8 +13,8 @@ from sfr_loc_map.geometry.rotation import quat_normalised
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.bag_writer import BagWriter
-from sfr_loc_map.io.folder import FolderWriter
+from sfr_loc_map.io.bag.writer import BagWriter
+from sfr_loc_map.io.layouts.folder import FolderWriter
 from sfr_loc_map.io.sequence import Source
 
 START_NS = 1_700_000_000_000_000_001

@@ -10,8 +10,8 @@ from typing import Any
 from distributed import WorkerPlugin
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.suite import job_run
-from sfr_loc_map.suite.job import Job
+from sfr_loc_map.suite.running import job_run
+from sfr_loc_map.suite.running.job import Job
 
 
 def misbehave(job: Job, scratch: Path, cache: Path) -> Any:

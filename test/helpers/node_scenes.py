@@ -12,8 +12,8 @@ from stereo_msgs.msg import DisparityImage
 
 from helpers.made_scene import START_NS, T_RB_LOCSB
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.io import bag_messages
-from sfr_loc_map.io.bag import TYPESTORE
+from sfr_loc_map.io.bag import messages as bag_messages
+from sfr_loc_map.io.bag.bag import TYPESTORE
 
 if TYPE_CHECKING:
     from helpers.processes import Peer

@@ -19,11 +19,11 @@ from helpers.made_worlds import (
 )
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.inputs import hash_path
-from sfr_loc_map.io.bag import GROUND_TRUTH, Bag, read_trajectory
+from sfr_loc_map.io.bag.bag import GROUND_TRUTH, Bag, read_trajectory
 from sfr_loc_map.io.convert import ConvertOptions, Layout, convert, convert_trajectory
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import LocSequence
-from sfr_loc_map.io.trajectory_file import read_trajectory_file
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 
 
 @pytest.fixture

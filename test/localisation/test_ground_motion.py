@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 
 from helpers.loc_drive import drive, noisy, run
 from helpers.made_scene import LOC_RIG, true_pose
+from sfr_loc_map.bench.fault_benchmark import Honesty, stated_errors
+from sfr_loc_map.faults.injector import Perturber
+from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.registry import open_source
@@ -26,9 +29,6 @@ from sfr_loc_map.localisation.ground_evidence import OLD_WEIGHT, Evidence
 from sfr_loc_map.localisation.ground_memory import AGREEING_PAIRS, LONG_DOUBT_PAIRS, Confidence, Phase
 from sfr_loc_map.localisation.ground_motion import EFFECTS, FIRST_CASES, ONE_MOTION_CASES, TWO_MOTION_CASES, Case
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.simulation.faults import parse_fault
-from sfr_loc_map.simulation.perturber import Perturber
-from sfr_loc_map.suite.fault_benchmark import Honesty, stated_errors
 
 SAMPLE, PAIRS = Path(__file__).parents[2] / "sample" / "sample.mcap", 14
 

@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from sfr_loc_map.faults.kinds import parse_fault
+from sfr_loc_map.faults.source import FaultyLoc
 from sfr_loc_map.geometry.rotation import matrix_from_quat, matrix_from_rotvec, rotvec_from_matrix
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.simulation.faults import parse_fault
-from sfr_loc_map.simulation.faulty_source import FaultyLoc
 
 SAMPLE, PAIRS = Path(__file__).parents[2] / "sample" / "sample.mcap", 110
 GYRO_RAD_S, BIAS_RAD_S = 2e-4, 1e-3  #: Noise of a gyro in each interval, and its constant error.

@@ -11,6 +11,7 @@ from helpers.cli_result import Sfr
 from helpers.made_scene import LOC_RIG, NAV_RIG, loc_pair, nav_pair, true_pose
 from helpers.score_rows import number
 from sfr_loc_map import __version__
+from sfr_loc_map.bench.method_benchmark import methods_to_compare
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
@@ -23,7 +24,6 @@ from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import MethodLimits, find_method
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord
 from sfr_loc_map.runs.offline import localise, map_pairs, map_pairs_with
-from sfr_loc_map.suite.method_benchmark import methods_to_compare
 
 ROOT = Path(__file__).resolve().parents[2]
 TAKEN = {"stated_s", "cpu_s", "cpu_between_s", "threads", "processes"}  #: Seen from outside the process.

@@ -11,6 +11,7 @@ import pytest
 from helpers.cli_result import Sfr
 from helpers.made_scene import LOC_RIG, loc_pair
 from helpers.score_rows import number
+from sfr_loc_map.bench.method_benchmark import LIMITS, PassInput, compare_localisers, run_pass
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
@@ -23,7 +24,6 @@ from sfr_loc_map.methods.registry import OURS_IN_TABLES, Method
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import MethodKind
 from sfr_loc_map.runs.offline import start_pose
-from sfr_loc_map.suite.method_benchmark import LIMITS, PassInput, compare_localisers, run_pass
 
 SCORING = TrajectoryScoreConfig(conditions=("frames=3",), spacing=2)
 METHOD = """

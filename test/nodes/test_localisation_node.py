@@ -22,12 +22,12 @@ from helpers.node_scenes import MOUNT, calls, params, raw, send_infos, send_pair
 from helpers.peers import Capture, LocalNode, Manager, localised
 from helpers.processes import Peer
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.rectification import rectified_rig, rig_of_rectified
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, Task, stamp_of
-from sfr_loc_map.io import bag_messages
-from sfr_loc_map.io.image_codec import encode_png
-from sfr_loc_map.io.rectification import rectified_rig, rig_of_rectified
+from sfr_loc_map.io.bag import messages as bag_messages
+from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks

@@ -13,7 +13,7 @@ from helpers.node_scenes import calls, disparity_of, params, raw, send_infos, se
 from helpers.peers import Capture, LocalNode, Manager
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.inputs import stamp_of
-from sfr_loc_map.io import bag_messages
+from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.mapping.config import MappingConfig, TerrainConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.mapping.terrain.grid import elevation_grid

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
+from sfr_loc_map.geometry.stamp_pairing import StampPairing, match_stamps
 from sfr_loc_map.geometry.stamped_poses import ThinnedPath
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.stamp_pairing import StampPairing, match_stamps
 from sfr_loc_map.nodes.reception import LEAP_NS, AnyOrder, RunOrder, TransportGaps
 
 S, MS = 1_000_000_000, 1_000_000

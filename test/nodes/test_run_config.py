@@ -12,7 +12,7 @@ from helpers.made_scene import write_bag
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.inputs import SIDES
-from sfr_loc_map.io.bag import TYPESTORE
+from sfr_loc_map.io.bag.bag import TYPESTORE
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
 from sfr_loc_map.nodes.mapping_node import MappingNodeConfig

@@ -29,7 +29,7 @@ from helpers.score_rows import number
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Side, stamp_of
-from sfr_loc_map.io import bag_messages
+from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.source_config import ExtrinsicsConfig
 from sfr_loc_map.nodes.diagnostics import Level
 from sfr_loc_map.nodes.extrinsics import Extrinsics, add_static_transforms

@@ -25,9 +25,9 @@ from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.score_tables import score_markdown, score_tables, summary_tables
 from sfr_loc_map.report.tables import Table, to_csv, to_rich
 from sfr_loc_map.report.test_report import junit, render_test_report
-from sfr_loc_map.suite.figures import figures_of
-from sfr_loc_map.suite.summary import ScoredJob, pool
-from sfr_loc_map.suite.tables import result_table
+from sfr_loc_map.suite.pages.tables import result_table
+from sfr_loc_map.suite.statistics.figures import figures_of
+from sfr_loc_map.suite.statistics.summary import ScoredJob, pool
 
 SLIP = FigureKind(
     "slip", Subject.TRAJECTORY, "4.2.3.1", "m", "slip error", shown=OF_ERRORS, compared=(TOTAL,), topic="slip"

@@ -15,7 +15,7 @@ from helpers.score_rows import number
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.cloud_file import save_cloud
+from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.mapping.config import MappingConfig

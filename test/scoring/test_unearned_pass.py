@@ -14,8 +14,8 @@ from helpers.cli_result import Sfr
 from helpers.made_scene import NAV_RIG, nav_pair, write_folder
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.cloud_file import save_cloud
-from sfr_loc_map.io.trajectory_file import save_trajectory
+from sfr_loc_map.io.clouds.cloud_file import save_cloud
+from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.judge import judged
 from sfr_loc_map.metrics.score_json import from_json, to_json
 

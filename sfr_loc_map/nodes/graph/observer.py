@@ -30,7 +30,7 @@ from sfr_loc_map.errors import NodeError
 from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME
 from sfr_loc_map.geometry.transform import FrameTree
 from sfr_loc_map.inputs import NS_PER_S, stamp_of
-from sfr_loc_map.io.bag_sequence import RAW, RECTIFIED
+from sfr_loc_map.io.bag.sequence import RAW, RECTIFIED
 from sfr_loc_map.nodes.extrinsics import TF_STATIC, add_static_transforms
 from sfr_loc_map.nodes.graph.peer import POLL_S, Peer
 from sfr_loc_map.nodes.graph.publishers import node_of, publishers_of, reliability_of

@@ -16,8 +16,8 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from sfr_loc_map.doctor.silence import silence_of
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.inputs import SIDES
-from sfr_loc_map.io.bag import TYPESTORE
-from sfr_loc_map.io.bag_writer import BagRecorder
+from sfr_loc_map.io.bag.bag import TYPESTORE
+from sfr_loc_map.io.bag.writer import BagRecorder
 from sfr_loc_map.nodes.graph.peer import Peer
 from sfr_loc_map.nodes.graph.publishers import publishers_of
 from sfr_loc_map.nodes.messages import message_type

@@ -16,9 +16,9 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
+from sfr_loc_map.atomic import write_text
 from sfr_loc_map.child_process import child_environment, end_with_parent
 from sfr_loc_map.errors import ConfigError, NodeError
-from sfr_loc_map.io.atomic import write_text
 from sfr_loc_map.nodes.launch import environment
 from sfr_loc_map.signals import END_SIGNALS, hold, stopping
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import time
 
+from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S, WAITING, StampPairing
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.io.message_stream import POSE_TOPIC, Message
-from sfr_loc_map.io.stamp_pairing import STAMP_TOLERANCE_S, WAITING, StampPairing
+from sfr_loc_map.io.bag.message_stream import POSE_TOPIC, Message
 from sfr_loc_map.nodes.pose_matching import PoseMatching
 
 

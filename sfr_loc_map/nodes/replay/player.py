@@ -11,7 +11,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
-from sfr_loc_map.io.message_stream import Message
+from sfr_loc_map.io.bag.message_stream import Message
 from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.nodes.graph.peer import POLL_S
 from sfr_loc_map.nodes.messages import header_msg, message_type, pose_msg

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from sfr_loc_map import signals
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.io import message_stream
+from sfr_loc_map.io.bag import message_stream
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.completeness import MISSING_SHARE
 from sfr_loc_map.nodes.extrinsics import publish_extrinsics

@@ -24,7 +24,7 @@ from std_msgs.msg import String
 
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Task, serialised_stamp
-from sfr_loc_map.io.image_codec import SampleDepth, samples_of
+from sfr_loc_map.io.images.codec import SampleDepth, samples_of
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages

@@ -17,9 +17,9 @@ from helpers.cli_result import Sfr
 from helpers.score_rows import number
 from sfr_loc_map.doctor.examination import examine
 from sfr_loc_map.doctor.observation import EXPECTED, TASK_OF_NODE, Observation, ObservedNode, ObservedTopic
-from sfr_loc_map.io.bag import IMAGE
+from sfr_loc_map.io.bag.bag import IMAGE
+from sfr_loc_map.io.bag.topic_guess import is_own
 from sfr_loc_map.io.source_config import NAME
-from sfr_loc_map.io.topic_guess import is_own
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.limits import load_limits
 

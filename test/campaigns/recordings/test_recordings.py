@@ -12,9 +12,9 @@ from campaigns.recordings.rows import ROWS, Made
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import FrameTree, Transform
+from sfr_loc_map.io.bag.true_poses import enu_m
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig, source_config
-from sfr_loc_map.io.true_poses import enu_m
 from sfr_loc_map.source_setup.proposal import propose_config
 
 

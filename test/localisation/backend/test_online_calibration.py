@@ -6,13 +6,13 @@ import pytest
 
 from helpers.loc_drive import drive, run
 from helpers.made_scene import LOC_RIG, PERIOD_NS, START_NS, true_pose
+from sfr_loc_map.bench.fault_benchmark import error_and_sigma
+from sfr_loc_map.faults.injector import Perturber
+from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.estimate import StateReason, TrackingState
-from sfr_loc_map.simulation.faults import parse_fault
-from sfr_loc_map.simulation.perturber import Perturber
-from sfr_loc_map.suite.fault_benchmark import error_and_sigma
 
 CAMERA = StereoCamera(400.0, 400.0, 256.0, 256.0, 0.15)
 

@@ -8,7 +8,7 @@ import pytest
 from helpers.node_scenes import sent
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.io import bag_messages
+from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import CloudSample, ElevationSample
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel

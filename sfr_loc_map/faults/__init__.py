@@ -1,0 +1,5 @@
+"""Faults that are injected into the stereo pairs of any source."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

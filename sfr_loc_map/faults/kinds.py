@@ -1,0 +1,149 @@
+"""Kinds of fault that are injected into stereo pairs: failures of cameras, clocks, calibrations and of the view.
+
+All that is known of a kind is declared here, once; the function that changes a pair stands in `injector.CHANGES`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, NamedTuple, Self
+
+from sfr_loc_map.errors import ConfigError
+
+
+class KindInfo(NamedTuple):
+    """Effect of a kind of fault, the defaults of its `Fault`, and the limits of what a user may give."""
+
+    amount: float
+    effect: str
+    share: float = 0.1
+    burst: int = 1
+    start: int = 1
+    largest: float = 1000.0  #: Largest amount.
+    is_signed: bool = False  #: Whether the amount may be negative.
+    affects_all_pairs: bool = False  #: Whether share, burst and start are without effect.
+    affects_one_camera: bool = False  #: Whether `camera` chooses the images that change.
+    has_complete_bursts: bool = False  #: Whether a burst begins only if it can end within the sequence.
+
+
+_ONE_CAMERA: dict[str, Any] = {"affects_one_camera": True}
+_SHARE: dict[str, Any] = {"largest": 1.0, **_ONE_CAMERA}  # the amount is a share of the image
+_FIXED: dict[str, Any] = {"share": 1.0, "start": 0, **_SHARE}  # a part of the view, in all pairs of a drive
+_EPISODE: dict[str, Any] = {"burst": 20, "has_complete_bursts": True}
+_ALL_PAIRS: dict[str, Any] = {"share": 1.0, "start": 0, "affects_all_pairs": True}
+_ROTATION: dict[str, Any] = {"largest": 45.0, "is_signed": True, **_ALL_PAIRS}
+
+
+class FaultKind(StrEnum):
+    """Kinds of fault; `info` says what each does."""
+
+    info: KindInfo
+
+    def __new__(cls, word: str, info: KindInfo) -> Self:
+        """Make a kind that is equal to its word."""
+        kind = str.__new__(cls, word)
+        kind._value_, kind.info = word, info
+        return kind
+
+    DROPPED = "dropped", KindInfo(0.0, "the pair is missing")
+    REPEATED = "repeated", KindInfo(0.0, "the pair repeats the previous images")
+    SWAPPED = "swapped", KindInfo(0.0, "left and right images are swapped")
+    IDENTICAL = "identical", KindInfo(0.0, "the right image is the left one")
+    FROZEN = (
+        "frozen",
+        KindInfo(1.0, "the images stay as they were, with new noise of AMOUNT grey levels", burst=5, **_ONE_CAMERA),
+    )
+    TORN = "torn", KindInfo(0.5, "the lower AMOUNT of the image is that of the pair before", **_SHARE)
+    GHOST = "ghost", KindInfo(0.5, "AMOUNT of the image is that of the pair before, as by a slow shutter", **_SHARE)
+    INTERLACED = "interlaced", KindInfo(0.0, "every second row is that of the pair before", **_ONE_CAMERA)
+    BLACK = "black", KindInfo(0.0, "the image is black", **_ONE_CAMERA)
+    START = "start", KindInfo(5.0, "the first AMOUNT pairs are black", 1.0, start=0, largest=1e9, **_ONE_CAMERA)
+    FADE = (
+        "fade",
+        KindInfo(0.0, "slow blackout: over `burst` pairs the image turns black and back", **_EPISODE, **_ONE_CAMERA),
+    )
+    BLINDED = "blinded", KindInfo(1.0, "glare: AMOUNT of the image width is saturated around a point", **_ONE_CAMERA)
+    SATURATION = "saturation", KindInfo(0.5, "overexposed: AMOUNT of the image is clipped", **_SHARE)
+    LATE = "late", KindInfo(0.2, "the stamp is AMOUNT s late, but before that of the next pair", largest=1e6)
+    BLURRED = "blurred", KindInfo(2.5, "Gaussian blur of AMOUNT px", largest=50.0, **_ONE_CAMERA)
+    NOISY = "noisy", KindInfo(10.0, "noise of AMOUNT grey levels", **_ONE_CAMERA)
+    EXPOSURE = "exposure", KindInfo(0.5, "brightness times AMOUNT", **_ONE_CAMERA)
+    SHEAR = (
+        "shear",
+        KindInfo(1.0, "rows are sheared by AMOUNT px, to a random side, as by a rolling shutter", **_ONE_CAMERA),
+    )
+    BODY = "body", KindInfo(0.3, "own body: fixed texture in the bottom AMOUNT of the image", **_FIXED)
+    OBJECT = (
+        "object",
+        KindInfo(0.3, "an object of AMOUNT of the image crosses over `burst` pairs", **_EPISODE, **_SHARE),
+    )
+    ARM = (
+        "arm",
+        KindInfo(0.4, "an arm over AMOUNT of the image comes in slowly over `burst` pairs", **_EPISODE, **_SHARE),
+    )
+    TEXTURE = "texture", KindInfo(0.6, "a texture moves sideways in the bottom AMOUNT of the image", **_FIXED)
+    REFLECTION = "reflection", KindInfo(0.5, "a fixed reflection of the rover has AMOUNT of the light", **_FIXED)
+    SCRATCH = "scratch", KindInfo(0.3, "a scratched window: fixed lines over AMOUNT of the image", **_FIXED)
+    DIRT = "dirt", KindInfo(0.1, "dirt on the lenses: fixed spots on AMOUNT of the image", **_FIXED)
+    SHADOW = "shadow", KindInfo(0.2, "own shadow: a fixed dark region, AMOUNT of the image", **_FIXED)
+    FOCAL = "focal", KindInfo(1.01, "calibration: focal length in the rig file times AMOUNT", **_ALL_PAIRS)
+    BASELINE = "baseline", KindInfo(1.01, "calibration: baseline in the rig file times AMOUNT", **_ALL_PAIRS)
+    ROLL = "roll", KindInfo(0.2, "the right image is rotated by AMOUNT deg about its axis", **_ROTATION)
+    PITCH = "pitch", KindInfo(0.1, "the right camera looks AMOUNT deg down", **_ROTATION)
+    YAW = "yaw", KindInfo(0.1, "the right camera looks AMOUNT deg to the left", **_ROTATION)
+    DRIFT = "drift", KindInfo(0.3, "the right camera turns AMOUNT deg to the left in 100 pairs", **_ROTATION)
+    SHIFT = "shift", KindInfo(3.0, "the right image is AMOUNT px to the right", is_signed=True, **_ALL_PAIRS)
+    CLOCK = (
+        "clock",
+        KindInfo(
+            0.1, "all stamps are AMOUNT s late against the ground truth", largest=1e9, is_signed=True, **_ALL_PAIRS
+        ),
+    )
+
+
+CAMERAS = ("both", "left", "right")
+MAX_PAIRS = 10**9  #: Of a burst, and of what comes before the first.
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One kind of fault and which pairs it affects."""
+
+    kind: FaultKind  #: What it does.
+    amount: float  #: How strong, in the unit of the kind.
+    share: float = 0.1  #: Share of pairs that are affected; faults of rotation, clock and rig affect all.
+    burst: int = 1  #: Consecutive pairs that are affected.
+    start: int = 1  #: First pair that may be affected.
+    camera: str = "both"  #: `both`, `left` or `right`, for faults of images.
+
+
+def parse_fault(text: str) -> Fault:
+    """Return the fault of a text `KIND[:name=value,...]`, as `blurred:share=0.2`; ConfigError if it is none."""
+    name, _, rest = text.partition(":")
+    kind = next((kind for kind in FaultKind if kind == name), None)
+    if kind is None:
+        raise ConfigError(f"fault '{text}': '{name}' is unknown; one of {', '.join(FaultKind)} is needed")
+    info = kind.info
+    values: dict[str, float | int | str] = {"kind": kind, "amount": info.amount, "share": info.share}
+    values |= {"burst": info.burst, "start": info.start}
+    types = {"amount": float, "share": float, "burst": int, "start": int, "camera": str}
+    for item in filter(None, rest.split(",")):
+        name, _, value = item.partition("=")
+        try:
+            values[name] = types[name](value)
+        except (KeyError, ValueError) as error:
+            known = ", ".join(types)
+            raise ConfigError(f"fault '{text}': '{item}' must be NAME=VALUE with a name of {known}") from error
+    fault = Fault(**values)  # type: ignore[arg-type]
+    if not (0 <= fault.share <= 1 and 1 <= fault.burst <= MAX_PAIRS and 0 <= fault.start <= MAX_PAIRS):
+        raise ConfigError(
+            f"fault '{text}': share must lie in 0 .. 1, burst in 1 .. {MAX_PAIRS}, start in 0 .. {MAX_PAIRS}"
+        )
+    if fault.camera not in CAMERAS:
+        raise ConfigError(f"fault '{text}': camera must be one of {', '.join(CAMERAS)}")
+    high = kind.info.largest
+    low = -high if kind.info.is_signed else 0.0
+    if not low <= fault.amount <= high:
+        raise ConfigError(f"fault '{text}': amount must lie in {low:g} .. {high:g}: {kind.info.effect}")
+    return fault

@@ -1,0 +1,71 @@
+"""A source with injected faults, made as it is read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.faults.injector import Perturber
+from sfr_loc_map.faults.kinds import Fault
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
+
+S = TypeVar("S", LocSequence, NavSequence)
+
+
+def faulty(source: Source, faults: Sequence[Fault], seed: int = 0) -> Source:
+    """Return a source with injected faults, made as it is read; itself where there is none."""
+    if not faults:
+        return source
+    loc = None if source.loc is None else FaultyLoc(source.loc, faults, seed)
+    nav = None if source.nav is None else FaultyNav(source.nav, faults, seed + 1)
+    for part in (loc, nav):
+        if part is not None and len(part) == 0:
+            raise InputError(f"the faults leave no pair of '{source.path}': give a smaller share of 'dropped'")
+    return Source(source.path, source.format, loc, nav)
+
+
+class _Faulty(Generic[S]):
+    """Pairs with injected faults; the same seed affects the same ones."""
+
+    def __init__(self, inner: S, faults: Sequence[Fault], seed: int) -> None:
+        self._inner: S = inner
+        self._perturber = Perturber(faults, seed, len(inner), inner.rig)
+        self.rig = self._perturber.rig
+
+    def __len__(self) -> int:
+        return int(np.count_nonzero(self._perturber.kept))
+
+
+class FaultyLoc(_Faulty[LocSequence]):
+    """A drive with injected faults; a `LocSequence` with the ground truth of the drive without."""
+
+    @property
+    def stamps_ns(self) -> Sequence[int]:
+        """Stamps of the pairs that the faults leave."""
+        return [int(stamp) for stamp in np.asarray(self._inner.stamps_ns)[self._perturber.kept]]
+
+    @property
+    def ground_truth(self) -> Trajectory | None:
+        """Ground truth of the drive."""
+        return self._inner.ground_truth
+
+    def pairs(self) -> Iterator[StereoPair]:
+        """Yield the pairs with their faults."""
+        for _, pair in self._perturber.pairs(self._inner.pairs()):
+            yield pair
+
+
+class FaultyNav(_Faulty[NavSequence]):
+    """Mapping pairs with injected faults; a `NavSequence` with the poses and the truth of the pairs without."""
+
+    def pairs(self) -> Iterator[PosedStereoPair]:
+        """Yield the pairs with their faults."""
+        items = list(self._inner.pairs())  # of a map, so they are few
+        for index, pair in self._perturber.pairs(item.pair for item in items):
+            yield replace(items[index], pair=pair)

@@ -1,0 +1,291 @@
+"""Bags of ROS 2 (sqlite3 and mcap) and of ROS 1, read as a stream and opened for each pass: topics, messages, poses."""
+
+from __future__ import annotations
+
+import difflib
+import heapq
+import logging
+import struct
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from copy import copy
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.typesys import Stores, get_typestore
+
+from sfr_loc_map.errors import ConfigError, InputError, SfrError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.extrinsics import RigInBody, rig_in_body
+from sfr_loc_map.geometry.plausibility import check_extrinsics, plausible_positions, plausible_quats
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import FrameTree, Transform
+from sfr_loc_map.inputs import NS_PER_S, SIDES, parse_json, refusing, serialised_stamp
+from sfr_loc_map.io.bag.encoding import readable
+from sfr_loc_map.io.bag.files import is_unfinished, reader_paths
+from sfr_loc_map.io.bag.frames import TF, pose_row, trajectory_of
+from sfr_loc_map.io.bag.readers import BagReader, reader_of
+from sfr_loc_map.io.tables.text_table import check_order
+
+TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
+IMAGE = "sensor_msgs/msg/Image"
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+POSE = "geometry_msgs/msg/PoseStamped"
+ODOMETRY = "nav_msgs/msg/Odometry"
+POINTS = "sensor_msgs/msg/PointCloud2"
+STRING = "std_msgs/msg/String"
+GROUND_TRUTH = "ground_truth/odometry"
+CONFIGURATION = "localisation/configuration"
+_OF_CAMERA = ("image_rect", "image_rect/compressed", "image_raw", "image_raw/compressed", "camera_info")
+TOPICS_READ = (
+    *(f"{task}/{side}/{name}" for task in ("loc", "nav") for side in SIDES for name in _OF_CAMERA),
+    *("nav/pose", "joint_states", "localisation/odometry", GROUND_TRUTH, "ground_truth/points", "tf", "tf_static"),
+)
+"""Names of the topics that are read from a bag, within any one namespace."""
+STAMPED = {IMAGE, COMPRESSED, CAMERA_INFO, POSE, ODOMETRY, POINTS, "stereo_msgs/msg/DisparityImage"}
+"""Types whose first field is a header."""
+HEADER_FIRST = STAMPED | {
+    *(f"geometry_msgs/msg/{name}Stamped" for name in ("Pose", "PoseWithCovariance", "Point", "Transform")),
+    *("sensor_msgs/msg/NavSatFix", "sensor_msgs/msg/JointState"),
+}
+"""Types whose header takes the time of recording, if the bag is read by it."""
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A topic of a bag: its relative name in the suite (`loc/left/image_rect`), its name in the bag, its type."""
+
+    name: str
+    bag_name: str
+    msgtype: str
+
+
+@cache
+def _warn_unfinished(path: Path) -> None:
+    _log.warning("bag '%s' was not finished: it is read up to its last whole part", path)
+
+
+class Bag:
+    """A bag, and its `topics` by name; `unfinished` where its recording broke off: what was written whole is read."""
+
+    def __init__(self, path: Path, remap: Mapping[str, str] | None = None, stamps: str = "header") -> None:
+        """Read the topics of a folder or file (.mcap, .db3, .bag of ROS 1); `remap`: new names by those in the bag.
+
+        `stamps`: "header", or "record" for messages whose headers get the time at which they were recorded.
+        """
+        self.path = path
+        self._by_record = stamps == "record"
+        self._files = reader_paths(path)
+        self.unfinished = any(is_unfinished(file) for file in self._files if file.is_file())
+        if self.unfinished:
+            _warn_unfinished(path)
+        with self._reading() as readers:
+            connections = readable([c for reader in readers for c in reader.connections])
+            self.topics: dict[str, str] = {c.topic: c.msgtype for c in connections}
+            if not all(isinstance(text, str) for pair in self.topics.items() for text in pair):  # in a database
+                raise TypeError("the name or the type of a topic is not text")
+            self.counts = {name: sum(c.msgcount for c in connections if c.topic == name) for name in self.topics}
+        if not any(self.counts.values()):
+            raise InputError(f"bag '{path}' holds no message: record it again")
+        self._names = self._renamed(remap or {})
+
+    def by_record(self) -> Bag:
+        """Return the bag with the times of recording as the stamps of its messages."""
+        other = copy(self)
+        other._by_record = True
+        return other
+
+    def matches(self, name: str) -> list[str]:
+        """Return the names in the bag of the topics that a relative name may stand for, within any one namespace."""
+        exact = [topic for topic, new in self._names.items() if new == name]
+        return exact or [topic for topic, new in self._names.items() if new.endswith("/" + name)]
+
+    def find(self, name: str, *msgtypes: str) -> Topic | None:
+        """Return the topic of a relative name in any one namespace, or None; `COMPRESSED`: `name/compressed` too."""
+        found = self.matches(name)
+        if not found and COMPRESSED in msgtypes:
+            found = self.matches(f"{name}/compressed")
+        if not found:
+            return None
+        if len(found) > 1:
+            several = ", ".join(found)
+            raise InputError(f"bag '{self.path}' has several topics '{name}': {several}; choose one by --remap")
+        msgtype = self.topics[found[0]]
+        if msgtypes and msgtype not in msgtypes:
+            raise InputError(
+                f"topic '{found[0]}' of bag '{self.path}' is {msgtype}: {' or '.join(msgtypes)} is needed as '{name}'"
+            )
+        return Topic(f"{name}/compressed" if msgtype == COMPRESSED else name, found[0], msgtype)
+
+    def raw_messages(self, names: Collection[str]) -> Iterator[tuple[str, str, int, bytes]]:
+        """Yield relative name, type, stamp and bytes on topics that are there; images also as `.../compressed`."""
+        found = [self.find(name, *((IMAGE, COMPRESSED) if name.endswith("image_rect") else ())) for name in names]
+        for topic, stamp_ns, raw in self.stream([topic for topic in found if topic is not None]):
+            yield topic.name, topic.msgtype, stamp_ns, raw
+
+    def stream(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, int, bytes]]:
+        """Yield topic, stamp (the header's, else that of recording), ns, and CDR bytes in the order of recording."""
+        by_name = {topic.bag_name: topic for topic in topics}
+        with self._reading() as readers:
+            wanted = [(reader, [c for c in reader.connections if c.topic in by_name]) for reader in readers]
+            expected, count = sum(c.msgcount for _, connections in wanted for c in connections), 0
+            streams = [reader.messages(connections) for reader, connections in wanted if connections]
+            for connection, recorded_ns, raw in heapq.merge(*streams, key=lambda message: message[1]):
+                topic = by_name[connection.topic]
+                count += 1
+                if self._by_record and topic.msgtype in HEADER_FIRST:
+                    raw = restamped(raw, recorded_ns)
+                yield topic, serialised_stamp(raw) if topic.msgtype in STAMPED else recorded_ns, raw
+            if count < expected:
+                raise InputError(
+                    f"bag '{self.path}' is cut off: {count} of {expected} messages could be read; copy it again"
+                )
+
+    def messages(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, int, Any]]:
+        """Yield the messages of topics, deserialised; otherwise as `stream`."""
+        for topic, stamp_ns, raw in self.stream(topics):
+            yield topic, stamp_ns, self.deserialise(topic, raw)
+
+    def deserialise(self, topic: Topic, raw: bytes) -> Any:  # noqa: ANN401 - the type depends on the topic
+        """Return the message in its bytes."""
+        try:
+            return TYPESTORE.deserialize_cdr(raw, topic.msgtype)
+        except Exception as error:
+            raise InputError(
+                f"a message on '{topic.bag_name}' of bag '{self.path}' is broken: {_line(error)}"
+            ) from error
+
+    def first(self, topics: Collection[Topic]) -> dict[str, Any]:
+        """Return the first message of each topic by the topic's name; topics without a message are left out."""
+        found: dict[str, Any] = {}
+        for topic, _, raw in self.stream(topics):
+            if topic.name not in found:
+                found[topic.name] = self.deserialise(topic, raw)
+                if len(found) == len(topics):
+                    break
+        return found
+
+    def _renamed(self, remap: Mapping[str, str]) -> dict[str, str]:
+        wanted = {old.strip("/"): new.strip("/") for old, new in remap.items()}
+        names = {topic: topic.strip("/") for topic in self.topics}
+        for old, new in wanted.items():
+            if old not in names.values():
+                near = _near(old, sorted(self.topics))
+                raise InputError(f"bag '{self.path}' has no topic '{old}' to remap as '{new}': {near}")
+            if not any(f"/{new}".endswith(f"/{name}") for name in TOPICS_READ):
+                raise ConfigError(
+                    f"'--remap {old}:={new}': no topic is read as '{new}', so that '{old}' would be left out of "
+                    f"'{self.path}': {_near(new, TOPICS_READ)}"
+                )
+        return {topic: wanted.get(name, name) for topic, name in names.items()}
+
+    @contextmanager
+    def _reading(self) -> Iterator[list[BagReader]]:
+        """Open the files; whatever readers raise for broken data (KeyError, errors of sqlite, ...) is one error."""
+        try:
+            with ExitStack() as stack:
+                readers = [reader_of(file) for file in self._files]
+                for reader in readers:
+                    stack.enter_context(reader)
+                yield readers
+        except InputError as error:
+            if str(self.path) in str(error):
+                raise
+            raise InputError(f"bag '{self.path}': {error}") from error
+        except SfrError:
+            raise
+        except Exception as error:
+            raise InputError(
+                f"bag '{self.path}' cannot be read: {_line(error)}; it is broken or cut off: record or copy it again"
+            ) from error
+
+
+def restamped(raw: bytes, stamp_ns: int) -> bytes:
+    """Return a message that begins with a header with another stamp, in CDR (XTypes 1.3, 7.4)."""
+    order = "<" if raw[1] & 1 else ">"
+    return raw[:4] + struct.pack(f"{order}iI", *divmod(stamp_ns, NS_PER_S)) + raw[12:]
+
+
+def _near(name: str, known: Sequence[str]) -> str:
+    near = difflib.get_close_matches(name, [item.strip("/") for item in known], n=3)
+    return (f"did you mean {' or '.join(near)}? " if near else "") + f"there are {', '.join(known)}"
+
+
+def _line(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    return f"{type(error).__name__}: {text}"[:300] if text else type(error).__name__
+
+
+def pose_of(position: Any, orientation: Any) -> Transform:  # noqa: ANN401 - of a message of any library
+    """Return the rigid motion of a translation (or position) and a quaternion of a message."""
+    quat = orientation
+    return Transform.from_quat((position.x, position.y, position.z), (quat.x, quat.y, quat.z, quat.w))
+
+
+def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
+    """Read poses with covariances `(N, 6, 6)` (m^2, rad^2), of odometry for one, in the order of recording.
+
+    Invalid poses among others are skipped, as the monitor does; a warning reports how many.
+    """
+    rows, covariances = [], []
+    for _, _, message in bag.messages([topic]):
+        rows.append(pose_row(message, message.pose.pose))
+        covariances.append(message.pose.covariance)
+    where, values = f"'{topic.bag_name}' of bag '{bag.path}'", np.array([row for _, row in rows]).reshape(-1, 7)
+    turned = plausible_quats(values[:, 3:]) | (not values[:, 3:].any())
+    good = np.flatnonzero(plausible_positions(values[:, :3]) & turned)
+    if 0 < len(good) < len(rows):
+        _log.warning(f"{where}: {len(rows) - len(good)} of {len(rows)} poses are none (numbers, rotation): left out")
+        rows, covariances = [rows[k] for k in good], [covariances[k] for k in good]
+    with refusing(where, "record it again"):
+        trajectory = trajectory_of(rows)
+    return trajectory, np.array(covariances, np.float64).reshape(-1, 6, 6)
+
+
+def read_trajectory(bag: Bag, name: str) -> Trajectory | None:
+    """Read the poses of an odometry topic by its relative name, within any one namespace; None if there are none."""
+    topic = bag.find(name, ODOMETRY)
+    if topic is None:
+        return None
+    trajectory, _ = read_odometry(bag, topic)
+    check_order(trajectory.stamps_ns, f"'{topic.bag_name}' of bag '{bag.path}'", strict=False)
+    return trajectory if len(trajectory) else None
+
+
+def read_frame_tree(bag: Bag) -> FrameTree:
+    """Return the frames that `/tf_static` joins; none where it is not there."""
+    frames, topic = FrameTree(), bag.find("tf_static", TF)
+    for _, _, message in () if topic is None else bag.messages([topic]):
+        for item in message.transforms:
+            with refusing(f"/tf_static of bag '{bag.path}': '{item.child_frame_id}'", "record it again"):
+                pose = pose_of(item.transform.translation, item.transform.rotation)
+            frames.add(item.header.frame_id.strip("/"), item.child_frame_id.strip("/"), pose)
+    return frames
+
+
+def read_extrinsics(bag: Bag, camera_frame: str, baseline_m: float, base_frame: str = "") -> RigInBody | None:
+    """Return the pose of the rig by /tf_static, else by a recorded localisation node's parameters, or None."""
+    if (found := rig_in_body(read_frame_tree(bag), camera_frame, baseline_m, base_frame)) is not None:
+        return RigInBody(found.T_rb_sb, f"/tf_static, {found.text}")
+    names = [name for name in bag.matches(CONFIGURATION) if bag.topics[name] == STRING]
+    if len(names) != 1:  # none, or of several rovers
+        return None
+    message = bag.first([Topic(CONFIGURATION, names[0], STRING)]).get(CONFIGURATION)
+    if message is None:
+        return None
+    with refusing(f"'{names[0]}' of bag '{bag.path}': T_rb_locsb cannot be read", "leave the topic out"):
+        values = parse_json(message.data)
+        if not isinstance(values, dict):
+            raise TypeError("an object is needed")
+        translation, quat = (values.get(f"T_rb_locsb.{name}", []) for name in ("translation_m", "quat_xyzw"))
+        if not any(quat):  # not given
+            return None
+        transform = Transform.from_quat(np.array(translation, np.float64), np.array(quat, np.float64))
+        check_extrinsics(transform.translation)
+    return RigInBody(transform, names[0])

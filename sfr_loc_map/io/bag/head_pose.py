@@ -1,0 +1,87 @@
+"""Poses of the mapping cameras in the rover's frame, for bags without nav/pose: by /tf, or by the joints of a head."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import IntArray
+from sfr_loc_map.geometry.extrinsics import BASE_FRAMES, NAVSB_FRAME, FramesConfig, mast_head_in_rb, rig_in_body
+from sfr_loc_map.geometry.transform import FrameTree, Transform
+from sfr_loc_map.inputs import refusing, stamp_of
+from sfr_loc_map.io.bag.bag import Bag, Topic
+from sfr_loc_map.io.bag.frames import chain_above, covered, read_frames, sampled
+from sfr_loc_map.io.tables.text_table import check_order
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+RECORD = "record it from before the first pair to after the last, at least once a second"
+
+
+def head_poses(
+    bag: Bag, camera_frame: str, baseline_m: float, stamps_ns: Sequence[int], frames: FramesConfig
+) -> list[Transform]:
+    """Return `T_rb_navsb` at each stamp, by the transforms from the rover to the left camera, else by joints.
+
+    InputError where the bag has neither, or not about each stamp.
+    """
+    stamps = np.array(stamps_ns, np.int64)
+    with refusing(f"bag '{bag.path}'", "record it again"):
+        found = _by_tf(bag, camera_frame, baseline_m, stamps, frames.base.strip("/"))
+        return _by_joints(bag, camera_frame, stamps, frames) if found is None else found
+
+
+def _by_tf(bag: Bag, camera_frame: str, baseline_m: float, stamps_ns: IntArray, base: str) -> list[Transform] | None:
+    """Return the poses by /tf and /tf_static; None where they do not join rover and camera."""
+    where, frames = f"bag '{bag.path}'", read_frames(bag)
+    ends = (NAVSB_FRAME, camera_frame.strip("/"), *([base] if base else BASE_FRAMES))
+    ends = tuple(name for name in frames if name in ends or name.rpartition("/")[2] in ends)
+    whole, trees = FrameTree(), [FrameTree() for _ in stamps_ns]
+    for name in {name for end in ends for name in chain_above(frames, end)}:
+        frame, poses = frames[name], frames[name].poses
+        check_order(poses.stamps_ns, f"{where}, '{name}' on /tf", strict=False)
+        known = covered(poses.stamps_ns, stamps_ns) | frame.is_static
+        for tree, is_known, place, turn in zip(trees, known, *sampled(poses, stamps_ns), strict=True):
+            pose = Transform.from_quat(place, turn)
+            for each in (whole, tree) if is_known else (whole,):
+                each.add(frame.parent, name, pose)
+    whole_rig, *rigs = (rig_in_body(tree, camera_frame, baseline_m, base, NAVSB_FRAME) for tree in (whole, *trees))
+    if whole_rig is None:
+        return None
+    for stamp, rig in zip(stamps_ns, rigs, strict=True):
+        if rig is None or rig.text != whole_rig.text:
+            by = "not known" if rig is None else f"by {rig.text}"
+            raise InputError(f"{where}: the cameras are by {whole_rig.text} on /tf, at stamp {stamp} {by}: {RECORD}")
+    return [rig.T_rb_sb for rig in rigs if rig is not None]
+
+
+def _by_joints(bag: Bag, camera_frame: str, stamps_ns: IntArray, config: FramesConfig) -> list[Transform]:
+    where, angles = f"bag '{bag.path}'", dict[str, list[tuple[int, float]]]()
+    for _, _, message in bag.messages([Topic(n, n, kind) for n, kind in bag.topics.items() if kind == JOINT_STATE]):
+        for name, angle in zip(message.name, message.position.tolist(), strict=False):  # some give speeds alone
+            angles.setdefault(name, []).append((stamp_of(message), angle))
+    turns = []
+    for kind, wanted in (("pan", config.pan_joint), ("tilt", config.tilt_joint)):
+        found = [name for name in angles if (name == wanted if wanted else kind in name.lower())]
+        found = [name for name in found if kind in re.split("[^a-z]+", name.lower())] or found  # not of a solar panel
+        if len(found) != 1:
+            raise InputError(
+                f"{where} has no transforms from the rover to '{camera_frame}', and of the joints "
+                f"{', '.join(sorted(angles)) or '(none)'} not one that is '{wanted or kind}': record /tf, nav/pose or "
+                f"sensor_msgs/JointState, or set frames.base, frames.pan_joint, frames.tilt_joint"
+            )
+        known, values = (np.array(column) for column in zip(*angles[found[0]], strict=True))
+        check_order(known, f"{where}, joint '{found[0]}'", strict=False)
+        for stamp in stamps_ns[~covered(known, stamps_ns)]:
+            raise InputError(f"{where}: joint '{found[0]}' at stamp {stamp} is not known: {RECORD}")
+        turns.append(np.interp(stamps_ns - known[0], known - known[0], np.unwrap(values)))
+    place, turn = config.head_to_navsb_m, config.head_to_navsb_quat_xyzw
+    if not any((*place, *turn)):
+        raise InputError(
+            f"{where}: joints move the cameras: give their place on the head, --set 'frames.head_to_navsb_m=[X, Y, Z]'"
+        )
+    with refusing("frames.head_to_navsb_m, frames.head_to_navsb_quat_xyzw", "correct them"):
+        T_head_navsb = Transform.from_quat(place, turn if any(turn) else (0.0, 0.0, 0.0, 1.0))
+    return [mast_head_in_rb(float(pan), float(tilt)) @ T_head_navsb for pan, tilt in zip(*turns, strict=True)]

@@ -1,0 +1,444 @@
+"""Reads MCAP files (mcap.dev/spec), whatever their profile, with bounds on what is unpacked at the same time.
+
+A complete file is read by the index in its summary. A file without an index, or one that was not closed, is read
+record by record. The records of a file that was not closed end where the last complete one ends.
+"""
+
+from __future__ import annotations
+
+import heapq
+import struct
+from binascii import crc32
+from collections import Counter
+from collections.abc import Collection, Generator, Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
+from rosbags.rosbag2.errors import ReaderError
+from rosbags.rosbag2.metadata import ReaderMetadata, parse_qos
+
+from sfr_loc_map.inputs import expansion_limit, parse_yaml
+from sfr_loc_map.io.bag.encoding import cdr_of_ros1, is_ros1, readable
+from sfr_loc_map.io.bag.files import MCAP_MAGIC, is_unfinished
+from sfr_loc_map.io.bag.unpacking import unpack_lz4, unpack_zstd
+
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06  #: Opcodes of records.
+CHUNK_INDEX, STATISTICS, DATA_END = 0x08, 0x0B, 0x0F
+RECORD_HEAD = struct.Struct("<BQ")  #: Opcode and length of a record.
+FOOTER_SIZE = RECORD_HEAD.size + 20  #: With the start of the summary, of its offsets, and a checksum.
+MESSAGE_HEAD = struct.Struct("<HIQQ")  #: Channel, sequence, time of recording, time of publishing.
+CHUNK_HEAD = struct.Struct("<QQQI")  #: First and last time, size and checksum of the content.
+NEVER = 2**63 - 1
+NO_MESSAGES = ReaderMetadata(0, NEVER, 0, 0, None, None, None, None)
+DEFINITIONS = {
+    "ros2msg": MessageDefinitionFormat.MSG,
+    "ros2idl": MessageDefinitionFormat.IDL,
+    "omgidl": MessageDefinitionFormat.IDL,
+}
+"""Formats of the definitions of types, by the encoding of a schema. Others (protobuf, JSON) are not of ROS."""
+
+
+class Chunk(NamedTuple):
+    """A chunk of messages."""
+
+    start_ns: int  #: Time of its first message.
+    end_ns: int  #: Time of its last message.
+    offset: int  #: Where its record begins in the file.
+    size: int  #: Bytes of its content.
+    channels: frozenset[int]  #: Channels of its messages; empty if unknown.
+
+
+class LooseMessage(NamedTuple):
+    """A message outside of chunks."""
+
+    time_ns: int
+    channel: int
+    offset: int  #: Where its data begin in the file.
+    size: int
+
+
+class McapFile:
+    """Connections, metadata and messages of one file: a storage plugin of `rosbags.rosbag2.Reader`."""
+
+    recovers = False  #: Whether a file that was not closed is read up to its last complete record.
+
+    def __init__(self, path: Path) -> None:
+        """Take the file that `open` opens."""
+        self.path = Path(str(path))
+        self.connections: list[Connection] = []
+        self.metadata = NO_MESSAGES
+        self._file: BinaryIO | None = None
+        self._chunks: list[Chunk] = []
+        self._loose: list[LooseMessage] = []
+
+    def open(self) -> None:
+        """Read the index, or the file if it has none; ReaderError if it is not MCAP, or broken."""
+        self._file = self.path.open("rb")
+        try:
+            contents = self._contents(self._file)
+            self._chunks = sorted(contents.chunks)
+            self._loose = sorted(contents.loose)
+            _check_overlaps(self._chunks)
+            counts = contents.counts
+            found = [each._replace(owner=self, msgcount=counts[each.id]) for each in contents.connections.values()]
+            self.connections = readable(found)
+            total = counts.total()
+            if total:
+                start_ns, end_ns = contents.start_ns, contents.end_ns + 1
+                self.metadata = NO_MESSAGES._replace(
+                    duration=end_ns - start_ns, start_time=start_ns, end_time=end_ns, message_count=total
+                )
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
+        self._file = None
+        self.connections = []
+        self.metadata = NO_MESSAGES
+        self._chunks = []
+        self._loose = []
+
+    def messages(
+        self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
+    ) -> Generator[tuple[Connection, int, bytes], None, None]:
+        """Yield connection, time (ns) and CDR of the messages from `start` until before `stop`, in order of time."""
+        wanted = {each.id: each for each in connections}
+        low = 0 if start is None else start
+        high = NEVER if stop is None else stop
+        streams = (self._in_chunks(wanted.keys(), low, high), self._outside_chunks())
+        for time_ns, channel, data in heapq.merge(*streams, key=lambda message: message[0]):
+            connection = wanted.get(channel)
+            if connection is None or not low <= time_ns < high:
+                continue
+            yield connection, time_ns, cdr_of_ros1(data, connection.msgtype) if is_ros1(connection) else data
+
+    def _in_chunks(self, wanted: Collection[int], low: int, high: int) -> Iterator[tuple[int, int, bytes]]:
+        """Yield time, channel and data of the messages in chunks that hold any that are wanted, in order of time."""
+        assert self._file
+        pending: list[tuple[int, int, int, bytes]] = []
+        count = 0
+        for chunk in self._chunks:
+            if chunk.start_ns >= high or chunk.end_ns < low:
+                continue
+            if chunk.channels and chunk.channels.isdisjoint(wanted):
+                continue
+            while pending and pending[0][0] < chunk.start_ns:
+                time_ns, _, channel, data = heapq.heappop(pending)
+                yield time_ns, channel, data
+            content = _chunk_content(self._file, chunk.offset)
+            for time_ns, channel, data in _messages_in(content, wanted):
+                heapq.heappush(pending, (time_ns, count, channel, data))
+                count += 1
+        while pending:
+            time_ns, _, channel, data = heapq.heappop(pending)
+            yield time_ns, channel, data
+
+    def _outside_chunks(self) -> Iterator[tuple[int, int, bytes]]:
+        """Yield time, channel and data of the messages outside of chunks, in order of time."""
+        assert self._file
+        for message in self._loose:
+            self._file.seek(message.offset)
+            yield message.time_ns, message.channel, _exactly(self._file, message.size)
+
+    def _contents(self, file: BinaryIO) -> _Contents:
+        size = file.seek(0, 2)
+        file.seek(0)
+        if file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
+            raise ReaderError("it does not begin as an MCAP file")
+        head = _record_head(file, size)
+        if head is None or head[0] != HEADER:
+            raise ReaderError("it ends within its first record, or begins with another one than the header")
+        start = head[1] + head[2]
+        if self.recovers and is_unfinished(self.path):
+            return _scanned(file, start, size, is_cut_off=True)
+        end = size - len(MCAP_MAGIC) - FOOTER_SIZE
+        summary_start = _summary_start(file, start, end)
+        found = _summary(file, summary_start, end) if summary_start else None
+        return found or _scanned(file, start, summary_start or end, is_cut_off=False)
+
+
+class RecoveringMcapFile(McapFile):
+    """Reads a file that was not closed up to its last complete record."""
+
+    recovers = True
+
+
+class _Contents:
+    """What a file holds, as it is found record by record."""
+
+    def __init__(self) -> None:
+        self.definitions: dict[int, tuple[str, MessageDefinition]] = {}  # name and definition of a type by schema
+        self.connections: dict[int, Connection] = {}
+        self.chunks: list[Chunk] = []
+        self.loose: list[LooseMessage] = []
+        self.counts: Counter[int] = Counter()
+        self.start_ns = NEVER
+        self.end_ns = 0
+
+    def define(self, opcode: int, content: bytes) -> None:
+        """Take the content of a record that defines a schema or a channel; others are ignored."""
+        if opcode == SCHEMA:
+            fields = _Fields(content)
+            schema, name, encoding = fields.number("<H"), fields.text(), fields.text()
+            data = fields.sized()
+            kind = DEFINITIONS.get(encoding)
+            definition = MessageDefinition(MessageDefinitionFormat.NONE, "")
+            if kind is not None:
+                definition = MessageDefinition(kind, data.decode())
+            self.definitions[schema] = name, definition
+        elif opcode == CHANNEL:
+            fields = _Fields(content)
+            channel, schema, topic, encoding = fields.number("<H"), fields.number("<H"), fields.text(), fields.text()
+            no_schema = "__schemaless__", MessageDefinition(MessageDefinitionFormat.NONE, "")
+            msgtype, definition = self.definitions.get(schema, no_schema)
+            offers = ConnectionExtRosbag2(encoding, _qos(fields.sized()))
+            self.connections.setdefault(channel, Connection(channel, topic, msgtype, definition, "", 0, offers, None))
+
+    def count(self, channel: int, time_ns: int) -> None:
+        """Count a message."""
+        self.counts[channel] += 1
+        self.start_ns = min(self.start_ns, time_ns)
+        self.end_ns = max(self.end_ns, time_ns)
+
+
+# ---- complete files: footer and summary
+
+
+def _summary_start(file: BinaryIO, start: int, end: int) -> int:
+    """Return where the summary begins, 0 without one; `start` and `end` are those of all records but the footer."""
+    if end < start:
+        raise ReaderError("it is too short for the footer of an MCAP file")
+    file.seek(end)
+    footer = _exactly(file, FOOTER_SIZE)
+    if RECORD_HEAD.unpack_from(footer) != (FOOTER, 20) or file.read() != MCAP_MAGIC:
+        raise ReaderError("it does not end with the footer of an MCAP file")
+    (summary_start,) = struct.unpack_from("<Q", footer, RECORD_HEAD.size)
+    if summary_start and not start <= summary_start <= end:
+        raise ReaderError(f"its footer places the summary at byte {summary_start}: it is from {start} to {end}")
+    return int(summary_start)
+
+
+def _summary(file: BinaryIO, start: int, end: int) -> _Contents | None:
+    """Return the contents of the file by its summary; None if the summary is not complete."""
+    contents = _Contents()
+    chunk_count = message_count = schema_count = channel_count = -1
+    for opcode, content in _records(_at(file, start, end - start)):
+        if opcode == CHUNK_INDEX:
+            contents.chunks.append(_chunk_of_index(content))
+        elif opcode == STATISTICS:
+            fields = _Fields(content)
+            message_count, schema_count, channel_count = fields.number("<Q"), fields.number("<H"), fields.number("<I")
+            _, _, chunk_count = fields.number("<I"), fields.number("<I"), fields.number("<I")
+            contents.start_ns, contents.end_ns = fields.number("<Q"), fields.number("<Q")
+            contents.counts = Counter(dict(struct.iter_unpack("<HQ", fields.sized())))
+        else:
+            contents.define(opcode, content)
+    has_definitions = (len(contents.definitions), len(contents.connections)) == (schema_count, channel_count)
+    has_index = len(contents.chunks) == chunk_count and (chunk_count > 0 or message_count == 0)
+    has_counts = contents.counts.total() == message_count
+    return contents if has_definitions and has_index and has_counts else None
+
+
+def _chunk_of_index(content: bytes) -> Chunk:
+    fields = _Fields(content)
+    start_ns, end_ns, offset, _ = (fields.number("<Q") for _ in range(4))
+    channels = frozenset(channel for channel, _ in struct.iter_unpack("<HQ", fields.sized()))
+    fields.number("<Q")  # length of the message indexes
+    fields.text()  # compression, which the chunk itself names
+    fields.number("<Q")  # compressed size, likewise
+    return Chunk(start_ns, end_ns, offset, fields.number("<Q"), channels)
+
+
+# ---- files without an index
+
+
+def _scanned(file: BinaryIO, start: int, end: int, *, is_cut_off: bool) -> _Contents:
+    """Return what the records from `start` to `end` hold; if the file is cut off, up to the last complete one."""
+    contents = _Contents()
+    offset = start
+    while offset < end:
+        file.seek(offset)
+        head = _record_head(file, end)
+        if head is None or head[0] == 0:
+            if is_cut_off:
+                break
+            raise ReaderError(f"the record at byte {offset} is not complete")
+        opcode, begin, size = head
+        if opcode in (FOOTER, DATA_END):
+            break
+        if opcode == MESSAGE:
+            if size < MESSAGE_HEAD.size:
+                raise ReaderError(f"the message at byte {offset} has {size} bytes")
+            channel, _, time_ns, _ = MESSAGE_HEAD.unpack(_exactly(file, MESSAGE_HEAD.size))
+            contents.count(channel, time_ns)
+            place = begin + MESSAGE_HEAD.size
+            contents.loose.append(LooseMessage(time_ns, channel, place, size - MESSAGE_HEAD.size))
+        elif opcode == CHUNK:
+            try:
+                unpacked = _chunk_content(file, offset)
+            except Exception:  # whatever a decompressor raises for broken data
+                if is_cut_off:
+                    break
+                raise
+            contents.chunks.append(_scanned_chunk(contents, offset, unpacked))
+        elif opcode in (SCHEMA, CHANNEL):
+            contents.define(opcode, _exactly(file, size))
+        offset = begin + size
+    return contents
+
+
+def _scanned_chunk(contents: _Contents, offset: int, unpacked: bytes) -> Chunk:
+    """Return a chunk by its records, which are counted."""
+    times: list[int] = []
+    channels: set[int] = set()
+    for opcode, content in _records(unpacked):
+        if opcode == MESSAGE:
+            channel, _, time_ns, _ = MESSAGE_HEAD.unpack_from(content)
+            contents.count(channel, time_ns)
+            times.append(time_ns)
+            channels.add(channel)
+        else:
+            contents.define(opcode, content)
+    return Chunk(min(times, default=0), max(times, default=0), offset, len(unpacked), frozenset(channels))
+
+
+# ---- records
+
+
+class _Fields:
+    """The fields of a record, one after the other."""
+
+    def __init__(self, content: bytes) -> None:
+        self._content = content
+        self._place = 0
+
+    @property
+    def is_left(self) -> bool:
+        """Whether there are more fields."""
+        return self._place < len(self._content)
+
+    def number(self, layout: str) -> int:
+        (value,) = struct.unpack_from(layout, self._content, self._place)
+        self._place += struct.calcsize(layout)
+        return int(value)
+
+    def sized(self) -> bytes:
+        """Return bytes after their length."""
+        size = self.number("<I")
+        data = self._content[self._place : self._place + size]
+        if len(data) < size:
+            raise ReaderError(f"a field of {size} bytes is longer than its record")
+        self._place += size
+        return data
+
+    def text(self) -> str:
+        return self.sized().decode()
+
+
+def _record_head(file: BinaryIO, end: int) -> tuple[int, int, int] | None:
+    """Return opcode, place and size of the content of the record at the present place; None if it is not complete."""
+    head = file.read(RECORD_HEAD.size)
+    if len(head) < RECORD_HEAD.size:
+        return None
+    opcode, size = RECORD_HEAD.unpack(head)
+    begin = file.tell()
+    return None if begin + size > end else (opcode, begin, size)
+
+
+def _records(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield opcode and content of each record."""
+    place = 0
+    while place < len(data):
+        if place + RECORD_HEAD.size > len(data):
+            raise ReaderError("it ends within a record")
+        opcode, size = RECORD_HEAD.unpack_from(data, place)
+        place += RECORD_HEAD.size
+        if place + size > len(data):
+            raise ReaderError(f"a record of {size} bytes is longer than what it is in")
+        yield opcode, data[place : place + size]
+        place += size
+
+
+def _messages_in(content: bytes, wanted: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
+    """Yield time, channel and data of the messages of a chunk that are of the channels that are wanted."""
+    for opcode, record in _records(content):
+        if opcode == MESSAGE:
+            channel, _, time_ns, _ = MESSAGE_HEAD.unpack_from(record)
+            if channel in wanted:
+                yield time_ns, channel, record[MESSAGE_HEAD.size :]
+
+
+def _chunk_content(file: BinaryIO, offset: int) -> bytes:
+    """Return the records of the chunk at a place of a file; ReaderError or ValueError if it is broken or too large."""
+    size = file.seek(0, 2)
+    file.seek(offset)
+    head = _record_head(file, size)
+    if head is None or head[0] != CHUNK or head[2] < CHUNK_HEAD.size + 12:
+        raise ReaderError(f"there is no complete chunk at byte {offset}")
+    record = _exactly(file, head[2])
+    _, _, unpacked_size, checksum = CHUNK_HEAD.unpack_from(record)
+    fields = _Fields(record[CHUNK_HEAD.size :])
+    compression, packed_size = fields.text(), fields.number("<Q")
+    begin = CHUNK_HEAD.size + 4 + len(compression.encode()) + 8
+    packed = record[begin : begin + packed_size]
+    if len(packed) != packed_size:
+        raise ReaderError(f"the chunk at byte {offset} is longer than its record")
+    if compression == "zstd":
+        content = unpack_zstd(packed, unpacked_size)
+    elif compression == "lz4":
+        content = unpack_lz4(packed, unpacked_size)
+    elif not compression:
+        content = packed
+    else:
+        raise ReaderError(f"chunks compressed by '{compression}' cannot be read: zstd, lz4 or none is required")
+    if len(content) != unpacked_size:
+        raise ReaderError(f"the chunk at byte {offset} holds {len(content)} bytes and announces {unpacked_size}")
+    if checksum and crc32(content) != checksum:
+        raise ReaderError(f"the checksum of the chunk at byte {offset} is wrong")
+    return content
+
+
+def _check_overlaps(chunks: Collection[Chunk]) -> None:
+    """Raise ReaderError if chunks that are unpacked at the same time, because their times overlap, are too large."""
+    edges = [(chunk.start_ns, chunk.size) for chunk in chunks]
+    edges += [(chunk.end_ns, -chunk.size) for chunk in chunks]
+    limit = max([2 * expansion_limit(0), *(chunk.size for chunk in chunks)])
+    at_once = 0
+    for _, size in sorted(edges):
+        at_once += size
+        if at_once > limit:
+            raise ReaderError(f"chunks of more than {limit} bytes overlap in time")
+
+
+def _qos(metadata: bytes) -> list[Any]:
+    """Return the quality of service that a channel was offered with, empty if its metadata do not say."""
+    fields = _Fields(metadata)
+    found: dict[str, str] = {}
+    while fields.is_left:
+        name = fields.text()
+        found[name] = fields.text()
+    return list(_parsed_qos(found.get("offered_qos_profiles", "")))
+
+
+@lru_cache(maxsize=256)
+def _parsed_qos(text: str) -> tuple[Any, ...]:
+    return tuple(parse_qos(parse_yaml(text) or []))
+
+
+def _at(file: BinaryIO, offset: int, size: int) -> bytes:
+    file.seek(offset)
+    return _exactly(file, size)
+
+
+def _exactly(file: BinaryIO, size: int) -> bytes:
+    """Return the next bytes of a file; ReaderError if there are fewer."""
+    data = file.read(size)
+    if len(data) != size:
+        raise ReaderError(f"it ends after {len(data)} of {size} bytes")
+    return data

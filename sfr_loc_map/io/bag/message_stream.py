@@ -1,0 +1,134 @@
+"""A source as a stream of serialised messages in the order of their publication.
+
+Messages of a bag are passed on byte by byte. Those of other sources are made as for a bag that is written.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import dataclass
+from operator import itemgetter
+from typing import Any
+
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import SIDES
+from sfr_loc_map.io.bag import messages as bag_messages
+from sfr_loc_map.io.bag.bag import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE, TYPESTORE, Bag
+from sfr_loc_map.io.sequence import Source
+
+POSE_TOPIC = "nav/pose"
+TRUTH_TOPIC = "ground_truth/odometry"
+POINTS_TOPIC = "ground_truth/points"
+TRUTH_TOPICS = (TRUTH_TOPIC, POINTS_TOPIC)
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A message to be published: relative name of the suite, type, stamp of the header, serialised (CDR)."""
+
+    topic: str
+    msgtype: str
+    stamp_ns: int
+    raw: bytes
+
+    @property
+    def task(self) -> str:
+        """Stereo rig whose clock it follows: `loc` or `nav`."""
+        return "nav" if self.topic.startswith("nav/") or self.topic == POINTS_TOPIC else "loc"
+
+
+def topics_of(source: Source) -> dict[str, str]:
+    """Return the topics that `messages_of` publishes: types by relative name; camera_info first."""
+    tasks = [name for name, part in (("loc", source.loc), ("nav", source.nav)) if part is not None]
+    cameras = [f"{task}/{side}" for task in tasks for side in SIDES]
+    topics = {f"{camera}/camera_info": CAMERA_INFO for camera in cameras}
+    topics |= {f"{camera}/image_rect": IMAGE for camera in cameras}
+    is_bag = source.format == "bag"
+    if source.loc is not None and (is_bag or source.loc.ground_truth is not None):
+        topics[TRUTH_TOPIC] = ODOMETRY
+    if source.nav is not None:
+        topics |= {POSE_TOPIC: POSE, POINTS_TOPIC: POINTS}
+    if not is_bag:
+        return topics
+    bag = Bag(source.path, source.remap)
+    found = [bag.find(name, *((IMAGE, COMPRESSED) if kind == IMAGE else ())) for name, kind in topics.items()]
+    return {topic.name: topic.msgtype for topic in found if topic is not None}
+
+
+def messages_of(source: Source) -> Iterator[Message]:
+    """Yield the messages of a source; camera_info of both rigs comes first."""
+    if source.format == "bag":
+        bag = Bag(source.path, source.remap)
+        names = [name.removesuffix("/compressed") for name in topics_of(source)]
+        infos = {name for name in names if name.endswith("camera_info")}
+        for raw in bag.raw_messages(sorted(infos)):
+            if raw[0] in infos:
+                infos.remove(raw[0])
+                yield Message(*raw)
+            if not infos:
+                break
+        for raw in bag.raw_messages(names):
+            yield Message(*raw)
+        return
+    if (loc := source.loc) is not None:
+        truth = loc.ground_truth or Trajectory.empty()
+        rows = zip(truth.stamps_ns.tolist(), truth.positions, truth.quats_xyzw, strict=True)
+        poses = ((row[0], [_message(TRUTH_TOPIC, row[0], bag_messages.odometry(*row))]) for row in rows)
+        pairs = ((pair.stamp_ns, _pair_messages("loc", loc.rig, pair)) for pair in loc.pairs())
+        for _, messages in heapq.merge(poses, pairs, key=itemgetter(0)):
+            yield from messages
+    if (nav := source.nav) is not None:
+        for item in nav.pairs():
+            stamp_ns = item.pair.stamp_ns
+            yield _message(POSE_TOPIC, stamp_ns, bag_messages.pose(stamp_ns, item.T_lm_navsb))
+            if item.truth is not None:
+                yield _message(POINTS_TOPIC, stamp_ns, bag_messages.points(stamp_ns, item.truth, None))
+            yield from _pair_messages("nav", nav.rig, item.pair)
+
+
+def _pair_messages(task: str, rig: StereoRig, pair: StereoPair) -> Iterator[Message]:
+    stamp_ns = pair.stamp_ns
+    for side in SIDES:
+        info = bag_messages.camera_info(stamp_ns, rig, task, side)
+        yield _message(f"{task}/{side}/camera_info", stamp_ns, info)
+    for side in SIDES:
+        image = bag_messages.image(stamp_ns, getattr(pair, side), task, side)
+        yield _message(f"{task}/{side}/image_rect", stamp_ns, image)
+
+
+def _message(topic: str, stamp_ns: int, message: Any) -> Message:  # noqa: ANN401 - types are made at run time
+    raw = bytes(TYPESTORE.serialize_cdr(message, message.__msgtype__))
+    return Message(topic, message.__msgtype__, stamp_ns, raw)
+
+
+def between(messages: Iterator[Message], begin_s: float, end_s: float) -> Iterator[Message]:
+    """Yield the messages from one position to another, in seconds after the first message of each task.
+
+    The first camera_info of each camera stays, whatever its stamp.
+    """
+    first: dict[str, int] = {}
+    infos: set[str] = set()
+    for message in messages:
+        position_s = (message.stamp_ns - first.setdefault(message.task, message.stamp_ns)) * 1e-9
+        is_first_info = message.topic.endswith("camera_info") and message.topic not in infos
+        if is_first_info:
+            infos.add(message.topic)
+        if is_first_info or begin_s <= position_s <= end_s:
+            yield message
+
+
+def end_of(source: Source) -> float:
+    """Return the position of the last pair of a source, seconds after the first message of its task."""
+    tasks = [(part, stamps) for part in (source.loc, source.nav) if (stamps := getattr(part, "stamps_ns", ()))]
+    return max([0.0, *(float(stamps[-1] - begin_of(source, part)) * 1e-9 for part, stamps in tasks)])
+
+
+def begin_of(source: Source, part: Any) -> int:  # noqa: ANN401 - the drive of a source, or its mapping pairs
+    """Return the stamp of the first message of a task, from which positions count: of a pair, or of the truth."""
+    if source.format == "bag":  # a camera_info comes first
+        task = "loc" if part is source.loc else "nav"
+        return next(message.stamp_ns for message in messages_of(source) if message.task == task)
+    truth, first = getattr(part, "ground_truth", None), int(part.stamps_ns[0])
+    return first if truth is None or not len(truth) else min(first, int(truth.stamps_ns[0]))

@@ -1,0 +1,292 @@
+"""The drive and mapping pairs of a bag: a first pass reads stamps, a second one joins what has equal ones."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Mapping
+from copy import copy
+from dataclasses import replace
+from functools import cache, cached_property
+from pathlib import Path
+from statistics import median_low
+from typing import Any
+
+import numpy as np
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.geometry.rectification import StereoRectifier, rectified_rig, rig_of_rectified
+from sfr_loc_map.geometry.stamp_pairing import match_stamps
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import NS_PER_S, SIDES, Task, refusing
+from sfr_loc_map.io.bag.bag import (
+    CAMERA_INFO,
+    COMPRESSED,
+    GROUND_TRUTH,
+    IMAGE,
+    ODOMETRY,
+    POINTS,
+    POSE,
+    Bag,
+    Topic,
+    pose_of,
+    read_extrinsics,
+    read_trajectory,
+)
+from sfr_loc_map.io.bag.head_pose import head_poses
+from sfr_loc_map.io.calibration.files import Calibration, read_calibration
+from sfr_loc_map.io.images.codec import SampleDepth, Samples, points_image, samples_of
+from sfr_loc_map.io.images.files import check_size
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
+from sfr_loc_map.io.tables.text_table import check_order
+from sfr_loc_map.io.truth import TruthConfig, possible_truth, truth_of_file
+
+LOOK_AHEAD = 32
+"""Most stamps whose messages are waited for at a time: bounds the memory whatever the order in the bag."""
+RECTIFIED, RAW = "image_rect", "image_raw"
+NS_PER_MS = 1_000_000
+
+_log = logging.getLogger(__name__)
+
+
+@cache
+def _say(text: str) -> None:
+    """Say a text once, however often a bag is read."""
+    _log.warning(text)
+
+
+class _BagPairs:
+    """The pairs of the cameras of a task, and what their topics and the configuration say of it."""
+
+    task: Task
+    mounted_by = ""  #: What in the bag gives the pose of the rig on the rover; empty if nothing does.
+
+    def __init__(self, bag: Bag, config: SourceConfig) -> None:
+        rig, of_drive = self.task.rig, self.task is Task.LOCALISATION
+        self._bag, self._rig_name, self._config = bag, rig, config
+        self._tolerance_ns = round(config.sync.stamp_tolerance_s * NS_PER_S)
+        self._offset_ns = round(config.sync.right_offset_s * NS_PER_S) if of_drive else 0
+        calibration = config.calibration if of_drive else CalibrationConfig()
+        self._layout = calibration.stereo_layout
+        kind = image_name(bag, rig)
+        sides = SIDES[:1] if self._layout else SIDES
+        self._sides = [_require(bag, f"{rig}/{side}/{kind}", IMAGE, COMPRESSED) for side in sides]
+        self._points = bag.find("ground_truth/points", POINTS) if self.task is Task.MAPPING else None
+        self._topics = [*self._sides, *([self._points] if self._points else [])]
+        found, self.frame = self._calibrated(calibration, kind == RECTIFIED)
+        left, right = found.infos
+        if calibration.baseline_m:
+            right = copy(right)
+            right.p = np.array([*right.p[:3], -right.p[0] * calibration.baseline_m, *right.p[4:]])
+        self._rectifier: StereoRectifier | None = None
+        try:
+            if found.is_rectified:
+                self.rig, self._rectifier = rig_of_rectified((left, right), rig)
+            else:
+                self.rig, self._rectifier = rectified_rig((left, right), rig)
+        except InputError as error:
+            raise InputError(f"bag '{bag.path}': {error}") from error
+        if of_drive:
+            T_rb_sb = config.extrinsics.transform() or found.T_rb_sb
+            if T_rb_sb is None and (seen := read_extrinsics(bag, self.frame, self.rig.baseline_m, config.frames.base)):
+                T_rb_sb, self.mounted_by = seen.T_rb_sb, seen.text
+            self.rig = replace(self.rig, T_rb_sb=T_rb_sb)
+        self.is_adapted = calibration != CalibrationConfig() or config.sync != SyncConfig()
+
+    def _calibrated(self, config: CalibrationConfig, is_rectified: bool) -> tuple[Calibration, str]:
+        if config.file:
+            first = next(iter(self._bag.first(self._sides[:1]).values()), None)
+            if first is None:
+                raise InputError(f"bag '{self._bag.path}' has no message on '{self._sides[0].bag_name}'")
+            height, width = self._halves(self._decoded(self._sides[0], first).grey())[0].shape
+            return read_calibration(Path(config.file), (width, height)), str(first.header.frame_id)
+        topics = [_require(self._bag, f"{self._rig_name}/{side}/camera_info", CAMERA_INFO) for side in SIDES]
+        infos = self._bag.first(topics)
+        for topic in topics:
+            if topic.name not in infos:
+                raise InputError(f"bag '{self._bag.path}' has no message on '{topic.bag_name}': the rig is not known")
+        left, right = (infos[topic.name] for topic in topics)
+        return Calibration((left, right), is_rectified, None, "camera_info"), str(left.header.frame_id)
+
+    @property
+    def stamps_ns(self) -> tuple[int, ...]:
+        """Stamps of the pairs, those of the left images, in their order."""
+        return tuple(self._pairs)
+
+    def __len__(self) -> int:
+        return len(self._pairs)
+
+    @cached_property
+    def _pairs(self) -> dict[int, dict[str, int]]:
+        """The stamp of each whole pair, in order, and those of its messages by topic; reads stamps only."""
+        stamps: dict[str, list[int]] = {topic.name: [] for topic in self._topics}
+        for topic, stamp_ns, _ in self._bag.stream(self._topics):
+            stamps[topic.name].append(stamp_ns)
+        for topic in self._topics:
+            if len(stamps[topic.name]) > 1 and not any(stamps[topic.name]):
+                raise InputError(
+                    f"bag '{self._bag.path}', '{topic.bag_name}': all stamps of the headers are 0: set sync.stamps to "
+                    "record in sfr.yaml, which takes the times of recording"
+                )
+            check_order(stamps[topic.name], f"bag '{self._bag.path}', '{topic.bag_name}'", strict=True)
+        left, right = (stamps[self._sides[at].name] for at in (0, -1))
+        if self._layout:
+            return {stamp: {self._sides[0].name: stamp} for stamp in left}
+        right = [stamp + self._offset_ns for stamp in right]
+        where, within = f"bag '{self._bag.path}', '{self._rig_name}'", f"{self._tolerance_ns / NS_PER_MS:g} ms"
+        matched = match_stamps(left, right, self._tolerance_ns)
+        if not matched:
+            raise InputError(
+                f"{where}: none of {len(left)} left and {len(right)} right images have stamps within {within}: record "
+                f"both from one trigger, or set sync.stamp_tolerance_s or sync.right_offset_s in sfr.yaml"
+            )
+        if apart := [abs(after - stamp) for stamp, after in matched.items() if after != stamp]:
+            typical, largest = (f"{value / NS_PER_MS:.3g}" for value in (median_low(apart), max(apart)))
+            _log.warning(
+                f"{where}: {len(apart)} of {len(matched)} pairs have stamps that differ, typically by {typical} ms, at "
+                f"most by {largest} ms: matched within {within}"
+            )
+        if single := len(left) + len(right) - 2 * len(matched):
+            _log.warning(f"{where}: {single} images without the other side left out")
+        one, other = (topic.name for topic in self._sides)
+        pairs = {stamp: {one: stamp, other: after - self._offset_ns} for stamp, after in matched.items()}
+        if self._points:
+            for stamp, of_truth in match_stamps(list(pairs), stamps[self._points.name], self._tolerance_ns).items():
+                pairs[stamp][self._points.name] = of_truth
+        return pairs
+
+    def joined(self) -> Iterator[tuple[StereoPair, Mapping[str, bytes]]]:
+        """Yield each whole pair and its raw messages by topic, in the order of stamps."""
+        pair_of = {part: stamp for stamp, parts in self._pairs.items() for part in parts.items()}
+        order, waiting = iter(self._pairs), dict[int, dict[str, bytes]]()
+        stamp = next(order, None)
+        depth = SampleDepth(_say, f"{self._bag.path}, {self._rig_name}")
+        for topic, stamp_ns, raw in self._bag.stream(self._topics):
+            if (part := pair_of.get((topic.name, stamp_ns))) is None:
+                continue
+            waiting.setdefault(part, {})[topic.name] = raw
+            while stamp is not None and len(waiting.get(stamp, ())) == len(self._pairs[stamp]):
+                messages = waiting.pop(stamp)
+                yield self._pair(stamp, messages, depth), messages
+                stamp = next(order, None)
+            if len(waiting) > LOOK_AHEAD:
+                raise InputError(
+                    f"bag '{self._bag.path}': messages of {self._rig_name} stamp {stamp} lie more than {LOOK_AHEAD} "
+                    f"pairs apart; sort the bag by time"
+                )
+
+    def _pair(self, stamp_ns: int, raw: Mapping[str, bytes], depth: SampleDepth) -> StereoPair:
+        samples = [self._decoded(topic, self._bag.deserialise(topic, raw[topic.name])) for topic in self._sides]
+        images = depth.grey(*samples)
+        left, right = self._halves(images[0]) if self._layout else images
+        for image, topic in ((left, self._sides[0]), (right, self._sides[-1])):
+            check_size(image, self.rig, f"bag '{self._bag.path}', '{topic.bag_name}': image of stamp {stamp_ns}")
+        return StereoPair(stamp_ns, *(self._rectifier.rectify(left, right) if self._rectifier else (left, right)))
+
+    def _decoded(self, topic: Topic, message: Any) -> Samples:  # noqa: ANN401 - made at run time
+        try:
+            return samples_of(message)
+        except InputError as error:
+            raise InputError(f"bag '{self._bag.path}', '{topic.bag_name}': {error}") from error
+
+    def _halves(self, image: GreyImage) -> list[GreyImage]:
+        """Return the left and the right image that one holds; of a camera of its own, the image alone."""
+        axis = {"": None, "side_by_side": 1, "top_bottom": 0}[self._layout]
+        if axis is None:
+            return [image]
+        if image.shape[axis] % 2:
+            raise InputError(f"bag '{self._bag.path}': images {image.shape} do not halve as {self._layout} says")
+        return [np.ascontiguousarray(half) for half in np.split(image, 2, axis)]
+
+
+class BagLocSequence(_BagPairs):
+    """The drive of a bag."""
+
+    task = Task.LOCALISATION
+
+    @cached_property
+    def ground_truth(self) -> Trajectory | None:
+        """True poses as configured, else on `ground_truth/odometry`, or None; read at the first use."""
+        config = self._config.truth
+        if config == TruthConfig() and not self._bag.matches(GROUND_TRUTH):
+            return None
+        if config == TruthConfig() and self._bag.topics[self._bag.matches(GROUND_TRUTH)[0]] == ODOMETRY:
+            poses = read_trajectory(self._bag, GROUND_TRUTH)
+            return None if poses is None else possible_truth(poses, f"of '{self._bag.path}'")[1]
+        return truth_of_file(self._bag.path, config, self._config.remap)
+
+    def pairs(self) -> Iterator[StereoPair]:
+        """Yield the pairs in the order of stamps."""
+        return (pair for pair, _ in self.joined())
+
+
+class BagNavSequence(_BagPairs):
+    """The mapping pairs of a bag."""
+
+    task = Task.MAPPING
+
+    def __init__(self, bag: Bag, config: SourceConfig) -> None:
+        super().__init__(bag, config)
+        self._poses: dict[int, Transform] = {}
+        if not bag.matches("nav/pose"):
+            stamps = self.stamps_ns
+            poses = head_poses(bag, self.frame, self.rig.baseline_m, stamps, config.frames)
+            self._poses, self.is_adapted = dict(zip(stamps, poses, strict=True)), True
+            return
+        topic = _require(bag, "nav/pose", POSE)
+        for _, stamp_ns, message in bag.messages([topic]):
+            where = f"bag '{bag.path}', '{topic.bag_name}', stamp {stamp_ns}"
+            with refusing(where, "correct or leave out the pair"):
+                self._poses[stamp_ns] = pose_of(message.pose.position, message.pose.orientation)
+
+    def pairs(self) -> Iterator[PosedStereoPair]:
+        """Yield the pairs in the order of stamps, with truth where `ground_truth/points` has their stamp."""
+        pose_of_pair = match_stamps(self.stamps_ns, sorted(self._poses), self._tolerance_ns)
+        for pair, raw in self.joined():
+            if pair.stamp_ns not in pose_of_pair:
+                raise InputError(
+                    f"bag '{self._bag.path}': no message on 'nav/pose' has the stamp {pair.stamp_ns} of a pair"
+                )
+            truth = None
+            if self._points and self._points.name in raw:
+                message = self._bag.deserialise(self._points, raw[self._points.name])
+                truth = points_image(message, (self.rig.width, self.rig.height))
+            yield PosedStereoPair(pair, self._poses[pose_of_pair[pair.stamp_ns]], truth)
+
+
+def open_bag(path: Path, config: SourceConfig | None = None) -> Source:
+    """Open a bag (a folder, or a .mcap, .db3 or .bag file) as a source."""
+    config = config or SourceConfig()
+    bag = Bag(path, config.remap, config.sync.stamps)
+    kinds = {task: image_name(bag, task.rig) for task in Task}
+    if not any(kinds.values()):
+        raise InputError(
+            f"bag '{path}' has neither loc/left/image_rect nor nav/left/image_rect: it has "
+            f"{', '.join(sorted(bag.topics))}; sfr info '{path}' --write writes those that seem to be it"
+        )
+    loc = BagLocSequence(bag, config) if kinds[Task.LOCALISATION] else None
+    nav = BagNavSequence(bag, config) if kinds[Task.MAPPING] else None
+    adapted = any(part is not None and part.is_adapted for part in (loc, nav)) or config.truth != TruthConfig()
+    kind = "bag of raw images" if RAW in kinds.values() else "bag, as configured" if adapted else "bag"
+    return Source(path, kind, loc, nav, remap=config.remap)
+
+
+def image_name(bag: Bag, rig: str) -> str | None:
+    """Return the last part of the names of a rig's images: rectified ones before raw ones, None without any."""
+    for name in (RECTIFIED, RAW):
+        if any(bag.find(f"{rig}/{side}/{name}", IMAGE, COMPRESSED) for side in SIDES):
+            return name
+    return None
+
+
+def _require(bag: Bag, name: str, *msgtypes: str) -> Topic:
+    topic = bag.find(name, *msgtypes)
+    if topic is None:
+        raise InputError(
+            f"bag '{bag.path}' has no topic '{name}': it has {', '.join(sorted(bag.topics))}; record it, or name it by "
+            f"--remap old:=new"
+        )
+    return topic

@@ -1,0 +1,101 @@
+"""True poses of the messages of one topic, live or of a bag: one reader for each type of message."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.inputs import stamp_of
+from sfr_loc_map.io.bag.frames import pose_row
+
+ODOMETRY = "nav_msgs/msg/Odometry"
+WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+POSE, TRANSFORM = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped"
+POINT, FIX = "geometry_msgs/msg/PointStamped", "sensor_msgs/msg/NavSatFix"
+NO_FIX = -1  #: `NavSatStatus.STATUS_NO_FIX`.
+WGS84_M, WGS84_FLATTENING = 6_378_137.0, 1.0 / 298.257223563
+UNKNOWN = (np.nan,) * 6
+TrueRow = tuple[int, tuple[float, ...], tuple[float, ...]]
+"""Stamp (ns); position (m) and quaternion (x, y, z, w; zeros without an attitude); variances (m^2, rad^2; NaN where
+unknown)."""
+
+
+class TruePoses:
+    """Makes true poses of the messages of one topic; `invalid` and `heightless` count fixes that are none."""
+
+    def __init__(self, msgtype: str) -> None:
+        """Read messages of one of `TYPES`; positions of fixes are east, north, up of the first one."""
+        self.invalid = self.heightless = 0
+        self._first: tuple[float, float, float] | None = None
+        self._row: Callable[[Any], TrueRow | None] = {
+            ODOMETRY: self._with_covariance,
+            WITH_COVARIANCE: self._with_covariance,
+            POSE: self._plain,
+            TRANSFORM: self._plain,
+            POINT: self._point,
+            FIX: self._fix,
+        }[msgtype]
+
+    def row(self, message: Any) -> TrueRow | None:  # noqa: ANN401 - a message of any library
+        """Return the true pose of a message; None if it is a fix without a position."""
+        return self._row(message)
+
+    def _with_covariance(self, message: Any) -> TrueRow:  # noqa: ANN401
+        stamp_ns, pose = pose_row(message, message.pose.pose)
+        return stamp_ns, pose, tuple(np.asarray(message.pose.covariance, np.float64)[::7].tolist())
+
+    def _plain(self, message: Any) -> TrueRow:  # noqa: ANN401
+        stamp_ns, pose = pose_row(message, getattr(message, "pose", None) or message.transform)
+        return stamp_ns, pose, UNKNOWN
+
+    def _point(self, message: Any) -> TrueRow:  # noqa: ANN401
+        point = message.point
+        return stamp_of(message), (point.x, point.y, point.z, 0.0, 0.0, 0.0, 0.0), UNKNOWN
+
+    def _fix(self, message: Any) -> TrueRow | None:  # noqa: ANN401
+        """Return the position of a fix; a receiver without one may write 0, 0 or NaN with the status of a fix."""
+        if message.status.status == NO_FIX:  # an unknown status (-2) is that of drivers which do not set it
+            return None
+        if not _is_place(message.latitude, message.longitude):
+            self.invalid += 1
+            return None
+        if not np.isfinite(message.altitude):
+            self.heightless += 1
+            return None
+        place = (message.latitude, message.longitude, message.altitude)
+        self._first = self._first or place
+        known = np.nan if message.position_covariance_type == 0 else 1.0
+        variances = known * np.asarray(message.position_covariance, np.float64)[[0, 4, 8]]
+        position = enu_m(np.array([self._first, place], np.float64))[1]
+        pose = (*position.tolist(), 0.0, 0.0, 0.0, 0.0)
+        return stamp_of(message), pose, (*variances.tolist(), np.nan, np.nan, np.nan)
+
+
+TYPES: Sequence[str] = (ODOMETRY, WITH_COVARIANCE, POSE, TRANSFORM, POINT, FIX)
+"""Types of messages with one true pose each."""
+
+
+def _is_place(latitude: float, longitude: float) -> bool:
+    """Tell whether angles can be those of a fix; 0, 0 is the placeholder of a receiver."""
+    return abs(latitude) <= 90.0 and abs(longitude) <= 360.0 and (latitude, longitude) != (0.0, 0.0)
+
+
+def enu_m(places: FloatArray) -> FloatArray:
+    """Return positions east, north, up of the first one, m, of latitude, longitude (deg) and height (m) `(N, 3)`.
+
+    WGS84; geographic to topocentric conversion, EPSG method 9837 (IOGP publication 373-7-2, section 4.1.2).
+    """
+    latitude, longitude = np.radians(places[:, 0]), np.radians(places[:, 1])
+    squared = WGS84_FLATTENING * (2.0 - WGS84_FLATTENING)
+    normal = WGS84_M / np.sqrt(1.0 - squared * np.sin(latitude) ** 2)
+    across = (normal + places[:, 2]) * np.cos(latitude)
+    polar = (normal * (1.0 - squared) + places[:, 2]) * np.sin(latitude)
+    geocentric = np.stack((across * np.cos(longitude), across * np.sin(longitude), polar), axis=1)
+    if not len(geocentric):
+        return geocentric
+    (south, north), (west, east) = ((np.sin(angle[0]), np.cos(angle[0])) for angle in (latitude, longitude))
+    axes = [[-west, east, 0.0], [-south * east, -south * west, north], [north * east, north * west, south]]
+    return np.asarray((geocentric - geocentric[0]) @ np.array(axes).T)

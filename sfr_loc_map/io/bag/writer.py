@@ -1,0 +1,306 @@
+"""Writes ROS 2 bags: a drive and mapping pairs as a stream, or messages as they come.
+
+A recording (`BagRecorder`, mcap) may end by a crash: after each chunk the file gets an end record, which the next chunk
+overwrites, so that any reader takes what is there. What a crash of the host may cost is bounded by writing to the disk
+each second.
+"""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import threading
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from io import BytesIO
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal
+
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2.storage_mcap import McapWriter
+
+from sfr_loc_map.errors import OutputError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
+from sfr_loc_map.inputs import SIDES, Task
+from sfr_loc_map.io.bag import messages
+from sfr_loc_map.io.bag.bag import TYPESTORE
+from sfr_loc_map.io.bag.files import MCAP_MAGIC
+
+Storage = Literal["mcap", "sqlite3"]
+STORAGE_BY_SUFFIX: dict[str, Storage] = {".mcap": "mcap", ".bag": "mcap", ".db3": "sqlite3"}
+"""Storage of a bag by the ending of its name; other names are data set folders."""
+CHUNK_HEAD = 9 + 24
+"""Bytes from the start of an mcap chunk record to its CRC: opcode and length, two times and the size (mcap 1.0)."""
+CHUNK_BYTES = 8 * 2**20  # of a recording
+SYNC_S = 1.0
+DATA_END = b"\x0f" + (4).to_bytes(8, "little") + bytes(4)
+FOOTER = b"\x02" + (20).to_bytes(8, "little") + bytes(20)
+END = DATA_END + FOOTER + MCAP_MAGIC  #: End of a file without an index (mcap specification: Data End, Footer, Magic).
+NEVER = QosTime(0, 0)
+_KEPT = (QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL)
+LATCHED = Qos(*_KEPT, NEVER, NEVER, QosLiveliness.AUTOMATIC, NEVER, False)
+"""Profile of `/tf_static`: reliable, the last one is kept for late listeners."""
+
+
+class CheckedMcapWriter(McapWriter):
+    """Gives each chunk the CRC-32 that the format has room for, so that readers notice flipped bytes."""
+
+    def close_chunk(self) -> None:
+        """End the chunk."""
+        crc = zlib.crc32(self.chunk.bio.getbuffer())
+        start = self.bio.tell()
+        super().close_chunk()
+        end = self.bio.tell()
+        self.bio.seek(start + CHUNK_HEAD)
+        self.bio.write(crc.to_bytes(4, "little"))
+        self.bio.seek(end)
+
+
+class CheckedWriter(Writer):
+    """Writer of bags with checksums."""
+
+    STORAGE_PLUGINS = MappingProxyType({**Writer.STORAGE_PLUGINS, StoragePlugin.MCAP: CheckedMcapWriter})
+
+
+class BagWriter:
+    """A bag that is being written; a context manager. What was written counts only if the block ends well."""
+
+    def __init__(
+        self,
+        path: Path,
+        storage: Storage = "mcap",
+        *,
+        jpeg_quality: int | None = None,
+        zstd: bool = False,
+        truth_grid_m: float | None = None,
+    ) -> None:
+        """Prepare a bag in a folder that must not exist; exact unless a JPEG quality, 1 to 100, or a grid is given.
+
+        True points of mapping pairs are rounded to multiples of the grid, a power of two, so that they compress well.
+        """
+        if zstd and storage != "mcap":
+            raise OutputError("only mcap bags can be compressed by chunks: name the output *.mcap or leave zstd out")
+        if jpeg_quality is not None and not 1 <= jpeg_quality <= 100:
+            raise OutputError(f"JPEG quality is {jpeg_quality}: 1 to 100 is needed")
+        self._writer = CheckedWriter(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
+        if zstd:
+            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        self._jpeg_quality = jpeg_quality
+        self._truth_grid_m = truth_grid_m
+        self._connections: dict[str, Any] = {}
+        self._rigs: dict[Task, StereoRig] = {}
+
+    def __enter__(self) -> BagWriter:
+        with _database_errors():
+            self._writer.open()
+        return self
+
+    def __exit__(self, *raised: Any) -> None:  # noqa: ANN401 - handed on
+        with _database_errors():
+            self._writer.__exit__(*raised)
+
+    def write_loc_rig(self, rig: StereoRig) -> None:
+        """Set the rig of the localisation cameras; comes before their first pair."""
+        self._rigs[Task.LOCALISATION] = rig
+
+    def write_nav_rig(self, rig: StereoRig) -> None:
+        """Set the rig of the navigation cameras; comes before their first pair."""
+        self._rigs[Task.MAPPING] = rig
+
+    def write_loc_pair(self, pair: StereoPair) -> None:
+        """Write a pair of the drive, with its camera_info, and `/tf_static` before the first."""
+        if "/tf_static" not in self._connections:
+            transforms = messages.static_transforms(pair.stamp_ns, self._rigs[Task.LOCALISATION])
+            self._write("/tf_static", pair.stamp_ns, transforms, (LATCHED,))
+        self._write_pair(Task.LOCALISATION, pair)
+
+    def write_nav_pair(self, nav: PosedStereoPair) -> None:
+        """Write a mapping pair with its pose, camera_info and truth."""
+        stamp = nav.pair.stamp_ns
+        self._write("/nav/pose", stamp, messages.pose(stamp, nav.T_lm_navsb))
+        self._write_pair(Task.MAPPING, nav.pair)
+        if nav.truth is not None:
+            self._write("/ground_truth/points", stamp, messages.points(stamp, nav.truth, self._truth_grid_m))
+
+    def write_truth(self, stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> None:
+        """Write one true pose of RB in DS."""
+        self._write("/ground_truth/odometry", stamp_ns, messages.odometry(stamp_ns, position, quat_xyzw))
+
+    def _write_pair(self, task: Task, pair: StereoPair) -> None:
+        stamp, name = pair.stamp_ns, task.rig
+        for side, image in zip(SIDES, (pair.left, pair.right), strict=True):
+            topic = f"/{name}/{side}/image_rect"
+            if self._jpeg_quality is None:
+                self._write(topic, stamp, messages.image(stamp, image, name, side))
+            else:
+                jpeg = messages.jpeg_image(stamp, image, name, side, self._jpeg_quality)
+                self._write(f"{topic}/compressed", stamp, jpeg)
+        for side in SIDES:
+            info = messages.camera_info(stamp, self._rigs[task], name, side)
+            self._write(f"/{name}/{side}/camera_info", stamp, info)
+
+    def _write(self, name: str, stamp_ns: int, message: Any, qos: tuple[Qos, ...] = ()) -> None:  # noqa: ANN401
+        with _database_errors():
+            if name not in self._connections:
+                self._connections[name] = self._writer.add_connection(
+                    name, message.__msgtype__, typestore=TYPESTORE, offered_qos_profiles=qos
+                )
+            self._writer.write(self._connections[name], stamp_ns, TYPESTORE.serialize_cdr(message, message.__msgtype__))
+
+
+@contextmanager
+def _database_errors() -> Iterator[None]:
+    """Turn an error of sqlite about a disk into an error of the system, as mcap files raise."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise OSError(str(error)) from error
+
+
+class _Part(BytesIO):
+    """What is to be written at an offset of the file; positions count from the start of the file."""
+
+    def __init__(self, begin: int) -> None:
+        super().__init__()
+        self._begin = begin
+
+    def tell(self) -> int:
+        return super().tell() + self._begin
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        return super().seek(offset - self._begin, whence) + self._begin
+
+    def close(self) -> None:
+        """Keep what is to be written; the memory is freed with the object."""
+
+
+class _SafeMcapWriter(CheckedMcapWriter):
+    """Writes chunk and end in one go; when the disk is full the file keeps what it had."""
+
+    bio: Any
+
+    def __init__(self, path: Path, compression: CompressionMode) -> None:
+        super().__init__(path, compression)
+        self._file = self.bio
+        self._offset = self.bio.tell()
+        self._file.flush()
+        self.bio = _Part(self._offset)
+        self._put(END)
+
+    def close_chunk(self) -> None:
+        if self.chunk.bio.tell() > CHUNK_BYTES:
+            self.flush()
+
+    def flush(self) -> None:
+        if self.chunk.bio.tell():
+            super().close_chunk()
+            data = self.bio.getvalue()
+            self._put(data + END)
+            self._offset += len(data)
+            self.bio = _Part(self._offset)
+
+    def sync(self) -> None:
+        os.fdatasync(self._file.fileno())
+
+    def close(self, version: int, metadata: str) -> None:
+        self.flush()
+        super().close(version, metadata)
+        self._put(self.bio.getvalue())
+        self.sync()
+        self._file.close()
+
+    def abort(self) -> None:
+        """Leave the file as it is: it has an end."""
+        self._file.close()
+
+    def _put(self, data: bytes) -> None:
+        number, done = self._file.fileno(), 0
+        try:
+            while done < len(data):
+                done += os.pwrite(number, memoryview(data)[done:], self._offset + done)
+        except OSError:
+            os.ftruncate(number, self._offset)
+            os.pwrite(number, END, self._offset)
+            raise
+
+
+class _SafeWriter(Writer):
+    storage: Any
+    STORAGE_PLUGINS = MappingProxyType({StoragePlugin.MCAP: _SafeMcapWriter})
+
+
+class BagRecorder:
+    """A bag that messages are added to as they come; a context manager. What was flushed stays, however it ends."""
+
+    def __init__(self, path: Path, *, zstd: bool = False) -> None:
+        """Prepare a bag in a folder that must not exist, its chunks compressed or not."""
+        if path.exists():
+            raise OutputError(f"cannot record to '{path}': it exists; choose another name")
+        self.path = path
+        self.count = 0
+        self._writer = _SafeWriter(path, version=9, storage_plugin=StoragePlugin.MCAP)
+        if zstd:
+            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        self._last_ns = 0
+        self._stop = threading.Event()
+        self._syncing = threading.Thread(target=self._sync, name="sync", daemon=True)
+
+    def __enter__(self) -> BagRecorder:
+        try:
+            self._writer.open()
+        except OSError as error:
+            raise OutputError(f"cannot record to '{self.path}': {error.strerror}; choose another path") from error
+        self._syncing.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Close the bag; after an error it stays as it is, which any reader can read."""
+        self._stop.set()
+        self._syncing.join()
+        if kind is not None:
+            self._writer.abort()
+            return
+        with self._telling():
+            try:
+                self._writer.close()
+            except OSError:
+                self._writer.abort()
+                raise
+
+    def add_topic(self, name: str, msgtype: str, definition: str, type_hash: str, offers: Sequence[Qos]) -> Any:  # noqa: ANN401
+        """Add a topic and return what `write` takes; `definition`: the types' text as mcap has it, or empty."""
+        return self._writer.add_connection(
+            name, msgtype, msgdef=definition, rihs01=type_hash, offered_qos_profiles=offers
+        )
+
+    def write(self, topic: Any, received_ns: int, raw: bytes) -> None:  # noqa: ANN401
+        """Add a serialised message."""
+        self._last_ns = max(self._last_ns, received_ns)  # files without an index are read in the order of time
+        with self._telling():
+            self._writer.write(topic, self._last_ns, raw)
+        self.count += 1
+
+    def flush(self) -> None:
+        """Make what was added readable for others."""
+        with self._telling():
+            self._writer.storage.flush()
+
+    def _sync(self) -> None:
+        with suppress(OSError):  # the next write reports it
+            while not self._stop.wait(SYNC_S):
+                self._writer.storage.sync()
+
+    @contextmanager
+    def _telling(self) -> Iterator[None]:
+        """Say what is there when the disk is full."""
+        try:
+            yield
+        except OSError as error:
+            raise OutputError(
+                f"recording to '{self.path}' broke off after {self.count} messages: {error.strerror}; all but the last "
+                f"second is there, free some space and record on under another name"
+            ) from error

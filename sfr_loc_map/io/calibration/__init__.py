@@ -1,0 +1,1 @@
+"""Calibrations of a stereo pair that other programs wrote."""

@@ -1,0 +1,1 @@
+"""Point clouds, elevation grids and arrays of numbers as files."""

@@ -1,0 +1,158 @@
+"""Stereo pairs whose images are files that are listed in advance."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import IO, Self
+
+import numpy as np
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.images.codec import SampleDepth, read_samples
+
+_log = logging.getLogger(__name__)
+NAMED_FILES = 3  #: Missing files that a message names.
+
+
+@cache
+def _say(text: str) -> None:
+    """Say a text once, however often a source is read."""
+    _log.warning(text)
+
+
+@dataclass(frozen=True, slots=True)
+class ImagePair:
+    """The files of one pair; a mapping pair has a pose, and the file of its true points where there is one."""
+
+    stamp_ns: int
+    left: Path
+    right: Path
+    T_lm_navsb: Transform | None = None
+    truth: Path | None = None
+
+
+def whole_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImagePair], int]:
+    """Return the pairs both images of which are there, and how many are not; warn of those in one line."""
+    for earlier, later in pairwise(entries):
+        if later.stamp_ns <= earlier.stamp_ns:
+            raise InputError(
+                f"{name}: stamp {later.stamp_ns} does not come after {earlier.stamp_ns}: stamps must be in order"
+            )
+    missing = [file for entry in entries for file in (entry.left, entry.right) if not file.is_file()]
+    if not missing:
+        return list(entries), 0
+    gone = set(missing)
+    whole = [entry for entry in entries if entry.left not in gone and entry.right not in gone]
+    rest = f" and {len(missing) - NAMED_FILES} more" if len(missing) > NAMED_FILES else ""
+    files = f"{', '.join(map(str, missing[:NAMED_FILES]))}{rest}"
+    if not whole:
+        raise InputError(f"{name} names images that are not there: {files}; restore them")
+    left_out = len(entries) - len(whole)
+    _log.warning("%s: %d of %d pairs left out, images are not there: %s", name, left_out, len(entries), files)
+    return whole, left_out
+
+
+def check_size(image: GreyImage, rig: StereoRig, name: str) -> None:
+    """Check that an image has the rig's size."""
+    if image.shape != (rig.height, rig.width):
+        found = f"{image.shape[1]} x {image.shape[0]}"
+        raise InputError(f"{name} is {found}: its rig says {rig.width} x {rig.height}; both images need the rig's size")
+
+
+def read_pair(entry: ImagePair, rig: StereoRig, depth: SampleDepth) -> StereoPair:
+    """Read the images of a pair."""
+    left, right = depth.grey(read_samples(entry.left), read_samples(entry.right))
+    for path, image in ((entry.left, left), (entry.right, right)):
+        check_size(image, rig, f"image '{path}' (stamp {entry.stamp_ns})")
+    return StereoPair(entry.stamp_ns, left, right)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageFiles:
+    """Pairs of image files."""
+
+    rig: StereoRig  #: Rig of the images once they are rectified.
+    entries: Sequence[ImagePair]  #: The files, in the order of stamps; all have the rig's size.
+
+    @property
+    def stamps_ns(self) -> tuple[int, ...]:
+        """Stamps of the pairs, in their order."""
+        return tuple(entry.stamp_ns for entry in self.entries)
+
+    def sample_depth(self) -> SampleDepth:
+        """Return what finds the depth of the samples of the images in a pass through them."""
+        return SampleDepth(_say, str(self.entries[0].left.parent.parent) if self.entries else "")
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageFileSequence(ImageFiles):
+    """A drive of image files (`sequence.LocSequence`)."""
+
+    ground_truth: Trajectory | None = None  #: True poses of RB in DS, or None.
+    #: Makes the rectified images of those read: left, right; None where they are rectified.
+    rectify: Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]] | None = None
+
+    def pairs(self) -> Iterator[StereoPair]:
+        """Yield the pairs, one in memory at a time."""
+        depth = self.sample_depth()
+        for entry in self.entries:
+            pair = read_pair(entry, self.rig, depth)
+            yield pair if self.rectify is None else StereoPair(pair.stamp_ns, *self.rectify(pair.left, pair.right))
+
+
+class TableWriter:
+    """A folder of images and tables that is being written; a context manager. Tables grow line by line."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._tables: dict[Path, IO[str]] = {}
+        self._truth: list[tuple[int, FloatArray, FloatArray]] = []
+
+    def __enter__(self) -> Self:
+        self._path.mkdir(exist_ok=True)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
+            self._finish()
+        for stream in self._tables.values():
+            stream.close()
+
+    def write_nav_rig(self, rig: StereoRig) -> None:
+        """Leave out the rig of mapping pairs: most layouts have none."""
+
+    def write_nav_pair(self, nav: PosedStereoPair) -> None:
+        """Leave out a mapping pair."""
+
+    def write_truth(self, stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> None:
+        """Take one true pose of RB in DS, which is written at the end."""
+        self._truth.append((stamp_ns, position, quat_xyzw))
+
+    @property
+    def _true_poses(self) -> Trajectory:
+        stamps_ns, positions, quats = (np.array(column) for column in zip(*self._truth, strict=True))
+        return Trajectory(stamps_ns, positions, quats)
+
+    def _finish(self) -> None:
+        """Write what is known only at the end."""
+
+    def append(self, name: str, row: str, header: str = "") -> None:
+        """Write a row of the table of a name in the folder, after its header if it is the first."""
+        path = self._path / name
+        if path not in self._tables:
+            path.parent.mkdir(exist_ok=True)
+            self._tables[path] = path.open("w", encoding="utf-8", newline="\n")
+            self._tables[path].write(header + "\n" if header else "")
+        self._tables[path].write(row + "\n")

@@ -1,0 +1,129 @@
+"""The layout of the EuRoC MAV data sets (ASL; Burri et al. 2016), read and written.
+
+    mav0/cam0/{sensor.yaml,data.csv,data/*.png}   left camera: pinhole, radial-tangential distortion, T_BS
+    mav0/cam1/...                                 right camera
+    mav0/state_groundtruth_estimate0/data.csv     optional: timestamp [ns], p_xyz [m], q_wxyz, ... of B in the world
+
+Images are rectified here, unless they are already. RB is the body frame B, DS the world frame of the truth, whose rate
+is kept. B of written ones is SB where the rig's pose on the rover is not known, and the truth is left out then.
+"""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import numpy as np
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.rectification import rectified_pair
+from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S, match_stamps
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import NS_PER_S, read_text, refusing
+from sfr_loc_map.io.calibration.files import parse_opencv_yaml, read_sensor_yaml
+from sfr_loc_map.io.images.codec import encode_png
+from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair, TableWriter, whole_pairs
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.tables.text_table import check_order, parse_stamp_ns, read_lines
+from sfr_loc_map.io.tables.trajectory_file import TrajectoryFormat, read_trajectory_file, save_trajectory
+from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
+
+CAMERAS = ("cam0", "cam1")
+TRUTH = "state_groundtruth_estimate0"
+TRUTHS = (TRUTH, "mocap0", "vicon0", "gt0", "leica0")  #: The best first: TUM-VI has mocap0, EuRoC vicon0 or leica0.
+LIST_HEADER = "#timestamp [ns],filename"
+_log = logging.getLogger(__name__)
+
+
+def is_euroc(path: Path) -> bool:
+    """Tell whether a path looks like an EuRoC sequence: the folder `mav0` or the one that holds it."""
+    return (path / "mav0" / "cam0").is_dir() or (path / "cam0" / "sensor.yaml").exists()
+
+
+def open_euroc(path: Path) -> Source:
+    """Open an EuRoC sequence."""
+    folder = path / "mav0" if (path / "mav0").is_dir() else path
+    rig, rectify = rectified_pair(f"'{folder}'", *(read_sensor_yaml(folder / name / "sensor.yaml") for name in CAMERAS))
+    left, right = (_load_list(folder / name / "data.csv") for name in CAMERAS)
+    stamps = {stamp: stamp for stamp in sorted(left.keys() & right.keys())}
+    if not stamps:
+        stamps = match_stamps(list(left), list(right), round(STAMP_TOLERANCE_S * NS_PER_S))
+        _log.warning(f"'{folder}': {len(stamps)} pairs have stamps that differ, matched within {STAMP_TOLERANCE_S} s")
+    pairs = [ImagePair(stamp, left[stamp], right[other]) for stamp, other in stamps.items()]
+    if not pairs:
+        raise InputError(
+            f"'{folder}': none of {len(left)} left and {len(right)} right images have stamps within "
+            f"{STAMP_TOLERANCE_S} s: give data.csv of both cameras by one clock"
+        )
+    entries, left_out = whole_pairs(pairs, f"'{folder}'")
+    truth = _load_truth(folder)
+    return Source(path, "euroc", ImageFileSequence(rig, entries, truth, rectify), None, left_out)
+
+
+def _load_truth(folder: Path) -> Trajectory | None:
+    """Return the truth of the first of `TRUTHS` that is there; T_BS places the marker of a tracker in the body."""
+    file = next((file for name in TRUTHS if (file := folder / name / "data.csv").is_file()), None)
+    if file is None:
+        return None
+    loaded = read_trajectory_file(file, side="truth")
+    check_order(loaded.trajectory.stamps_ns, f"'{file}'", strict=False)
+    if file.parent.name == TRUTH:
+        return loaded.trajectory
+    place = file.with_name("sensor.yaml")
+    marker = RB_ITSELF
+    if place.is_file():
+        with refusing(f"'{place}' is not a sensor.yaml"):
+            numbers = np.array(parse_opencv_yaml(read_text(place))["T_BS"]["data"], np.float64)
+            T_rb_marker = Transform.from_matrix(numbers.reshape(4, 4))
+            marker = TrackedBody(tuple(T_rb_marker.translation.tolist()), tuple(T_rb_marker.quat_xyzw.tolist()))
+    return marker.applied(loaded.trajectory, read_from=loaded.text)
+
+
+def _load_list(path: Path) -> dict[int, Path]:
+    files = {}
+    for number, line in enumerate(read_lines(path), start=1):
+        stamp, _, name = line.partition(",")
+        with refusing(f"'{path}' entry {number}"):
+            files[parse_stamp_ns(stamp)] = path.parent / "data" / name.strip()
+    check_order(list(files), f"'{path}'", strict=True)
+    return files
+
+
+class EurocWriter(TableWriter):
+    """A sequence that is being written; a context manager. The layout has no mapping pairs: they are left out."""
+
+    _has_body = True
+
+    def write_loc_rig(self, rig: StereoRig) -> None:
+        """Write the two cameras; comes before the first pair and the truth."""
+        self._has_body = rig.T_rb_sb is not None
+        T_body_left = rig.T_rb_left if self._has_body else rig.T_sb_left
+        T_left_right = Transform(np.eye(3), np.array([rig.baseline_m, 0.0, 0.0]))
+        for name, pose in zip(CAMERAS, (T_body_left, T_body_left @ T_left_right), strict=True):
+            numbers = ", ".join(map(repr, pose.matrix.reshape(-1).tolist()))
+            (self._path / "mav0" / name / "data").mkdir(parents=True)
+            (self._path / "mav0" / name / "sensor.yaml").write_text(
+                f"%YAML:1.0\nsensor_type: camera\ncomment: rectified camera {name}\n"
+                f"T_BS:\n  cols: 4\n  rows: 4\n  data: [{numbers}]\n"
+                f"resolution: [{rig.width}, {rig.height}]\ncamera_model: pinhole\n"
+                f"intrinsics: [{rig.fx!r}, {rig.fy!r}, {rig.cx!r}, {rig.cy!r}]\n"
+                "distortion_model: radial-tangential\ndistortion_coefficients: [0.0, 0.0, 0.0, 0.0]\n",
+                encoding="ascii",
+            )
+
+    def write_loc_pair(self, pair: StereoPair) -> None:
+        """Write a pair of the drive."""
+        for name, image in zip(CAMERAS, (pair.left, pair.right), strict=True):
+            file = f"{pair.stamp_ns}.png"
+            (self._path / "mav0" / name / "data" / file).write_bytes(encode_png(image))
+            self.append(f"mav0/{name}/data.csv", f"{pair.stamp_ns},{file}", LIST_HEADER)
+
+    def _finish(self) -> None:
+        if self._truth and not self._has_body:
+            _log.warning("the truth is left out: the pose of the cameras on the rover (T_rb_locsb) is not known")
+        elif self._truth:
+            folder = self._path / "mav0" / TRUTH
+            folder.mkdir()
+            save_trajectory(folder / "data.csv", self._true_poses, TrajectoryFormat.EUROC)

@@ -1,0 +1,92 @@
+"""A folder of images as a camera wrote them, with a calibration beside: two folders, files named by their time.
+
+left/1700000000123456789.png    right/1700000000123456789.png     or cam0/ and cam1/, in any unit of time
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.rectification import rectified_rig, rig_of_rectified
+from sfr_loc_map.geometry.stamp_pairing import match_stamps
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.io.calibration.files import read_calibration
+from sfr_loc_map.io.images.codec import read_grey
+from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.tables.pose_columns import TIMES, time_unit
+from sfr_loc_map.io.tables.text_table import parse_decimal
+
+SIDES_OF = (("left", "right"), ("cam0", "cam1"), ("infra1", "infra2"), ("image_left", "image_right"), ("l", "r"))
+"""Names of the folders of left and right images."""
+ENDINGS = (".png", ".jpg", ".jpeg", ".pgm", ".ppm")
+
+
+def is_image_folder(path: Path) -> bool:
+    """Tell whether a path is a folder with two folders of images."""
+    return _sides(path) is not None
+
+
+def open_image_folder(path: Path, config: SourceConfig) -> Source:
+    """Open a folder of images by the calibration that the configuration names."""
+    folders = _sides(path)
+    if folders is None:
+        raise InputError(f"'{path}' has no folders of left and right images")
+    if not config.calibration.file:
+        raise InputError(
+            f"'{path}' has images in {folders[0].name}/ and {folders[1].name}/ and no calibration: sfr init DIR --from "
+            f"'{path}' --calibration FILE (Kalibr, OpenCV, ROS, COLMAP, EuRoC, ORB-SLAM or rig.json)"
+        )
+    left, right = (_by_stamp(folder) for folder in folders)
+    offset_ns = round(config.sync.right_offset_s * NS_PER_S)
+    right = {stamp + offset_ns: file for stamp, file in right.items()}
+    pairs = match_stamps(sorted(left), sorted(right), round(config.sync.stamp_tolerance_s * NS_PER_S))
+    if not pairs:
+        raise InputError(
+            f"'{path}': none of {len(left)} left and {len(right)} right images have names of one time: set "
+            "sync.stamp_tolerance_s or sync.right_offset_s in sfr.yaml"
+        )
+    entries = [ImagePair(stamp, left[stamp], right[other]) for stamp, other in pairs.items()]
+    height, width = read_grey(entries[0].left).shape
+    found = read_calibration(Path(config.calibration.file), (width, height))
+    if found.is_rectified:
+        rig, rectifier = rig_of_rectified(found.infos, "loc")
+    else:
+        rig, rectifier = rectified_rig(found.infos, "loc")
+    rig = replace(rig, T_rb_sb=found.T_rb_sb)
+    loc = ImageFileSequence(rig, entries, None, None if rectifier is None else rectifier.rectify)
+    return Source(path, "images", loc, None)
+
+
+def _sides(path: Path) -> tuple[Path, Path] | None:
+    """Return the folders of left and right images, None where they are not there."""
+    if not path.is_dir():
+        return None
+    folders = {item.name.lower(): item for item in path.iterdir() if item.is_dir()}
+    for names in SIDES_OF:
+        if all(name in folders and _images(folders[name]) for name in names):
+            return folders[names[0]], folders[names[1]]
+    return None
+
+
+def _images(folder: Path) -> list[Path]:
+    inner = folder / "data"
+    return sorted(file for file in (inner if inner.is_dir() else folder).iterdir() if file.suffix.lower() in ENDINGS)
+
+
+def _by_stamp(folder: Path) -> dict[int, Path]:
+    """Return the images of a folder by their stamps, ns, which their names are."""
+    files = _images(folder)
+    wrong = [file.name for file in files if not file.stem.replace(".", "", 1).isdecimal()]
+    stems = sorted((file.stem for file in files), key=lambda stem: (len(stem.partition(".")[0]), stem))
+    unit = "" if wrong else time_unit(stems, is_seconds=False)
+    if not unit:
+        shown = wrong[0] if wrong else ", ".join(stems[:3])
+        raise InputError(
+            f"images of '{folder}' are named {shown}: names that are times of one unit (s, ms, us, ns) are needed; "
+            "rename them, or make a pairs.csv and rig.json (docs/formats.md)"
+        )
+    return {parse_decimal(file.stem, TIMES[unit]): file for file in files}

@@ -1,0 +1,127 @@
+"""The layout of the KITTI odometry benchmark (Geiger et al. 2012), read and written.
+
+    image_0/000000.png  image_1/000000.png   rectified images, left and right (or image_2, image_3: colour)
+    calib.txt           P0: ... P3: ...      projection matrices of the rectified cameras, in the frame of camera 0
+    times.txt           seconds, one a line
+    poses.txt           optional; also found as ../../poses/NAME.txt: 3 x 4 matrices of camera 0 in its first frame
+
+RB is the stereo bench frame SB itself, and DS is RB at the first pose: x forward, y left, z up.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.geometry.camera_info import projection, rig_from_projections
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import SIDES, read_table, refusing
+from sfr_loc_map.io.bag.frames import covered, sampled
+from sfr_loc_map.io.images.codec import encode_png, read_grey
+from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair, TableWriter, whole_pairs
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.tables.text_table import parse_number, parse_table, read_lines, seconds_text
+from sfr_loc_map.io.tables.trajectory_file import read_times
+
+CAMERAS = ((0, 1), (2, 3))  #: Numbers of the left and right cameras that are looked for: grey, colour.
+_log = logging.getLogger(__name__)
+
+
+def is_kitti(path: Path) -> bool:
+    """Tell whether a path looks like a KITTI sequence."""
+    return (path / "calib.txt").exists() and any((path / f"image_{left}").is_dir() for left, _ in CAMERAS)
+
+
+def open_kitti(path: Path) -> Source:
+    """Open a KITTI odometry sequence."""
+    left, right = next(pair for pair in CAMERAS if (path / f"image_{pair[0]}").is_dir())
+    times, calibration = path / "times.txt", path / "calib.txt"
+    stamps = read_times(times).tolist()
+    if not stamps:
+        raise InputError(f"'{times}' holds no time: a line for each pair is needed")
+    entries = [
+        ImagePair(stamp, path / f"image_{left}" / f"{i:06d}.png", path / f"image_{right}" / f"{i:06d}.png")
+        for i, stamp in enumerate(stamps)
+    ]
+    whole, left_out = whole_pairs(entries, f"'{times}'")
+    height, width = read_grey(whole[0].left).shape
+    cameras = {}
+    for line in read_lines(calibration):
+        name, _, rest = line.partition(":")
+        if name in ("P0", "P1", "P2", "P3"):
+            with refusing(f"'{calibration}' {name}: 12 finite numbers are needed"):
+                cameras[int(name[1])] = np.array([parse_number(word) for word in rest.split()]).reshape(12)
+    if left not in cameras or right not in cameras:
+        found = sorted(f"P{i}" for i in cameras)
+        raise InputError(f"'{calibration}' has {found}: P{left} and P{right} are needed")
+    size, where, names = (width, height), f"'{calibration}'", (f"P{left}", f"P{right}")
+    rig = rig_from_projections(cameras[left], cameras[right], size, where, names)
+    rig = replace(rig, T_rb_sb=Transform.identity())
+    truth = _load_poses(path, stamps, rig, -cameras[left][3] / cameras[left][0])
+    return Source(path, "kitti", ImageFileSequence(rig, whole, truth), None, left_out)
+
+
+def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) -> Trajectory | None:
+    """Return the poses of RB by those of camera 0, along whose x the left camera used is at `offset_m`."""
+    files = [path / "poses.txt", path.parent.parent / "poses" / f"{path.resolve().name}.txt"]
+    file = next((file for file in files if file.is_file()), None)
+    if file is None:
+        return None
+    rows = parse_table(read_table(file), f"'{file}'", "the first three rows of a pose matrix", range(12)).values
+    if len(rows) != len(stamps):
+        raise InputError(f"'{file}' has {len(rows)} poses for {len(stamps)} times: one for each is needed")
+    T_cam0_left = Transform(np.eye(3), np.array([offset_m, 0.0, 0.0]))
+    with refusing(f"'{file}'"):
+        matrices = [Transform.from_matrix(row.reshape(3, 4)) for row in rows]
+    poses = [T_cam0_left.inverse() @ pose @ T_cam0_left for pose in matrices]
+    start, T_left_sb = rig.T_sb_left @ poses[0].inverse(), rig.T_sb_left.inverse()
+    return Trajectory.from_poses((stamp, start @ pose @ T_left_sb) for stamp, pose in zip(stamps, poses, strict=True))
+
+
+class KittiWriter(TableWriter):
+    """A sequence that is being written; a context manager. The layout has no mapping pairs: they are left out."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._rig: StereoRig | None = None
+        self._stamps_ns: list[int] = []
+
+    def write_loc_rig(self, rig: StereoRig) -> None:
+        """Write the calibration."""
+        self._rig = rig
+        for number, side in enumerate(SIDES):
+            self.append("calib.txt", f"P{number}: {' '.join(map(repr, projection(rig, side).tolist()))}")
+
+    def write_loc_pair(self, pair: StereoPair) -> None:
+        """Write a pair of the drive."""
+        if pair.stamp_ns < 0:
+            raise OutputError(f"stamp {pair.stamp_ns} ns is negative: the times of KITTI begin at 0")
+        for name, image in (("image_0", pair.left), ("image_1", pair.right)):
+            (self._path / name).mkdir(exist_ok=True)
+            (self._path / name / f"{len(self._stamps_ns):06d}.png").write_bytes(encode_png(image))
+        self._stamps_ns.append(pair.stamp_ns)
+        self.append("times.txt", seconds_text(pair.stamp_ns))
+
+    def _finish(self) -> None:
+        """Write the pose at each image: that of its stamp, else between neighbours at most 1 s apart."""
+        rig = self._rig
+        if rig is None or not self._truth:
+            return
+        if rig.T_rb_sb is None:
+            _log.warning("poses.txt is left out: the pose of the cameras on the rover (T_rb_locsb) is not known")
+            return
+        truth, stamps = self._true_poses, np.array(self._stamps_ns, np.int64)
+        if not covered(truth.stamps_ns, stamps).all():
+            _log.warning("poses.txt is left out: the truth does not cover every image")
+            return
+        places_and_turns = zip(*sampled(truth, stamps), strict=True)
+        poses = [Transform.from_quat(place, turn) @ rig.T_rb_left for place, turn in places_and_turns]
+        T_first_ds = poses[0].inverse()
+        for pose in poses:
+            self.append("poses.txt", " ".join(map(repr, (T_first_ds @ pose).matrix[:3].reshape(-1).tolist())))

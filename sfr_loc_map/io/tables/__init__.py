@@ -1,0 +1,1 @@
+"""Text tables of numbers, and the trajectories that are written as such tables."""

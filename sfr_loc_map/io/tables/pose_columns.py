@@ -1,0 +1,554 @@
+"""Which columns of a text table are stamps, positions and attitudes, and in which units.
+
+A header that names columns decides, with or without a comment sign. Without a header the layout is the one of
+`LAYOUTS` that all rows fit: number of columns, unit quaternions, orthonormal rotations, stamps that increase. If
+several layouts fit, or none, the message names them; `--columns` and `truth.columns` say which one it is:
+
+    t=Time[s],x=East[mm],y=North[mm],z=Height[mm]      columns by their names in the header, or by number: t=#1[ns]
+    t[ns],x,y,z,qw,qx,qy,qz                            columns in their order; _ leaves a column out
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.plausibility import plausible_quats, plausible_rotations
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.io.tables.text_table import (
+    parse_decimal,
+    parse_nanoseconds,
+    parse_number,
+    parse_seconds,
+    parse_utc,
+    split_cells,
+)
+
+STAMP, SECONDS, NANOSECONDS, FRAME = "t", "sec", "nsec", "frame"
+POSITION = ("x", "y", "z")
+QUATERNION = ("qx", "qy", "qz", "qw")
+MATRIX = tuple(f"m{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3, 4))
+DOWN = "down"  #: A height that is positive below; z is its opposite.
+SKIPPED = "_"
+NAMES: dict[str, tuple[str, ...]] = {
+    STAMP: ("headerstamp", "timestamp", "stamp", "time", "t", "utime", "unixtime", "timestamps"),
+    SECONDS: ("sec", "secs", "headerstampsec", "headerstampsecs", "stampsec", "timesec", "timestampsec"),
+    NANOSECONDS: ("nsec", "nsecs", "nanosec", "nanosecs", "headerstampnanosec", "headerstampnsecs", "stampnanosec"),
+    "x": ("x", "px", "tx", "posx", "positionx", "translationx", "xenu", "east", "easting", "e", "prsrx"),
+    "y": ("y", "py", "ty", "posy", "positiony", "translationy", "yenu", "north", "northing", "n", "prsry"),
+    "z": ("z", "pz", "tz", "posz", "positionz", "translationz", "zenu", "up", "height", "h", "elevation", "prsrz"),
+    DOWN: (DOWN, "zned"),
+}
+NAMES |= {
+    f"q{axis}": (f"q{axis}", f"quat{axis}", f"quaternion{axis}", f"orientation{axis}", f"rotation{axis}", f"qrs{axis}")
+    for axis in "xyzw"
+}
+"""Names of columns in small letters without `_`, `.`, `-` and spaces; the first of several that a header has counts."""
+NANOSECOND_DIGITS = 9  #: Decimals of a stamp that is in seconds with whole nanoseconds.
+EARLIEST_CLOCK_S = 3e8  #: A clock of 1979 and later; smaller stamps count from the start of a program.
+LATEST_CLOCK_S = 4.62e9  #: 146 years from 1970, the range of stamps; larger ones are in a smaller unit.
+LONGEST_STEP_S = 1000.0  #: Longest step between poses of a file whose stamps are seconds.
+METRES = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}
+TIMES = {"s": NS_PER_S, "sec": NS_PER_S, "secs": NS_PER_S, "seconds": NS_PER_S}
+TIMES |= {"ms": 1_000_000, "msec": 1_000_000, "us": 1_000, "usec": 1_000, "ns": 1, "nsec": 1, "nanoseconds": 1}
+UTC_UNIT = "utc"  #: Unit of times written as `2026-05-04 10:22:01.25`.
+COVARIANCES = {
+    "Pr": ("attitude", ("11", "12", "13", "22", "23", "33")),
+    "Pt": ("position", ("11", "12", "13", "22", "23", "33")),
+}
+"""Columns of covariances by OpenVINS, upper triangles (docs.openvins.com, "Filesystem format"): rad^2 and m^2."""
+COVARIANCE_KEYS = tuple(f"{prefix}{index}" for prefix, (_, indices) in COVARIANCES.items() for index in indices)
+_UNIT = re.compile(
+    r"^[#%/\s]*(.*?)\s*(?:\[([^\[\]]*)\]|\((\w*)\)|_(m|cm|mm|km|s|sec|ms|msec|us|usec|ns|nsec|utc))?$", re.IGNORECASE
+)
+_PREFIXES = ("field", "poseposepose", "posepose", "pose", "transform")
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """How lines are written that have no header."""
+
+    name: str  #: As messages name it.
+    keys: tuple[str, ...]  #: What each column holds, of the first ones.
+    separator: str = ""  #: Needed separator: "," or " "; empty for any.
+    widths: tuple[int, ...] = ()  #: Numbers of columns; empty: as many as keys, or more.
+    unit: str = ""  #: Unit of the stamps; empty: by their magnitude.
+
+
+_POSE = (*POSITION, *QUATERNION)
+_SCALAR_FIRST = (*POSITION, "qw", "qx", "qy", "qz")
+LAYOUTS = (
+    Layout("TUM (t x y z qx qy qz qw)", (STAMP, *_POSE), " "),
+    Layout("TUM with commas (t,x,y,z,qx,qy,qz,qw)", (STAMP, *_POSE), ",", (8,)),
+    Layout("EuRoC (t,x,y,z,qw,qx,qy,qz)", (STAMP, *_SCALAR_FIRST), ",", (8,), "ns"),
+    Layout("EuRoC (t,x,y,z,qw,qx,qy,qz, velocity, biases)", (STAMP, *_SCALAR_FIRST), ",", (11, 17), "ns"),
+    Layout("sec nsec x y z qx qy qz qw", (SECONDS, NANOSECONDS, *_POSE), "", (9,)),
+    Layout("KITTI (3 x 4 matrix)", MATRIX, "", (12,)),
+    Layout("KITTI-360 (frame and 3 x 4 matrix)", (FRAME, *MATRIX), "", (13,)),
+    Layout("KITTI-360 (frame and 4 x 4 matrix)", (FRAME, *MATRIX), "", (17,)),
+    Layout("MulRan (t and 3 x 4 matrix)", (STAMP, *MATRIX), "", (13,)),
+    Layout("t x y z", (STAMP, *POSITION), "", (4,)),
+)
+"""Every layout without a header that is read; docs/formats.md has the same table."""
+HEAD_LINES = 5000  #: Lines from which the layout is detected; later rows that do not fit it are broken.
+MAX_FRAME = 1e7  #: Whole numbers below are numbers of frames, above are stamps.
+FIT = 0.9  #: Fraction of rows that fit a layout; broken rows may be among them.
+#: Fraction of fitting rows from which a layout is accepted if no other fits better, so that broken rows can be named.
+HALF_FIT = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class PoseColumns:
+    """Which columns are read, and as what."""
+
+    name: str  #: Layout, as messages name it.
+    separator: str | None  #: None: spaces.
+    places: Mapping[str, int]  #: Column of each key, from 0.
+    units: Mapping[str, str]  #: Unit of each key, where the header or `--columns` gives one.
+    width: int  #: Number of columns.
+    skip: int = 0  #: Lines before the first row, where they are not comments.
+    by_header: bool = False  #: Whether a header or `--columns` names the columns.
+    ignored: tuple[str, ...] = ()  #: Names of columns that are not read.
+    inferred: str = ""  #: Unit of the stamps by their magnitude, where nothing else gives one.
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.places
+
+    @property
+    def is_tum(self) -> bool:
+        """Whether the columns are those of TUM in their order, which has seconds."""
+        order = (STAMP, *POSITION, *QUATERNION)
+        in_order = all(self.places.get(key) == place for place, key in enumerate(order))
+        return in_order and self.separator in (None, "\t")
+
+    @property
+    def position_keys(self) -> tuple[str, ...]:
+        """The three columns of the position."""
+        return POSITION if "z" in self.places else ("x", "y", DOWN)
+
+    @property
+    def is_matrix(self) -> bool:
+        """Whether the poses are 3 x 4 matrices."""
+        return MATRIX[0] in self.places
+
+    @property
+    def is_kitti(self) -> bool:
+        """Whether the poses are those of KITTI odometry: matrices of the left camera, without stamps."""
+        return self.is_matrix and self.stamp_key is None
+
+    @property
+    def stamp_key(self) -> str | None:
+        """The column of the stamp or of the number of the frame; None if lines are in order alone."""
+        return next((key for key in (STAMP, SECONDS, FRAME) if key in self.places), None)
+
+    @property
+    def has_covariance(self) -> bool:
+        """Whether columns give a whole covariance."""
+        return all(key in self.places for key in COVARIANCE_KEYS)
+
+    @property
+    def value_keys(self) -> list[str]:
+        """The columns of numbers, besides the stamp."""
+        poses = MATRIX if self.is_matrix else (*self.position_keys, *(key for key in QUATERNION if key in self.places))
+        covariances = COVARIANCE_KEYS if self.has_covariance else ()
+        return [*poses, *((NANOSECONDS,) if NANOSECONDS in self.places else ()), *covariances]
+
+    @property
+    def scales(self) -> list[float]:
+        """Metres in a unit of each column of the position."""
+        return [METRES[self.units.get(key, "")] * (-1.0 if key == DOWN else 1.0) for key in self.position_keys]
+
+    def stamp(self) -> Callable[[str], int]:
+        """Return what makes nanoseconds of a stamp, of the number of a frame, or of whole seconds."""
+        unit = self.units.get(STAMP, "s")
+        if unit == UTC_UNIT:
+            return parse_utc
+        unit_ns = TIMES[unit]
+        if unit_ns == NS_PER_S:
+            return parse_seconds
+        return parse_nanoseconds if unit_ns == 1 else partial(parse_decimal, unit_ns=unit_ns)
+
+
+def pose_columns(lines: Sequence[str], name: str, columns: str, option: str) -> PoseColumns:
+    """Return which columns are read of a table that begins with these lines.
+
+    `columns` is what the user gives, `option` its name in messages. InputError, in one line, if neither a
+    header nor a unique layout gives the columns.
+    """
+    lines = lines[:HEAD_LINES]
+    first, separator = _first_row(lines)
+    if first < 0:
+        raise InputError(f"{name} has no pose: at least one line with one is needed")
+    rows = _numbers(lines[first:], separator)
+    width = max((len(cells) for cells in rows), default=0) or len(split_cells(lines[first], separator))
+    if columns:
+        found = _by_user(lines[:first], name, columns, separator, width)
+    else:
+        found = _by_header(lines[:first], separator, rows) or _by_layout(lines, first, name, separator, rows, option)
+    found = replace(found, skip=first)
+    _check(found, name, lines[:first], option)
+    return _with_time_unit(found, rows, name, option)
+
+
+# ---- separators and rows
+
+
+def _first_row(lines: Sequence[str]) -> tuple[int, str | None]:
+    """Return the number of the first line that is a row of numbers, -1 without one, and what separates its cells."""
+    for number, line in enumerate(lines):
+        text = line.strip()
+        if not text or text[0] in "#%" or text.startswith("//"):
+            continue
+        separator = _separator(text)
+        cells = split_cells(text, separator)
+        numeric = sum(_is_number(cell) or not cell for cell in cells)
+        if cells and 2 * numeric >= len(cells) and (_is_number(cells[0]) or _is_time(cells[0])):
+            return number, separator
+    return -1, None
+
+
+def _separator(text: str) -> str | None:
+    for separator in (";", "\t", ","):
+        if separator in text:
+            return separator
+    return None
+
+
+def _is_number(text: str) -> bool:
+    word = text.strip().replace(",", ".")
+    if word.lower().lstrip("+-").partition("(")[0] in ("nan", "inf"):
+        return True
+    try:
+        parse_number(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_time(text: str) -> bool:
+    try:
+        parse_utc(text)
+    except (ValueError, OverflowError):
+        return False
+    return True
+
+
+def _numbers(lines: Sequence[str], separator: str | None) -> list[list[str]]:
+    """Return the cells of the lines that are rows."""
+    rows = [line.strip() for line in lines]
+    return [split_cells(row, separator) for row in rows if row and row[0] not in "#%"]
+
+
+# ---- a header
+
+
+def split_unit(cell: str) -> tuple[str, str]:
+    """Return the name and the unit of a cell of a header: `East [mm]`, `time_ns`, `Height (m)`."""
+    match = _UNIT.match(cell.strip())
+    title, *units = match.groups("") if match else (cell, "")
+    return str(title).strip(), "".join(units).strip().lower()
+
+
+def key_of(cell: str) -> tuple[str, int] | None:
+    """Return what a column of this name holds, and the rank of the name among those of it; None if unknown."""
+    title = split_unit(cell)[0]
+    word = re.sub(r"[^a-z0-9]", "", title.lower())
+    words = [word]
+    words += [word.removeprefix(prefix) for prefix in _PREFIXES if word.startswith(prefix)]
+    words += [word.removeprefix("field").removeprefix(prefix) for prefix in _PREFIXES if word.startswith("field")]
+    for key, names in NAMES.items():
+        for candidate in words:
+            if candidate in names:
+                return key, names.index(candidate)
+    for prefix, (_, indices) in COVARIANCES.items():
+        for index in indices:
+            if title == f"{prefix}{index}":
+                return title, 0
+    return None
+
+
+def header_cells(line: str, separator: str | None, width: int) -> list[str]:
+    """Return the cells of a line that may be a header, without a comment sign."""
+    text = line.strip().lstrip("#%/").strip()
+    options = [separator, ",", ";", "\t", None]
+    cells = [split_cells(text, option) for option in options]
+    return next((found for found in cells if len(found) >= min(width, 4)), cells[0])
+
+
+def _by_header(before: Sequence[str], separator: str | None, rows: Sequence[Sequence[str]]) -> PoseColumns | None:
+    """Return the columns that the last line before the rows that names enough of them names, None without one."""
+    width = max((len(cells) for cells in rows), default=0)
+    for line in reversed(before):
+        cells = _aligned(header_cells(line, separator, width), rows, width)
+        found = _named(cells)
+        has_stamp = STAMP in found or {SECONDS, NANOSECONDS} <= found.keys() or SECONDS in found
+        if has_stamp and {"x", "y"} <= found.keys() and found.keys() & {"z", DOWN}:
+            return _of_header("columns by their names", cells, found, separator, width)
+    return None
+
+
+def _aligned(cells: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> list[str]:
+    """Return the names of a header, one for each column of the rows.
+
+    A label before the names (`format: t x y z`) is ignored. Names beyond the last column are of values that this
+    file does not have. Rows may begin with a number of the row that the header does not name (`write.table` of R).
+    """
+    names = list(cells)
+    if len(names) > 1 and names[0].endswith(":"):
+        names = names[1:]
+    if len(names) == width - 1 and [row[0].strip('"') for row in rows] == [str(n + 1) for n in range(len(rows))]:
+        names = ["", *names]
+    return names[: max(width, 1)]
+
+
+def _named(cells: Sequence[str]) -> dict[str, int]:
+    ranked: dict[str, tuple[int, int]] = {}
+    for place, cell in enumerate(cells):
+        known = key_of(cell)
+        if known is None:
+            continue
+        key, rank = known
+        if key not in ranked or rank < ranked[key][0]:
+            ranked[key] = (rank, place)
+    return {key: place for key, (_, place) in ranked.items()}
+
+
+def _of_header(
+    name: str, cells: Sequence[str], found: Mapping[str, int], separator: str | None, width: int
+) -> PoseColumns:
+    places = dict(found)
+    units = {key: split_unit(cells[place])[1] for key, place in places.items()}
+    if SECONDS in places and NANOSECONDS not in places and STAMP not in places:
+        places[STAMP], units[STAMP] = places.pop(SECONDS), "s"
+    if {SECONDS, NANOSECONDS} <= places.keys():
+        places.pop(STAMP, None)
+    if not all(key in places for key in QUATERNION) or DOWN in places:  # attitudes in NED are of another body, too
+        places = {key: place for key, place in places.items() if key not in QUATERNION}
+    units = {key: unit for key, unit in units.items() if key in places and unit}
+    ignored = tuple(cell for place, cell in enumerate(cells) if place not in places.values())
+    return PoseColumns(name, separator, places, units, max(width, len(cells)), by_header=True, ignored=ignored)
+
+
+def _by_user(before: Sequence[str], name: str, columns: str, separator: str | None, width: int) -> PoseColumns:
+    """Return the columns that the user names: `NAME=HEADER[UNIT]` each, or `NAME[UNIT]` in the order of columns."""
+    items = [item.strip() for item in columns.split(",") if item.strip()]
+    header = max((header_cells(line, separator, width) for line in before), key=len, default=[])
+    ordered = not any("=" in item for item in items)
+    places: dict[str, int] = {}
+    units: dict[str, str] = {}
+    for number, item in enumerate(items):
+        key, _, text = (part.strip() for part in item.partition("="))
+        if ordered:
+            key, unit = split_unit(item)
+            place = None if key == SKIPPED else number
+        else:
+            place, unit = _column(text, header)
+        if key == SKIPPED:
+            continue
+        known = {*NAMES, FRAME, *MATRIX}
+        if key not in known or place is None or place >= max(width, len(header)):
+            shown = ", ".join(header) or f"{width} columns without a header"
+            raise InputError(
+                f"{name}: no column for '{item}': NAME is of t, sec, nsec, x, y, z, qx, qy, qz, qw and HEADER a name "
+                f"or #NUMBER of a column, found {shown[:200]}"
+            )
+        places[key] = place
+        units[key] = unit
+    titles = [*header, *(f"#{number + 1}" for number in range(len(header), width))]
+    ignored = tuple(title for place, title in enumerate(titles) if place not in places.values())
+    units = {key: unit for key, unit in units.items() if unit}
+    return PoseColumns("columns as given", separator, places, units, width, by_header=True, ignored=ignored)
+
+
+def _column(text: str, header: Sequence[str]) -> tuple[int | None, str]:
+    """Return the place and the unit of a column that a user names, by number, by its whole name or without the unit."""
+    title, unit = split_unit(text)
+    if re.fullmatch(r"#?[0-9]{1,4}", text.partition("[")[0].strip()) and (text.startswith("#") or not header):
+        return int(text.partition("[")[0].strip(" #")) - 1, text.partition("[")[2].strip("] ").lower()
+    plain = [re.sub(r"[\s#%]", "", cell).lower() for cell in header]
+    wanted = re.sub(r"[\s#%]", "", text).lower()
+    if wanted in plain:
+        return plain.index(wanted), split_unit(header[plain.index(wanted)])[1]
+    own, _, given = text.rpartition("[")
+    if own and re.sub(r"[\s#%]", "", own).lower() in plain:  # a unit in place of the one of the header
+        return plain.index(re.sub(r"[\s#%]", "", own).lower()), given.strip("] ").lower()
+    titles = [re.sub(r"\s", "", split_unit(cell)[0]).lower() for cell in header]
+    short = re.sub(r"\s", "", title).lower()
+    if short in titles:
+        place = titles.index(short)
+        return place, unit or split_unit(header[place])[1]
+    return None, ""
+
+
+# ---- without a header
+
+
+def _by_layout(
+    lines: Sequence[str], first: int, name: str, separator: str | None, rows: Sequence[Sequence[str]], option: str
+) -> PoseColumns:
+    """Return the layout that the rows fit; InputError if none or several fit."""
+    header = _unknown_header(lines[:first])
+    if header is not None:
+        raise InputError(_no_names(name, lines[:first], header, option))
+    widths = sorted(len(cells) for cells in rows)
+    width = widths[len(widths) // 2]
+    table = _table([cells for cells in rows if len(cells) >= width], width)
+    comma = "," if separator in (",", ";") else " "
+    share = {layout: _fit(layout, table, width, comma) for layout in LAYOUTS}
+    fitting = [layout for layout, fraction in share.items() if fraction >= FIT]
+    fitting = fitting or [layout for layout, fraction in share.items() if fraction >= HALF_FIT]
+    if len(fitting) > 1:  # nothing is orthonormal by chance, but the rows of a matrix near the identity have length 1
+        fitting = [layout for layout in fitting if MATRIX[0] in layout.keys] or fitting
+    if len(fitting) != 1:
+        shown = lines[first].strip()[:60]
+        if fitting:
+            names = " or ".join(layout.name for layout in fitting)
+            problem = f"has {width} columns and no header, which can be {names}"
+        else:
+            names = "; ".join(layout.name for layout in LAYOUTS)
+            problem = f"has {width} columns and no header, which fit none of: {names}"
+        advice = option.replace("COLUMNS", "t[s],x,y,z,qx,qy,qz,qw")
+        raise InputError(f"{name} {problem} (line {first + 1}: '{shown}'): name the columns: {advice}")
+    layout = fitting[0]
+    places = {key: place for place, key in enumerate(layout.keys)}
+    extra = tuple(f"#{number + 1}" for number in range(len(layout.keys), width))
+    units = {STAMP: layout.unit} if layout.unit and STAMP in places else {}
+    return PoseColumns(layout.name, separator, places, units, width, ignored=extra)
+
+
+def _unknown_header(before: Sequence[str]) -> int | None:
+    """Return the number of the first line before the rows that is text and no comment, None without one."""
+    texts = (number for number, line in enumerate(before) if line.strip() and line.strip()[0] not in "#%/")
+    return next(texts, None)
+
+
+def _table(rows: Sequence[Sequence[str]], width: int) -> FloatArray:
+    """Return the numbers of rows, NaN where a cell is not a number."""
+    table = np.full((len(rows), width), np.nan)
+    for row, cells in enumerate(rows):
+        for column, cell in enumerate(cells[:width]):
+            table[row, column] = _float(cell)
+    return table
+
+
+def _fit(layout: Layout, table: FloatArray, width: int, comma: str) -> float:
+    """Return which fraction of the rows can be of a layout."""
+    keys = layout.keys
+    if (layout.separator and layout.separator != comma) or width < len(keys):
+        return 0.0
+    if layout.widths and width not in layout.widths:
+        return 0.0
+    rows = table[np.isfinite(table[:, : len(keys)]).all(axis=1)]
+    if not len(rows):
+        return 0.0
+    place = {key: number for number, key in enumerate(keys)}
+    good = np.ones(len(rows), np.bool_)
+    if "qw" in place:
+        quats = rows[:, [place[key] for key in QUATERNION]]
+        good &= plausible_quats(quats) | (not quats.any())
+    if MATRIX[0] in place:
+        matrices = rows[:, place[MATRIX[0]] : place[MATRIX[0]] + 12].reshape(-1, 3, 4)
+        good &= plausible_rotations(matrices[:, :, :3])
+    if NANOSECONDS in place:
+        fraction = rows[:, place[NANOSECONDS]]
+        good &= (fraction >= 0.0) & (fraction < NS_PER_S) & (fraction == np.floor(fraction))
+        good &= rows[:, 0] == np.floor(rows[:, 0])
+    if FRAME in place:
+        frames = rows[:, 0]
+        good &= (frames == np.floor(frames)) & (frames >= 0.0) & (frames < MAX_FRAME)
+    whole = bool((rows[:, 0] == np.floor(rows[:, 0])).all())
+    if keys[0] == STAMP and MATRIX[0] in place and whole and float(rows[:, 0].max()) < MAX_FRAME:
+        return 0.0
+    if layout.unit == "ns" and not whole:
+        return 0.0
+    if keys[0] == STAMP and width > len(keys):  # the first rows of a matrix look like a stamp and a quaternion
+        steps = np.diff(rows[:, 0])
+        if not len(steps) or np.mean(steps > 0.0) < FIT:
+            return 0.0
+    return float(good.mean())
+
+
+# ---- units
+
+
+def _check(found: PoseColumns, name: str, before: Sequence[str], option: str) -> None:
+    """Check that what a pose needs is there, in units that are known."""
+    needed = ((STAMP, SECONDS, FRAME), ("x",), ("y",), ("z", DOWN))
+    missing = [] if found.is_matrix else [keys[0] for keys in needed if not any(key in found for key in keys)]
+    known = {STAMP: (*TIMES, UTC_UNIT, ""), **dict.fromkeys((*POSITION, DOWN), tuple(METRES))}
+    wrong = [f"{key}[{unit}]" for key, unit in found.units.items() if key in known and unit not in known[key]]
+    if missing or wrong:
+        header = _unknown_header(before)
+        problem = ", ".join([*(f"{key} not found" for key in missing), *(f"unit of {item} unknown" for item in wrong)])
+        raise InputError(_no_names(name, before, header or 0, option, problem))
+
+
+def _no_names(name: str, before: Sequence[str], number: int, option: str, problem: str = "") -> str:
+    """Return the message for a header that does not name stamps and positions, with the header's own names."""
+    header = before[number].strip() if before else ""
+    cells = header_cells(header, _separator(header), 4)
+    found = _named(cells)
+    needed = (STAMP, "x", "y", "z")
+    missing = [key for key in needed if key not in found]
+    problem = problem or f"{', '.join(missing)} not found"
+    own = [cells[found[key]] if key in found else "HEADER" for key in needed]
+    example = ",".join(f"{key}={cell}" for key, cell in zip(needed, own, strict=True))
+    return (
+        f"{name} line {number + 1} is '{header[:80]}': the header has no names and units of t, x, y, z that are known "
+        f"({problem}): name the columns: {option.replace('COLUMNS', example)}"
+    )
+
+
+def _with_time_unit(found: PoseColumns, rows: Sequence[Sequence[str]], name: str, option: str) -> PoseColumns:
+    """Return the columns with the unit of the stamps: as given, else by their magnitude."""
+    if STAMP not in found or found.units.get(STAMP):
+        return found
+    texts = [cells[found.places[STAMP]] for cells in rows if len(cells) > found.places[STAMP]]
+    if texts and not _is_number(texts[0]) and _is_time(texts[0]):
+        return replace(found, units={**found.units, STAMP: UTC_UNIT}, inferred=UTC_UNIT)
+    unit = time_unit(texts, is_seconds=found.is_tum)
+    if not unit:
+        raise InputError(
+            f"{name}: stamps as {', '.join(texts[:3])} can be of two units: say which: "
+            f"{option.replace('COLUMNS', 't=...[s], [ms], [us] or [ns], and x, y, z')}"
+        )
+    return replace(found, units={**found.units, STAMP: unit}, inferred="" if unit == "s" else unit)
+
+
+def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
+    """Return the unit of stamps by their magnitude, empty if two units are possible.
+
+    Stamps of a clock are of 1970 to 2116 in one unit alone. Others have decimals in seconds, or steps that are those
+    of a sensor (1 ms to 10 s) in one unit alone. `is_seconds`: the layout itself is of seconds, if they are possible.
+    """
+    numbers = np.array([_float(text) for text in texts])
+    numbers = numbers[np.isfinite(numbers)]
+    if not len(numbers):
+        return "s"
+    magnitude = float(np.partition(np.abs(numbers), (len(numbers) - 1) // 2)[(len(numbers) - 1) // 2])
+    for unit, unit_ns in (("ms", 1_000_000), ("us", 1_000), ("ns", 1)):
+        if EARLIEST_CLOCK_S <= magnitude * unit_ns / NS_PER_S <= LATEST_CLOCK_S < magnitude:
+            return unit
+    has_decimals = any(len(text.partition(".")[2]) >= NANOSECOND_DIGITS for text in texts)
+    if magnitude <= LATEST_CLOCK_S and (has_decimals or (numbers != np.floor(numbers)).any()):
+        return "s"
+    steps = np.abs(np.diff(numbers))
+    step = float(np.median(steps)) if len(steps) > 1 else 0.0
+    ranges = ((10.0, "s"), (1e4, ""), (1e6, "us"), (1e7, ""), (np.inf, "ns"))  # largest step, unit if it is certain
+    unit = next(unit for high, unit in ranges if step <= high)
+    if unit == "s" and not is_seconds and magnitude < EARLIEST_CLOCK_S:  # or milliseconds
+        return ""
+    return unit or ("s" if is_seconds and step <= LONGEST_STEP_S else "")
+
+
+def _float(text: str) -> float:
+    try:
+        return float(text.replace(",", "."))
+    except ValueError:
+        return np.nan

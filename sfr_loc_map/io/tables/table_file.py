@@ -1,0 +1,32 @@
+"""Tables of columns of one length, in files: Parquet or CSV."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from sfr_loc_map.atomic import atomic_path
+from sfr_loc_map.errors import MissingExtraError
+
+
+def save_table(path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
+    """Write columns of one length as a table, parquet or csv; numbers of a csv read back to the same bits."""
+    with atomic_path(path) as temporary:
+        if path.suffix == ".csv":
+            with temporary.open("w", encoding="utf-8", newline="") as stream:
+                writer = csv.writer(stream, lineterminator="\n")
+                writer.writerow(columns)
+                writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+            return
+        try:
+            import pyarrow
+            import pyarrow.parquet
+        except ImportError as error:
+            raise MissingExtraError(
+                f"'{path}' needs pyarrow: pip install 'sfr_loc_map[suite]', or name a .csv"
+            ) from error
+        pyarrow.parquet.write_table(pyarrow.table(dict(columns)), temporary)

@@ -1,0 +1,329 @@
+"""Trajectories as files; which format one has follows from its content.
+
+| format | is |
+|---|---|
+| `csv` | header `stamp_ns,rbOriginPos_m_Ds_{x,y,z},att_q_DsToRb_{1..4}`, scalar last |
+| `tum` | `t x y z qx qy qz qw`, t in seconds, orientation as in ROS messages |
+| `kitti` | twelve numbers a line, the first three rows of a pose matrix, no stamps (Geiger et al. 2012) |
+| `euroc` | csv with nanoseconds and quaternions scalar first (Burri et al. 2016); what follows them is left out |
+| `columns` | csv of a total station or a motion capture: a header names its columns and their units |
+
+`att_q_DsToRb` turns components in DS into components in RB: the conjugate of the orientation in ROS messages. KITTI
+has poses of the left camera in its first frame: x right, y down, z forward; here both frames get the axes of the suite
+(x forward, y left, z up), so that a heading is one. That changes neither an absolute nor a relative pose error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sfr_loc_map.atomic import write_text
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.plausibility import MAX_POSITION_M, plausible_positions, plausible_quats, plausible_rotations
+from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_from_matrix
+from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import NS_PER_S, read_table
+from sfr_loc_map.io.tables.pose_columns import (
+    COVARIANCES,
+    FRAME,
+    NANOSECONDS,
+    QUATERNION,
+    STAMP,
+    PoseColumns,
+    pose_columns,
+)
+from sfr_loc_map.io.tables.text_table import BOM, Table, parse_seconds, parse_stamp_ns, parse_table, seconds_text
+
+CSV_HEADER = "stamp_ns,rbOriginPos_m_Ds_x,rbOriginPos_m_Ds_y,rbOriginPos_m_Ds_z," + ",".join(
+    f"att_q_DsToRb_{i}" for i in (1, 2, 3, 4)
+)
+TUM_HEADER = "# t x y z qx qy qz qw"
+EUROC_HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
+KITTI_COLUMNS = 12
+CONJUGATED = np.array([-1.0, -1.0, -1.0, 1.0])
+"""What makes orientations as in ROS messages of `att_q_DsToRb`, and back."""
+TUM_SUFFIXES = (".txt", ".tum")
+KITTI_SUFFIX, EUROC_SUFFIX = ".kitti", ".euroc.csv"
+FILE_SUFFIXES = (".csv", *TUM_SUFFIXES, KITTI_SUFFIX)  #: Endings of names of trajectory files.
+
+
+class TrajectoryFormat(StrEnum):
+    """How a trajectory file is written."""
+
+    CSV = "csv"
+    TUM = "tum"
+    KITTI = "kitti"
+    EUROC = "euroc"
+    COLUMNS = "columns"
+    MATRIX = "matrix"
+
+
+ANNOUNCED = (TrajectoryFormat.KITTI, TrajectoryFormat.EUROC, TrajectoryFormat.COLUMNS, TrajectoryFormat.MATRIX)
+"""Formats that a command announces."""
+CONFIGURED = "configured truth"  #: A truth that `truth.source` names, also for commands without --columns.
+MOST_NAMED = 8  #: Columns that a message names.
+WORDS = {
+    TrajectoryFormat.CSV: "csv of the suite",
+    TrajectoryFormat.TUM: "TUM",
+    TrajectoryFormat.KITTI: "KITTI poses of the left camera, turned to x forward, y left, z up",
+    TrajectoryFormat.EUROC: "EuRoC csv",
+    TrajectoryFormat.COLUMNS: "columns by their names",
+    TrajectoryFormat.MATRIX: "3 x 4 matrices with stamps or numbers of frames",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadedTrajectory:
+    """A trajectory as read."""
+
+    path: Path  #: Its file.
+    trajectory: Trajectory  #: The poses.
+    format: TrajectoryFormat = TrajectoryFormat.CSV  #: How it was written.
+    stamps: str = ""  #: Where its stamps come from, in words, where the file does not have them.
+    by_index: bool = False  #: Whether the stamps are only the numbers of the lines.
+    columns: PoseColumns | None = None  #: Which columns were read; None for the csv of the suite.
+    left_out: str = ""  #: Which rows are left out, in words.
+    covariance: FloatArray | None = None  #: `(N, 6, 6)` in ROS order, where the file has it (m^2, rad^2).
+
+    @property
+    def text(self) -> str:
+        """What was detected, in one line."""
+        kind = "poses" if self.trajectory.has_attitude else "positions"
+        parts = [WORDS[self.format], f"{len(self.trajectory)} {kind}"]
+        parts += [f"stamps: {self.stamps}"] if self.stamps else []
+        if self.columns is not None:
+            unit = self.columns.inferred
+            parts += [f"stamps are {unit} by their magnitude"] if unit else []
+            parts += ["covariances read"] if self.covariance is not None else []
+            ignored = [name for name in self.columns.ignored if name]
+            more = f" and {len(ignored) - MOST_NAMED} more" if len(ignored) > MOST_NAMED else ""
+            parts += [f"columns not read: {', '.join(ignored[:MOST_NAMED])}{more}"] if ignored else []
+        parts += [self.left_out] if self.left_out else []
+        return f"{self.path}: {', '.join(parts)}"
+
+    @property
+    def is_announced(self) -> bool:
+        """Whether a command reports what was detected: all but the usual forms of the csv of the suite and of TUM."""
+        columns = self.columns
+        unusual = columns is not None and bool(columns.inferred or columns.ignored)
+        return self.format in ANNOUNCED or bool(self.left_out) or unusual
+
+    def with_stamps_of(self, other: LoadedTrajectory) -> LoadedTrajectory:
+        """Return poses that have no stamps of their own with those of another trajectory, one by one."""
+        if not self.by_index or other.by_index:
+            return self
+        count, others = len(self.trajectory), len(other.trajectory)
+        if count != others:
+            raise InputError(
+                f"'{self.path}' has no stamps ({count} KITTI poses) and '{other.path}' has {others} poses: put the "
+                f"seconds of each pose into '{times_beside(self.path).name}' beside it"
+            )
+        stamped = replace(self.trajectory, stamps_ns=other.trajectory.stamps_ns)
+        return replace(self, trajectory=stamped, stamps=f"those of {other.path}, pose by pose", by_index=False)
+
+
+def read_trajectory_file(path: Path, columns: str = "", side: str = "") -> LoadedTrajectory:
+    """Read a trajectory; the format is that of its header, else of the layout that all rows fit (`pose_columns`).
+
+    Stamps come as they are, in any order. `columns` names the columns where the file does not; `side`: "estimate" or
+    "truth" or `CONFIGURED`, for messages that say how `columns` is given.
+    """
+    path = Path(path)
+    name = f"'{path}'"
+    rest = read_table(path, "give a csv, TUM, KITTI or EuRoC file")
+    first = next(rest, b"")
+    blocks = chain((first,), rest)
+    lines = first.removeprefix(BOM).decode("utf-8", "replace").splitlines()
+    header = next((line.strip().replace(" ", "") for line in lines if line.strip()), "")
+    if header == CSV_HEADER and not columns:
+        table = parse_table(
+            *(blocks, name, CSV_HEADER, range(8)), stamp=parse_stamp_ns, separator=",", skip=1, tolerant=True
+        )
+        return _loaded(path, table, TrajectoryFormat.CSV, signs=CONJUGATED)
+    option = f"--columns '{side}:COLUMNS'" if side else "--columns 'COLUMNS'"
+    if side == CONFIGURED:
+        option = "--set 'truth.columns=COLUMNS'"
+    found = pose_columns(lines, name, columns, option)
+    return _read_columns(path, blocks, name, found)
+
+
+def _read_columns(path: Path, blocks: Iterable[bytes], name: str, found: PoseColumns) -> LoadedTrajectory:
+    """Return the poses, or positions, of a table whose columns are known."""
+    keys = found.value_keys
+    stamp_keys = () if found.stamp_key is None else (found.stamp_key,)
+    places = [found.places[key] for key in (*stamp_keys, *keys)]
+    table = parse_table(
+        *(blocks, name, found.name, places),
+        stamp=found.stamp() if stamp_keys else None,
+        separator=found.separator,
+        more=found.by_header or places != list(range(found.width)),
+        skip=found.skip,
+        tolerant=True,
+    )
+    values = dict(zip(keys, table.values.T, strict=True))
+    if found.is_matrix:
+        positions, quats = _of_matrices(table.values[:, :KITTI_COLUMNS], is_optical=found.is_kitti)
+    else:
+        positions = np.stack([values[key] for key in found.position_keys], axis=1) * np.array(found.scales)
+        quats = np.stack([values.get(key, np.zeros(len(positions))) for key in QUATERNION], axis=1)
+    stamps_ns, said, by_index = table.stamps_ns, "", False
+    if NANOSECONDS in found:
+        stamps_ns = stamps_ns + np.rint(values[NANOSECONDS]).astype(np.int64)
+    if not stamp_keys or found.stamp_key == FRAME:
+        numbers = stamps_ns // NS_PER_S if stamp_keys else np.arange(len(positions))
+        stamps_ns, said, by_index = _stamps_of_frames(path, numbers, len(positions) + len(table.broken))
+    poses = replace(table, stamps_ns=stamps_ns, values=np.concatenate((positions, quats), axis=1))
+    covariance = _covariance(values) if found.has_covariance else None
+    return _loaded(path, poses, _kind(found), columns=found, stamps=said, by_index=by_index, covariance=covariance)
+
+
+def _of_matrices(rows: FloatArray, *, is_optical: bool) -> tuple[FloatArray, FloatArray]:
+    """Return positions and quaternions of 3 x 4 matrices `(N, 12)`, NaN for what is not a rotation.
+
+    Optical axes (x right, y down, z forward) become those of the suite, of both frames.
+    """
+    matrices = rows.reshape(-1, 3, 4)
+    rotations, positions = matrices[:, :, :3], matrices[:, :, 3]
+    good = plausible_rotations(rotations)
+    rotations = np.where(good[:, None, None], rotations, np.eye(3))
+    if is_optical:
+        rotations = OPTICAL_IN_BODY @ rotations @ OPTICAL_IN_BODY.T
+        positions = positions @ OPTICAL_IN_BODY.T
+    quats = quat_from_matrix(rotations)
+    return positions, np.where(good[:, None], quats, np.nan)
+
+
+def _stamps_of_frames(path: Path, numbers: IntArray, count: int) -> tuple[IntArray, str, bool]:
+    """Return the stamps of numbered poses by a file of seconds; without one the numbers themselves, 1 s apart.
+
+    `count` is the number of lines of poses, which the file of seconds must have if the poses are not numbered.
+    """
+    benchmark = path.parent.parent / "sequences" / path.stem / "times.txt"
+    files = (times_beside(path), path.with_name("times.txt"), benchmark)
+    times = next((file for file in files if file.is_file() and file != path), None)
+    if times is None:
+        return numbers.astype(np.int64) * NS_PER_S, "numbers of the lines, 1 s apart", True
+    is_numbered = len(numbers) > 0 and int(numbers[-1]) + 1 != len(numbers)
+    stamps_ns = read_times(times, None if is_numbered else count)
+    if is_numbered and int(numbers.max()) >= len(stamps_ns):
+        raise InputError(f"'{times}' has {len(stamps_ns)} times, none for the frame {int(numbers.max())} of a pose")
+    return stamps_ns[numbers], str(times), False
+
+
+def _covariance(values: Mapping[str, FloatArray]) -> FloatArray:
+    """Return covariances `(N, 6, 6)` in ROS order (position, attitude) of columns of upper triangles."""
+    covariance = np.zeros((len(next(iter(values.values()))), 6, 6))
+    for prefix, (part, indices) in COVARIANCES.items():
+        start = 0 if part == "position" else 3
+        for index in indices:
+            row, column = (start + int(digit) - 1 for digit in index)
+            covariance[:, row, column] = covariance[:, column, row] = values[f"{prefix}{index}"]
+    return covariance
+
+
+def _kind(found: PoseColumns) -> TrajectoryFormat:
+    if found.is_matrix:
+        return TrajectoryFormat.KITTI if found.is_kitti else TrajectoryFormat.MATRIX
+    euroc = {STAMP: 0, "x": 1, "y": 2, "z": 3, "qw": 4, "qx": 5, "qy": 6, "qz": 7}
+    if found.separator == "," and all(found.places.get(key) == place for key, place in euroc.items()):
+        return TrajectoryFormat.EUROC
+    return TrajectoryFormat.TUM if found.is_tum else TrajectoryFormat.COLUMNS
+
+
+def _loaded(
+    path: Path,
+    table: Table,
+    kind: TrajectoryFormat,
+    *,
+    signs: FloatArray | None = None,
+    columns: PoseColumns | None = None,
+    stamps: str = "",
+    by_index: bool = False,
+    covariance: FloatArray | None = None,
+) -> LoadedTrajectory:
+    """Return the poses of rows x, y, z, quaternion; rows without a pose are left out and counted."""
+    positions, quats = table.values[:, :3].copy(), table.values[:, 3:] * (1.0 if signs is None else signs)
+    near = plausible_positions(positions)
+    turned = plausible_quats(quats) | (not np.nan_to_num(quats).any() and not np.isnan(quats).any())
+    good = near & turned
+    problems = []
+    for row in np.flatnonzero(~good).tolist():
+        problem = f"the quaternion {quats[row].tolist()} is not a rotation: a unit quaternion is needed"
+        if np.isnan(quats[row]).any():
+            problem = "this is no rotation and position"
+        if not near[row]:
+            problem = f"the position is absurd: numbers up to {MAX_POSITION_M:g} are possible, in metres"
+        problems.append(f"line {table.lines[row]}: {problem}")
+    kept = table.without(good, problems).checked()
+    if not len(kept.lines):
+        raise InputError(f"{table.name} has no pose: at least one line with one is needed")
+    trajectory = Trajectory(kept.stamps_ns, positions[good], quats[good])
+    covariance = None if covariance is None else covariance[good]
+    return LoadedTrajectory(path, trajectory, kind, stamps, by_index, columns, kept.left_out, covariance)
+
+
+def times_beside(path: Path) -> Path:
+    """Return the name under which stamps are written beside KITTI poses."""
+    return path.with_name(f"{path.stem}.times.txt")
+
+
+def read_times(path: Path, count: int | None = None) -> IntArray:
+    """Return the stamps of a file of seconds `(N,)`, ns."""
+    blocks = read_table(path, "give the seconds of each pose")
+    table = parse_table(blocks, f"'{path}'", "seconds", (0,), stamp=parse_seconds)
+    if count not in (None, len(table.lines)):
+        raise InputError(f"'{path}' has {len(table.lines)} times for {count} poses: one for each is needed")
+    return table.stamps_ns
+
+
+def format_of_name(path: Path) -> TrajectoryFormat | None:
+    """Return the format in which a file of this name is written, None if that is no trajectory file."""
+    if path.name.endswith(EUROC_SUFFIX):
+        return TrajectoryFormat.EUROC
+    kinds = {KITTI_SUFFIX: TrajectoryFormat.KITTI, ".csv": TrajectoryFormat.CSV}
+    return kinds.get(path.suffix, TrajectoryFormat.TUM if path.suffix in TUM_SUFFIXES else None)
+
+
+def files_written(path: Path) -> tuple[Path, ...]:
+    """Return the files that a trajectory of this name is written to."""
+    return (path, times_beside(path)) if format_of_name(path) is TrajectoryFormat.KITTI else (path,)
+
+
+def save_trajectory(path: Path, trajectory: Trajectory, kind: TrajectoryFormat | None = None) -> None:
+    """Write a trajectory, exact to the last bit; KITTI poses with their stamps beside them as `NAME.times.txt`.
+
+    Without a `kind` the name gives it (.txt and .tum, .kitti, .euroc.csv, otherwise csv).
+    """
+    path = Path(path)
+    kind = kind or format_of_name(path) or TrajectoryFormat.CSV
+    if kind is TrajectoryFormat.KITTI:
+        times = "".join(f"{seconds_text(stamp_ns)}\n" for stamp_ns in trajectory.stamps_ns.tolist())
+        write_text(times, times_beside(path))
+    write_text(trajectory_text(trajectory, kind), path)
+
+
+def trajectory_text(trajectory: Trajectory, kind: TrajectoryFormat = TrajectoryFormat.CSV) -> str:
+    """Return a trajectory as the text of a file; that of KITTI is without the stamps."""
+    if kind is TrajectoryFormat.KITTI:
+        rotations = OPTICAL_IN_BODY.T @ matrix_from_quat(trajectory.quats_xyzw) @ OPTICAL_IN_BODY
+        matrices = np.concatenate((rotations, (trajectory.positions @ OPTICAL_IN_BODY)[:, :, None]), axis=2)
+        return "".join(f"{' '.join(map(repr, row))}\n" for row in matrices.reshape(-1, KITTI_COLUMNS).tolist())
+    quats, separator, header = {
+        TrajectoryFormat.TUM: (trajectory.quats_xyzw, " ", TUM_HEADER),
+        TrajectoryFormat.EUROC: (trajectory.quats_xyzw[:, [3, 0, 1, 2]], ",", EUROC_HEADER),
+    }.get(kind, (trajectory.att_q_ds_to_rb, ",", CSV_HEADER))
+    stamps: list[Any] = trajectory.stamps_ns.tolist()
+    if kind is TrajectoryFormat.TUM:
+        stamps = list(map(seconds_text, stamps))
+    numbers = np.hstack((trajectory.positions, quats)).tolist()
+    body = [f"{stamp}{separator}{separator.join(map(repr, row))}" for stamp, row in zip(stamps, numbers, strict=True)]
+    return "\n".join([header, *body]) + "\n"

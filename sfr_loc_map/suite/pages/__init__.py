@@ -1,0 +1,1 @@
+"""Pages, tables and exported files of suites."""

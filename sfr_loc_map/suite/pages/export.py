@@ -1,0 +1,93 @@
+"""A suite for other programs: JUnit XML, a run of MLflow, a table of its results as Parquet."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from pathlib import Path
+
+from sfr_loc_map import __version__
+from sfr_loc_map.atomic import atomic_path
+from sfr_loc_map.errors import MissingExtraError, OutputError
+from sfr_loc_map.inputs import one_line
+from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.score import COLUMNS, Score
+from sfr_loc_map.report.test_report import junit
+from sfr_loc_map.suite.statistics.figures import figures_of
+from sfr_loc_map.suite.statistics.summary import Summary
+
+EXPERIMENT = "sfr suite"  #: Of MLflow.
+
+
+def suite_junit(summary: Summary) -> str:
+    """Return a test case for each limit over all drives and of each drive, and one for each without a result."""
+    failed = {item.label: f"{item.cause}: {item.message}" for item in summary.failures}
+    refused = {item.path: item.reason for item in summary.refusals}
+    judged = {
+        ", ".join(filter(None, ("all drives", *group.runs))): Score(verdicts=group.verdicts) for group in summary.groups
+    }
+    waiting = {"tasks": f"{summary.waiting} of {summary.tasks} have no result yet"} if summary.waiting else {}
+    labels = Counter(drive.job.label for drive in summary.drives)
+    scores = {
+        drive.job.label if labels[drive.job.label] == 1 else f"{drive.job.label}, {drive.job.key}": drive.score
+        for drive in summary.drives
+    }
+    return junit(judged | scores, failed | refused | waiting)
+
+
+def write_parquet(summary: Summary, path: Path) -> None:
+    """Write the tables of figures of all results as one, each row with its job; nothing without pyarrow."""
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        return
+
+    names = {
+        **dict.fromkeys(("key", "label", "task", "source", "configuration", "faults"), "string"),
+        "repeat": "int64",
+    }
+    words = dict.fromkeys(("clause", "subject", "condition", "part", "figure", "unit"), "string")
+    numbers = {name: "int64" if name == "n" else "float64" for name in COLUMNS if name not in words}
+    rows = [drive.names() | row.as_dict() for drive in summary.drives for row in drive.score.figures]
+    schema = pyarrow.schema(list((names | words | numbers).items()))
+    with atomic_path(path) as temporary:
+        pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows, schema=schema), temporary)
+
+
+def log_to_mlflow(summary: Summary, folder: Path, uri: str) -> str:
+    """Log a suite as a run of MLflow and return its number: pooled errors and counts, tags, the files of its folder."""
+    try:
+        import mlflow
+    except ImportError as absent:
+        raise MissingExtraError(f"'--mlflow' needs MLflow ({absent}): pip install 'sfr_loc_map[mlflow]'") from absent
+    values = {name: float(value) for name, value in summary.counts.items()}
+    means: dict[str, list[float]] = {}
+    for drive in summary.drives:
+        for figure, value in figures_of(drive.score).items():
+            means.setdefault("/".join((*filter(None, drive.runs), f"drive mean of {figure.name}")), []).append(value)
+    values |= {name: sum(of_drives) / len(of_drives) for name, of_drives in means.items()}
+    for group in summary.groups:
+        for row in group.figures:
+            runs = "/".join(filter(None, (*group.runs, label_of(row.condition), row.figure)))
+            values |= {f"{runs}/{key}": value for key, value in row.as_dict().items() if isinstance(value, float)}
+    metrics = [(re.sub(r"[^\w\-. :/]", "_", name), value) for name, value in values.items() if isinstance(value, float)]
+    about = {"verdict": summary.verdict, "code": summary.code, "version": __version__, **summary.run}
+    told = {f"sfr.{name}": value for name, value in about.items() if value is not None}
+    try:
+        mlflow.set_tracking_uri(uri)
+        mlflow.set_experiment(EXPERIMENT)
+        with mlflow.start_run(run_name=folder.name) as run:
+            mlflow.set_tags(
+                {name: value if isinstance(value, str) else json.dumps(value) for name, value in told.items()}
+            )
+            for first in range(0, len(metrics), 500):
+                mlflow.log_metrics(dict(metrics[first : first + 500]))
+            for name in ("suite.json", "report.html", "results.parquet"):
+                if (folder / name).exists():
+                    mlflow.log_artifact(str(folder / name))
+            mlflow.end_run("FAILED" if summary.failures or summary.refusals else "FINISHED")
+    except (mlflow.MlflowException, OSError) as reason:
+        raise OutputError(f"MLflow at '{uri}' took no run: {one_line(str(reason))}; check the address") from reason
+    return str(run.info.run_id)

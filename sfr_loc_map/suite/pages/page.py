@@ -1,0 +1,86 @@
+"""What a suite writes beside its results, and the page of a history."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from operator import itemgetter
+
+from sfr_loc_map.atomic import write_text
+from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.score import Figure, find_rows
+from sfr_loc_map.metrics.score_json import json_line
+from sfr_loc_map.report.page import render_overview, render_page
+from sfr_loc_map.report.plots import Column, Plot, axis, error_scale, largest, marks, scaled
+from sfr_loc_map.suite.pages.export import write_parquet
+from sfr_loc_map.suite.pages.tables import PAGES, history_tables, linked, suite_tables
+from sfr_loc_map.suite.running.store import Store
+from sfr_loc_map.suite.statistics.history import History
+from sfr_loc_map.suite.statistics.summary import Summary
+
+RUNS = "runs, by their number in the table"
+
+
+def write_summary(summary: Summary, store: Store) -> None:
+    """Write `suite.json`, `report.html`, the pages of drives and, with pyarrow, `results.parquet`."""
+    folder = store.folder
+    (folder / PAGES).mkdir(exist_ok=True)
+    texts = {"suite.json": json_line(summary.to_dict()), "report.html": render_summary(summary)}
+    texts |= {f"{PAGES}/{drive.job.key}.html": render_page(drive.score, figures=False) for drive in linked(summary)}
+    for name, text in texts.items():
+        write_text(text, folder / name)
+    write_parquet(summary, folder / "results.parquet")
+
+
+def render_summary(summary: Summary) -> str:
+    """Return the page of a suite as HTML."""
+    counts = summary.counts
+    states = [item.state for group in summary.groups for item in group.verdicts]
+    missed = sum(state is VerdictState.FAIL for state in states)
+    text = f"{missed} of {len(states)} limits missed, " if states else ""
+    if unclear := sum(state not in (VerdictState.FAIL, VerdictState.PASS) for state in states):
+        text += f"{unclear} not judged, "
+    text += f"{counts['done']} of {counts['tasks']} tasks done, {counts['failed']} failed, {counts['waiting']} waiting"
+    text += f", {len(summary.refusals)} sources refused." if summary.refusals else "."
+    sections = [("Errors", plots)] if (plots := _error_plots(summary)) else []
+    return render_overview("Suite of runs", summary.verdict, text, suite_tables(summary), sections)
+
+
+def _error_plots(summary: Summary) -> list[Plot]:
+    # no text of a user is in the figures: runs are shown by their number in the table `groups`
+    numbers = {group.runs: n for n, group in enumerate(summary.groups, 1)}
+    each = [(numbers[drive.runs], drive.figure) for drive in summary.drives if drive.figure]
+    each.sort(key=itemgetter(0))
+    if not each:
+        return []
+    firsts = ((number, first_position(group.figures)) for number, group in enumerate(summary.groups, 1))
+    pooled = [(number, row.mean_plus_3sigma) for number, row in firsts if row is not None]
+    factor, unit = error_scale(largest([value for _, value in each]))
+    traces = [
+        marks("one drive", _columns(each, factor), "@one", size=6),
+        marks("all drives pooled", _columns(pooled, factor), "@two", symbol="line-ew-open", size=22),
+    ]
+    layout = {"xaxis": axis(RUNS, dtick=1), "yaxis": axis(f"position, mean + 3 sigma, {unit}", type="log")}
+    caption = "Each drive, and the sub-trajectories of all drives pooled; first condition."
+    return [Plot("suite-errors", "Position error by runs", caption, traces, layout, width="full")]
+
+
+def first_position(figures: tuple[Figure, ...]) -> Figure | None:
+    """Return the position error over the first condition, None without one."""
+    return next(find_rows(figures, "position"), None)
+
+
+def render_history(history: History) -> str:
+    """Return the page of a history as HTML."""
+    worse = [change.text for change in history.worse]
+    state = VerdictState.FAIL if worse else VerdictState.PASS
+    text = "; ".join(worse) or "No figure is certainly worse than before."
+    plots, caption = [], "Mean over the drives; geometric but for counts."
+    for number, (figure, values) in enumerate(history.figures.items()):
+        trace = marks("all drives", _columns([*enumerate(values, 1)]), "@one")
+        layout = {"xaxis": axis("night", dtick=None), "yaxis": axis(figure)}
+        plots.append(Plot(f"history-{number}", figure, caption, [trace], layout))
+    return render_overview("History of suites", state, text, history_tables(history), [("Figures", plots)])
+
+
+def _columns(rows: Sequence[tuple[int, float | None]], factor: float = 1.0) -> list[Column]:
+    return [[x for x, _ in rows], scaled([y for _, y in rows], factor)]

@@ -1,0 +1,274 @@
+"""The tables of a suite, of a comparison of suites, and of a history, made of their JSON values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from sfr_loc_map.metrics.catalogue import KINDS, TOTAL, Subject, statistic_title
+from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.proof import words_of
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.report.score_tables import name_of, unit_of
+from sfr_loc_map.report.tables import (
+    ABSENT,
+    MIB,
+    MILLIMETRE,
+    MILLISECOND,
+    NONE,
+    PERCENT,
+    Cell,
+    Column,
+    Table,
+    Unit,
+    fitting,
+)
+from sfr_loc_map.suite.running.job import NO_CONFIGURATION, SHORT_KEY
+from sfr_loc_map.suite.statistics.comparison import SuiteComparison
+from sfr_loc_map.suite.statistics.history import MIN_REFERENCE, History
+from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary
+
+PAGES = "pages"  #: Folder of the pages of single results, beside the page of the suite.
+MAX_PAGES = 200  #: Pages of the worst results; of the others the score is there, of which `sfr report` makes a page.
+HEAD, WORDS, INTERVAL, VERDICT, FILE, SHOWN = "head", "words", "interval", "verdict", "file", "shown"
+"""Kinds of columns without one unit; of `SHOWN` each row names its own."""
+Columns = tuple[tuple[str, Unit | str, str], ...]
+"""Title, unit or kind, and the keys that lead to the value in a row, joined by dots."""
+GROUPS: Columns = (
+    ("number", NONE, "number"),
+    ("task", HEAD, "task"),
+    ("configuration", WORDS, "configuration"),
+    ("faults", WORDS, "faults"),
+    ("drives", NONE, "drives"),
+    ("frames", NONE, "matched"),
+    ("lost", NONE, "lost"),
+)
+VERDICTS: Columns = (
+    ("verdict", VERDICT, "verdict"),
+    ("runs", HEAD, "runs"),
+    ("figure", WORDS, "figure"),
+    ("unit", WORDS, "unit"),
+    ("value", SHOWN, "value"),
+    ("limit", SHOWN, "limit"),
+    ("95 % interval", INTERVAL, "ci95"),
+    ("of", WORDS, "over"),
+    ("n", NONE, "n"),
+    ("drives that miss it", NONE, "missed_by"),
+    ("shown by", WORDS, "shown_by"),
+)
+POOLED: Columns = (
+    ("runs", HEAD, "runs"),
+    ("over", WORDS, "over"),
+    ("error", WORDS, "error"),
+    ("mean", SHOWN, "mean"),
+    ("sigma", SHOWN, "sigma"),
+    ("mean + 3 sigma", SHOWN, "mean_plus_3sigma"),
+    ("95 % interval", INTERVAL, "ci95"),
+    ("unit", WORDS, "unit"),
+    ("sub-trajectories", NONE, "n"),
+    ("drives", NONE, "independent"),
+)
+OF_DRIVES: tuple[tuple[str, Unit, str, str], ...] = (
+    ("covered", PERCENT, "judged", "value"),
+    ("n", NONE, "position", "n"),
+    ("lost", NONE, "lost", "count"),
+    ("call p95", MILLISECOND, "localisation", "p95"),
+    ("peak", MIB, "peak", "value"),
+)
+"""Columns of the table of drives after the errors that the catalogue compares: title, unit, figure, statistic."""
+WORKERS: Columns = (
+    ("worker", HEAD, "worker"),
+    ("host", WORDS, "host"),
+    ("version", WORDS, "version"),
+    ("code", WORDS, "code"),
+    ("tasks done", NONE, "done"),
+    ("set aside", WORDS, "set_aside"),
+)
+FAILURES: Columns = (
+    ("task", HEAD, "label"),
+    ("cause", WORDS, "cause"),
+    ("message", WORDS, "message"),
+    ("result", FILE, "key"),
+)
+COMPARISON: Columns = (
+    ("runs", HEAD, "runs"),
+    ("figure", WORDS, "figure"),
+    ("drives", NONE, "drives"),
+    ("ratio", NONE, "ratio"),
+    ("95 % interval", INTERVAL, "ci95"),
+    ("p", NONE, "p"),
+    ("p, corrected", NONE, "p_corrected"),
+    ("the other is", WORDS, "outcome"),
+    ("largest ratio", NONE, "largest"),
+    ("at", WORDS, "worst.label"),
+)
+HISTORY: Columns = (
+    ("since", HEAD, "night"),
+    ("commits", WORDS, "range"),
+    ("figure", WORDS, "figure"),
+    ("is", WORDS, "outcome"),
+    ("drives", WORDS, "which"),
+    ("before", NONE, "before"),
+    ("after", NONE, "after"),
+    ("ratio", NONE, "ratio"),
+    ("95 % interval", INTERVAL, "ci95"),
+    ("see", WORDS, "command"),
+)
+WORST = ("fail", "incomplete", "not enough data")  #: Verdicts that come first.
+NAMED = 5  #: Drives of a change that are named in a table.
+
+
+def _table(name: str, title: str, columns: Columns, rows: Iterable[Mapping[str, Any]], note: str = "") -> Table:
+    heads = tuple(
+        Column(title, kind if isinstance(kind, Unit) else NONE, kind in (HEAD, WORDS, VERDICT, FILE))
+        for title, kind, _ in columns
+    )
+    cells = tuple(tuple(_cell(row, kind, keys) for _, kind, keys in columns) for row in rows)
+    return Table(name, title, heads, cells, note)
+
+
+def _cell(row: Mapping[str, Any], kind: Unit | str, keys: str) -> Cell:
+    value: Any = row
+    for key in keys.split("."):
+        value = value.get(key) if isinstance(value, Mapping) else None
+    text = ABSENT if value in (None, "") else str(value)
+    if isinstance(kind, Unit) or kind == SHOWN:
+        return Cell.number(value, keys, kind if isinstance(kind, Unit) else row["shown"], ABSENT)
+    if kind == INTERVAL:
+        return Cell.interval(value, keys, row.get("shown", NONE))
+    if kind == HEAD:
+        return replace(Cell.head(text), link=row.get("link", ""))
+    if kind == FILE:
+        return Cell(text[:SHORT_KEY], link="" if text == ABSENT else f"{row.get('folder', 'results')}/{text}.json")
+    return Cell.verdict(text) if kind == VERDICT else Cell(text)
+
+
+def suite_tables(summary: Summary) -> list[Table]:
+    """Return the tables of a suite: counts, verdicts, pooled errors, drives from the worst on, failures."""
+    groups, verdicts, pooled = [], [], []
+    for number, group in enumerate(summary.groups, 1):
+        head = {"runs": _joined(*group.runs), "link": "suite.json"}
+        row = {**to_plain(group), **head, "number": number, "faults": group.faults or "none"}
+        groups.append(row if group.figures else row | {"matched": None, "lost": None})  # maps have no frames
+        for figure in group.figures:
+            if figure.figure != "chord":
+                shown = fitting(Unit(figure.unit), figure.mean_plus_3sigma)
+                named = {"over": label_of(figure.condition), "error": figure.figure, "unit": shown.symbol}
+                pooled.append(figure.as_dict() | head | named | {"ci95": figure.interval, "shown": shown})
+        for item in group.verdicts:
+            unit = unit_of(item, *(item.interval or ()))
+            told: dict[str, Any] = {"figure": name_of(item), "unit": unit.symbol, "shown": unit, "ci95": item.interval}
+            told["shown_by"] = "" if item.proof is None else words_of(item.proof, item.state)
+            verdicts.append({**to_plain(item), **head, **told})
+    verdicts.sort(key=lambda row: WORST.index(row["verdict"]) if row["verdict"] in WORST else len(WORST))
+    failures = [to_plain(item) | {"folder": "failures"} for item in summary.failures]
+    failures += [{"label": item.path, "cause": "source refused", "message": item.reason} for item in summary.refusals]
+    pages = {drive.job.key for drive in linked(summary)}
+    maps = [drive for drive in summary.drives if drive.score.has(Subject.MAP)]
+    maps.sort(key=lambda drive: -(drive.score.number("point_error", "mean_plus_3sigma") or 0.0))
+    counts = summary.counts | {"sources refused": len(summary.refusals)}
+    of_verdicts = "Pooled: the sub-trajectories of all drives are one sample. Worst drive: the figure cannot be pooled."
+    of_pooled = "95 % interval of mean + 3 sigma by resampling whole drives; it needs five of them."
+    of_workers = "A worker with other code was set aside and got no task."
+    of_drives = "Errors over the sub-trajectories of the first condition."
+    tables = (
+        _table("verdicts", "Verdicts over all drives", VERDICTS, verdicts, of_verdicts),
+        _table("failures", "Tasks without a result", FAILURES, failures),
+        _table("counts", "Tasks", tuple((name, NONE, name) for name in counts), [counts]),
+        _table("groups", "Runs", GROUPS, groups, "Drives of one number have the same task, configuration and faults."),
+        _table("pooled", "Errors over the sub-trajectories of all drives", POOLED, pooled, of_pooled),
+        result_table("maps", "Maps, the worst first", maps, pages, Subject.MAP),
+        result_table("drives", "Drives, the worst first", worst_first(summary), pages, Subject.TRAJECTORY, of_drives),
+        _table("workers", "Workers", WORKERS, map(to_plain, summary.workers), of_workers),
+    )
+    return [table for table in tables if table.rows]
+
+
+def worst_first(summary: Summary) -> list[ScoredJob]:
+    """Return the drives with a trajectory, those with the largest mean + 3 sigma of position first."""
+    drives = [drive for drive in summary.drives if drive.score.association is not None]
+    return sorted(drives, key=lambda drive: -1.0 if drive.figure is None else drive.figure, reverse=True)
+
+
+def linked(summary: Summary) -> list[ScoredJob]:
+    """Return the results that have a page of their own: the worst drives, and the maps."""
+    maps = [drive for drive in summary.drives if drive.score.association is None]
+    return (worst_first(summary) + maps)[:MAX_PAGES]
+
+
+def _joined(*parts: str) -> str:
+    return ", ".join(part for part in parts if part not in ("", NO_CONFIGURATION))
+
+
+def result_table(
+    name: str, title: str, drives: Sequence[ScoredJob], pages: set[str], subject: Subject, note: str = ""
+) -> Table:
+    """Return a row a result: the errors that the catalogue compares, over the first condition, and what they cost."""
+    errors = [kind for kind in KINDS.values() if TOTAL in kind.compared and kind.subject is subject]
+    columns = [Column("drive", words=True), Column("runs", words=True)]
+    for kind in errors:
+        named, unit = kind.name.replace("_", " "), shown_unit(kind.unit)
+        columns += [Column(f"{named}, {statistic_title(statistic)}", unit) for statistic in kind.compared]
+    if subject is Subject.MAP:
+        columns.append(Column("coverage", PERCENT))
+    else:
+        columns += [Column(title, unit) for title, unit, *_ in OF_DRIVES]
+    columns += [Column("limits missed"), Column("result", words=True)]
+    rows = []
+    for drive in drives:
+        job, score = drive.job, drive.score
+        runs = _joined(*drive.runs, f"repeat {job.repeat}" if job.repeat else "")
+        link = f"{PAGES}/{job.key}.html" if job.key in pages else ""
+        cells = [replace(Cell.head(job.source.name), link=link), Cell(runs)]
+        for kind in errors:
+            values = [score.number(kind.name, statistic) for statistic in kind.compared]
+            cells += [Cell.number(value, kind.name, shown_unit(kind.unit), ABSENT) for value in values]
+        if subject is Subject.MAP:
+            cells.append(Cell.number(score.number("coverage"), "coverage", PERCENT, ABSENT))
+        else:
+            cells += [_number_cell(score, unit, figure, statistic) for _, unit, figure, statistic in OF_DRIVES]
+        cells.append(Cell.number(len(score.failed)))
+        cells.append(Cell(job.key[:SHORT_KEY], link=f"results/{job.key}.json"))
+        rows.append(tuple(cells))
+    return Table(name, title, tuple(columns), tuple(rows), note)
+
+
+def _number_cell(score: Score, unit: Unit, figure: str, statistic: str) -> Cell:
+    if statistic == "count":
+        return Cell.number(score.number(figure, part="count"), figure, unit, ABSENT)
+    return Cell.number(score.number(figure, statistic), figure, unit, ABSENT)
+
+
+def shown_unit(unit: str) -> Unit:
+    """Return the unit of a column of errors."""
+    return MILLIMETRE if unit == "m" else Unit(unit)
+
+
+def comparison_tables(result: SuiteComparison) -> list[Table]:
+    """Return the table of a comparison of suites."""
+    rows = [{**to_plain(item), "largest": item.worst.other / item.worst.first} for item in result.figures]
+    note = (
+        "Ratio: geometric mean over the drives of mean + 3 sigma, or of the cost; below 1 the other is better. "
+        f"Corrected for {len(result.figures)} comparisons (Holm). Not in both: {result.left_out[0]} and "
+        f"{result.left_out[1]}."
+    )
+    title = f"{result.names[1]} over {result.names[0]}, {result.common} drives in both"
+    return [_table("comparison", title, COMPARISON, rows, note)]
+
+
+def history_tables(history: History) -> list[Table]:
+    """Return the table of a history: every change of a figure."""
+    note = (
+        f"Nights: {len(history.nights)}. Before and after: means over the drives named. While nothing "
+        f"changes, at most one night in {1.0 / history.false_alarm_rate:g} gives an alarm."
+    )
+    if len(history.nights) <= MIN_REFERENCE:
+        note += f" Of fewer than {MIN_REFERENCE + 1} nights only a change of most drives is found."
+    rows: list[dict[str, Any]] = []
+    for change in history.changes:
+        named = ", ".join(change.drives[:NAMED]) + (", ..." if len(change.drives) > NAMED else "")
+        which = f"{len(change.drives)} of {change.of}" + ("" if len(change.drives) == change.of else f": {named}")
+        rows.append(to_plain(change) | {"range": change.range, "which": which, "command": change.command})
+    return [_table("history", "Changes" if rows else "No figure changed", HISTORY, rows, note)]

@@ -1,0 +1,325 @@
+"""Runs jobs on Dask: on worker processes of this machine, or on a cluster that is running.
+
+Dask starts the processes, ends one that needs too much memory and starts another in its place. This module adds what
+Dask does not know: the time limit of a job, which workers have the code of the client, and why a job failed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import signal
+import tempfile
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Any
+
+from sfr_loc_map.errors import InputError, MissingExtraError, SfrError
+from sfr_loc_map.inputs import one_line, refusing
+from sfr_loc_map.signals import deferred_signals
+from sfr_loc_map.suite.running.digests import JOINED, code_facts, code_fingerprint, proof_plugin
+from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.specification import SuiteSettings
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+TRIES = 3  #: How often a job is run at most, if it raises an error or ends its worker.
+OVER_TIME = "sfr-over-time"  #: Topic of the event by which a task reports that it exceeds its time limit.
+OVER_MEMORY = "worker-restart-memory"  #: Topic of the event by which Dask's nanny reports the same of memory.
+ASK_EVERY_S = 1.0  #: How often the scheduler is asked for its workers.
+SAY_AFTER_S = 2.0  #: Time without a worker after which it is reported.
+SHOWN = 10  #: Workers whose missing code is reported.
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+class FailureCause(StrEnum):
+    """Why a job failed."""
+
+    BAD_INPUT = "bad input"
+    FAULT = "fault of the program"
+    DIED = "its process ended"
+    MEMORY = "over the memory limit"
+    TIME = "over the time limit"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobOutcome:
+    """What came of a job."""
+
+    result: str | None = None  #: The score as JSON; None if it failed.
+    cause: FailureCause | None = None  #: Why it failed.
+    message: str = ""  #: The error, or the limit.
+    worker: str = ""  #: Address of the worker that ran it.
+
+
+@contextlib.contextmanager
+def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -> Iterator[Client]:
+    """Yield a client of workers that are started here, or of the running scheduler at an address."""
+    try:
+        import dask
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise MissingExtraError(f"suites run on Dask ({error}): pip install 'sfr_loc_map[suite]'") from error
+    for name in ("distributed", "distributed.client"):  # what is lost is reported in one line
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    options: dict[str, Any] = {
+        "distributed.scheduler.allowed-failures": 0,  # tries are counted here, and a job runs again only if submitted
+        **{f"distributed.worker.memory.{name}": False for name in ("target", "spill", "pause")},
+        "distributed.worker.memory.terminate": 1.0,
+        # a worker may just be restarting when Dask looks for it; without any for long, jobs fail
+        "distributed.deploy.lost-worker-timeout": "1000 days",
+        "distributed.worker.profile.enabled": False,
+        "distributed.worker.preload": ["sfr_loc_map.suite.running.worker_start"],
+        "distributed.nanny.pre-spawn-environ": dict.fromkeys(THREADS, settings.threads),
+        # not before the spawn, where it is set in this process too: numba reads it again and refuses a change
+        "distributed.nanny.environ": {"NUMBA_NUM_THREADS": settings.threads},
+    }
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(dask.config.set(options))
+        if scheduler is not None:
+            with refusing(f"no Dask scheduler answers at '{scheduler}'", "start one"):
+                client = Client(scheduler, timeout="10s", set_as_default=False)
+            stack.callback(client.close, timeout=2)
+        else:
+            with deferred_signals():  # of a whole group they would end workers that start
+                cluster = LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    memory_limit=settings.memory_mb * 10**6,
+                    host="127.0.0.1",
+                    dashboard_address=None,
+                    local_directory=stack.enter_context(tempfile.TemporaryDirectory(prefix="sfr-suite-")),
+                    silence_logs=logging.CRITICAL,
+                )
+                stack.callback(_end, cluster)
+            client = stack.enter_context(Client(cluster, set_as_default=False))
+        yield client
+
+
+def _end(cluster: Any) -> None:  # noqa: ANN401 - distributed is typed in part
+    """End the workers at once; a polite close waits for what they still run."""
+    for nanny in cluster.workers.values():
+        with contextlib.suppress(Exception):
+            nanny.auto_restart = False
+            os.kill(nanny.process.pid, signal.SIGKILL)
+    with contextlib.suppress(Exception):
+        cluster.close(timeout=5)
+
+
+@dataclass(slots=True, kw_only=True)
+class WorkerRecord:
+    """A worker of a suite, as suite.json names it."""
+
+    worker: str  #: Its address.
+    host: str = ""
+    version: str = ""  #: Of sfr_loc_map.
+    python: str = ""
+    code: str = ""  #: Fingerprint of its code.
+    done: int = 0  #: Tasks.
+    set_aside: str = ""  #: How its code differs, so that it gets no task; empty if it may run tasks.
+
+
+class SuiteWorkers:
+    """The workers of a scheduler. Those that have the code of the client offer a resource that each task requires."""
+
+    def __init__(self, client: Client, say: Callable[[str], None], wait_s: float) -> None:
+        self.resource = f"sfr-{code_fingerprint()}"
+        self.records: dict[str, WorkerRecord] = {}
+        self._client = client
+        self._say = say
+        self._wait_s = wait_s
+        self._asked_at = -ASK_EVERY_S
+        self._places = 0
+        self._without_since = time.monotonic()  # since when no worker may run a task
+        self._reported = ""
+        self._events_read = len(client.get_events(JOINED))  # those of earlier runs
+        with contextlib.suppress(Exception):  # a worker that cannot read the plugin offers nothing
+            client.register_plugin(proof_plugin(self.resource, code_facts()))
+
+    def places(self) -> int:
+        """Return how many tasks run at the same time on the present workers; report if none may run a task.
+
+        InputError if there has been none for longer than the limit.
+        """
+        now = time.monotonic()
+        if self._places and now - self._asked_at < ASK_EVERY_S:
+            return self._places
+        self._asked_at = now
+        self._read_events()
+        workers = self._client.scheduler_info(n_workers=-1)["workers"]
+        fit = [worker for worker in workers.values() if worker["resources"].get(self.resource, 0) > 0]
+        self._places = sum(int(worker["nthreads"]) for worker in fit)
+        if self._places:
+            self._without_since = now
+            self._reported = ""
+            return self._places
+        waited_s = now - self._without_since
+        reason = self._reason(list(workers))
+        if waited_s > self._wait_s:
+            raise InputError(
+                f"{reason}: none came in {self._wait_s:g} s; results so far are kept, the same command continues"
+            )
+        if waited_s > SAY_AFTER_S and reason != self._reported:
+            self._reported = reason
+            self._say(f"{reason}: waiting {self._wait_s:g} s for one that may run a task")
+        return 0
+
+    def ask_again(self) -> None:
+        """Have the scheduler asked for its workers the next time, because one has died."""
+        self._places = 0
+
+    def count(self, outcome: JobOutcome) -> None:
+        """Count a task that a worker has done."""
+        if outcome.worker:
+            self._record(outcome.worker).done += outcome.cause is None
+
+    def _read_events(self) -> None:
+        """Take what workers have reported of their code when they joined."""
+        events = self._client.get_events(JOINED)
+        for _, event in events[self._events_read :]:
+            if event["resource"] == self.resource:
+                record = self._record(event["worker"])
+                record.set_aside = event["lacks"]
+                for name in ("host", "version", "python", "code"):
+                    setattr(record, name, event.get(name, ""))
+        self._events_read = len(events)
+
+    def _record(self, worker: str) -> WorkerRecord:
+        return self.records.setdefault(worker, WorkerRecord(worker=worker))
+
+    def _reason(self, workers: Sequence[str]) -> str:
+        """Return why no worker may run a task."""
+        if not workers:
+            return f"no worker at the scheduler {self._client.scheduler_info()['address']}"
+        unknown = WorkerRecord(worker="", set_aside="has not reported its code")
+        known = [self.records.get(worker, unknown) for worker in workers]
+        lacks = [f"{at.host} ({worker}): {at.set_aside}" for worker, at in zip(workers, known, strict=True)]
+        more = f"; and {len(lacks) - SHOWN} more" if len(lacks) > SHOWN else ""
+        return f"none of {len(lacks)} workers may run a task: {'; '.join(lacks[:SHOWN])}{more}"
+
+
+def run_jobs(
+    client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path, workers: SuiteWorkers
+) -> Generator[tuple[Job, JobOutcome]]:
+    """Yield each job with its outcome, as it is done.
+
+    As many jobs are submitted as run at the same time, so that the death of a worker concerns one job: Dask counts it
+    against all tasks that the worker holds, also those that only wait there. A job that ends its worker is tried again.
+    Workers that do not see the cache of simulated sources use one of their own.
+    """
+    from distributed.scheduler import KilledWorker
+
+    waiting = deque(jobs)
+    submitted: dict[Future[JobOutcome], Job] = {}
+    done: SimpleQueue[Future[JobOutcome]] = SimpleQueue()
+    deaths: Counter[str] = Counter()
+
+    def submit() -> None:
+        places = workers.places()
+        while waiting and len(submitted) < places:
+            job = waiting.popleft()
+            future = client.submit(
+                run_on_worker,
+                *(job, timeout_s, str(cache.absolute())),
+                key=(f"sfr-{job.kind}", job.key, time.time_ns()),
+                resources={workers.resource: 1},
+                retries=TRIES - 1,
+                pure=False,
+            )
+            submitted[future] = job
+            future.add_done_callback(done.put)
+
+    try:
+        while waiting or submitted:
+            submit()
+            try:
+                future = done.get(timeout=ASK_EVERY_S)
+            except Empty:
+                continue
+            job = submitted.pop(future)
+            outcome, error = _result_of(future)
+            future.release()
+            if isinstance(error, KilledWorker):
+                workers.ask_again()
+                deaths[job.key] += error.allowed_failures + 1
+                if deaths[job.key] < TRIES:
+                    waiting.appendleft(job)
+                    continue
+                outcome = _cause_of_death(client, error.last_worker.address, job)
+            elif error is not None:
+                outcome = JobOutcome(cause=FailureCause.FAULT, message=one_line(f"{type(error).__name__}: {error}"))
+            workers.count(outcome)
+            submit()  # before the caller keeps the outcome, so that no worker waits for it
+            yield job, outcome
+    except OSError as error:
+        raise InputError(
+            f"the Dask scheduler is gone ({type(error).__name__}): results so far are kept; start it and give the "
+            "same command again"
+        ) from error
+    finally:
+        with contextlib.suppress(Exception):
+            client.cancel(list(submitted), force=True)
+
+
+def _result_of(future: Future[JobOutcome]) -> tuple[JobOutcome, BaseException | None]:
+    """Return the outcome of a job that ended, and the error that it ended with, None if it has an outcome."""
+    from distributed.scheduler import KilledWorker
+
+    if future.status == "error":
+        return JobOutcome(), future.exception()
+    if future.status != "finished":
+        raise ConnectionError(f"Dask has forgotten a task: {future.status}")
+    try:
+        return future.result(), None
+    except KilledWorker as error:  # the worker was killed before its result was fetched
+        return JobOutcome(), error
+
+
+def _cause_of_death(client: Client, address: str, job: Job) -> JobOutcome:
+    """Return the outcome of a job that ended its worker, by what the worker reported."""
+    cause, message = FailureCause.DIED, "its worker process was killed or crashed"
+    for _, event in client.get_events(OVER_MEMORY):
+        if event["worker"] == address:
+            cause, message = FailureCause.MEMORY, f"{event['rss'] / 1e6:.0f} MB, more than its worker may use"
+    for _, event in client.get_events(OVER_TIME):
+        if event["worker"] == address and event["job"] == job.key:
+            cause, message = FailureCause.TIME, f"not done after {event['seconds']:g} s"
+    return JobOutcome(cause=cause, message=message)
+
+
+def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
+    """Run a job; bad input is an outcome.
+
+    Beyond the time limit the process ends itself: a thread cannot be ended.
+    """
+    from distributed import get_worker
+
+    from sfr_loc_map.metrics.score_json import to_json
+    from sfr_loc_map.suite.running.job_run import run_job
+
+    worker = get_worker()
+    place = Path(cache) if Path(cache).is_dir() else Path(worker.local_directory) / "sfr-cache"
+
+    def end() -> None:
+        worker.log_event(OVER_TIME, {"worker": worker.address, "job": job.key, "seconds": timeout_s})
+        time.sleep(0.5)  # until the event is sent
+        os._exit(1)
+
+    timer = threading.Timer(timeout_s, end)
+    timer.daemon = True
+    timer.start()
+    try:
+        with tempfile.TemporaryDirectory(dir=worker.local_directory) as scratch:
+            return JobOutcome(worker=worker.address, result=to_json(run_job(job, Path(scratch), place)))
+    except SfrError as error:
+        return JobOutcome(worker=worker.address, cause=FailureCause.BAD_INPUT, message=one_line(str(error)))
+    finally:
+        timer.cancel()

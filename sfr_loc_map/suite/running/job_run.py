@@ -1,0 +1,156 @@
+"""The work of one job."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numba
+import numpy as np
+import yaml
+from msgspec.structs import replace as struct_replace
+
+from sfr_loc_map.child_process import child_environment
+from sfr_loc_map.config import build
+from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.faults.kinds import Fault, parse_fault
+from sfr_loc_map.faults.source import faulty
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.io.clouds.cloud_file import load_cloud, save_cloud
+from sfr_loc_map.io.convert import convert
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.methods.registry import MethodLimits, record_of_ours
+from sfr_loc_map.metrics.cloud_error import truths_of
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.judge import judged
+from sfr_loc_map.metrics.limits import Limits, parse_limits
+from sfr_loc_map.metrics.rules import limits_about, what_of
+from sfr_loc_map.metrics.score import Provenance, Score
+from sfr_loc_map.metrics.score_json import from_json, to_plain
+from sfr_loc_map.runs.calls import load_call_stats, save_stats
+from sfr_loc_map.runs.offline import localise, localise_with, map_pairs, map_pairs_with, start_pose, trajectory_of
+from sfr_loc_map.scoring.load import load_run
+from sfr_loc_map.scoring.run import CloudToScore, Run, ScoreInputs
+from sfr_loc_map.scoring.score_run import score_files, score_run
+from sfr_loc_map.suite.running.job import Job, JobKind
+from sfr_loc_map.suite.running.sources import local_path
+from sfr_loc_map.suite.running.specification import METHOD_KEYS, chosen_method
+
+REPLAY = (
+    "from sfr_loc_map.child_process import end_with_parent; from sfr_loc_map.cli.main import main; "
+    f"end_with_parent({int(signal.SIGTERM)}); raise SystemExit(main())"
+)
+"""The command line is above this layer: it is run as the command that it is."""
+TOLD = ("key", "faults", "fault_seed", "configuration", "repeat", "start", "code")
+"""Keys of the job in the provenance of a score."""
+
+
+def run_job(job: Job, scratch: Path, cache: Path) -> Score:
+    """Return a job's score; its paths are relative to `scratch`, an empty folder, and sources are kept in `cache`."""
+    cv2.setNumThreads(job.threads)
+    numba.set_num_threads(min(job.threads, numba.get_num_threads()))
+    path, config = local_path(job.source, cache), ScoreConfig(trajectory=job.scoring)
+    limits = parse_limits(job.limits, "limits") if job.limits else None
+    if job.kind is JobKind.SCORE:
+        score = score_files(ScoreInputs.of(path, Path(job.source.truth)), config, limits)
+    elif job.kind is JobKind.REPLAY:
+        score = _replay(job, path, scratch, limits)
+    else:
+        source = faulty(open_source(path), _faults(job), job.fault_seed)
+        run = (_localise if job.kind is JobKind.LOCALISE else _map)(job, source, path, scratch)
+        score = score_run(run, config, limits)
+    score = judged(score, limits_about(limits, what_of(score)), partial=job.scoring.partial)
+    return struct_replace(score, provenance=_provenance(job, score.provenance, scratch))
+
+
+def _localise(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
+    if source.loc is None:
+        raise InputError(f"no drive in '{job.source.path}': give a source that has one")
+    section, start = _section(job, "localisation"), start_pose(source.loc, job.start)
+    method, about = chosen_method(section, Task.LOCALISATION), record_of_ours(Task.LOCALISATION)
+    if method is None:
+        results = list(localise(source.loc, build(LocalisationConfig, section), start))
+    else:
+        done = list(localise_with(method, source.loc, start.T_ds_rb, MethodLimits(), [truth]))
+        results, about = [(result, record) for result, record, _ in done], done[-1][2]
+    estimate, stats = scratch / "estimate.csv", scratch / "stats.csv"
+    save_trajectory(estimate, trajectory_of([result for result, _ in results]))
+    save_stats(stats, [record for _, record in results], about)
+    run = load_run(ScoreInputs(estimate=estimate, truth=truth, stats=(stats,)))
+    assert run.drive is not None  # estimate and truth are there
+    given = np.array(source.loc.stamps_ns, np.int64)  # images that a fault has dropped cannot be covered
+    return replace(run, drive=replace(run.drive, image_stamps_ns=given))
+
+
+def _map(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
+    if source.nav is None:
+        raise InputError(f"no mapping pairs in '{job.source.path}': give a source that has them")
+    section = _section(job, "mapping")
+    method, about = chosen_method(section, Task.MAPPING), record_of_ours(Task.MAPPING)
+    if method is None:
+        run = map_pairs(source.nav, build(MappingConfig, section))
+    else:
+        run, about = map_pairs_with(method, source.nav, MethodLimits(), hidden=[truth])
+    cloud, stats = scratch / "cloud.npz", scratch / "stats.csv"
+    save_cloud(cloud, run.fused.cloud)
+    save_stats(stats, run.records, about)
+    scored = CloudToScore(load_cloud(cloud), truths_of(list(source.nav.pairs()), source.nav.rig))
+    inputs = ScoreInputs(cloud=cloud, map_truth=truth, stats=(stats,))
+    return Run(inputs, [load_call_stats(stats)], cloud=scored)
+
+
+def _replay(job: Job, path: Path, scratch: Path, limits: Limits | None) -> Score:
+    if job.faults:
+        convert(faulty(open_source(path), _faults(job), job.fault_seed), scratch / "faulty")
+        path = scratch / "faulty"
+    if any(name.rpartition(".")[2] in METHOD_KEYS for name in job.parameters):
+        raise ConfigError("'method' of a configuration is for the tasks localise and map: a replay runs our nodes")
+    out = scratch / "replay"
+    command = [sys.executable, "-P", "-c", REPLAY, "replay", str(path), "--out", str(out), "--start", job.start]
+    if job.parameters:
+        nested = {part: to_plain(values) for part in ("localisation", "mapping") if (values := _section(job, part))}
+        (scratch / "config.yaml").write_text(yaml.safe_dump(nested), encoding="utf-8")
+        command += ["--config", str(scratch / "config.yaml")]
+    command += ["--spacing", str(job.scoring.spacing), "--rebase", job.scoring.rebase]
+    if job.scoring.partial or (limits is not None and limits.allow_missing):
+        command += ["--partial"]
+    for condition in job.scoring.conditions:
+        command += ["--condition", condition]
+    done = subprocess.run(
+        command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, env=child_environment()
+    )
+    report = out / "report.json"
+    if not report.exists():
+        raise InputError(f"replay of '{job.source.path}' gave no report: {done.stderr.strip()[-300:]}")
+    return from_json(report.read_text(encoding="utf-8"), str(report))
+
+
+def _faults(job: Job) -> list[Fault]:
+    return [parse_fault(text) for text in job.faults.split("+") if text]
+
+
+def _section(job: Job, section: str) -> dict[str, object]:
+    prefix = f"{section}."
+    return {name.removeprefix(prefix): value for name, value in job.parameters.items() if name.startswith(prefix)}
+
+
+def _provenance(job: Job, provenance: Provenance | None, scratch: Path) -> Provenance:
+    """Add what the job was; names and places of its files come from the suite, not from the scratch folder."""
+    known = provenance or Provenance(version="")
+    about = {"task": job.kind.value, "source": job.source.name, "source_sha256": job.source.sha256}
+    about |= {name: getattr(job, name) for name in TOLD}
+    of_suite = {f"suite.{name}": value for name, value in about.items()}
+    host = {**known.host, "threads": str(job.threads)}
+    inputs = {
+        role: struct_replace(item, path=item.path.removeprefix(f"{scratch}/")) for role, item in known.inputs.items()
+    }
+    configuration = {**known.configuration, **job.parameters, **of_suite}
+    return struct_replace(known, inputs=inputs, configuration=configuration, host=host)

@@ -1,0 +1,130 @@
+"""From the file of a suite to its jobs: what each source holds, and all combinations."""
+
+from __future__ import annotations
+
+import functools
+import socket
+import subprocess
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from itertools import product
+from pathlib import Path
+
+from sfr_loc_map.config import build
+from sfr_loc_map.errors import ConfigError, SfrError
+from sfr_loc_map.inputs import GIT
+from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.suite.running.digests import PACKAGE, code_fingerprint, data_hash, files_hash
+from sfr_loc_map.suite.running.job import NO_CONFIGURATION, Job, JobKind, JobSource, SourceKind
+from sfr_loc_map.suite.running.sources import fetch
+from sfr_loc_map.suite.running.specification import Refusal, SuiteSpecification
+
+READER_THREADS = 8
+"""Sources that are hashed, or fetched, at a time: of many large ones this takes longer than their jobs."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SourceFacts:
+    """What a plan needs to know of a source: hash of the content, number of localisation and of mapping pairs."""
+
+    sha256: str
+    pairs: int
+    nav_pairs: int
+
+
+def make_plan(
+    specification: SuiteSpecification, facts_of: Callable[[Path], SourceFacts], cache: Path
+) -> tuple[list[Job], list[Refusal]]:
+    """Return a suite's jobs in the order of its file, the same work once, and unreadable sources."""
+    sources = list(specification.sources)
+    names = [source.name for source in sources]
+    for index, source in enumerate(sources):
+        if names.count(source.name) > 1 and source.kind is not SourceKind.SIMULATED:
+            short = "/".join(Path(source.path).parts[-3:])
+            alike = [other for other in sources if other.path != source.path and other.path.endswith(f"/{short}")]
+            sources[index] = replace(source, name=source.path if alike else short)
+
+    with ThreadPoolExecutor(READER_THREADS) as readers:
+        found = [readers.submit(_known, source, facts_of, cache) for source in sources]
+    jobs: dict[str, Job] = {}
+    refusals = list(specification.refusals)
+    for source, facts in zip(sources, found, strict=True):
+        try:
+            for job in _jobs(specification, *facts.result()):
+                jobs.setdefault(job.key, job)  # of the first configuration that has it: another one renames nothing
+        except SfrError as error:
+            refusals.append(Refusal(source.path, str(error)))
+    if not jobs and not refusals:
+        raise ConfigError(f"{specification.path}: no task: the sources have nothing that 'tasks' asks for")
+    return list(jobs.values()), refusals
+
+
+def _known(
+    source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path
+) -> tuple[JobSource, tuple[JobKind, ...]]:
+    """Return a source on this host, with its hash, and the kinds of jobs that it has the data for."""
+    if source.kind is SourceKind.ESTIMATE:
+        truth_sha256 = files_hash(source.truth)
+        return replace(source, sha256=data_hash(source), truth_sha256=truth_sha256), (JobKind.SCORE,)
+    if source.kind is SourceKind.SIMULATED:
+        config = build(SimulationConfig, source.settings)
+        drive, panorama = config.drive.enabled, config.panorama.enabled
+    else:
+        if source.kind is SourceKind.REMOTE:
+            source = replace(source, kind=SourceKind.FILE, path=str(fetch(source.path, cache).absolute()))
+        facts = facts_of(Path(source.path))
+        drive, panorama = facts.pairs > 0, facts.nav_pairs > 0
+        source = replace(source, sha256=facts.sha256)
+    offered = ((JobKind.LOCALISE, drive), (JobKind.MAP, panorama), (JobKind.REPLAY, drive or panorama))
+    return source, tuple(kind for kind, there in offered if there)
+
+
+def _jobs(specification: SuiteSpecification, source: JobSource, possible: tuple[JobKind, ...]) -> Iterator[Job]:
+    settings, asked = specification.settings, specification.tasks
+    for kind in possible:
+        faults, configurations = specification.perturb, specification.configurations
+        if kind is JobKind.SCORE:
+            faults, configurations = ("",), {NO_CONFIGURATION: {}}
+        elif kind not in asked if asked is not None else kind is JobKind.REPLAY:
+            continue
+        # parameters of the other part do not change a job
+        used = {JobKind.LOCALISE: "localisation.", JobKind.MAP: "mapping."}.get(kind, "")
+        for fault, (name, parameters), repeat in product(faults, configurations.items(), range(settings.repeats)):
+            yield Job(
+                kind=kind,
+                source=source,
+                faults=fault,
+                fault_seed=settings.seed,
+                configuration=name,
+                parameters={key: value for key, value in parameters.items() if key.startswith(used)},
+                start=settings.start,
+                scoring=specification.scoring,
+                repeat=repeat,
+                threads=settings.threads,
+                code=code_fingerprint(),
+                limits=specification.limits,
+            )
+
+
+def inspect_source(path: Path) -> SourceFacts:
+    """Return what a plan needs to know of a source; raise InputError if it cannot be read."""
+    from sfr_loc_map.io.registry import open_source  # takes half a second, and a resumed suite knows its sources
+
+    source = open_source(path)
+    pairs, nav_pairs = (0 if part is None else len(part) for part in (source.loc, source.nav))
+    return SourceFacts(sha256=files_hash(str(path)), pairs=pairs, nav_pairs=nav_pairs)
+
+
+def about_run() -> dict[str, object]:
+    """Return by which code, where and when a suite is run; commit, branch and date are None where not known."""
+    git = GIT
+    if not git and (PACKAGE.parent / ".git").exists():  # run from its sources
+        describe = "describe --always --dirty --abbrev=40 --exclude=*"
+        asked = (describe, "rev-parse --abbrev-ref HEAD", "show --no-patch --format=%cI")
+        run_git = functools.partial(subprocess.run, cwd=PACKAGE, capture_output=True, text=True, check=False)
+        git = [run_git(["git", *arguments.split()]).stdout.strip() for arguments in asked]
+    commit, branch, date = (*(item or None for item in git), None, None, None)[:3]
+    time = datetime.now(UTC).isoformat(timespec="seconds")
+    return {"git": {"commit": commit, "branch": branch, "date": date}, "host": socket.gethostname(), "time": time}

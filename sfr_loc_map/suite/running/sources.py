@@ -1,0 +1,93 @@
+"""Sources that have to be made or fetched first: simulated ones, and those that lie elsewhere (what fsspec reads)."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sfr_loc_map.atomic import atomic_path
+from sfr_loc_map.config import build
+from sfr_loc_map.errors import InputError, MissingExtraError
+from sfr_loc_map.inputs import one_line
+from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.suite.running.job import JobSource, SourceKind, digest
+
+if TYPE_CHECKING:
+    from fsspec import AbstractFileSystem
+
+
+def local_path(source: JobSource, cache: Path) -> Path:
+    """Return the place of a source here; a simulation is rendered once for all jobs."""
+    if source.kind is not SourceKind.SIMULATED:
+        return Path(source.path)
+    from sfr_loc_map.simulation.simulate import simulate
+
+    config = build(SimulationConfig, source.settings)
+    return _made_once(cache / f"simulated-{source.sha256}", lambda out: simulate(config, out, workers=1))
+
+
+def fetch(url: str, cache: Path) -> Path:
+    """Return the place of the copy of a remote source; it is fetched again if the server has another version."""
+    with _opened(url) as (system, path):
+        system.invalidate_cache()
+        protocols = (system.protocol,) if isinstance(system.protocol, str) else system.protocol
+        # over HTTP there are only files: what is listed are the links of a page
+        one = "http" in protocols or system.isfile(path)
+        files = {path: system.info(path)} if one else system.find(path, detail=True)
+        if not files:
+            raise FileNotFoundError(url)
+        # formats are known by their endings, so the name stays
+        name = url.partition("?")[0].rstrip("/").rpartition("/")[2] or "source"
+
+        def get(folder: Path) -> None:
+            folder.mkdir()
+            if one:
+                system.get_file(path, str(folder / name))
+            else:
+                system.get(path.rstrip("/") + "/", f"{folder / name}/", recursive=True)
+
+        version = digest([url, [[place, str(facts)] for place, facts in sorted(files.items())]])
+        return _made_once(cache / "fetched" / version, get) / name
+
+
+def _made_once(target: Path, make: Callable[[Path], object]) -> Path:
+    """Return a folder, made by the first caller; other callers wait meanwhile."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with target.with_name(f"{target.name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not target.is_dir():
+            with atomic_path(target) as part:
+                make(part)
+    return target
+
+
+def expand(url: str) -> list[str]:
+    """Return the URLs that match one with `*`, `?` or `[`; one without is returned as it is."""
+    if not any(sign in url.partition("://")[2] for sign in "*?["):
+        return [url]
+    with _opened(url) as (system, path):
+        return sorted(system.unstrip_protocol(name) for name in system.glob(path))
+
+
+@contextlib.contextmanager
+def _opened(url: str) -> Iterator[tuple[AbstractFileSystem, str]]:
+    """Yield the file system and the path of a URL; every error of it is an InputError."""
+    try:
+        from fsspec.core import url_to_fs
+
+        opened: tuple[AbstractFileSystem, str] = url_to_fs(url)
+    except ImportError as error:
+        raise MissingExtraError(
+            f"'{url}' cannot be read here ({error}): pip install 'sfr_loc_map[suite]', for s3:// also s3fs"
+        ) from error
+    except ValueError as error:
+        raise InputError(f"'{url}' cannot be read: {error}; give a path, or a URL as https:// or s3://") from error
+    try:
+        yield opened
+    except Exception as error:
+        cause = error.__cause__ or error
+        reason = one_line(f"{type(cause).__name__}: {cause}")
+        raise InputError(f"cannot read '{url}': {reason}; check the URL, the network and the credentials") from error

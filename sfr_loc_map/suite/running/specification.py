@@ -1,0 +1,226 @@
+"""The file of a suite (docs/suites.md): which sources, faults, configurations and tasks."""
+
+from __future__ import annotations
+
+import glob
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from sfr_loc_map.config import build, flatten, load_yaml, param
+from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.faults.kinds import parse_fault
+from sfr_loc_map.inputs import Task, read_text, refusing
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.methods.registry import LIBRARY_PREFIX, OURS, Method, find_method
+from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
+from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.suite.running.digests import method_hash
+from sfr_loc_map.suite.running.job import JobKind, JobSource, SourceKind, digest
+from sfr_loc_map.suite.running.sources import expand
+
+SECTIONS: Mapping[str, tuple[type[LocalisationConfig | MappingConfig], Task]] = {
+    "localisation": (LocalisationConfig, Task.LOCALISATION),
+    "mapping": (MappingConfig, Task.MAPPING),
+}
+METHOD_KEYS = ("method", "method_config", "method_sha256")
+"""Keys beside the parameters of a part: the method, the file with its configuration; the last is added here."""
+LISTS = ("sources", "perturb", "tasks", "conditions")
+
+
+@dataclass(frozen=True, slots=True)
+class SuiteSettings:
+    """Single values of a suite."""
+
+    spacing: int = param(
+        10, unit="frames", doc="Frames from one start of a sub-trajectory to the next.", low=1, high=10**6
+    )
+    rebase: str = param(
+        "pose",
+        doc="How error from before the start is kept out, as of `sfr score`.",
+        choices=("pose", "displacement", "position"),
+    )
+    partial: bool = param(False, doc="Judge an estimate of a part of a drive as if it were the whole, and say so.")
+    stop_when_decided: bool = param(False, doc="End when sequential tests (`good` of a limit) decide all limits.")
+    start: str = param("truth", doc="First pose of a drive.", choices=("identity", "truth"))
+    repeats: int = param(1, doc="Runs of each task.", low=1, high=1000)
+    seed: int = param(0, doc="Seed of which pairs a fault affects.", low=0, high=2**31 - 1)
+    threads: int = param(1, doc="Threads of a task.", low=1, high=256)
+    memory_mb: int = param(
+        4000, unit="MB", doc="Resident memory at which the process of a task is ended.", low=500, high=10**6
+    )
+    timeout_s: float = param(3600.0, unit="s", doc="Time after which a task is ended.", low=0.1, high=1e7)
+    wait_s: float = param(
+        300.0, unit="s", doc="Time without any worker that may run a task before the suite ends.", low=0.1, high=1e7
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """A source that cannot be read, and why."""
+
+    path: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class SuiteSpecification:
+    """What a suite is made of."""
+
+    path: Path  #: The file.
+    sources: tuple[JobSource, ...]  #: One for each match and each seed; those of files without their hashes.
+    refusals: tuple[Refusal, ...]  #: Entries that match nothing, or whose server does not answer.
+    perturb: tuple[str, ...]  #: Injected faults; the source without faults comes first, as an empty text.
+    configurations: Mapping[str, Mapping[str, object]]  #: Parameters by dotted name, by the configuration's name.
+    tasks: tuple[JobKind, ...] | None  #: What is done; None for what each source has.
+    scoring: TrajectoryScoreConfig  #: How each task is scored; conditions that only the limits name are among it.
+    limits: Mapping[str, Any]  #: Limits, empty for none.
+    settings: SuiteSettings  #: Single values.
+
+
+def load_specification(path: Path) -> SuiteSpecification:
+    """Read a suite's file."""
+    content = load_yaml(path)
+    lists = {name: content.pop(name, None) or [] for name in LISTS}
+    configurations, limits = content.pop("configurations", None), _limits(content.pop("limits", None), path)
+    settings = build(SuiteSettings, content, origin=str(path))
+    if odd := next((name for name, value in lists.items() if not isinstance(value, list)), None):
+        raise ConfigError(f"{path}: '{odd}' is a {type(lists[odd]).__name__}: a list is needed")
+    if not lists["sources"]:
+        raise ConfigError(f"{path}: no 'sources': give paths, globs or simulations")
+    try:
+        tasks = tuple(JobKind(str(name)) for name in lists["tasks"]) or None
+    except ValueError as error:
+        raise ConfigError(f"{path}: 'tasks' may hold {', '.join(JobKind)}: {error}") from error
+    for part in "+".join(map(str, lists["perturb"])).split("+") if lists["perturb"] else ():
+        parse_fault(part)
+    sources: list[JobSource] = []
+    refusals: list[Refusal] = []
+    for number, entry in enumerate(lists["sources"], 1):
+        try:
+            sources += list(_sources(entry, path.absolute().parent, f"{path}: source {number}"))
+        except InputError as error:
+            refusals.append(Refusal(str(entry), str(error)))
+    if not sources:
+        raise InputError(refusals[0].reason)
+    named = [Condition.parse(str(text)) for text in lists["conditions"] or ["distance=5"]]
+    named += parse_limits(limits, f"{path}: limits").conditions if limits else ()
+    conditions = tuple(dict.fromkeys(item.setting for item in named))
+    return SuiteSpecification(
+        path=path,
+        sources=tuple(sources),
+        refusals=tuple(refusals),
+        perturb=("", *map(str, lists["perturb"])),
+        configurations=_configurations(configurations, path),
+        tasks=tasks,
+        scoring=TrajectoryScoreConfig(conditions, settings.spacing, settings.rebase, settings.partial),
+        limits=limits,
+        settings=settings,
+    )
+
+
+def _sources(entry: object, folder: Path, origin: str) -> Iterator[JobSource]:
+    if isinstance(entry, str) and "://" in entry:
+        if not (urls := expand(entry)):
+            raise InputError(f"source '{entry}': nothing there matches; give an existing URL or glob")
+        yield from (_source(SourceKind.REMOTE, url) for url in urls)
+    elif isinstance(entry, str) and entry:
+        found = sorted(glob.glob(str(folder / entry), recursive=True))
+        if not found:
+            raise InputError(f"source '{entry}': nothing in '{folder}' matches; give an existing path or glob")
+        yield from (_source(SourceKind.FILE, path) for path in found)
+    elif isinstance(entry, Mapping) and set(entry) == {"estimate", "truth"}:
+        path, truth = (str(folder / str(entry[name])) for name in ("estimate", "truth"))
+        yield _source(SourceKind.ESTIMATE, path, truth=truth)
+    elif isinstance(entry, Mapping) and "simulate" in entry:
+        yield from _simulations(entry, folder, origin)
+    else:
+        raise ConfigError(
+            f"{origin}: needs a path or URL, 'simulate: SCENARIO', or 'estimate: EST' with 'truth: TRUTH'"
+        )
+
+
+def _source(kind: SourceKind, path: str, *, truth: str = "", sha256: str = "") -> JobSource:
+    return JobSource(name=path.rstrip("/").rpartition("/")[2], kind=kind, path=path, truth=truth, sha256=sha256)
+
+
+def _simulations(entry: Mapping[str, Any], folder: Path, origin: str) -> Iterator[JobSource]:
+    seeds, changes = entry.get("seeds", [0]), entry.get("set", {})
+    whole = isinstance(seeds, list) and all(isinstance(seed, int) and not isinstance(seed, bool) for seed in seeds)
+    if set(entry) - {"simulate", "seeds", "set"} or not whole or not seeds or not isinstance(changes, Mapping):
+        raise ConfigError(f"{origin}: 'simulate' takes 'seeds', a list of whole numbers, and 'set', a mapping")
+    scenario = folder / str(entry["simulate"])
+    config = flatten(build(SimulationConfig, load_yaml(scenario) | {"seed": 0}, origin=str(scenario)))
+    for seed in seeds:
+        made = build(SimulationConfig, config | dict(changes) | {"seed": seed}, origin=f"{scenario}: 'set'")
+        source = _source(SourceKind.SIMULATED, str(scenario), sha256=digest(flatten(made)))
+        yield replace(source, name=f"{scenario.stem}-{seed}", settings=flatten(made))
+
+
+def _configurations(value: object, path: Path) -> dict[str, dict[str, object]]:
+    if value is None:
+        return {"default": {}}
+    if not isinstance(value, Mapping) or not value:
+        raise ConfigError(f"{path}: 'configurations' must map names to parameters, as {{default: {{}}}}")
+    return {
+        str(name): _parameters(content, f"{path}: configuration '{name}'", path.parent)
+        for name, content in value.items()
+    }
+
+
+def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]:
+    if not isinstance(content, Mapping):
+        raise ConfigError(f"{origin}: a mapping with 'localisation' and 'mapping' is needed")
+    changed: dict[str, object] = {}
+    for section, values in content.items():
+        if section not in SECTIONS or not isinstance(values, Mapping):
+            raise ConfigError(f"{origin}: '{section}' is not a mapping of parameters; known: {', '.join(SECTIONS)}")
+        kind, task = SECTIONS[section]
+        default = flatten(kind())
+        own = {name: value for name, value in values.items() if name not in METHOD_KEYS}
+        given = flatten(build(kind, own, origin=origin))
+        new = {name: value for name, value in given.items() if value != default[name]}
+        if METHOD_KEYS[0] in values:
+            new |= _method(values, task, folder)
+        is_ours = str(values.get(METHOD_KEYS[0], OURS)) == OURS
+        if unread := [name for name in values if (name == METHOD_KEYS[1] if is_ours else name in own)]:
+            whose = "another method" if is_ours else "ours"
+            raise ConfigError(f"{origin}: '{unread[0]}' is of {whose}, and would not be read: leave it out")
+        changed |= {f"{section}.{name}": value for name, value in new.items()}
+    return changed
+
+
+def _method(values: Mapping[str, object], task: Task, folder: Path) -> dict[str, object]:
+    """Return what a job keeps of a method: whole paths, the text of its configuration, the hash of its file."""
+    spec, text = str(values["method"]), ""
+    place, _, name = spec.rpartition(":")
+    if spec.startswith(LIBRARY_PREFIX):
+        spec = f"{LIBRARY_PREFIX}{(folder / spec.removeprefix(LIBRARY_PREFIX)).resolve()}"
+    elif place.endswith(".py"):
+        spec = f"{(folder / place).resolve()}:{name}"
+    if "method_config" in values:
+        path = folder / str(values["method_config"])
+        with refusing(f"'method_config: {path}' cannot be read", "give a text file"):
+            text = read_text(path)
+    if spec == OURS:
+        return {}
+    return dict(zip(METHOD_KEYS, (spec, text, method_hash(spec, task, text)), strict=True))
+
+
+def chosen_method(section: Mapping[str, object], task: Task) -> Method | None:
+    """Return the method of a part of a configuration, None where it is ours; raise MethodError if it is gone."""
+    if METHOD_KEYS[0] not in section:
+        return None
+    return find_method(str(section["method"]), task, str(section.get("method_config", "")))
+
+
+def _limits(value: object, path: Path) -> Mapping[str, Any]:
+    if value is None:
+        return {}
+    content = load_yaml(path.parent / value) if isinstance(value, str) else value
+    if not isinstance(content, Mapping):
+        raise ConfigError(f"{path}: 'limits' must be a file or a mapping")
+    return dict(content)

@@ -1,0 +1,162 @@
+"""The folder of a suite. Its results are files, and what is done follows from them.
+
+DIR/results/KEY.json        score of a job (sfr-score/2)
+DIR/failures/KEY.json       why a job failed
+DIR/plan.json               what the sources of the suite's file hold, its jobs in their order, its code
+DIR/workers.json            the workers of its runs, what they did, why they were set aside
+DIR/cache/                  simulated and fetched sources, may be deleted
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from sfr_loc_map.atomic import write_text
+from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.inputs import refusing
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score_json import from_dict, from_plain, json_line, to_plain
+from sfr_loc_map.suite.running.cluster import FailureCause, JobOutcome, WorkerRecord
+from sfr_loc_map.suite.running.digests import file_state
+from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.plan import SourceFacts, about_run, inspect_source
+from sfr_loc_map.suite.running.specification import Refusal
+
+PLAN, WORKERS = "plan.json", "workers.json"
+ADVICE = "delete it and run the suite again"
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class JobFailure:
+    """A job that failed, and why."""
+
+    key: str
+    label: str
+    source: str  #: Place of its source.
+    cause: FailureCause
+    message: str
+    configuration: str = ""
+    pairing: str = ""  #: What it has in common with the same job of other suites.
+
+
+class Store:
+    """The folder of a suite: opened, or made; OutputError if it holds something else."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = Path(folder)
+        self.results, self.failures, self.cache = (self.folder / name for name in ("results", "failures", "cache"))
+        plan = self.folder / PLAN
+        others = [path.name for path in self.folder.iterdir()] if self.folder.is_dir() else []
+        if others and not plan.exists() and not self.results.is_dir():
+            raise OutputError(f"'{folder}' holds {others[0]} and is not a folder of a suite: choose another name")
+        try:
+            for path in (self.results, self.failures, self.cache):
+                path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"cannot make the folder '{folder}': {error.strerror}; check the rights") from error
+        self._plan: dict[str, Any] = {"sources": {}, "jobs": [], "refusals": [], "run": {}}
+        if plan.exists():
+            found = _read(plan)
+            if not isinstance(found, dict) or any(type(found.get(k, v)) is not type(v) for k, v in self._plan.items()):
+                raise InputError(f"'{plan}' is no plan of a suite: run the suite again in another folder")
+            self._plan |= found
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Hold the folder for one run at a time."""
+        try:
+            stream = (self.folder / ".lock").open("w")
+        except OSError as error:
+            raise OutputError(f"cannot write in '{self.folder}': {error.strerror}; choose another folder") from error
+        with stream:
+            try:
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise OutputError(f"another run works in '{self.folder}': wait for its end, or end it") from error
+            yield
+
+    def facts_of(self, path: Path) -> SourceFacts:
+        """Return what a source holds; it is read once as long as its `file_state` stays."""
+        state = file_state(path)
+        known = self._plan["sources"].get(str(path.absolute()))
+        if known is not None and known["stamp"] == state:
+            return _record(SourceFacts, known["facts"], self.folder / PLAN)
+        facts = inspect_source(path)
+        self._plan["sources"][str(path.absolute())] = {"stamp": state, "facts": to_plain(facts)}
+        return facts
+
+    def plan(self, jobs: Sequence[Job], refusals: Sequence[Refusal]) -> None:
+        """Take the jobs of a suite's file as it is now, and the sources that it cannot read."""
+        self._plan |= {"jobs": to_plain(jobs), "refusals": to_plain(refusals), "run": about_run()}
+        write_text(json_line(self._plan), self.folder / PLAN)
+
+    @property
+    def run(self) -> dict[str, Any]:
+        """By which code, where and when it was run last."""
+        return dict(self._plan["run"])
+
+    @property
+    def refusals(self) -> tuple[Refusal, ...]:
+        """Sources that could not be read when it was run last."""
+        return tuple(_record(Refusal, item, self.folder / PLAN) for item in self._plan["refusals"])
+
+    def workers(self) -> tuple[WorkerRecord, ...]:
+        """Return the workers of all its runs."""
+        path = self.folder / WORKERS
+        return tuple(_record(WorkerRecord, item, path) for item in (_read(path) if path.exists() else ()))
+
+    def add_workers(self, records: Sequence[WorkerRecord]) -> None:
+        """Keep the workers of a run beside those of the runs before."""
+        write_text(json_line([*self.workers(), *records]), self.folder / WORKERS)
+
+    def state(self, key: str) -> str:
+        """Return `failed` if there is a failure, which is later than a result, else `done` or `waiting`."""
+        if (self.failures / f"{key}.json").is_file():
+            return "failed"
+        return "done" if (self.results / f"{key}.json").is_file() else "waiting"
+
+    def score(self, job: Job) -> Score:
+        """Return the score of a job; InputError if the file has the score of another job."""
+        path = self.results / f"{job.key}.json"
+        score = from_dict(_read(path), f"'{path}'")
+        about = {} if score.provenance is None else score.provenance.configuration
+        if about.get("suite.key", job.key) != job.key:
+            raise InputError(f"'{path}' is the result of '{about.get('suite.source')}', not of '{job.label}': {ADVICE}")
+        return score
+
+    def failure(self, key: str) -> JobFailure:
+        """Return why a job failed."""
+        path = self.failures / f"{key}.json"
+        return _record(JobFailure, _read(path), path)
+
+    def save(self, job: Job, outcome: JobOutcome) -> None:
+        """Keep what came of a job, whole or not at all."""
+        failed = self.failures / f"{job.key}.json"
+        if outcome.cause is None:
+            write_text(outcome.result or "", self.results / f"{job.key}.json")
+            failed.unlink(missing_ok=True)
+            return
+        what = (job.key, job.label, job.source.path, outcome.cause, outcome.message, job.configuration, job.pairing)
+        write_text(json_line(JobFailure(*what)), failed)
+
+    def entries(self) -> list[tuple[Job, str]]:
+        """Return the jobs of the suite in its order, each with `done`, `failed` or `waiting`."""
+        jobs = (_record(Job, item, self.folder / PLAN) for item in self._plan["jobs"])
+        return [(job, self.state(job.key)) for job in jobs]
+
+
+def _record(kind: type[T], value: object, path: Path) -> T:
+    with refusing(f"cannot read '{path}'", ADVICE):
+        return from_plain(kind, value)
+
+
+def _read(path: Path) -> Any:  # noqa: ANN401 - any JSON
+    with refusing(f"cannot read '{path}'", ADVICE):
+        return json.loads(path.read_text(encoding="utf-8"))

@@ -1,0 +1,145 @@
+"""Suites compared with each other, figure by figure, over the drives that both have.
+
+A figure is compared by the mean of its log ratios over the drives, with a sign-flip test: where two runs are equally
+good, each log ratio is as likely positive as negative, so the mean is compared with its distribution over all choices
+of signs (Fisher 1935; exact for up to 14 drives, drawn for more). No distribution of the errors is assumed, and one
+bad drive decides nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.metrics.comparison import Outcome
+from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.metrics.statistics import Interval, holm
+from sfr_loc_map.suite.statistics.figures import FigureKind, FigureName, figures_of
+from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary, drawn_weights
+
+SIGNIFICANCE = 0.05
+COMPARED = (FigureKind.ACCURACY, FigureKind.MEMORY)  #: As ratios; times depend on what else the host did.
+DRAWS, SEED = 20_000, 20260202
+MIN_TESTED = 6  #: With fewer drives no choice of signs has a probability under 0.03.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveRatio:
+    """One figure of one drive in both suites."""
+
+    label: str
+    first: float
+    other: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FigureComparison:
+    """One figure over the drives that two runs have in common; below 1 the other is better."""
+
+    runs: str  #: Task, configuration and faults.
+    baseline: str  #: Name of the run that it is compared with.
+    kind: FigureKind
+    figure: str  #: Name with unit.
+    drives: int  #: Drives in both.
+    ratio: float  #: Geometric mean over the drives of other over first.
+    ci95: Interval | None  #: 95 % interval of the ratio, by resampling drives.
+    p: float | None  #: Probability of such a ratio by chance (sign-flip test).
+    p_corrected: float | None  #: The same, corrected for the number of comparisons (Holm).
+    outcome: Outcome
+    worst: DriveRatio  #: Drive with the largest ratio.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SuiteComparison:
+    """Two suites: their names, the drives in both, those of either that are not in both, and all figures."""
+
+    names: tuple[str, str]
+    common: int
+    left_out: tuple[int, int]
+    figures: tuple[FigureComparison, ...]
+
+    def to_dict(self) -> dict[str, object]:
+        """Return it as JSON values."""
+        return {"schema": "sfr-suite-comparison/1", **to_plain(self)}
+
+
+def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> SuiteComparison:
+    """Return the comparison of two suites, of which the first is the reference; MetricsError if no drive is in both."""
+    mine, theirs = _by_pairing(first, other)
+    common = [(drive, theirs[key]) for key, drive in mine.items() if key in theirs]
+    if not common:
+        raise MetricsError(
+            f"'{names[0]}' and '{names[1]}' have no drive in common: run the same sources, faults and conditions"
+        )
+    pairs: dict[tuple[str, FigureName], dict[str, list[DriveRatio]]] = {}  # by drive: repeats of one are of one
+    for drive, same in common:
+        others, runs = figures_of(same.score), ", ".join(part for part in drive.runs if part)
+        for name, value in figures_of(drive.score).items():
+            if name in others and name.kind in COMPARED:
+                ratio = DriveRatio(label=drive.job.label, first=value, other=others[name])
+                pairs.setdefault((runs, name), {}).setdefault(drive.job.drive, []).append(ratio)
+    left_out = (len(mine) - len(common), len(theirs) - len(common))
+    return SuiteComparison(
+        names=names, common=len(common), left_out=left_out, figures=tuple(_compared(pairs, names[0]))
+    )
+
+
+def _by_pairing(*suites: Summary) -> list[dict[str, ScoredJob]]:
+    """Return the drives of each suite by what they share with others; a name of the only configuration is no part."""
+    one = all(len({drive.job.configuration for drive in suite.drives}) == 1 for suite in suites)
+    return [
+        {drive.job.pairing + ("" if one else f" {drive.job.configuration}"): drive for drive in suite.drives}
+        for suite in suites
+    ]
+
+
+def _compared(
+    pairs: Mapping[tuple[str, FigureName], Mapping[str, Sequence[DriveRatio]]], baseline: str
+) -> Iterator[FigureComparison]:
+    ratios = [
+        np.array([np.log([item.other / item.first for item in items]).mean() for items in drives.values()])
+        for drives in pairs.values()
+    ]
+    chance = [sign_flip_p(logs) for logs in ratios]
+    for ((runs, name), drives), logs, p, corrected in zip(pairs.items(), ratios, chance, holm(chance), strict=True):
+        interval: Interval | None = None
+        if len(logs) >= 5:
+            low, high = np.exp(np.quantile(drawn_weights(len(logs)) @ logs / len(logs), (0.025, 0.975))).tolist()
+            interval = (low, high)
+        outcome = Outcome.NOT_ENOUGH_DATA if logs.any() else Outcome.EQUAL
+        if corrected is not None and logs.any():
+            direction = Outcome.WORSE if logs.mean() > 0.0 else Outcome.BETTER
+            outcome = Outcome.NO_DIFFERENCE if corrected >= SIGNIFICANCE else direction
+        yield FigureComparison(
+            runs=runs,
+            baseline=baseline,
+            kind=name.kind,
+            figure=name.name,
+            drives=len(drives),
+            ratio=float(np.exp(logs.mean())),
+            ci95=interval,
+            p=p,
+            p_corrected=corrected,
+            outcome=outcome,
+            worst=max(chain(*drives.values()), key=lambda item: item.other / item.first),
+        )
+
+
+def sign_flip_p(log_ratios: FloatArray) -> float | None:
+    """Return the two-sided probability of a mean log ratio `(D,)` as large by chance; None with too few drives."""
+    if len(log_ratios) < MIN_TESTED:
+        return None
+    from scipy.stats import permutation_test  # it takes long to import
+
+    def size(logs: FloatArray, axis: int) -> FloatArray:
+        return np.asarray(np.abs(logs.sum(axis=axis)))
+
+    options: dict[str, Any] = {"permutation_type": "samples", "n_resamples": DRAWS, "batch": DRAWS // 10}
+    options |= {"vectorized": True, "alternative": "greater", "random_state": np.random.default_rng(SEED)}
+    return float(permutation_test((log_ratios,), size, **options).pvalue)

@@ -1,0 +1,119 @@
+"""`sfr suite plan`: how many drives a requirement needs, from its terms and, of a suite, from the spread seen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.limits import Limits
+from sfr_loc_map.metrics.proof import Interpretation, Terms, sample_over_drives
+from sfr_loc_map.metrics.tolerance import count_needed, moments, normal_count, zero_failure_count
+from sfr_loc_map.report.score_tables import limit_name
+from sfr_loc_map.report.tables import Cell, Column, Table
+from sfr_loc_map.suite.statistics.summary import ScoredJob, samples_by_drive
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveCount:
+    """How many drives prove one requirement; None is unknown, or no number."""
+
+    runs: str  #: Runs of the suite, empty without one.
+    limit: str  #: Name of the limit, empty without one.
+    prob: float
+    confidence: float
+    power: float
+    good: float  #: Share of failures that is acceptable.
+    without_failure: int  #: Drives without a failure.
+    fixed: int  #: Drives of the fixed plan with the stated power.
+    allowed: int  #: Failures that the fixed plan allows.
+    sequential: float  #: Expected drives of the sequential test at the share `good`.
+    sequential_at_none: float  #: The same where no drive fails.
+    drives: int | None = None  #: Drives that there are.
+    failures: int | None = None  #: Drives beyond the limit.
+    at_the_rate_seen: int | None = None  #: Drives if they fail as often as those seen.
+    if_normal: int | None = None  #: Drives if errors are declared to be normal, with the spread seen.
+    state: VerdictState | None = None  #: Decision of the sequential test.
+
+
+def count_without_runs(terms: Terms) -> DriveCount:
+    """Return how many drives terms need."""
+    test = terms.test
+    plan = test.fixed_plan()
+    return DriveCount(
+        runs="",
+        limit="",
+        prob=terms.prob,
+        confidence=terms.confidence,
+        power=terms.power,
+        good=test.good,
+        without_failure=zero_failure_count(terms.prob, terms.confidence),
+        fixed=plan.drives,
+        allowed=plan.allowed,
+        sequential=test.course(test.good).drives,
+        sequential_at_none=test.course(0.0).drives,
+    )
+
+
+def drive_counts(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator[DriveCount]:
+    """Yield how many drives each limit with a share needs, over runs alike; ConfigError without such a limit."""
+    chosen = [] if limits is None else [item for item in limits.limits if item.terms is not None]
+    if not chosen:
+        raise ConfigError("the suite has no limit with a share, such as position_bound_m: {limit: 0.1, prob: 0.95}")
+    members: dict[tuple[str, str, str], list[ScoredJob]] = {}
+    for drive in drives:
+        members.setdefault(drive.runs, []).append(drive)
+    for runs, jobs in members.items():
+        for limit in chosen:
+            terms = limit.terms or Terms()
+            samples = samples_by_drive(limit, [(job.job.drive, job.score) for job in jobs])
+            if not samples:
+                continue
+            interpretation = terms.interpretation
+            if interpretation is Interpretation.TEMPORAL:  # a drive is no sample of itself
+                interpretation = Interpretation.ENSEMBLE
+            sample = sample_over_drives(interpretation, samples)
+            known = moments(sample)
+            has_failed = sample.sizes > limit.limit
+            plan = count_without_runs(terms)
+            yield DriveCount(
+                **{name: getattr(plan, name) for name in DriveCount.__slots__ if name not in OF_RUNS},
+                runs=", ".join(part for part in runs if part),
+                limit=f"{limit_name(limit.key)}, {interpretation}",
+                drives=len(sample.errors),
+                failures=int(has_failed.sum()),
+                at_the_rate_seen=count_needed(sample, limit.limit, terms.prob, terms.confidence),
+                if_normal=None if known is None else normal_count(known, limit.limit, terms.prob, terms.confidence),
+                state=terms.test.decision(has_failed.tolist())[0],
+            )
+
+
+OF_RUNS = ("runs", "limit", "drives", "failures", "at_the_rate_seen", "if_normal", "state")
+"""Fields that depend on runs."""
+
+
+def plan_table(counts: Sequence[DriveCount]) -> Table:
+    """Return how many drives are needed as a table."""
+    columns = [Column("requirement", words=True), Column("without a failure"), Column("fixed plan"), Column("may fail")]
+    columns += [Column("sequential, expected"), Column("sequential, no failure")]
+    has_runs = any(count.drives is not None for count in counts)
+    if has_runs:
+        columns += [Column("drives"), Column("failed"), Column("at the rate seen"), Column("if normal")]
+        columns += [Column("sequential test", words=True)]
+    rows = []
+    for place, count in enumerate(counts):
+        terms = f"{100.0 * count.prob:g} % with {100.0 * count.confidence:g} %, power {100.0 * count.power:g} % at "
+        terms += f"{100.0 * count.good:g} % failures"
+        row = [Cell.head(": ".join(text for text in (count.runs, count.limit, terms) if text))]
+        names: tuple[str, ...] = ("without_failure", "fixed", "allowed", "sequential", "sequential_at_none")
+        if has_runs:
+            names = (*names, "drives", "failures", "at_the_rate_seen", "if_normal")
+        row += [Cell.number(getattr(count, name), f"{place}.{name}", undefined="no number") for name in names]
+        row += [Cell.verdict(count.state or VerdictState.NOT_ENOUGH_DATA)] if has_runs else []
+        rows.append(tuple(row))
+    note = (
+        "Independent drives. A fixed plan passes with at most so many failures; it is judged at its end. The "
+        "sequential test is judged after each drive, with the same risks."
+    )
+    return Table("plan", "Number of drives", tuple(columns), tuple(rows), note)

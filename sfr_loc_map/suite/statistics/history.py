@@ -1,0 +1,330 @@
+"""Where the figures of a suite changed, night by night (docs/decisions/0008-history.md).
+
+The last night, and the mean of the last four, is paired with up to 30 nights before. A figure of a drive is divided by
+the mean of its reference nights (paired ratio), and so is the mean over all drives, which shows a small change of all.
+Each ratio has the interval that Student's t predicts for nights like those before. A change is a ratio whose interval
+excludes 1. The level of the intervals is divided by the number of ratios of a night (Bonferroni), so that at most one
+night in 365 gives an alarm while nothing changes.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from scipy.special import stdtrit
+
+from sfr_loc_map.errors import InputError, MetricsError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.inputs import refusing
+from sfr_loc_map.metrics.comparison import Outcome
+from sfr_loc_map.metrics.score_json import MAX_NUMBER, to_plain
+from sfr_loc_map.metrics.statistics import Interval
+from sfr_loc_map.suite.statistics.figures import FigureKind, FigureName
+
+WINDOWS = (1, 4)  #: Nights whose mean is compared with those before: a large change at once, a small one later.
+FALSE_ALARM_RATE = 1.0 / 365.0  #: Probability of an alarm in a night without a change, over all figures and drives.
+REFERENCE = 30  #: Nights before that a night is compared with, at most.
+MIN_REFERENCE = 5  #: With fewer nights before, their scatter is unknown.
+MIN_DRIVES = 6  #: With so many drives, the scatter over the drives replaces that of too few nights.
+MAX_FREEDOM = 5.0  #: Limit of the degrees of freedom: nights have heavier tails than a normal distribution.
+FALSE_NAMES = 0.1  #: Probability that an alarm names a drive that did not change, over all drives.
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """How a kind of figure is compared: in logarithms, as a count, or as it is."""
+
+    apply: Callable[[FloatArray], FloatArray]  #: Values as they are compared; NaN where undefined.
+    undo: Callable[[float], float]  #: The value that is compared as a number.
+    floor: float  #: Least standard deviation of a drive from night to night, however equal the nights are.
+    of_host: bool = False  #: Whether all drives of a night share what it depends on.
+
+
+LOG = partial(Scale, lambda x: np.log(np.where(x > 0.0, x, np.nan)), lambda value: float(np.exp(value)))
+COUNT = Scale(lambda x: 2.0 * np.sqrt(x + 0.375), lambda value: max(0.0, (0.5 * value) ** 2 - 0.375), 1.0)
+"""`2 sqrt(n + 3/8)` (Anscombe 1948): of deviation 1."""
+SCALES: Mapping[FigureKind, Scale] = {
+    FigureKind.ACCURACY: LOG(0.05),
+    FigureKind.NEES: LOG(0.1),
+    FigureKind.LOST: COUNT,
+    FigureKind.DEGRADED: COUNT,
+    FigureKind.MISSING: COUNT,
+    FigureKind.FAILED: Scale(np.copy, float, 0.1),
+    FigureKind.TIME: LOG(0.05, of_host=True),
+    FigureKind.MEMORY: LOG(0.02, of_host=True),
+}
+SHORT_COMMIT = 9
+WITHOUT_RESULT = FigureName(FigureKind.FAILED, "drives without a result, share")
+
+
+def _figure(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= MAX_NUMBER:
+        raise ValueError(f"a figure is {value!r:.40}: a number from 0 on is needed")
+    return float(value)
+
+
+@dataclass(frozen=True, slots=True)
+class Night:
+    """One suite of a history: its name, its commit, and by drive the name, path and figures; none without a result."""
+
+    name: str
+    commit: str | None
+    labels: Mapping[str, str]
+    paths: Mapping[str, str]
+    figures: Mapping[str, Mapping[FigureName, float]]
+
+    @classmethod
+    def read(cls, folder: Path) -> Night:
+        """Return the night whose results a folder holds, from its `suite.json`."""
+        path = folder / "suite.json"
+        with refusing(f"no figures in '{path}'", f"make it with sfr suite report '{folder}'"):
+            content = json.loads(path.read_text(encoding="utf-8"))
+            drives = [*content["drives"], *content["failures"]]
+            keys = [f"{drive['pairing']} {drive['configuration']}" for drive in drives]
+            figures = [
+                {FigureName(FigureKind(kind), name): _figure(value) for kind, name, value in drive["figures"]}
+                for drive in content["drives"]
+            ]
+            labels = {key: drive["label"] for key, drive in zip(keys, drives, strict=True)}
+            paths = {key: drive.get("path") or drive["source"] for key, drive in zip(keys, drives, strict=True)}
+            commit = content["git"]["commit"]
+        return cls(str(folder), commit, labels, paths, dict(zip(keys, figures, strict=False)))
+
+    def without_configurations(self) -> Night:
+        """Return it with drives that are known by their data alone."""
+        of_drives = ({key.partition(" ")[0]: value for key, value in part.items()}
+                     for part in (self.labels, self.paths, self.figures))  # fmt: skip
+        return Night(self.name, self.commit, *of_drives)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """A change of one figure, from one night to the next."""
+
+    night: str  #: First night after it.
+    before_night: str  #: Last night before it.
+    commits: tuple[str | None, str | None]  #: Of the last night before and the first after.
+    kind: FigureKind
+    figure: str  #: Name with unit.
+    outcome: Outcome
+    drives: tuple[str, ...]  #: Drives that changed; all if none shows the change by itself, or more than half do.
+    paths: tuple[str, ...]  #: Their sources.
+    of: int  #: Drives that have the figure.
+    before: float  #: Mean over these drives before; geometric but for counts and shares.
+    after: float  #: The same after.
+    ratio: float | None  #: After over before; None where before is 0.
+    ci95: Interval | None  #: 95 % interval of the ratio.
+
+    @property
+    def range(self) -> str:
+        """The commits among which it is, as git takes them."""
+        return "..".join((commit or "unknown")[:SHORT_COMMIT] for commit in self.commits)
+
+    @property
+    def text(self) -> str:
+        """The change in words."""
+        which = "all drives" if len(self.drives) == self.of else ", ".join(self.drives)
+        size = f"{self.before:.4g} to {self.after:.4g}"
+        return f"{self.figure} {self.outcome} since {self.night} ({self.range}), {size}, of {which}; {self.command}"
+
+    @property
+    def command(self) -> str:
+        """The command that shows it."""
+        return f"sfr report {self.before_night} {self.night}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class History:
+    """Nights in their order."""
+
+    nights: tuple[str, ...]  #: Their names.
+    commits: tuple[str | None, ...]
+    false_alarm_rate: float  #: Probability of an alarm in a night without a change, at most.
+    changes: tuple[Change, ...]  #: In the order of the nights.
+    figures: Mapping[str, tuple[float | None, ...]]  #: Mean over the drives by night, by figure.
+
+    @property
+    def worse(self) -> tuple[Change, ...]:
+        """Changes for the worse that no later change of the figure followed."""
+        last = {change.figure: change for change in self.changes}
+        return tuple(change for change in last.values() if change.outcome is Outcome.WORSE)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return it as JSON values."""
+        changes = [to_plain(change) | {"command": change.command} for change in self.changes]
+        return {"schema": "sfr-history/3", **to_plain(replace(self, changes=())), "changes": changes}
+
+
+def find_changes(nights: Sequence[Night]) -> History:
+    """Return how the figures changed over nights in the order of time; MetricsError for fewer than two."""
+    if len(nights) < 2:
+        raise MetricsError(f"a history needs two suites or more, found {len(nights)}: give several folders")
+    if all(len({key.partition(" ")[2] for key in night.labels}) < 2 for night in nights):  # another name is no change
+        nights = [night.without_configurations() for night in nights]
+    keys = list(dict.fromkeys(key for night in nights for key in night.labels))
+    if not keys:
+        raise InputError(f"no drive in {len(nights)} suites: give suites with a result each")
+    names = sorted({name for night in nights for figures in night.figures.values() for name in figures})
+    tables = {
+        name: np.array([[night.figures.get(key, {}).get(name, np.nan) for night in nights] for key in keys])
+        for name in names
+    }
+    there = np.array([[key in night.figures for night in nights] for key in keys])
+    since = np.maximum.accumulate(np.array([[key in night.labels for night in nights] for key in keys]), axis=1)
+    tables[WITHOUT_RESULT] = np.where(since, 1.0 - there, np.nan)  # a drive that is left out has none either
+    last = {key: night for night in nights for key in night.labels}
+    changes, series = [], {}
+    for name, table in tables.items():
+        scale = SCALES[name.kind]
+        having = np.isfinite(table).any(axis=1)
+        x, drives = scale.apply(table[having]), [key for key, has in zip(keys, having, strict=True) if has]
+        series[name.name] = tuple(scale.undo(mean) if np.isfinite(mean) else None for mean in _mean(x).tolist())
+        for found in changes_of(x, scale, FALSE_ALARM_RATE / len(tables)):
+            changed = [drives[index] for index in found.drives]
+            before, after = scale.undo(found.before), scale.undo(found.after)
+            worse = abs(found.after) > abs(found.before) if name.kind is FigureKind.NEES else after > before
+            pair = nights[found.night - 1], nights[found.night]
+            low, high = scale.undo(found.after - found.half_width), scale.undo(found.after + found.half_width)
+            change = Change(
+                night=pair[1].name,
+                before_night=pair[0].name,
+                commits=(pair[0].commit, pair[1].commit),
+                kind=name.kind,
+                figure=name.name,
+                outcome=Outcome.WORSE if worse else Outcome.BETTER,
+                drives=tuple(last[key].labels[key] for key in changed),
+                paths=tuple(dict.fromkeys(last[key].paths[key] for key in changed)),
+                of=found.of,
+                before=before,
+                after=after,
+                ratio=after / before if before > 0.0 else None,
+                ci95=(low / before, high / before) if before > 0.0 else None,
+            )
+            changes.append((found.night, change))
+    return History(
+        nights=tuple(night.name for night in nights),
+        commits=tuple(night.commit for night in nights),
+        false_alarm_rate=FALSE_ALARM_RATE,
+        changes=tuple(change for _, change in sorted(changes, key=lambda item: item[0])),
+        figures=series,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class FoundChange:
+    """A change in values `(drive, night)` as they are compared."""
+
+    night: int  #: First night after it.
+    drives: tuple[int, ...]  #: Drives that changed.
+    of: int  #: Drives with values before and after.
+    before: float  #: Mean over these drives before.
+    after: float
+    half_width: float  #: Of the 95 % interval of `after`, as predicted by the nights before.
+    window: int  #: Nights whose mean showed the change.
+    seen: int = 0  #: Night at which it was seen.
+    is_return: bool = False  #: Whether the figure came back to what it was before the last change.
+
+
+def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[FoundChange]:
+    """Return the changes in values `(D, T)`, NaN where there is none.
+
+    The nights after a change are still compared with those before it. If the figure comes back within
+    `MIN_REFERENCE` nights, that is a second change; otherwise the new level is the reference from there on.
+    """
+    found: list[FoundChange] = []
+    start, changed_at = 0, None
+    for night in range(1, x.shape[1]):
+        if changed_at is not None and night - changed_at >= MIN_REFERENCE:
+            start, changed_at = changed_at, None
+        if changed_at is not None:
+            last = found[-1]
+            after = x[:, max(changed_at, night + 1 - last.window) : night + 1]
+            reference = x[:, max(start, changed_at - REFERENCE) : changed_at]
+            if compare_nights(reference, after, scale, false_alarm_rate / len(WINDOWS)) is None:
+                now = float(_mean(x[list(last.drives), night]))
+                found.append(replace(last, night=night, seen=night, before=last.after, after=now, is_return=True))
+                changed_at = None
+            continue
+        for window in WINDOWS:
+            first = night + 1 - window
+            if first <= start:
+                break
+            reference = x[:, max(start, first - REFERENCE) : first]
+            change = compare_nights(reference, x[:, first : night + 1], scale, false_alarm_rate / len(WINDOWS))
+            if change is not None:
+                size = _change_size(reference[list(change.drives)], x[list(change.drives), first : night + 1])
+                changed_at = first + int(np.argmax(size))
+                found.append(replace(change, night=changed_at, seen=night))
+                break
+    return found
+
+
+def compare_nights(before: FloatArray, after: FloatArray, scale: Scale, false_alarm_rate: float) -> FoundChange | None:
+    """Return the change of the mean of nights `(D, W)` against the nights before `(D, N)`, None if there is none.
+
+    Half of the rate of false alarms is that of the mean over the drives, half that of the drives by themselves.
+    """
+    window = after.shape[1]
+    usual, present = _mean(before.T), _mean(after.T)
+    shift = present - usual
+    there = np.flatnonzero(np.isfinite(shift))
+    if not there.size:
+        return None
+    deviations = before[there] - usual[there, None]
+    count = np.isfinite(deviations).sum(axis=1)
+    variance = np.nansum(np.square(deviations), axis=1) / np.maximum(count - 1, 1)
+    if (long := count >= MIN_REFERENCE).any():  # a drive that never differed is taken as the median drive
+        variance = np.maximum(variance, np.median(variance[long]))
+    variance = np.maximum(variance, scale.floor**2)
+    each = np.sqrt(variance * (1.0 / window + 1.0 / count))
+    each_shift = np.where(long, np.abs(shift[there]) / each, 0.0)
+    one_changed = bool(np.any(each_shift > _quantile(false_alarm_rate / 2 / len(there), count - 1.0)))
+
+    mean_shift = float(shift[there].mean())
+    mean_of_nights = _mean(deviations)
+    mean_of_nights = mean_of_nights[np.isfinite(mean_of_nights)]
+    nights = len(mean_of_nights)
+    floor = scale.floor / np.sqrt(len(there))
+    if nights >= MIN_REFERENCE:
+        deviation, freedom = float(np.std(mean_of_nights, ddof=1)) * np.sqrt(1.0 / window + 1.0 / nights), nights - 1.0
+    elif len(there) >= MIN_DRIVES and not scale.of_host:
+        deviation, freedom = float(np.std(shift[there], ddof=1) / np.sqrt(len(there))), len(there) - 1.0
+    else:
+        deviation, freedom = np.inf, 1.0
+    deviation = max(deviation, floor)
+    mean_changed = abs(mean_shift) > deviation * float(_quantile(false_alarm_rate / 2, freedom))
+    if not mean_changed and not one_changed:
+        return None
+    chosen = each_shift > _quantile(FALSE_NAMES / len(there), count - 1.0)
+    if 0 < (named := int(chosen.sum())) <= len(there) / 2:
+        drives = there[chosen]
+        half = float(np.sqrt(np.mean(np.square(each[chosen])) / named) * _quantile(0.05, float(count.max() - 1)))
+    else:
+        drives = there
+        half = (deviation if np.isfinite(deviation) else floor) * float(_quantile(0.05, freedom))
+    means = float(usual[drives].mean()), float(present[drives].mean())
+    return FoundChange(0, tuple(drives.tolist()), len(there), *means, half, window)
+
+
+def _change_size(before: FloatArray, after: FloatArray) -> FloatArray:
+    """Return the shift from each of the last nights `(W)` on, in standard errors of equal nights."""
+    usual, nights = float(_mean(before.ravel())), _mean(after)
+    lengths = np.arange(after.shape[1], 0, -1)
+    shifts = np.array([nights[-length:].mean() - usual for length in lengths])
+    return np.asarray(np.abs(shifts) / np.sqrt(1.0 / lengths + 1.0 / before.shape[1]))
+
+
+def _quantile(two_sided: float, freedom: FloatArray | float) -> FloatArray:
+    """Return how many deviations Student's t exceeds on both sides with a probability."""
+    return np.asarray(-stdtrit(np.clip(freedom, 1.0, MAX_FREEDOM), 0.5 * two_sided))
+
+
+def _mean(nights: FloatArray) -> FloatArray:
+    with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
+        return np.asarray(np.nanmean(nights, axis=0))

@@ -1,0 +1,408 @@
+"""What follows from all results of a suite: counts, errors pooled over drives, verdicts, failures.
+
+Drives with the same task, configuration and faults form a group. Its sub-trajectories are one sample, as the
+specification's statistics require [4.1.3]: counts, means and sigmas of the drives give count, mean and sigma of all
+values exactly (Chan, Golub, LeVeque 1983). The 95 % interval resamples whole drives, because errors within one drive
+are not independent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from msgspec.structs import asdict, replace
+from numpy.typing import NDArray
+
+from sfr_loc_map import __version__
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.metrics.catalogue import KINDS, Subject
+from sfr_loc_map.metrics.completeness import SUITE, expected_row
+from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.judge import (
+    finding_verdicts,
+    incomplete_verdict,
+    judged,
+    plain_verdict,
+    proof_verdict,
+    verdict_on,
+)
+from sfr_loc_map.metrics.limited import LimitedFigure, condition_of, figure_of, meets
+from sfr_loc_map.metrics.limits import Limit, Limits, parse_limits
+from sfr_loc_map.metrics.proof import SEQUENTIAL, Interpretation, Terms, prove, sample_of
+from sfr_loc_map.metrics.rules import about, limits_about, what_of
+from sfr_loc_map.metrics.score import POOLED, Figure, Score, Verdict, figure_row
+from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.metrics.statistics import student_quantile
+from sfr_loc_map.metrics.tolerance import Sample
+from sfr_loc_map.suite.running.cluster import WorkerRecord
+from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.specification import Refusal
+from sfr_loc_map.suite.running.store import JobFailure, Store
+from sfr_loc_map.suite.statistics.figures import figures_of
+
+SCHEMA = "sfr-suite/1"
+MIN_DRIVES = 5  #: With fewer drives there is no interval.
+RESAMPLES = 2000
+SEED = 20260101
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredJob:
+    """A job with its score."""
+
+    job: Job
+    score: Score
+
+    @property
+    def runs(self) -> tuple[str, str, str]:
+        """What it has in common with the drives of its group: task, configuration, faults."""
+        return self.job.kind.value, self.job.configuration, self.job.faults
+
+    @property
+    def figure(self) -> float | None:
+        """Mean + 3 sigma of the position over the first condition, None without a trajectory."""
+        return self.score.number("position", "mean_plus_3sigma")
+
+    def names(self) -> dict[str, object]:
+        """Return what it is called, as JSON values."""
+        job = self.job
+        return {
+            "key": job.key,
+            "label": job.label,
+            "task": job.kind.value,
+            "source": job.source.name,
+            "configuration": job.configuration,
+            "faults": job.faults,
+            "repeat": job.repeat,
+        }
+
+
+class GroupVerdict(Verdict, frozen=True, kw_only=True):
+    """The verdict on one limit over all drives of a group; its n is of sub-trajectories, or of drives."""
+
+    over: str  #: `pooled` values of all drives, or the `worst drive` (figures that cannot be pooled).
+    missed_by: int  #: Drives that miss the limit on their own.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Group:
+    """A group of drives with the same task, configuration and faults: counts, pooled errors, verdicts."""
+
+    task: str
+    configuration: str
+    faults: str
+    drives: int
+    lost: int
+    matched: int
+    figures: tuple[Figure, ...]  #: Errors over the sub-trajectories of all drives, by condition.
+    verdicts: tuple[GroupVerdict, ...]
+
+    @property
+    def runs(self) -> tuple[str, str, str]:
+        """Task, configuration, faults, as those of its drives."""
+        return self.task, self.configuration, self.faults
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Summary:
+    """What follows from all results of a suite."""
+
+    tasks: int  #: Jobs of the suite.
+    waiting: int  #: Jobs that were not run yet.
+    groups: tuple[Group, ...]
+    drives: tuple[ScoredJob, ...]  #: Every result.
+    failures: tuple[JobFailure, ...]
+    refusals: tuple[Refusal, ...]
+    code: str  #: Fingerprint of the code.
+    workers: tuple[WorkerRecord, ...] = ()  #: Workers of all its runs.
+    run: Mapping[str, object] = field(default_factory=dict)  #: Commit, branch and date of the code, host, time.
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of jobs, of those done, failed and waiting."""
+        done, failed = len(self.drives), len(self.failures)
+        return {"tasks": self.tasks, "done": done, "failed": failed, "waiting": self.waiting}
+
+    @property
+    def verdict(self) -> VerdictState | None:
+        """The verdict over all, None without limits; a job without result leaves it open."""
+        states = [item.state for group in self.groups for item in group.verdicts]
+        if not states:
+            return None
+        if VerdictState.FAIL in states:
+            return VerdictState.FAIL
+        if VerdictState.INCOMPLETE in states or self.completeness.value != 1.0:
+            return VerdictState.INCOMPLETE
+        passed = all(state is VerdictState.PASS for state in states)
+        return VerdictState.PASS if passed else VerdictState.NOT_ENOUGH_DATA
+
+    @property
+    def is_decided(self) -> bool:
+        """Whether sequential tests have decided every limit, so that no more drives are needed."""
+        items = [item for group in self.groups for item in group.verdicts]
+        return bool(items) and all(
+            item.proof is not None
+            and item.proof.method == SEQUENTIAL
+            and item.state in (VerdictState.PASS, VerdictState.FAIL)
+            for item in items
+        )
+
+    @property
+    def completeness(self) -> Figure:
+        """The row of the tasks that were planned, and the fraction of them that has a result.
+
+        Tasks that wait are not needed once sequential tests have decided every limit.
+        """
+        needed = self.tasks - self.waiting if self.is_decided else self.tasks
+        planned = needed + len(self.refusals)
+        return expected_row(SUITE, len(self.drives), planned or None)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return it as JSON values; of each drive its key, names, verdicts, and the place of its score."""
+        parts = {
+            name: to_plain(getattr(self, name)) for name in ("verdict", "groups", "failures", "refusals", "workers")
+        }
+        drives = [
+            drive.names()
+            | {"path": drive.job.source.path, "pairing": drive.job.pairing, "file": f"results/{drive.job.key}.json"}
+            | {"figures": [[*to_plain(name).values(), value] for name, value in figures_of(drive.score).items()]}
+            | {"verdicts": to_plain(drive.score.verdicts)}
+            | {
+                name: to_plain(value)
+                for name in ("incomplete", "contradiction", "findings")
+                if (value := getattr(drive.score, name))
+            }
+            for drive in self.drives
+        ]
+        head = {"schema": SCHEMA, "version": __version__, "code": self.code, "counts": self.counts}
+        return {**head, **self.run, **parts, "drives": drives}
+
+
+def limits_of_store(store: Store) -> Limits | None:
+    """Return the limits of a suite's folder."""
+    return next((parse_limits(job.limits, "limits") for job, _ in store.entries() if job.limits), None)
+
+
+def summarise(store: Store) -> Summary:
+    """Return what follows from the results of a suite's folder."""
+    entries, limits = store.entries(), limits_of_store(store)
+    drives = []
+    for job, state in entries:
+        if state == "done":
+            score = store.score(job)
+            of_score = limits_about(limits, what_of(score))
+            drives.append(ScoredJob(job, judged(score, of_score, partial=job.scoring.partial)))
+    return Summary(
+        tasks=len(entries),
+        waiting=sum(state == "waiting" for _, state in entries),
+        groups=tuple(groups_of(drives, limits)),
+        drives=tuple(drives),
+        failures=tuple(store.failure(job.key) for job, state in entries if state == "failed"),
+        refusals=store.refusals,
+        code=entries[0][0].code if entries else "",
+        workers=store.workers(),
+        run=store.run,
+    )
+
+
+def groups_of(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator[Group]:
+    """Yield the groups of results, in the order in which they first occur."""
+    members: dict[tuple[str, str, str], list[ScoredJob]] = {}
+    for drive in drives:
+        members.setdefault(drive.runs, []).append(drive)
+    parts_judged = {part for drive in drives for part in what_of(drive.score)}
+    for (task, configuration, faults), jobs in members.items():
+        scores = [job.score for job in jobs]
+        trajectories = [score.association for score in scores if score.association is not None]
+        conditions = list(dict.fromkeys(condition for score in scores for condition in score.conditions))
+        results = [(job.job.drive, job.score) for job in jobs]
+        pooled = tuple(row for condition in conditions for row in pool(results, condition))
+        yield Group(
+            task=task,
+            configuration=configuration,
+            faults=faults,
+            drives=len(scores),
+            lost=sum(item.lost for item in trajectories),
+            matched=sum(item.matched for item in trajectories),
+            figures=pooled,
+            verdicts=tuple(verdicts_over(limits, results, pooled, parts_judged)),
+        )
+
+
+def verdicts_over(
+    limits: Limits | None,
+    results: Sequence[tuple[str, Score]],
+    pooled: tuple[Figure, ...],
+    of_suite: Collection[str] = (),
+) -> Iterator[GroupVerdict]:
+    """Yield the verdicts over drives that were run alike: those that need no limit, then one for each limit.
+
+    `of_suite` are the parts that any result of the suite is about. A limit that is about none of them has not enough
+    data in every group.
+    """
+    scores = [score for _, score in results]
+    wrong = [item for score in scores for item in finding_verdicts(score)]
+    for name in dict.fromkeys(item.name for item in wrong):
+        mine = [item for item in wrong if item.name == name]
+        worst = replace(max(mine, key=lambda item: item.value or 0.0), n=len(scores))
+        yield _of_group(worst, "worst drive", len(mine))
+    if contradicted := sum(score.contradiction is not None for score in scores):
+        value, state = float(contradicted), VerdictState.NOT_ENOUGH_DATA
+        plain = plain_verdict("convention_mismatch_drives", 0.0, value, state)
+        yield _of_group(replace(plain, n=len(scores)), "worst drive", contradicted)
+    if parts := [score for score in scores if score.incomplete is not None]:
+        shares = [
+            share for score in parts if (share := score.number("judged", subject=Subject.COMPLETENESS)) is not None
+        ]
+        # a drive that is not covered is no pass, whatever the figures of the others
+        whole = replace(incomplete_verdict(min(shares, default=None)), n=len(scores))
+        yield _of_group(whole, "worst drive", len(parts))
+    parts_judged = {part for score in scores for part in what_of(score)}
+    for limit in () if limits is None else limits.limits:
+        if about(limit) not in parts_judged and about(limit) in of_suite:
+            continue  # maps are not judged by the limits of drives
+        if limit.terms is not None:
+            yield proof_over_drives(limit, limit.terms, results)
+            continue
+        own = [score for score in scores if about(limit) in what_of(score)]
+        values = [found for score in own if (found := figure_of(limit, score).value) is not None]
+        over, count = "worst drive", len(values)
+        if limit.condition is not None:
+            figure = figure_of(limit, Score(figures=pooled))
+            of_each = [figure_of(limit, score) for score in own]
+            figure = figure._replace(
+                independent=independent_of_drives(limit, results),
+                truth_error=max((each.truth_error for each in of_each), default=0.0),
+            )
+            over, count = "pooled", figure.n or 0
+        else:  # drives need no least number
+            worst_value = min(values, default=None) if limit.is_lower_bound else max(values, key=abs, default=None)
+            figure = LimitedFigure(worst_value)
+        verdict = replace(verdict_on(limit, figure, limits or Limits(())), n=count)
+        has_value = [bool(_count_of(limit, score)) for score in own]
+        if verdict.state is VerdictState.PASS and not all(has_value):
+            verdict = replace(verdict, state=VerdictState.INCOMPLETE)  # a drive that cannot be judged is no pass
+        yield _of_group(verdict, over, sum(not meets(limit, found) for found in values))
+
+
+def independent_of_drives(limit: Limit, results: Sequence[tuple[str, Score]]) -> float:
+    """Return how many values of a limited figure are independent; repeats of one drive count as one of them."""
+    of_drives: dict[str, float] = {}
+    for drive, score in results:
+        if about(limit) in what_of(score):
+            of_drives[drive] = max(of_drives.get(drive, 0.0), figure_of(limit, score).independent or 0.0)
+    return sum(of_drives.values())
+
+
+def samples_by_drive(limit: Limit, results: Sequence[tuple[str, Score]]) -> dict[str, list[Sample]]:
+    """Return the errors that a limit is on: those of each run, by drive."""
+    samples: dict[str, list[Sample]] = {}
+    for drive, score in results:
+        sample = sample_of(score, limit.limited.figure, condition_of(limit))
+        if sample is not None:
+            samples.setdefault(drive, []).append(sample)
+    return samples
+
+
+def proof_over_drives(limit: Limit, terms: Terms, results: Sequence[tuple[str, Score]]) -> GroupVerdict:
+    """Return the verdict on a limit with a share and a confidence over drives."""
+    samples = samples_by_drive(limit, results)
+    verdict = proof_verdict(limit, prove(terms, limit.limit, samples))
+    exceeding = sum(any(not (run.sizes <= limit.limit).all() for run in runs) for runs in samples.values())
+    over = "worst drive" if terms.interpretation is Interpretation.TEMPORAL else "all drives"
+    return _of_group(verdict, over, exceeding)
+
+
+def _count_of(limit: Limit, score: Score) -> float:
+    """Return of how many values the limited number of a drive is made, 0 where there is no number."""
+    found = figure_of(limit, score)
+    if limit.condition is not None and found.row is not None:
+        return 0.0 if found.row.unknown else float(found.row.n or 0)
+    return 0.0 if found.value is None else 1.0
+
+
+def _of_group(verdict: Verdict, over: str, missed_by: int) -> GroupVerdict:
+    return GroupVerdict(**asdict(verdict), over=over, missed_by=missed_by)
+
+
+def pool(results: Sequence[tuple[str, Score]], condition: str) -> Iterator[Figure]:
+    """Yield the pooled errors over one condition of scores, each with its drive; repeats are of one drive.
+
+    Means and sigmas of a vector are pooled axis by axis.
+    """
+    for kind in KINDS.values():
+        if kind.subject is not Subject.TRAJECTORY:
+            continue
+        axes: tuple[str | None, ...] = ("x", "y", "z") if kind.name == "position" else (None,)
+        used: list[tuple[str, list[Figure]]] = []
+        for drive, score in results:
+            rows = [_axis_row(score, kind.name, condition, axis) for axis in axes]
+            known = [row for row in rows if row is not None and row.mean is not None and (row.n or 0) > 0]
+            if len(known) == len(axes):
+                used.append((drive, known))
+        has_figure = any(score.rows(kind.name, condition=condition) for _, score in results)
+        if has_figure:
+            yield pooled_row(kind.name, condition, used)
+
+
+def _axis_row(score: Score, figure: str, condition: str, axis: str | None) -> Figure | None:
+    """Return the row of one axis of a figure; of a figure without axes the row of the reading that is judged."""
+    if axis is None:
+        return score.judged_row(figure, condition=condition)
+    return score.figure(figure, condition=condition, part=axis)
+
+
+def pooled_row(figure: str, condition: str, used: Sequence[tuple[str, Sequence[Figure]]]) -> Figure:
+    """Return mean, sigma and mean + 3 sigma of all values: of each result its drive and its rows by axis.
+
+    The interval resamples drives, each with all of its results; `independent` is the number of drives.
+    """
+    numbers = {drive: number for number, drive in enumerate(dict.fromkeys(drive for drive, _ in used))}
+    many = len(numbers)
+    count = np.array([float(rows[0].n or 0) for _, rows in used])
+    total = int(count.sum())
+    if not used:
+        return figure_row(figure, condition, POOLED, n=0, independent=0)
+    means = np.array([[row.mean for row in rows] for _, rows in used], np.float64)
+    if total < 2:
+        return figure_row(figure, condition, POOLED, n=total, independent=many)
+    sigmas = np.array([[row.sigma or 0.0 for row in rows] for _, rows in used], np.float64)
+    squares = np.square(sigmas) * (count[:, None] - 1.0)
+    mean, sigma = (float(values[0]) for values in _pooled(count, means, squares, np.ones((1, len(count)))))
+    found: dict[str, Any] = {"mean": mean, "sigma": sigma, "mean_plus_3sigma": mean + 3.0 * sigma}
+    if many >= MIN_DRIVES and found["mean_plus_3sigma"] > 0.0:
+        weights = drawn_weights(many)[:, [numbers[drive] for drive, _ in used]]
+        drawn_means, drawn_sigmas = _pooled(count, means, squares, weights)
+        spread = float(np.std(np.log(np.maximum(drawn_means + 3.0 * drawn_sigmas, 1e-300))))
+        spread *= np.sqrt(many / (many - 1.0))
+        factor = float(np.exp(student_quantile(0.975, many - 1.0) * spread))
+        found["low95"], found["high95"] = found["mean_plus_3sigma"] / factor, found["mean_plus_3sigma"] * factor
+    return figure_row(figure, condition, POOLED, n=total, independent=many, **found)
+
+
+def _pooled(
+    count: FloatArray, means: FloatArray, squares: FloatArray, weights: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return norms of mean and sigma `(R,)` of all values, each drive counted as often as its weight `(R, D)`.
+
+    Of each drive there are its count `(D,)`, means `(D, d)` and sums of squared deviations from them `(D, d)`.
+    """
+    total = weights @ count
+    mean = (weights @ (count[:, None] * means)) / total[:, None]
+    # about the common mean of the drives as they are, so that nothing cancels
+    centre = (count[:, None] * means).sum(axis=0) / count.sum()
+    second = weights @ (squares + count[:, None] * np.square(means - centre))
+    deviations = second - total[:, None] * np.square(mean - centre)
+    sigma = np.sqrt(np.maximum(deviations, 0.0) / (total[:, None] - 1.0))
+    return np.sqrt(np.square(mean).sum(axis=1)), np.sqrt(np.square(sigma).sum(axis=1))
+
+
+@lru_cache(maxsize=8)
+def drawn_weights(drives: int) -> NDArray[np.float64]:
+    """Return how often each drive is drawn `(RESAMPLES, D)`, the same for the same number."""
+    rng = np.random.default_rng([SEED, drives])
+    return rng.multinomial(drives, np.full(drives, 1.0 / drives), RESAMPLES).astype(np.float64)

@@ -1,0 +1,76 @@
+"""The benchmark of faults: what it calls silent, and that the localiser survives the faults."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from helpers.made_scene import write_folder
+from sfr_loc_map.bench.fault_benchmark import Honesty, stated_errors
+from sfr_loc_map.cli.main import main
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
+
+SIGMA_M = 0.01
+
+
+def at(x: float) -> Transform:
+    return Transform(np.eye(3), np.array([x, 0.0, 0.0]))
+
+
+def drive(errors_m: list[float]) -> tuple[list[PoseEstimate], Trajectory]:
+    """A drive of 1 m a pair, its estimates too far forward by the errors."""
+    truth = Trajectory.from_poses((k, at(float(k))) for k in range(len(errors_m)))
+    poses, covariance = [at(k + error) for k, error in enumerate(errors_m)], np.eye(6) * SIGMA_M**2 / 3
+    return [PoseEstimate(k, pose, covariance, TrackingState.TRACKING) for k, pose in enumerate(poses)], truth
+
+
+def test_an_error_beyond_five_times_the_stated_3_sigma_is_silent_where_it_is_called_tracking() -> None:
+    """The stated 3 sigma is 0.03 m: an error of 0.16 m is more than 5 times as large, one of 0.14 m is not."""
+    estimates, truth = drive([0.0, 0.14, 0.14, 0.14])
+    stated = stated_errors(estimates, truth)
+    assert stated.position_ratio == pytest.approx(0.14 / 0.03)
+    assert (stated.beyond_share, stated.honesty) == (0.0, Honesty.STATED)
+    estimates, truth = drive([0.0, 0.16, 0.0, 0.0])
+    silent = stated_errors(estimates, truth)
+    assert (silent.beyond_share, silent.honesty) == (0.25, Honesty.SILENT)
+    estimates[1] = replace(estimates[1], state=TrackingState.LOST, covariance=lost_covariance())
+    said = stated_errors(estimates, truth)
+    assert (said.tracking, said.lost, said.beyond_share, said.honesty) == (3, 1, 0.0, Honesty.SAID)
+
+    estimates, truth = drive([0.0, 0.0])
+    turned = Transform(matrix_from_rotvec(np.array([0.0, 0.0, 16 * SIGMA_M])), estimates[1].T_ds_rb.translation)
+    stated = stated_errors([estimates[0], replace(estimates[1], T_ds_rb=turned)], truth)
+    assert stated.attitude_ratio == pytest.approx(16 / 3)
+    assert stated.honesty is Honesty.SILENT
+
+
+@pytest.mark.slow
+def test_benchmark_has_the_drive_without_and_with_each_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = tmp_path / "faults.json"
+    long_drive = write_folder(tmp_path / "long", 30, 0)
+    kinds = ("black:camera=left", "blinded:share=0.3,camera=left", "swapped", "repeated", "dropped")
+    faults = tuple(f"{kind}{',' if ':' in kind else ':'}start=4" for kind in kinds)
+    options = [option for fault in faults for option in ("--fault", fault)]
+    arguments = [long_drive, *options, "--condition", "frames=3", "--spacing", 1, "--json", out]
+    monkeypatch.setattr(sys, "argv", ["sfr", "bench", "faults", *map(str, arguments)])
+    assert main() == 0
+    entries = json.loads(out.read_text())["entries"]
+    assert set(entries) == {"none", *faults}
+    assert entries["none"]["lost"] == 0
+    assert entries["none"]["position_m"] < 0.01
+    assert entries["dropped:start=4"]["pairs"] < entries["none"]["pairs"]
+    assert entries["swapped:start=4"]["lost"] > 0
+    for name, entry in entries.items():
+        assert entry["honesty"] != "silent", name
+        assert entry["longest_lost"] <= 3, name
+        assert abs(entry["vertical_offset_px"]) < 0.1, name
+        if not name.startswith("repeated"):  # there the rover moves unseen
+            assert entry["position_m"] < 0.02, name

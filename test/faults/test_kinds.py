@@ -1,0 +1,136 @@
+"""Faults: each affects its own pairs as described, and leaves the others unchanged."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.faults.injector import CHANGES, Perturber
+from sfr_loc_map.faults.kinds import FaultKind, parse_fault
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+
+RIG = StereoRig(64, 48, 50.0, 50.0, 31.5, 23.5, 0.1)
+COUNT = 40
+
+
+def pairs() -> Iterator[StereoPair]:
+    rng = np.random.default_rng(0)
+    for k in range(COUNT):
+        left, right = rng.integers(20, 200, (2, 48, 64)).astype(np.uint8)
+        yield StereoPair(k * 500_000_000, left, right)
+
+
+def perturbed(*texts: str, seed: int = 1) -> dict[int, StereoPair]:
+    return dict(Perturber([parse_fault(t) for t in texts], seed, COUNT, RIG).pairs(pairs()))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "smoke",
+        "black:share=2",
+        "black:size=1",
+        "black:share",
+        "black:burst=0.5",
+        "noisy:camera=up",
+        "blurred:amount=1e9",
+        "yaw:amount=nan",
+    ],
+)
+def test_wrong_text_is_refused(text: str) -> None:
+    with pytest.raises(ConfigError, match="fault"):
+        parse_fault(text)
+
+
+def test_late_stamps_stay_in_order_and_clock_moves_all() -> None:
+    stamps = [pair.stamp_ns for pair in perturbed("late:share=1,amount=0.9").values()]
+    assert (np.diff(stamps) > 0).all()
+    assert stamps[1] == 999_999_999
+    assert [pair.stamp_ns for pair in perturbed("clock:amount=-0.1").values()][3] == 1_400_000_000
+
+
+@pytest.mark.parametrize(("kind", "du", "dv"), [("yaw", 1, 0), ("pitch", 0, -1)])
+def test_rotated_right_camera_moves_the_image(kind: str, du: int, dv: int) -> None:
+    """A view rotated to the left or down shows the centre of the scene farther right or higher, by f tan(angle)."""
+    spot = np.zeros((48, 64), np.uint8)
+    spot[22:26, 30:34] = 250
+    fault = parse_fault(f"{kind}:amount={np.degrees(np.arctan(5 / 50))}")
+    ((_, pair),) = Perturber([fault], 0, 1, RIG).pairs([StereoPair(0, spot, spot)])
+    v, u = np.nonzero(pair.right > 100)
+    assert u.mean() - 31.5 == pytest.approx(5 * du, abs=0.3)
+    assert v.mean() - 23.5 == pytest.approx(5 * dv, abs=0.3)
+
+
+def test_every_kind_has_its_change_and_no_other_is_known() -> None:
+    assert set(CHANGES) == set(FaultKind)
+
+
+@pytest.mark.parametrize("kind", FaultKind)
+def test_every_kind_has_an_amount_and_changes_something(kind: FaultKind) -> None:
+    """A pair without the share of a fault is the source's own; with the fault, pair, count or rig differ."""
+    perturber = Perturber([parse_fault(f"{kind}:share=1")], 1, COUNT, RIG)
+    source, found = list(pairs()), dict(perturber.pairs(pairs()))
+    same = perturber.rig == RIG and len(found) == COUNT
+    for k, pair in found.items():
+        same = same and pair.stamp_ns == source[k].stamp_ns
+        same = same and np.array_equal(pair.left, source[k].left) and np.array_equal(pair.right, source[k].right)
+    assert not same
+    if kind.value not in ("focal", "baseline", "roll", "pitch", "yaw", "drift", "clock", "start"):
+        untouched = dict(Perturber([parse_fault(f"{kind}:share=0")], 1, COUNT, RIG).pairs(pairs()))
+        assert all(np.array_equal(untouched[k].left, source[k].left) for k in range(COUNT))
+
+
+def constant(level: int = 120) -> list[StereoPair]:
+    """Return pairs of one grey level: what a fault of the view adds is all there is to see."""
+    image = np.full((48, 64), level, np.uint8)
+    return [StereoPair(k, image, image) for k in range(COUNT)]
+
+
+def perturbed_constant(text: str) -> list[StereoPair]:
+    return [pair for _, pair in Perturber([parse_fault(text)], 3, COUNT, RIG).pairs(constant())]
+
+
+def shift_between(left: np.ndarray, right: np.ndarray, most: int) -> int:
+    """Return by how many columns a patch of the left image lies farther right than in the right one."""
+    columns = slice(most, 64)
+    errors = [np.abs(left[:, columns] - right[:, most - d : 64 - d]).mean() for d in range(most + 1)]
+    return int(np.argmin(errors))
+
+
+def test_body_is_the_same_in_all_pairs_and_nearer_than_the_ground() -> None:
+    found = perturbed_constant("body:amount=0.25")
+    left, right = (np.array([getattr(pair, side) for pair in found], float) for side in ("left", "right"))
+    assert (left[:, :36] == 120).all()
+    assert np.abs(left[:, 36:] - left[0, 36:]).mean() < 2.0  # noise alone
+    assert left[0, 36:].std() > 10.0
+    assert shift_between(left[0, 36:], right[0, 36:], 20) == round(50.0 / 6.0)
+
+
+def test_object_crosses_from_left_to_right_at_one_disparity() -> None:
+    found = perturbed_constant("object:amount=0.2,burst=10,share=0.25")
+    changed = [np.nonzero((pair.left != 120).any(axis=0))[0] for pair in found]
+    present = [k for k, columns in enumerate(changed) if len(columns)]
+    assert len(present) == 10
+    assert np.diff(present).tolist() == [1] * 9
+    centres = [changed[k].mean() for k in present]
+    assert np.diff(centres[1:-1]).min() > 0.0
+    assert (found[present[5]].left != 120).mean() == pytest.approx(0.2, rel=0.15)
+    middle = found[present[5]]
+    rows = np.nonzero((middle.left != 120).any(axis=1))[0]
+    left, right = (image[rows[4] : rows[-4]].astype(float) for image in (middle.left, middle.right))
+    assert abs(shift_between(left, right, 14) - 50.0 / 8.0) < 1.0
+
+
+def test_torn_and_frozen_images_come_from_a_pair_before() -> None:
+    source = list(pairs())
+    torn = perturbed("torn:share=1,amount=0.25,camera=left")[5]
+    assert np.array_equal(torn.left[:36], source[5].left[:36])
+    assert np.array_equal(torn.left[36:], source[4].left[36:])
+    assert np.array_equal(torn.right, source[5].right)
+    frozen = perturbed("frozen:share=1,amount=0,camera=right,start=3")
+    assert all(np.array_equal(frozen[k].right, source[2].right) for k in range(3, COUNT))
+    assert all(np.array_equal(frozen[k].left, source[k].left) for k in range(COUNT))
+    noise = perturbed("frozen:share=1,amount=2,start=3")[9].left.astype(float) - source[2].left
+    assert noise.std() == pytest.approx(2.0, rel=0.1)

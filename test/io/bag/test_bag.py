@@ -1,0 +1,188 @@
+"""Bags: round trips, bags of others, corrupt bags."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+from helpers.made_worlds import START_NS, World, assert_is_world, assert_same_pairs, write_bag
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.rectification import rectified_rig
+from sfr_loc_map.inputs import SIDES
+from sfr_loc_map.io.bag import messages
+from sfr_loc_map.io.bag.bag import ODOMETRY, TYPESTORE, Bag, read_odometry
+from sfr_loc_map.io.bag.message_stream import messages_of
+from sfr_loc_map.io.bag.sequence import open_bag
+from sfr_loc_map.io.bag.writer import CheckedWriter
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.source_config import SourceConfig
+
+Entry = tuple[str, int, Any]
+
+
+def write_messages(path: Path, entries: list[Entry]) -> Path:
+    """Write any messages as another program would, by the bag library alone."""
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections: dict[str, Any] = {}
+        for topic, recorded_ns, message in entries:
+            kind = message.__msgtype__
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=TYPESTORE)
+            writer.write(connections[topic], recorded_ns, TYPESTORE.serialize_cdr(message, kind))
+    return path
+
+
+def loc_entries(world: World, prefix: str = "/", image: str = "image_rect", **changes: Any) -> list[Entry]:
+    """Return the messages of a drive, recorded a little after their stamps as in life; `changes` are of camera_info."""
+    entries: list[Entry] = []
+    for pair in world.pairs:
+        for side, pixels in zip(SIDES, (pair.left, pair.right), strict=True):
+            stamp, name = pair.stamp_ns, f"{prefix}loc/{side}"
+            info = replace(messages.camera_info(stamp, world.loc_rig, "loc", side), **changes)
+            entries.append((f"{name}/{image}", stamp + 5000, messages.image(stamp, pixels, "loc", side)))
+            entries.append((f"{name}/camera_info", stamp + 6000, info))
+    return entries
+
+
+def storage_of(bag: Path) -> Path:
+    (storage,) = (file for file in bag.iterdir() if file.name != "metadata.yaml")
+    return storage
+
+
+@pytest.mark.parametrize(("name", "zstd"), [("x.mcap", False), ("x.mcap", True), ("x.db3", False)])
+def test_round_trip_is_exact_as_folder_as_file_and_without_metadata(
+    tmp_path: Path, world: World, name: str, zstd: bool
+) -> None:
+    bag = write_bag(tmp_path / name, world, zstd=zstd)
+    assert_is_world(open_source(bag), world)
+    assert_is_world(open_source(storage_of(bag)), world)
+    (bag / "metadata.yaml").write_bytes(b"\xff")
+    with pytest.raises(InputError, match=r"cannot be read: 'utf-8' codec.*; it is broken"):
+        open_source(bag)
+    (bag / "metadata.yaml").unlink()
+    assert_is_world(open_source(bag), world)
+
+
+def test_topics_of_others_by_remap_and_namespace(tmp_path: Path, world: World) -> None:
+    entries = [(topic.replace("/loc/left/image_rect", "/front_l/pic"), *rest) for topic, *rest in loc_entries(world)]
+    bag = write_messages(tmp_path / "others", entries)
+    with pytest.raises(InputError, match=r"no topic 'loc/left/image_rect'.*/front_l/pic.*--remap"):
+        open_source(bag)
+    for old, new in (("/front_l/pic", "/loc/left/image_rect"), ("front_l/pic", "rover/loc/left/image_rect")):
+        loc = open_source(bag, SourceConfig(remap={old: new})).loc
+        assert_same_pairs(loc.pairs(), world.pairs)
+        assert (loc.ground_truth, loc.rig.T_rb_sb) == (None, None)
+    spaced = open_source(write_messages(tmp_path / "spaced", loc_entries(world, "/rover_1/"))).loc
+    assert_same_pairs(spaced.pairs(), world.pairs)
+    with pytest.raises(InputError, match=r"several topics.*/a/loc.*/b/loc"):
+        open_source(write_messages(tmp_path / "two", loc_entries(world, "/a/") + loc_entries(world, "/b/")))
+
+
+def test_a_recording_without_tf_has_the_extrinsics_of_the_node_that_was_recorded(tmp_path: Path, world: World) -> None:
+    pose = world.loc_rig.T_rb_sb
+    translation, quat = "T_rb_locsb.translation_m", "T_rb_locsb.quat_xyzw"
+    given = {translation: pose.translation.tolist(), quat: pose.file_quat_xyzw.tolist()}
+
+    def opened(*values: Any) -> Any:
+        string = TYPESTORE.types["std_msgs/msg/String"]
+        name = "localisation/configuration"
+        extra = [(f"/rover{i + 1}/{name}", 0, string(json.dumps(each))) for i, each in enumerate(values)]
+        path = tmp_path / str(len(list(tmp_path.iterdir())))
+        return open_bag(write_messages(path, [*loc_entries(world, "/rover1/"), *extra])).loc.rig.T_rb_sb
+
+    assert np.array_equal(opened(given).matrix, pose.matrix)
+    assert opened() is opened(given | {quat: [0.0] * 4}) is opened(given, given) is None  # of which rover is not known
+    for values in ([], given | {quat: ["a", 0, 0, 1]}):
+        with pytest.raises(InputError, match="T_rb_locsb cannot be read"):
+            opened(values)
+
+
+def test_a_bag_of_raw_images_is_rectified_as_it_is_read(tmp_path: Path, world: World) -> None:
+    d = np.array([-0.1, 0.02, 0.001, -0.001, 0.0])
+    source = open_source(write_messages(tmp_path / "b", loc_entries(world, image="image_raw", d=d)))
+    assert source.loc.rig.same_cameras(world.loc_rig)
+    infos = [replace(messages.camera_info(START_NS, world.loc_rig, "loc", side), d=d) for side in SIDES]
+    _, rectifier = rectified_rig(infos, "loc")
+    for found, pair in zip(source.loc.pairs(), world.pairs, strict=True):
+        np.testing.assert_array_equal((found.left, found.right), rectifier.rectify(pair.left, pair.right))
+        assert not np.array_equal(found.left, pair.left)
+    assert "loc/left/image_rect" in [item.topic for item in messages_of(source)]  # as nodes expect them
+
+
+def read_all(path: Path) -> None:
+    source = open_bag(path)
+    len(source.loc), list(source.loc.pairs()), list(source.nav.pairs() if source.nav else ())
+    _ = source.loc.ground_truth
+
+
+@pytest.mark.parametrize("zstd", [False, True])
+def test_a_recording_that_broke_off_is_read_up_to_its_last_whole_chunk(
+    tmp_path: Path, world: World, caplog: pytest.LogCaptureFixture, zstd: bool
+) -> None:
+    whole = Bag(write_bag(tmp_path / "whole.mcap", world))
+    bag = tmp_path / "x.mcap"
+    names = ["loc/left/image_rect", "nav/pose"]
+    everything = [(name, raw) for name, _, _, raw in whole.raw_messages(names)]
+    writer = CheckedWriter(bag, version=9, storage_plugin=StoragePlugin.MCAP)
+    if zstd:
+        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    with writer:
+        topics = [whole.find(name) for name in names]
+        connections = {t.name: writer.add_connection(t.bag_name, t.msgtype, typestore=TYPESTORE) for t in topics}
+        for number, (name, raw) in enumerate(everything):
+            writer.write(connections[name], number, raw)
+            writer.storage.close_chunk()
+    (bag / "metadata.yaml").unlink()
+    storage = storage_of(bag)
+    data = storage.read_bytes()
+    assert not Bag(bag).unfinished
+    counts = []
+    for keep in np.linspace(0.3, 0.95, 12):
+        storage.write_bytes(data[: int(keep * len(data))] + bytes(200))  # a file system may leave zeros at the end
+        part = Bag(bag)
+        assert part.unfinished
+        assert "was not finished" in caplog.text
+        read = [(name, raw) for name, _, _, raw in part.raw_messages(names)]
+        assert read == everything[: len(read)]
+        counts.append(len(read))
+    assert counts == sorted(counts)
+    assert 0 < counts[0] < counts[-1]
+    storage.write_bytes(data[:20])
+    with pytest.raises(InputError, match="it ends within its first record"):
+        Bag(bag)
+
+
+def test_flipped_bytes_in_mcap_are_noticed_wherever_they_are(tmp_path: Path, world: World) -> None:
+    bag = write_bag(tmp_path / "x.mcap", world)
+    storage = storage_of(bag)
+    data = storage.read_bytes()
+    chunk_end = data.index(b"serialized_metadata")  # what follows is an index and statistics
+    for place in np.random.default_rng(1).integers(60, chunk_end - 2000, 25):
+        broken = bytearray(data)
+        broken[place] ^= 0x55
+        storage.write_bytes(broken)
+        with pytest.raises(InputError, match=str(bag)):
+            read_all(bag)
+
+
+def test_poses_that_are_none_are_left_out_and_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    entries: list[Entry] = []
+    for stamp in range(6):
+        place, quat = (
+            np.array([stamp, 0.0, np.nan if stamp == 2 else 0.0]),
+            np.array([0.0, 0.0, 0.0, float(stamp != 4)]),
+        )
+        entries.append(("/localisation/odometry", stamp, messages.odometry(stamp, place, quat)))
+    bag = Bag(write_messages(tmp_path / "poses", entries))
+    topic = bag.find("localisation/odometry", ODOMETRY)
+    assert topic is not None
+    poses, covariances = read_odometry(bag, topic)
+    assert poses.stamps_ns.tolist() == [0, 1, 3, 5]
+    assert len(covariances) == 4
+    assert "2 of 6 poses are none" in caplog.text

@@ -1,0 +1,189 @@
+"""Bags as other programs write them: truths of trackers with gaps, frames with two parents, mcap of any profile."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from helpers.cli_result import Sfr
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.bag import messages as bag_messages
+from sfr_loc_map.io.bag.bag import TYPESTORE, Bag
+from sfr_loc_map.io.bag.files import reader_paths
+from sfr_loc_map.io.images.codec import samples_of
+from sfr_loc_map.io.registry import read_truth
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
+from sfr_loc_map.io.truth import TruthConfig
+from test.io.tables.test_foreign_tables import COUNT, drive
+from test.io.test_truth import write_bag
+
+T = TYPESTORE.types
+STATUS = T["sensor_msgs/msg/NavSatStatus"](0, 1)
+
+
+def pose(stamp: int, xyz: Any, quat: Any) -> Any:
+    inner = T["geometry_msgs/msg/Pose"](T["geometry_msgs/msg/Point"](*xyz), T["geometry_msgs/msg/Quaternion"](*quat))
+    return T["geometry_msgs/msg/PoseStamped"](bag_messages.header(stamp, "map"), inner)
+
+
+def fix(stamp: int, latitude: float, longitude: float, altitude: float) -> Any:
+    head = bag_messages.header(stamp, "gps")
+    return T["sensor_msgs/msg/NavSatFix"](head, STATUS, latitude, longitude, altitude, np.zeros(9), 0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "count"), [("none", 0), ("zeros", 5), ("nan", 2), ("nan altitude", 3), ("latitude of 91 deg", 1)]
+)
+def test_single_fixes_that_are_none_are_left_out(tmp_path: Path, wrong: str, count: int) -> None:
+    values = {"zeros": (0.0, 0.0, 0.0), "nan": (np.nan,) * 3, "latitude of 91 deg": (91.0, 11.0, 500.0)}
+    entries = []
+    for k, (stamp, xyz) in enumerate(zip(drive().stamps_ns.tolist(), drive().positions.tolist(), strict=True)):
+        place = (48.0 + xyz[1] / 111_278.4, 11.0 + xyz[0] / 74_548.9, xyz[2])
+        if 3 <= k < 3 + count:
+            place = values.get(wrong, (*place[:2], np.nan))
+        entries.append(("/fix", stamp, fix(stamp, *place)))
+    found = read_truth(write_bag(tmp_path / "x", iter(entries)), TruthConfig(source="/fix"))
+    assert len(found) == COUNT - count
+    assert np.abs(found.positions - found.positions[0]).max() < 15.0
+
+
+def test_fixes_without_any_altitude_are_refused(tmp_path: Path) -> None:
+    entries = [("/fix", k * 10**9, fix(k * 10**9, 48.0 + 1e-5 * k, 11.0, np.nan)) for k in range(10)]
+    place = write_bag(tmp_path / "x", iter(entries))
+    with pytest.raises(InputError, match="10 of 10 fixes have no altitude"):
+        read_truth(place, TruthConfig(source="/fix"))
+
+
+def test_points_of_a_prism_are_positions(tmp_path: Path) -> None:
+    poses = drive()
+    entries = [
+        ("/leica/position", stamp, T["geometry_msgs/msg/PointStamped"](
+            bag_messages.header(stamp, "leica"), T["geometry_msgs/msg/Point"](*xyz)
+        ))
+        for stamp, xyz in zip(poses.stamps_ns.tolist(), poses.positions.tolist(), strict=True)
+    ]  # fmt: skip
+    found = read_truth(write_bag(tmp_path / "x", iter(entries)), TruthConfig(source="/leica/position"))
+    assert not found.has_attitude
+    np.testing.assert_array_equal(found.positions, poses.positions)
+    assert found.stamps_ns.tolist() == poses.stamps_ns.tolist()
+
+
+def test_headers_without_stamps_are_read_by_the_times_of_recording(tmp_path: Path, sfr: Sfr) -> None:
+    poses = drive()
+    entries = [
+        ("/gt", stamp, pose(0, xyz, quat))
+        for stamp, xyz, quat in zip(poses.stamps_ns.tolist(), poses.positions, poses.quats_xyzw, strict=True)
+    ]
+    place = write_bag(tmp_path / "x", iter(entries))
+    save_trajectory(tmp_path / "e.csv", poses)
+    words = ("score", tmp_path / "e.csv", place, "--condition", "distance=2", "--set", "truth.source=/gt")
+    refused = sfr(*words)
+    assert refused.code == 2
+    assert "truth.stamps=record" in refused.err
+    done = sfr(*words, "--set", "truth.stamps=record")
+    assert done.code == 0, done.err
+
+
+@pytest.mark.parametrize("first", ["world", "odom"])
+def test_a_frame_in_two_parents_is_followed_in_one(tmp_path: Path, first: str) -> None:
+    poses = drive()
+    shift = {"world": np.zeros(3), "odom": np.array([7.0, 0.0, 0.0])}
+    parents = [first, *({"world", "odom"} - {first})]
+    entries = []
+    for stamp, xyz, quat in zip(poses.stamps_ns.tolist(), poses.positions, poses.quats_xyzw, strict=True):
+        for late, parent in enumerate(parents):
+            vector = T["geometry_msgs/msg/Vector3"](*(xyz + shift[parent]))
+            transform = T["geometry_msgs/msg/Transform"](vector, T["geometry_msgs/msg/Quaternion"](*quat))
+            item = T["geometry_msgs/msg/TransformStamped"](
+                bag_messages.header(stamp + late, parent), "base_link", transform
+            )
+            entries.append(("/tf", stamp + late, T["tf2_msgs/msg/TFMessage"]([item])))
+    place = write_bag(tmp_path / "x", iter(entries))
+    for parent in parents:
+        found = read_truth(place, TruthConfig(frame=f"{parent}:base_link"))
+        np.testing.assert_allclose(found.positions, poses.positions + shift[parent], atol=1e-12)
+    with pytest.raises(InputError, match=r"parents odom and world.*PARENT:CHILD"):
+        read_truth(place, TruthConfig(frame="base_link"))
+
+
+def mcap(path: Path, profile: bytes, encoding: str, poses: Trajectory) -> Path:
+    """Write odometry as mcap without an index: header, schema, channel, messages, footer."""
+    name = "nav_msgs/Odometry" if encoding == "ros1" else "nav_msgs/msg/Odometry"
+
+    def text(value: bytes) -> bytes:
+        return len(value).to_bytes(4, "little") + value
+
+    def record(opcode: int, body: bytes) -> bytes:
+        return bytes([opcode]) + len(body).to_bytes(8, "little") + body
+
+    kind = b"ros1msg" if encoding == "ros1" else b"ros2msg"
+    parts = [b"\x89MCAP0\r\n", record(1, text(profile) + text(b"test"))]
+    parts.append(record(3, (1).to_bytes(2, "little") + text(name.encode()) + text(kind) + text(b"")))
+    topic = text(b"/ground_truth/odometry") + text(encoding.encode()) + text(b"")
+    parts.append(record(4, (0).to_bytes(2, "little") + (1).to_bytes(2, "little") + topic))
+    for k, (stamp, xyz, quat) in enumerate(
+        zip(poses.stamps_ns.tolist(), poses.positions, poses.quats_xyzw, strict=True)
+    ):
+        raw = bytes(TYPESTORE.serialize_cdr(bag_messages.odometry(stamp, xyz, quat), "nav_msgs/msg/Odometry"))
+        if encoding == "ros1":
+            raw = bytes(TYPESTORE.cdr_to_ros1(raw, "nav_msgs/msg/Odometry"))
+        head = (0).to_bytes(2, "little") + k.to_bytes(4, "little") + 2 * stamp.to_bytes(8, "little")
+        parts.append(record(5, head + raw))
+    parts += [record(15, bytes(4)), record(2, bytes(20)), b"\x89MCAP0\r\n"]
+    path.write_bytes(b"".join(parts))
+    return path
+
+
+@pytest.mark.parametrize("profile", [b"ros2", b"", b"ros1", b"merged by a tool"])
+@pytest.mark.parametrize("encoding", ["cdr", "ros1"])
+def test_channels_of_mcap_say_what_messages_are(tmp_path: Path, profile: bytes, encoding: str) -> None:
+    poses = drive()
+    place = mcap(tmp_path / "x.mcap", profile, encoding, poses)
+    assert Bag(place).topics == {"/ground_truth/odometry": "nav_msgs/msg/Odometry"}
+    found = read_truth(place)
+    assert found.stamps_ns.tolist() == poses.stamps_ns.tolist()
+    np.testing.assert_array_equal(found.positions, poses.positions)
+
+
+def test_the_truth_of_a_bag_of_poses_alone_is_converted(tmp_path: Path, sfr: Sfr) -> None:
+    poses = drive()
+    place = mcap(tmp_path / "x.mcap", b"ros2", "cdr", poses)
+    done = sfr("convert", place, tmp_path / "gt.csv")
+    assert done.code == 0, done.err
+    np.testing.assert_array_equal(read_trajectory_file(tmp_path / "gt.csv").trajectory.positions, poses.positions)
+
+
+def test_channels_of_another_encoding_are_named(tmp_path: Path, sfr: Sfr) -> None:
+    place = mcap(tmp_path / "x.mcap", b"ros2", "protobuf", drive())
+    done = sfr("info", place)
+    assert (done.code, "encoded as protobuf" in done.err) == (2, True)
+
+
+@pytest.mark.parametrize("order", ["rggb", "bggr", "gbrg", "grbg"])
+@pytest.mark.parametrize("form", ["bayer_{}8; png compressed", "bayer_{}8; jpeg compressed ", "bayer_{}8"])
+def test_a_mosaic_in_a_compressed_image_is_the_mosaic_of_the_raw_image(order: str, form: str) -> None:
+    rng = np.random.default_rng(1)
+    mosaic = cv2.resize(rng.integers(0, 255, (6, 8), np.uint8), (64, 48), interpolation=cv2.INTER_CUBIC)
+    mosaic[::2, ::2] //= 2
+    raw = bag_messages.image(0, mosaic, "loc", "left")
+    object.__setattr__(raw, "encoding", f"bayer_{order}8")
+    ending = ".jpg" if "jpeg" in form else ".png"
+    data = np.frombuffer(bytes(cv2.imencode(ending, mosaic, [cv2.IMWRITE_JPEG_QUALITY, 100])[1]), np.uint8)
+    packed = T["sensor_msgs/msg/CompressedImage"](raw.header, form.format(order), data)
+    difference = np.abs(samples_of(packed).grey().astype(int) - samples_of(raw).grey().astype(int))
+    assert difference.max() <= (4 if "jpeg" in form else 0)
+    colour = np.repeat(mosaic[:, :, None], 3, axis=2)
+    data = np.frombuffer(bytes(cv2.imencode(".png", colour)[1]), np.uint8)
+    ready = T["sensor_msgs/msg/CompressedImage"](raw.header, f"bayer_{order}8; png compressed bgr8", data)
+    np.testing.assert_array_equal(samples_of(ready).grey(), mosaic)
+
+
+def test_parts_of_a_bag_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    for number in range(12):
+        (tmp_path / f"drive_{number}.mcap").touch()
+    assert [file.stem for file in reader_paths(tmp_path)] == [f"drive_{number}" for number in range(12)]

@@ -1,0 +1,101 @@
+"""A source as messages, from any position on, each due by its stamp."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from helpers.made_scene import LOC_RIG, START_NS, loc_pair, nav_pair, true_pose, write_bag, write_folder
+from sfr_loc_map.geometry.camera_info import rig_from_camera_info
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import SIDES
+from sfr_loc_map.io.bag.bag import TYPESTORE
+from sfr_loc_map.io.bag.message_stream import Message, begin_of, between, end_of, messages_of, topics_of
+from sfr_loc_map.io.convert import ConvertOptions, convert
+from sfr_loc_map.io.images.codec import samples_of
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.nodes.replay.pacing import PairTracker
+
+
+def played(path: Path, remap: dict[str, str] | None = None) -> dict[tuple[str, int], Message]:
+    """Return the messages of a source in their order, by topic and stamp."""
+    source = open_source(path, SourceConfig(remap=remap or {}))
+    messages = list(messages_of(source))
+    assert {m.topic: m.msgtype for m in messages} == topics_of(source)
+    return {(m.topic, m.stamp_ns): m for m in messages}
+
+
+@pytest.mark.parametrize("kind", ["folder", "bag"])
+def test_all_messages_of_a_source_come_whole_and_in_order(tmp_path: Path, kind: str) -> None:
+    messages = played(write_folder(tmp_path / "f", 3, 2) if kind == "folder" else write_bag(tmp_path / "b.mcap", 3, 2))
+    counts = Counter(topic for topic, _ in messages)
+    assert counts["loc/left/image_rect"] == counts["loc/right/image_rect"] == counts["ground_truth/odometry"] == 3
+    assert counts["nav/left/image_rect"] == counts["nav/pose"] == counts["ground_truth/points"] == 2
+    decoded = {key: TYPESTORE.deserialize_cdr(item.raw, item.msgtype) for key, item in messages.items()}
+    order = list(messages)
+    for index in range(3):
+        stamp = START_NS + index * 100_000_000
+        for side in SIDES:
+            image = samples_of(decoded[f"loc/{side}/image_rect", stamp]).grey()
+            assert np.array_equal(image, getattr(loc_pair(index), side))
+        position = decoded["ground_truth/odometry", stamp].pose.pose.position
+        assert [position.x, position.y, position.z] == true_pose(index).translation.tolist()
+        assert order.index(("ground_truth/odometry", stamp)) < order.index(("loc/left/image_rect", stamp))
+    position = decoded["nav/pose", START_NS].pose.position
+    assert [position.x, position.y, position.z] == nav_pair(0).T_lm_navsb.translation.tolist()
+    infos = (decoded[f"loc/{side}/camera_info", START_NS] for side in SIDES)
+    assert rig_from_camera_info(*infos, "loc").same_cameras(LOC_RIG)
+    for task in ("loc", "nav"):
+        first = order.index((f"{task}/left/image_rect", START_NS))
+        assert all(order.index((f"{task}/{side}/camera_info", START_NS)) < first for side in SIDES)
+
+
+@pytest.mark.parametrize("kind", ["folder", "bag"])
+def test_positions_count_from_the_first_message(tmp_path: Path, kind: str) -> None:
+    """In a bag that is a camera_info, in files it may be a pose of the truth that begins before the images."""
+    folder = write_folder(tmp_path / "f", 3, 0)
+    early = Trajectory.from_poses([(START_NS + k * 100_000_000, true_pose(0)) for k in range(-9, 3)])
+    save_trajectory(next(folder.rglob("groundtruth.csv")), early)
+    source = open_source(folder)
+    if kind == "bag":
+        convert(source, tmp_path / "b.mcap", ConvertOptions(), lambda done: None)
+        source = open_source(tmp_path / "b.mcap")
+    before_s = 0.0 if kind == "bag" else 0.9
+    assert begin_of(source, source.loc) == START_NS - round(before_s * 1e9)
+    assert end_of(source) == pytest.approx(before_s + 0.2)
+
+
+def message(topic: str, stamp_ns: int) -> Message:
+    return Message(topic, "", stamp_ns, b"")
+
+
+@given(st.lists(st.integers(0, 100), min_size=1, max_size=30), st.floats(0, 12), st.floats(0, 12))
+def test_a_part_of_a_source_is_what_lies_between_two_positions_and_the_first_camera_info(
+    tenths: list[int], offset_s: float, duration_s: float
+) -> None:
+    stamps = sorted(10**9 + t * 10**8 for t in tenths)
+    whole = [message("loc/left/camera_info", stamps[0])] + [message("loc/left/image_rect", s) for s in stamps]
+    end_s = offset_s + duration_s
+    rest = list(between(iter(whole), offset_s, end_s))
+    assert rest[0] == whole[0]
+    assert rest[1:] == [m for m in whole[1:] if offset_s <= (m.stamp_ns - stamps[0]) * 1e-9 <= end_s]
+
+
+@pytest.mark.parametrize("late_ns", [0, 3_000_000])
+def test_a_pair_is_whole_with_its_last_part_and_has_the_stamp_of_the_left_image(late_ns: int) -> None:
+    tracker = PairTracker()
+    for stamp_ns in range(10**9, 2 * 10**9, 10**8):
+        parts = [("loc/left/image_rect", 0), ("loc/right/image_rect/compressed", late_ns)]
+        added = [tracker.add(Message(topic, "", stamp_ns + later, b"")) for topic, later in parts]
+        assert added == [[], [("loc", stamp_ns)]]
+        parts = [("nav/right/image_rect", late_ns), ("nav/pose", 0), ("nav/left/image_rect", 0)]
+        added = [tracker.add(Message(topic, "", stamp_ns + later, b"")) for topic, later in parts]
+        assert added == [[], [], [("nav", stamp_ns)]]
+        assert tracker.add(Message("ground_truth/odometry", "", stamp_ns, b"")) == []

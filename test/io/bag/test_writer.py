@@ -1,0 +1,91 @@
+"""Recordings: what was flushed is read by any reader, whatever comes then."""
+
+import resource
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rosbags.highlevel import AnyReader
+
+from sfr_loc_map.errors import OutputError
+from sfr_loc_map.io.bag.bag import TYPESTORE, Bag
+from sfr_loc_map.io.bag.writer import BagRecorder
+
+STRING = "std_msgs/msg/String"
+
+
+def raw(number: int, size: int = 20) -> bytes:
+    message = TYPESTORE.types[STRING](f"{number:06d}".ljust(size, "x"))
+    return bytes(TYPESTORE.serialize_cdr(message, STRING))
+
+
+def started(path: Path, *, zstd: bool = False) -> tuple[BagRecorder, Any]:
+    bag = BagRecorder(path, zstd=zstd).__enter__()
+    text, _ = TYPESTORE.generate_msgdef(STRING, ros_version=2)
+    return bag, bag.add_topic("/words", STRING, text, TYPESTORE.hash_rihs01(STRING), [])
+
+
+def read(path: Path) -> list[bytes]:
+    """Return the messages, the same by our reader and by the library's."""
+    ours = [message for *_, message in Bag(path).raw_messages(["words"])]
+    with AnyReader(list(path.glob("*.mcap"))) as reader:
+        assert ours == [bytes(message) for _, _, message in reader.messages()]
+    return ours
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "x.mcap"
+
+
+@pytest.mark.parametrize("zstd", [False, True])
+def test_what_was_flushed_is_read_by_any_reader_while_the_recording_goes_on(path: Path, zstd: bool) -> None:
+    bag, topic = started(path, zstd=zstd)
+    for number in range(12):
+        bag.write(topic, 1000 - number, raw(number))  # a clock that goes back must not hide what comes
+        if number % 4 == 3:
+            bag.flush()
+            bag.flush()
+            assert read(path) == [raw(n) for n in range(number + 1)]
+            assert not Bag(path).unfinished
+    bag.__exit__(None, None, None)
+    assert read(path) == [raw(n) for n in range(12)]
+    with AnyReader([path]) as reader:
+        assert reader.message_count == bag.count == 12
+
+
+@pytest.fixture
+def file_limit() -> Iterator[None]:
+    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    signal.signal(signal.SIGXFSZ, handler)
+
+
+def limit_files(size: int) -> None:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+
+
+@pytest.mark.parametrize("limit", [5000, 20_500, 41_000])
+def test_when_the_disk_is_full_all_that_was_flushed_stays(path: Path, file_limit: None, limit: int) -> None:
+    bag, topic = started(path)
+    bag.flush()
+    limit_files(limit)  # the system writes up to it, then fails
+    flushed = 0
+
+    def fill() -> None:
+        nonlocal flushed
+        for number in range(100):
+            bag.write(topic, number, raw(number, 1000))
+            if number % 3 == 2:
+                bag.flush()
+                flushed = number + 1
+
+    with pytest.raises(OutputError, match=f"{path}' broke off after [0-9]+ messages: File too large; all but"):
+        fill()
+    bag.__exit__(OutputError, OutputError(), None)
+    limit_files(resource.RLIM_INFINITY)
+    assert not flushed or read(path) == [raw(n, 1000) for n in range(flushed)]
+    assert next(path.glob("*.mcap")).stat().st_size <= limit

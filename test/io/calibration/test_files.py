@@ -1,0 +1,294 @@
+"""Calibrations of other programs: all formats of one pair give one rig that sees points where they are."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from campaigns.recordings.drive import Drive
+from campaigns.recordings.rows import ROWS
+from helpers.made_worlds import blob, centre_of, seen_at
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.camera_info import rig_from_camera_info
+from sfr_loc_map.geometry.rectification import rectified_rig
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.calibration.files import Calibration, read_calibration
+
+SIZE = (200, 160)
+D = {
+    "plumb_bob": ((-0.2, 0.05, 0.001, -0.002), (-0.18, 0.04, -0.001, 0.001)),
+    "rational_polynomial": ((0.3, 0.05, 0.0005, -0.0003, 0.002, 0.6, 0.14, 0.01),) * 2,
+    "equidistant": ((-0.02, 0.004, -0.001, 0.0002), (-0.015, 0.003, 0.001, 0.0001)),
+}
+COLMAP_NAMES = {"plumb_bob": "OPENCV", "rational_polynomial": "FULL_OPENCV", "equidistant": "OPENCV_FISHEYE"}
+
+
+KS = (
+    np.array([[140.0, 0.0, 101.0], [0.0, 141.0, 78.0], [0.0, 0.0, 1.0]]),
+    np.array([[143.0, 0.0, 97.5], [0.0, 142.0, 81.25], [0.0, 0.0, 1.0]]),
+)
+APART = Transform(matrix_from_rotvec((0.02, -0.03, 0.015)), np.array([-0.12, 0.003, -0.002]))
+
+
+@dataclass
+class Pair:
+    """Two cameras that are not alike, and turned towards one another."""
+
+    model: str = "plumb_bob"
+    T_right_left: Transform = APART
+
+    @property
+    def ds(self) -> list[np.ndarray]:
+        return [np.array(d) for d in D[self.model]]
+
+    def rectified(self) -> tuple[np.ndarray, ...]:
+        """Return R1, R2, P1, P2."""
+        fisheye = self.model == "equidistant"
+        values = [value for camera in zip(KS, self.ds, strict=True) for value in camera]
+        turn, move = self.T_right_left.rotation, self.T_right_left.translation
+        make, black = (cv2.fisheye, {"balance": 0}) if fisheye else (cv2, {"alpha": 0})
+        return make.stereoRectify(*values, SIZE, turn, move, flags=cv2.CALIB_ZERO_DISPARITY, **black)[:4]
+
+
+def kalibr(folder: Path, pair: Pair) -> Path:
+    cameras = {}
+    for name, k, d in zip(("cam0", "cam1"), KS, pair.ds, strict=True):
+        camera = {"camera_model": "pinhole", "intrinsics": [float(k[i]) for i in ((0, 0), (1, 1), (0, 2), (1, 2))]}
+        model = "radtan" if pair.model == "plumb_bob" else pair.model
+        cameras[name] = camera | {"distortion_model": model, "distortion_coeffs": d.tolist(), "resolution": [*SIZE]}
+    cameras["cam1"]["T_cn_cnm1"] = pair.T_right_left.matrix.tolist()
+    (folder / "camchain.yaml").write_text(yaml.safe_dump(cameras))
+    return folder / "camchain.yaml"
+
+
+def storage(file: Path, values: dict[str, Any]) -> Path:
+    out = cv2.FileStorage(str(file), cv2.FILE_STORAGE_WRITE)
+    for name, value in values.items():
+        out.write(name, value)
+    out.release()
+    return file
+
+
+def lenses(pair: Pair, names: str = "M{} D{}") -> dict[str, Any]:
+    values = {"fisheye_model": int(pair.model == "equidistant")}
+    for n in (1, 2):
+        of_k, of_d = (name.format(n) for name in names.split())
+        values |= {of_k: KS[n - 1], of_d: pair.ds[n - 1].reshape(1, -1)}
+    return values
+
+
+def apart(pair: Pair) -> dict[str, Any]:
+    return {"R": pair.T_right_left.rotation, "T": pair.T_right_left.translation.reshape(3, 1)}
+
+
+def opencv(ending: str) -> Callable[[Path, Pair], Path]:
+    names = {"yml": "M{} D{}", "xml": "K{} D{}", "json": "cameraMatrix{} distCoeffs{}"}[ending]
+    return lambda folder, pair: storage(folder / f"stereo.{ending}", lenses(pair, names) | apart(pair))
+
+
+def opencv_in_two_files(folder: Path, pair: Pair) -> Path:
+    storage(folder / "extrinsics.yml", apart(pair))
+    storage(folder / "intrinsics.yml", lenses(pair) | {"image_width": SIZE[0], "image_height": SIZE[1]})
+    return folder
+
+
+def opencv_rectified(folder: Path, pair: Pair) -> Path:
+    values = dict(zip(("R1", "R2", "P1", "P2"), pair.rectified(), strict=True))
+    return storage(folder / "stereo.yml", lenses(pair) | values)
+
+
+def ros(folder: Path, pair: Pair) -> Path:
+    r_and_p = pair.rectified()
+    for n, side in enumerate(("left", "right")):
+        matrices = {"camera_matrix": KS[n], "distortion_coefficients": pair.ds[n]}
+        matrices |= {"rectification_matrix": r_and_p[n], "projection_matrix": r_and_p[2 + n]}
+        content = {"image_width": SIZE[0], "image_height": SIZE[1], "distortion_model": pair.model}
+        content |= {name: {"data": np.ravel(m).tolist()} for name, m in matrices.items()}
+        (folder / side).mkdir()
+        (folder / side / "ost.yaml").write_text(yaml.safe_dump(content))
+    return folder / "right" / "ost.yaml"
+
+
+def colmap(folder: Path, pair: Pair) -> Path:
+    """The right camera comes first, and the rig is neither of them."""
+    T_left_rig = Transform(matrix_from_rotvec((0.3, 0.2, -0.1)), np.array([0.5, 0.0, 0.1]))
+    rows, cameras = [], []
+    for n, pose in ((2, pair.T_right_left @ T_left_rig), (1, T_left_rig)):
+        k, d = KS[n - 1], pair.ds[n - 1]
+        numbers = [k[0, 0], k[1, 1], k[0, 2] + 0.5, k[1, 2] + 0.5, *d]
+        rows.append(
+            f"{len(rows) + 1} {COLMAP_NAMES[pair.model]} {SIZE[0]} {SIZE[1]} {' '.join(map(repr, map(float, numbers)))}"
+        )
+        x, y, z, w = quat_from_matrix(pose.rotation).tolist()
+        cameras.append({"image_prefix": f"camera{n}/", "cam_from_rig_rotation": [w, x, y, z]})
+        cameras[-1]["cam_from_rig_translation"] = pose.translation.tolist()
+    (folder / "cameras.txt").write_text("# Camera list\n" + "\n".join(rows) + "\n")
+    (folder / "rig_config.json").write_text(json.dumps([{"cameras": cameras}]))
+    return folder
+
+
+FORMATS = {
+    **{"kalibr": kalibr, "ros": ros, "colmap": colmap, "opencv_in_two_files": opencv_in_two_files},
+    **{f"opencv_{ending}": opencv(ending) for ending in ("yml", "xml", "json")},
+    "opencv_rectified": opencv_rectified,
+}
+
+
+@pytest.mark.parametrize("model", D)
+def test_all_formats_of_one_pair_see_a_point_where_it_is(model: str, tmp_path: Path) -> None:
+    pair, point, rigs = Pair(model), np.array([0.25, -0.3, 1.3]), {}
+    raw = [
+        blob(seen_at(ray, model, d, k.reshape(-1)), SIZE[::-1])
+        for ray, d, k in zip((point, pair.T_right_left.apply(point)), pair.ds, KS, strict=True)
+    ]
+    for name, write in FORMATS.items():
+        if name == "kalibr" and model == "rational_polynomial":
+            continue  # Kalibr has no such lens
+        (tmp_path / name).mkdir()
+        found = read_calibration(write(tmp_path / name, pair), SIZE)
+        assert not found.is_rectified
+        assert found.T_rb_sb is None
+        rig, rectifier = rectified_rig(found.infos, "loc")
+        assert rig.baseline_m == pytest.approx(np.linalg.norm(pair.T_right_left.translation), abs=1e-6)
+        rigs[name] = np.hstack([value for info in found.infos for value in (info.k, info.d, info.r, info.p)])
+        assert np.abs(rigs[name] - next(iter(rigs.values()))).max() < 1e-6
+        (u, v), (u_right, v_right) = map(centre_of, rectifier.rectify(*raw))
+        assert abs(v - v_right) < 0.1
+        depth = rig.fx * rig.baseline_m / (u - u_right)
+        seen = depth * np.array([(u - rig.cx) / rig.fx, (v - rig.cy) / rig.fy, 1.0])
+        wanted = np.reshape(found.infos[0].r, (3, 3)) @ point
+        assert np.abs(seen - wanted).max() < 0.02, name
+
+
+@pytest.mark.parametrize("name", ["kalibr_yaml", "ros_yaml", "opencv_yaml", "colmap", "rig_json"])
+def test_what_the_recordings_have_beside_them_is_their_rig(name: str, tmp_path: Path) -> None:
+    rig = StereoRig(64, 48, 60.0, 60.5, 30.5, 24.0, 0.12, Transform.from_quat((0.5, 0.1, 0.6), (0.0, 0.0, 0.6, 0.8)))
+    still, black = np.zeros((1, 3)), np.zeros((48, 64), np.uint8)
+    made = ROWS[name].make(tmp_path, Drive(rig, [(black, black)], still, np.array([[0.0, 0, 0, 1]]), rig, []))
+    assert made.calibration is not None
+    found = read_calibration(made.calibration, (64, 48))
+    is_exact = name in ("colmap", "rig_json")
+    assert found.is_rectified == is_exact
+    assert (found.T_rb_sb is not None) == (name == "rig_json")
+    read = rig_from_camera_info(*found.infos, "loc") if is_exact else rectified_rig(found.infos, "loc")[0]
+    assert read.baseline_m == pytest.approx(0.12, abs=1e-9)
+    if name not in ("kalibr_yaml", "opencv_yaml"):  # whose rectified images are cut so that no rim is black
+        assert [*read.camera] == pytest.approx([*rig.camera], abs=1e-9)
+
+
+def moved(*metres: float) -> Pair:
+    return Pair(T_right_left=Transform(np.eye(3), np.array(metres)))
+
+
+def edited(write: Callable[[Path, Pair], Path], *changes: tuple[str, str]) -> Callable[[Path], Path]:
+    """Return what writes a calibration, in the first file of which texts are replaced."""
+
+    def make(folder: Path) -> Path:
+        place = write(folder, Pair())
+        file = place if place.is_file() else min(folder.glob("*.*"))
+        text = file.read_text()
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        file.write_text(text)
+        return place
+
+    return make
+
+
+def text_file(text: str, name: str = "calibration.yaml") -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        (folder / name).write_text(text)
+        return folder / name
+
+    return make
+
+
+def without(name: str, write: Callable[[Path, Pair], Path]) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        place = write(folder, Pair())
+        (folder / name).unlink()
+        return place
+
+    return make
+
+
+REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
+    "one camera of Kalibr": (edited(kalibr, ("cam1:", "imu0:")), "it has cam0 alone"),
+    "an unknown lens of Kalibr": (edited(kalibr, ("pinhole", "omni")), "Invalid enum value 'omni'"),
+    "no extrinsics": (edited(kalibr, ("T_cn_cnm1", "T_cam_imu")), "cam1 has no T_cn_cnm1"),
+    "a rotation that is none": (edited(opencv("yml"), ("R: !!opencv", "R0: !!opencv")), "it has no r"),
+    "millimetres": (lambda folder: kalibr(folder, moved(-60.0, 0, 0)), "the baseline is 60 m: give it in metres"),
+    "many millimetres": (lambda folder: kalibr(folder, moved(-120.0, 0, 0)), "120"),
+    "swapped sides": (lambda folder: opencv("xml")(folder, moved(0.12, 0, 0)), "swapped, or"),
+    "one above the other": (lambda folder: kalibr(folder, moved(0, -0.12, 0)), "one above the other"),
+    "images of another size": (edited(kalibr, ("200", "640"), ("160", "480")), "are of 200 x 160 and 640 x 480"),
+    "one camera of ROS": (without("left/ost.yaml", ros), "of one camera: put that of the other beside it"),
+    "no size of ROS": (without("cameras.txt", colmap), "(cam0, cam1), EuRoC, ORB-SLAM, OpenCV (M1"),
+    "an unknown lens of COLMAP": (edited(colmap, ("OPENCV", "FOV")), "lens FOV is none of SIMPLE_PINHOLE"),
+    "a foreign file": (text_file("a: 1\nb: 2\n"), "or a rig.json is needed, it has a, b"),
+    "no file": (lambda folder: folder / "left.yaml", "No such file or directory"),
+    "an empty folder": (lambda folder: folder, "one is needed in a folder, it has none; name the file"),
+    "an empty file": (text_file(""), "it has none of their names"),
+    "no text": (lambda folder: storage(folder / "a.yml.gz", lenses(Pair())), "can't decode"),
+    "XML with entities": (text_file('<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "a.xml"), "declarations of its own"),
+    "half an XML": (text_file("<?xml version='1.0'?><opencv_storage><M1>", "a.xml"), "no element found"),
+    "another rig.json": (text_file('{"baseline_m": 0.1, "fx": 3}', "rig.json"), "rig.json"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_is_no_calibration_of_a_pair_is_refused_in_one_line(what: str, tmp_path: Path) -> None:
+    make, words = REFUSED[what]
+    with pytest.raises(InputError) as caught:
+        read_calibration(make(tmp_path), SIZE)
+    assert words in str(caught.value)
+    assert str(tmp_path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_without_a_size_it_must_be_in_the_file(tmp_path: Path) -> None:
+    file = opencv("json")(tmp_path, Pair())
+    with pytest.raises(InputError, match="it has no image_width and image_height"):
+        read_calibration(file)
+    content = json.loads(file.read_text()) | {"imageSize": [*SIZE]}
+    file.write_text(json.dumps(content, indent="\t"))
+    assert read_calibration(file).infos[0].width == SIZE[0]
+
+
+def test_a_pair_whose_second_camera_is_the_left_one_is_turned_round(tmp_path: Path) -> None:
+    found = read_calibration(kalibr(tmp_path, moved(0.12, 0, 0)))
+    assert found.text == "Kalibr 'camchain.yaml', cam1 and cam0"
+    assert found.infos[0].k[0] == KS[1][0, 0]
+
+
+@given(
+    st.sampled_from([*FORMATS]),
+    st.integers(0, 3000),
+    st.integers(0, 40),
+    st.sampled_from(["", "1e999", "{", "[]", "- x"]),
+)
+@example("colmap", 0, 0, "[{}]")
+def test_a_broken_file_is_read_or_refused(name: str, start: int, count: int, put: str) -> None:
+    with TemporaryDirectory() as place:
+        path = FORMATS[name](Path(place), Pair())
+        file = path if path.is_file() else max(Path(place).glob("*.*"))
+        text = file.read_text()
+        at = start % len(text)
+        file.write_text(text[:at] + put + text[at + count :])
+        with suppress(InputError):
+            assert isinstance(read_calibration(path, SIZE), Calibration)

@@ -1,0 +1,250 @@
+"""Calibrations as other programs write them: one description of a pair, a rectification that keeps what both see."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from helpers.made_worlds import START_NS, blob, centre_of
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.camera_info import projection
+from sfr_loc_map.geometry.rectification import rectified_rig, rig_of_rectified
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import SIDES
+from sfr_loc_map.io.bag.messages import camera_info
+from sfr_loc_map.io.calibration.files import read_calibration
+from sfr_loc_map.io.images.codec import encode_png
+from sfr_loc_map.io.layouts.euroc import open_euroc
+from sfr_loc_map.io.tables.trajectory_file import TrajectoryFormat, save_trajectory
+
+LENSES = {
+    "T265": ([282.0, 280.7, 416.0, 396.7], [-0.0033, 0.0541, -0.0516, 0.0107], (848, 800)),
+    "TUM-VI": ([190.98, 190.97, 254.93, 256.9], [0.0034, 0.0007, -0.0021, 0.0002], (512, 512)),
+    "UZH-FPV": ([276.48, 276.48, 313.04, 245.0], [-0.0128, -0.0117, 0.0202, -0.0109], (640, 480)),
+}
+
+
+def matrix(rotvec: list[float], translation: list[float]) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = matrix_from_rotvec(rotvec), translation
+    return pose
+
+
+def kalibr(lens: str, *poses: str) -> str:
+    intrinsics, coefficients, size = LENSES[lens]
+    lines = []
+    for number, pose in enumerate(poses):
+        lines += [f"cam{number}:", "  camera_model: pinhole", "  distortion_model: equidistant"]
+        lines += [f"  intrinsics: {intrinsics}", f"  distortion_coeffs: {coefficients}", f"  resolution: {list(size)}"]
+        lines += [f"  {pose}"] if pose else []
+    return "\n".join(lines) + "\n"
+
+
+T_CAM1_CAM0 = matrix([0.01, -0.02, 0.005], [-0.12, 0.001, 0.002])
+T_IMU_CAM0 = matrix([1.2, -1.1, 1.3], [0.05, 0.06, 0.01])
+T_IMU_CAM1 = T_IMU_CAM0 @ np.linalg.inv(T_CAM1_CAM0)
+CHAINS = {
+    "T_cn_cnm1": ("", f"T_cn_cnm1: {T_CAM1_CAM0.tolist()}"),
+    "T_imu_cam": (f"T_imu_cam: {T_IMU_CAM0.tolist()}", f"T_imu_cam: {T_IMU_CAM1.tolist()}"),
+    "T_cam_imu": (
+        f"T_cam_imu: {np.linalg.inv(T_IMU_CAM0).tolist()}",
+        f"T_cam_imu: {np.linalg.inv(T_IMU_CAM1).tolist()}",
+    ),
+}
+
+
+@pytest.mark.parametrize("lens", LENSES)
+@pytest.mark.parametrize("chain", CHAINS)
+def test_a_fisheye_pair_keeps_its_scale_and_its_centre(tmp_path: Path, chain: str, lens: str) -> None:
+    (tmp_path / "camchain.yaml").write_text(kalibr(lens, *CHAINS[chain]))
+    found = read_calibration(tmp_path / "camchain.yaml")
+    rig, rectifier = rectified_rig(found.infos, "loc")
+    (fx, _, _, _), coefficients, (width, height) = LENSES[lens]
+    assert rig.baseline_m == pytest.approx(np.linalg.norm(T_CAM1_CAM0[:3, 3]), rel=1e-9)
+    assert 0.5 < rig.fx / fx < 2.0
+    assert 0.25 * width < rig.cx < 0.75 * width
+    images = rectifier.rectify(*(np.full((height, width), 255, np.uint8),) * 2)
+    assert min(float((image > 0).mean()) for image in images) > 0.9
+    point = np.array([0.2, -0.1, 1.5])  # in the left camera
+    raw = []
+    for T_cam_left in (np.eye(4), T_CAM1_CAM0):
+        seen = (T_cam_left @ [*point, 1.0])[:3]
+        k = np.array([[fx, 0, LENSES[lens][0][2]], [0, LENSES[lens][0][1], LENSES[lens][0][3]], [0, 0, 1.0]])
+        pixel = cv2.fisheye.projectPoints(seen.reshape(1, 1, 3), np.zeros(3), np.zeros(3), k, np.array(coefficients))
+        raw.append(blob(pixel[0].reshape(2), (height, width)))
+    (left_u, left_v), (right_u, right_v) = (centre_of(image) for image in rectifier.rectify(*raw))
+    assert right_v == pytest.approx(left_v, abs=0.1)
+    depth = rig.fx * rig.baseline_m / (left_u - right_u)
+    assert depth == pytest.approx(1.5, rel=0.03)
+
+
+def test_a_rectification_that_shows_nothing_is_refused() -> None:
+    rig = StereoRig(200, 160, 150.0, 150.0, 99.5, 79.5, 0.12)
+    infos = []
+    for side in SIDES:
+        p = projection(rig, side)
+        p[[2, 6]] += [2000.0, 0.0]
+        k = (150.0, 0.0, 99.5, 0.0, 150.0, 79.5, 0.0, 0.0, 1.0)
+        fields = {"d": (-0.1, 0.01, 0.0, 0.0, 0.0), "k": k, "r": np.eye(3).reshape(-1), "p": p}
+        roi = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0)
+        rest = {"distortion_model": "plumb_bob", "roi": roi, "binning_x": 0, "binning_y": 0}
+        infos.append(SimpleNamespace(width=200, height=160, **fields, **rest))
+    with pytest.raises(InputError, match="show raw pixels in 0 %"):
+        rectified_rig(infos, "loc")
+
+
+@pytest.mark.parametrize(("fx", "cx", "cy"), [(1.0, 0.0, 0.0), (1.0, 1e-3, 0.0), (1.02, 6.5, 0.0), (1.0, 0.0, 2.0)])
+def test_rectified_cameras_that_differ_are_made_equal(fx: float, cx: float, cy: float) -> None:
+    rig = StereoRig(200, 160, 150.0, 150.0, 99.5, 79.5, 0.12)
+    left, right = (camera_info(START_NS, rig, "loc", side) for side in SIDES)
+    p = projection(rig, "right")
+    p[[0, 3, 5]] *= fx
+    p[[2, 6]] += [cx, cy]
+    object.__setattr__(right, "p", p)
+    found, rectifier = rig_of_rectified((left, right), "loc")
+    assert found.same_cameras(rig) or found.baseline_m == pytest.approx(rig.baseline_m)
+    assert (rectifier is None) == (max(fx - 1.0, cx, cy) < 0.01)
+    if rectifier is None:
+        return
+    x, y, z = 0.1, -0.05, 1.2
+    seen = [blob(np.array([150.0 * x / z + 99.5, 150.0 * y / z + 79.5]), (160, 200))]
+    seen.append(blob(np.array([p[0] * (x - 0.12) / z + p[2], p[5] * y / z + p[6]]), (160, 200)))
+    (left_u, left_v), (right_u, right_v) = (centre_of(image) for image in rectifier.rectify(*seen))
+    assert left_u - right_u == pytest.approx(150.0 * 0.12 / z, abs=0.1)
+    assert right_v == pytest.approx(left_v, abs=0.1)
+
+
+def test_raw_cameras_with_different_projections_are_rectified_to_that_of_the_left() -> None:
+    rig = StereoRig(200, 160, 150.0, 150.0, 99.5, 79.5, 0.12)
+    left, right = (camera_info(START_NS, rig, "loc", side) for side in SIDES)
+    p = projection(rig, "right")
+    p[[0, 3, 5]] *= 1.02
+    p[[2, 6]] += [6.5, 2.0]
+    object.__setattr__(right, "p", p)
+    found, rectifier = rectified_rig((left, right), "loc")
+    assert found.same_cameras(rig)
+    x, y, z = 0.1, -0.05, 1.2
+    pixels = ([150.0 * (x - shift) / z + 99.5, 150.0 * y / z + 79.5] for shift in (0.0, 0.12))
+    seen = rectifier.rectify(*(blob(np.array(pixel), (160, 200)) for pixel in pixels))
+    (left_u, left_v), (right_u, right_v) = (centre_of(image) for image in seen)
+    assert left_u - right_u == pytest.approx(150.0 * 0.12 / z, abs=0.1)
+    assert right_v == pytest.approx(left_v, abs=0.1)
+    object.__setattr__(right, "p", p + 1e-7)
+    assert rectified_rig((left, right), "loc", rectifier)[1] is rectifier
+
+
+@pytest.mark.parametrize("describe", [rectified_rig, rig_of_rectified])
+def test_a_shift_in_the_left_projection_is_named(describe: Callable[..., object]) -> None:
+    rig = StereoRig(200, 160, 150.0, 150.0, 99.5, 79.5, 0.12)
+    left, right = (camera_info(START_NS, rig, "loc", side) for side in SIDES)
+    object.__setattr__(left, "p", projection(rig, "right"))
+    with pytest.raises(InputError, match=r"P\[3\] of the left camera is -18, of the right camera -18"):
+        describe((left, right), "loc")
+
+
+OPENCV = """%YAML:1.0
+M1: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data:[420., 0., 370., 0., 420., 240., 0., 0., 1.]
+D1: !!opencv-matrix {rows: 1, cols: 5, dt: d, data: [-0.1, 0.01, 0., 0., 0.]}
+M2: {rows: 3, cols: 3, dt: d, data: [421., 0., 372., 0., 421., 242., 0., 0., 1.]}
+D2: {rows: 1, cols: 5, dt: d, data: [-0.1, 0.01, 0., 0., 0.]}
+R: {rows: 3, cols: 3, dt: d, data: [1., 0., 0., 0., 1., 0., 0., 0., 1.]}
+T: {rows: 3, cols: 1, dt: d, data: [-0.11, 0., 0.]}
+image_width:752
+image_height:480
+"""
+SETTINGS = {
+    "camera.bf": "Camera.fx: 435.2\nCamera.fy: 435.2\nCamera.cx: 367.4\nCamera.cy: 252.2\nCamera.bf: 47.872\n",
+    "Stereo.b": 'Camera.type: "Rectified"\nCamera1.fx:435.2\nCamera1.fy: 435.2\nCamera1.cx: 367.4\n'
+    "Camera1.cy: 252.2\nStereo.b: 0.11\n",
+    "Stereo.T_c1_c2": 'Camera.type: "KannalaBrandt8"\n'
+    + "".join(
+        f"Camera{n}.{name}: {value}\n"
+        for n in (1, 2)
+        for name, value in zip(("fx", "fy", "cx", "cy", "k1"), (435.2, 435.2, 367.4, 252.2, 0.01), strict=True)
+    )
+    + "Stereo.T_c1_c2: !!opencv-matrix\n  rows: 4\n  cols: 4\n  dt: f\n"
+    "  data: [1,0,0,0.11, 0,1,0,0, 0,0,1,0, 0,0,0,1]\n",
+    "Tlr": 'Camera.type: "KannalaBrandt8"\n'
+    + "".join(
+        f"Camera{n}.{name}: {value}\n"
+        for n in ("", "2")
+        for name, value in zip(("fx", "fy", "cx", "cy", "k1"), (435.2, 435.2, 367.4, 252.2, 0.01), strict=True)
+    )
+    + "Camera.bf: 19.3\nTlr: !!opencv-matrix\n  rows: 3\n  cols: 4\n  dt: f\n"
+    "  data: [1,0,0,0.11, 0,1,0,0, 0,0,1,0]\n",
+}
+MONOCULAR = {
+    "distorted": (SETTINGS["camera.bf"] + "Camera.k1: 0.26\n", "Camera has a distortion and there is no Camera2"),
+    "fisheye": ('Camera.type: "KannalaBrandt8"\n' + SETTINGS["camera.bf"], "there is no Camera2"),
+    "Kalibr": (kalibr("TUM-VI", ""), "it has cam0 alone, but a stereo pair needs cam0 and cam1"),
+}
+
+
+@pytest.mark.parametrize("name", ["OpenCV", *SETTINGS])
+def test_files_of_opencv_and_orb_slam_give_the_baseline(tmp_path: Path, name: str) -> None:
+    text = OPENCV if name == "OpenCV" else f"%YAML:1.0\n{SETTINGS[name]}Camera.width: 752\nCamera.height: 480\n"
+    (tmp_path / "c.yaml").write_text(text)
+    left, right = read_calibration(tmp_path / "c.yaml").infos
+    assert -right.p[3] / right.p[0] == pytest.approx(0.11, abs=1e-9)
+    assert 0.5 < left.p[0] / 430.0 < 2.0
+
+
+@pytest.mark.parametrize("size", [None, (752, 480)])
+def test_the_size_of_settings_without_one_is_that_of_the_images(tmp_path: Path, size: tuple[int, int] | None) -> None:
+    (tmp_path / "c.yaml").write_text(f"%YAML:1.0\n{SETTINGS['Tlr']}")
+    if size is None:
+        with pytest.raises(InputError, match=r"it has no camera\.width"):
+            read_calibration(tmp_path / "c.yaml")
+    else:
+        assert read_calibration(tmp_path / "c.yaml", size).infos[0].width == size[0]
+
+
+@pytest.mark.parametrize("name", MONOCULAR)
+def test_a_calibration_of_one_raw_camera_is_none_of_a_stereo_pair(tmp_path: Path, name: str) -> None:
+    text, words = MONOCULAR[name]
+    (tmp_path / "c.yaml").write_text(f"%YAML:1.0\n{text}" if name != "Kalibr" else text)
+    with pytest.raises(InputError, match=words):
+        read_calibration(tmp_path / "c.yaml", (752, 480))
+
+
+@pytest.mark.parametrize("truth", ["state_groundtruth_estimate0", "mocap0", "vicon0"])
+def test_sequences_in_the_layout_of_euroc_by_others(tmp_path: Path, truth: str) -> None:
+    intrinsics, coefficients, (width, height) = LENSES["TUM-VI"]
+    for number, late_ns in ((0, 0), (1, 1000)):
+        folder = tmp_path / "mav0" / f"cam{number}"
+        (folder / "data").mkdir(parents=True)
+        pose = T_IMU_CAM0 if number == 0 else T_IMU_CAM1
+        (folder / "sensor.yaml").write_text(
+            f"%YAML:1.0\nsensor_type: camera\nT_BS:\n  cols: 4\n  rows: 4\n  data:{pose.reshape(-1).tolist()}\n"
+            f"resolution: [{width}, {height}]\ncamera_model: pinhole\nintrinsics: {intrinsics}\n"
+            f"distortion_model: equidistant\ndistortion_coefficients: {coefficients}\n"
+        )
+        rows = ["#timestamp [ns],filename"]
+        for stamp in (1000 + START_NS, START_NS + 10**8):
+            (folder / "data" / f"{stamp}.png").write_bytes(encode_png(np.zeros((height, width), np.uint8)))
+            rows.append(f"{stamp + late_ns},{stamp}.png")
+        (folder / "data.csv").write_text("\n".join(rows) + "\n")
+    stamps = START_NS + np.arange(5, dtype=np.int64) * 10**8
+    poses = Trajectory(stamps, np.arange(15.0).reshape(5, 3), np.tile([0.0, 0.0, 0.6, 0.8], (5, 1)))
+    (tmp_path / "mav0" / truth).mkdir()
+    save_trajectory(tmp_path / "mav0" / truth / "data.csv", poses, TrajectoryFormat.EUROC)
+    lever = [0.5, 0.0, 0.0] if truth == "vicon0" else [0.0, 0.0, 0.0]
+    pose = matrix([0.0, 0.0, 0.0], lever)
+    (tmp_path / "mav0" / truth / "sensor.yaml").write_text(f"T_BS:\n  data: {pose.reshape(-1).tolist()}\n")
+    loc = open_euroc(tmp_path).loc
+    assert loc is not None
+    assert len(loc) == 2
+    assert loc.ground_truth is not None
+    moved = np.linalg.norm(loc.ground_truth.positions - poses.positions, axis=1)
+    np.testing.assert_allclose(moved, lever[0], atol=1e-9)

@@ -1,0 +1,136 @@
+"""Clouds as other programs write them: by the commands, each form gives the points that were written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from helpers.cli_result import Sfr
+from helpers.made_worlds import World
+from sfr_loc_map.io.clouds.cloud_file import load_cloud
+from sfr_loc_map.io.layouts.folder import FolderWriter
+
+COUNT = 50
+POINTS = np.random.default_rng(3).normal(0.0, 2.0, (COUNT, 3)).astype("<f4")
+VERTEX = "property float x\nproperty float y\nproperty float z\n"
+
+
+def compressed(data: bytes) -> bytes:
+    """Return LZF: the last three bytes again are a copy, all else literals."""
+    out, literals, at = bytearray(), bytearray(), 0
+
+    def flush() -> None:
+        for start in range(0, len(literals), 32):
+            part = literals[start : start + 32]
+            out.extend([len(part) - 1, *part])
+        literals.clear()
+
+    while at < len(data):
+        before = data.rfind(data[at : at + 3], max(0, at - 8000), at + 2) if at + 3 <= len(data) else -1
+        if 0 <= before < at:
+            length = 3
+            while length < 264 and at + length < len(data) and data[before + length] == data[at + length]:
+                length += 1
+            flush()
+            distance = at - before - 1
+            high = min(length - 2, 7)
+            out.extend([high << 5 | distance >> 8, *([length - 9] if high == 7 else []), distance & 255])
+            at += length
+        else:
+            literals.append(data[at])
+            at += 1
+    flush()
+    return bytes(out)
+
+
+def ply(elements: str, body: bytes, kind: str = "binary_little_endian") -> bytes:
+    return f"ply\nformat {kind} 1.0\ncomment made by another program\n{elements}end_header\n".encode() + body
+
+
+def pcd(body: bytes, data: str, size: str = "WIDTH 50\nHEIGHT 1") -> bytes:
+    head = f"VERSION 0.7\nFIELDS x y z _\nSIZE 4 4 4 1\nTYPE F F F U\nCOUNT 1 1 1 4\n{size}\n"
+    return f"{head}VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 50\nDATA {data}\n".encode() + body
+
+
+def with_list(lengths: Callable[[int], int]) -> bytes:
+    parts = []
+    for k, xyz in enumerate(POINTS):
+        length = lengths(k)
+        parts.append(xyz[:1].tobytes() + bytes([length]) + np.arange(length, dtype="<i4").tobytes() + xyz[1:].tobytes())
+    return b"".join(parts)
+
+
+LIST = "property float x\nproperty list uchar int hits\nproperty float y\nproperty float z\n"
+TEXT = "\n".join(" ".join(map(repr, row)) for row in POINTS.astype(np.float64).tolist())
+PACKED = b"".join(POINTS[:, axis].tobytes() for axis in range(3)) + bytes(4 * COUNT)
+CAMERA = "element camera 1\nproperty double view\nproperty list int float lens\n"
+FORMS: dict[str, bytes] = {
+    "lists of one length.ply": ply(f"element vertex 50\n{LIST}", with_list(lambda _: 2)),
+    "lists of all lengths.ply": ply(f"element vertex 50\n{LIST}", with_list(lambda k: k % 4)),
+    "lists as text.ply": ply(
+        f"element vertex 50\n{LIST}",
+        "\n".join(
+            f"{x!r} {k % 3} {'7 ' * (k % 3)}{y!r} {z!r}" for k, (x, y, z) in enumerate(POINTS.astype(float).tolist())
+        ).encode(),
+        "ascii",
+    ),
+    "another element first.ply": ply(
+        f"{CAMERA}element vertex 50\n{VERTEX}", bytes(8) + b"\x02\0\0\0" + bytes(8) + POINTS.tobytes()
+    ),
+    "faces behind.ply": ply(
+        f"element vertex 50\n{VERTEX}element face 1\nproperty list uchar int vertex_indices\n",
+        POINTS.tobytes() + b"\x03" + bytes(12),
+    ),
+    "CAPITALS.PLY": ply(f"element vertex 50\n{VERTEX}".replace(" x", " X"), POINTS.tobytes()),
+    "nan of Windows.ply": ply(
+        f"element vertex 52\n{VERTEX}", f"-nan(ind) 1 2\n{TEXT}\n-1.#IND 1.#QNAN 0\n".encode(), "ascii"
+    ),
+    "compressed.pcd": pcd(
+        np.array([len(compressed(PACKED)), len(PACKED)], "<u4").tobytes() + compressed(PACKED), "binary_compressed"
+    ),
+    "column.pcd": pcd(np.c_[POINTS.view("<u4"), np.zeros(COUNT, "<u4")].tobytes(), "binary", "WIDTH 1\nHEIGHT 50"),
+}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_each_form_has_the_points_that_were_written(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(FORMS[name])
+    found = load_cloud(tmp_path / name)
+    np.testing.assert_array_equal(found.xyz, POINTS.astype(np.float64))
+    assert found.cloud is None
+
+
+@pytest.mark.parametrize("name", [name for name in FORMS if "text" not in name and "Windows" not in name])
+def test_a_form_that_is_cut_off_is_refused(tmp_path: Path, sfr: Sfr, name: str) -> None:
+    (tmp_path / name).write_bytes(FORMS[name][: -20 if "behind" not in name else -200])
+    done = sfr("score", tmp_path / name, tmp_path)
+    assert done.code == 2
+    assert "cannot be read" in done.err
+
+
+@pytest.mark.parametrize(("step", "swapped"), [(1, False), (2, False), (4, False), (1, True)])
+def test_the_order_of_points_gives_pixels_of_images_of_that_size_alone(
+    tmp_path: Path, sfr: Sfr, world: World, caplog: pytest.LogCaptureFixture, step: int, swapped: bool
+) -> None:
+    with FolderWriter(tmp_path / "data", loc=False, nav=True) as writer:
+        writer.write_nav_rig(world.nav_rig)
+        for pair in world.navs[:1]:
+            writer.write_nav_pair(pair)
+    truth = world.navs[0].truth
+    assert truth is not None
+    points = np.asarray(truth, "<f4")[::step, ::step]
+    points = points.transpose(1, 0, 2) if swapped else points
+    height, width = points.shape[:2]
+    size = f"WIDTH {width}\nHEIGHT {height}\nPOINTS {width * height}\n"
+    head = f"VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n{size}DATA binary\n"
+    (tmp_path / "theirs.pcd").write_bytes(head.encode() + points.tobytes())
+    done = sfr("score", tmp_path / "theirs.pcd", tmp_path / "data", "--points", tmp_path / "p.csv")
+    of_images = (width, height) == (world.nav_rig.width, world.nav_rig.height)
+    assert ("is organised as" in caplog.text) is not of_images
+    assert done.code == (0 if of_images else 2), done.err
+    if of_images:
+        errors = np.loadtxt(tmp_path / "p.csv", delimiter=",", skiprows=1, ndmin=2)[:, 4]
+        assert np.abs(errors).max() < 1e-6

@@ -1,0 +1,139 @@
+"""Folders of images with a calibration, and configurations that lie beside other sources."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from helpers.cli_result import Sfr
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.io.clouds.cloud_file import load_cloud
+from sfr_loc_map.io.images.codec import encode_png
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.source_config import source_config
+from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from test.io.calibration.test_foreign_cameras import CHAINS, LENSES, kalibr
+from test.io.tables.test_foreign_tables import COUNT, drive, rows, seconds
+
+NAMES = {"ns": "{ns}", "us": "{us}", "s": "{s}.{fraction:09d}"}
+
+
+def images(folder: Path, unit: str, sides: tuple[str, str] = ("left", "right")) -> list[int]:
+    stamps = drive().stamps_ns.tolist()[:6]
+    width, height = LENSES["TUM-VI"][2]
+    for side in sides:
+        (folder / side).mkdir(parents=True)
+        for stamp in stamps:
+            parts = {"ns": stamp, "us": stamp // 1000, "s": stamp // NS_PER_S, "fraction": stamp % NS_PER_S}
+            data = encode_png(np.full((height, width), 100, np.uint8))
+            (folder / side / f"{NAMES[unit].format(**parts)}.png").write_bytes(data)
+    return stamps
+
+
+@pytest.mark.parametrize("unit", NAMES)
+@pytest.mark.parametrize("sides", [("left", "right"), ("cam0", "cam1")])
+def test_a_folder_of_images_and_a_chain_of_kalibr_are_a_source(
+    tmp_path: Path, sfr: Sfr, unit: str, sides: tuple[str, str]
+) -> None:
+    stamps = images(tmp_path / "drive", unit, sides)
+    (tmp_path / "camchain.yaml").write_text(kalibr("TUM-VI", *CHAINS["T_imu_cam"]))
+    bare = sfr("info", tmp_path / "drive")
+    assert bare.code == 1
+    assert "--calibration FILE" in bare.out
+    given = ["--set", "extrinsics.translation_m=[0.1, 0.0, 0.5]", "--set", "extrinsics.quat_xyzw=[0.0, 0.0, 0.0, 1.0]"]
+    words = ["--from", tmp_path / "drive", "--calibration", tmp_path / "camchain.yaml", *given]
+    done = sfr("init", tmp_path / "rover", *words)
+    assert done.code == 0, done.err
+    loc = open_source(tmp_path / "drive", source_config(tmp_path / "drive", tmp_path / "rover" / "sfr.yaml")).loc
+    assert loc is not None
+    assert list(loc.stamps_ns) == stamps
+    assert next(iter(loc.pairs())).left.mean() > 90.0
+    assert loc.rig.T_rb_sb is not None
+
+
+def test_the_advice_of_init_on_columns_of_the_truth_can_be_followed(tmp_path: Path, sfr: Sfr) -> None:
+    poses = drive()
+    images(tmp_path / "drive", "ns")
+    (tmp_path / "camchain.yaml").write_text(kalibr("TUM-VI", *CHAINS["T_imu_cam"]))
+    text = rows(seconds(poses), poses.positions, separator=";", header="Zeit[s];Rechts[m];Hoch[m];Höhe[m]")
+    (tmp_path / "station.csv").write_text(text.replace(".", ","), encoding="utf-8")
+    words = ["--from", tmp_path / "drive", "--calibration", tmp_path / "camchain.yaml"]
+    words += ["--set", "extrinsics.quat_xyzw=[0.0, 0.0, 0.0, 1.0]", "--set", f"truth.source={tmp_path / 'station.csv'}"]
+    first = sfr("init", tmp_path / "rover", *words)
+    assert "name the columns: --set 'truth.columns=t=HEADER,x=HEADER,y=HEADER,z=HEADER'" in first.err
+    given = ["--set", "truth.columns=t=Zeit,x=Rechts,y=Hoch,z=Höhe", "--overwrite"]
+    done = sfr("init", tmp_path / "rover", *words, *given)
+    assert done.code == 0, done.err
+    truth = open_source(tmp_path / "drive", source_config(tmp_path / "drive", tmp_path / "rover" / "sfr.yaml")).loc
+    assert truth is not None
+    assert truth.ground_truth is not None
+    np.testing.assert_allclose(truth.ground_truth.positions, poses.positions, atol=1e-12)
+
+
+def test_images_that_are_not_named_by_a_time_are_refused(tmp_path: Path, sfr: Sfr) -> None:
+    for side in ("left", "right"):
+        (tmp_path / "drive" / side).mkdir(parents=True)
+        (tmp_path / "drive" / side / "frame_a.png").write_bytes(encode_png(np.zeros((8, 8), np.uint8)))
+    (tmp_path / "c.yaml").write_text(kalibr("TUM-VI", *CHAINS["T_cn_cnm1"]))
+    (tmp_path / "sfr.yaml").write_text("calibration: {file: c.yaml}\n")
+    done = sfr("info", tmp_path / "drive")
+    assert done.code == 1
+    assert "frame_a.png: names that are times" in " ".join(done.out.split())
+
+
+def test_a_configuration_of_a_bag_is_not_one_of_a_folder_beside_it(tmp_path: Path, sfr: Sfr) -> None:
+    (tmp_path / "sfr.yaml").write_text("topics: {loc/left/image_rect: /a}\ntruth: {source: /mocap/pose}\n")
+    images(tmp_path / "other", "ns")
+    save_trajectory(tmp_path / "e.csv", drive())
+    done = sfr("score", tmp_path / "e.csv", tmp_path / "other")
+    assert "mocap" not in done.err
+    assert "--calibration FILE" in done.err
+
+
+def test_provenance_names_every_file_that_was_read(tmp_path: Path, sfr: Sfr) -> None:
+    poses = drive()
+    images(tmp_path / "drive", "ns")
+    (tmp_path / "drive" / "camchain.yaml").write_text(kalibr("TUM-VI", *CHAINS["T_cn_cnm1"]))
+    text = rows(seconds(poses), poses.positions, separator=";", header="t[s];east[m];north[m];height[m]")
+    (tmp_path / "drive" / "station.csv").write_text(text)
+    (tmp_path / "drive" / "sfr.yaml").write_text("calibration: {file: camchain.yaml}\ntruth: {source: station.csv}\n")
+    save_trajectory(tmp_path / "e.csv", poses)
+    done = sfr("score", tmp_path / "e.csv", tmp_path / "drive", "--condition", "distance=2", "--partial", "--json", "-")
+    assert done.code == 0, done.err
+    assert "configuration:" in done.err
+    inputs = json.loads(done.out)["provenance"]["inputs"]
+    names = {role: Path(item["path"]).name for role, item in inputs.items()}
+    assert names["configuration"] == "sfr.yaml"
+    assert names["truth_file"] == "station.csv"
+    assert names["calibration"] == "camchain.yaml"
+    assert all(len(item["sha256"]) == 64 for item in inputs.values())
+    assert len(poses) == COUNT
+
+
+POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a214614ab2935\nsize 12345\n"
+
+
+@pytest.mark.parametrize("name", ["x.mcap", "x.db3", "x.bag", "x.tum", "x.csv", "drive"])
+def test_a_pointer_of_git_lfs_is_named(tmp_path: Path, sfr: Sfr, name: str) -> None:
+    place, words = tmp_path / name, ["convert", tmp_path / name, tmp_path / "out.csv"]
+    if name == "drive":
+        images(place, "ns")
+        next((place / "left").iterdir()).write_text(POINTER)
+        (tmp_path / "c.yaml").write_text(kalibr("TUM-VI", *CHAINS["T_imu_cam"]))
+        words = ["info", place, "--calibration", tmp_path / "c.yaml"]
+    else:
+        place.write_text(POINTER)
+    done = sfr(*words)
+    assert done.code in (1, 2)
+    assert "run git lfs pull" in " ".join((done.out + done.err).split())
+
+
+@pytest.mark.parametrize("ending", [".ply", ".pcd", ".npz"])
+def test_a_pointer_to_a_cloud_is_named(tmp_path: Path, ending: str) -> None:
+    (tmp_path / f"x{ending}").write_text(POINTER)
+    with pytest.raises(InputError, match="run git lfs pull"):
+        load_cloud(tmp_path / f"x{ending}")

@@ -1,0 +1,296 @@
+"""Trajectories as other programs write them: by the commands, each form gives the poses that were written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from helpers.cli_result import Sfr
+from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_normalised
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory, trajectory_text
+
+COUNT = 60
+
+
+def drive() -> Trajectory:
+    """Return a curve of 12 m with roll, pitch and yaw, at 2 Hz."""
+    s = np.linspace(0.0, 12.0, COUNT)
+    quats = quat_normalised(np.column_stack((0.05 * np.sin(s), 0.1 * np.cos(s), np.sin(0.15 * s), np.cos(0.15 * s))))
+    stamps = 1_700_000_000 * NS_PER_S + np.arange(COUNT, dtype=np.int64) * 500_000_000
+    return Trajectory(stamps, np.column_stack((s, 2.0 * np.sin(0.4 * s), 0.1 * s)), quats)
+
+
+def rows(*columns: object, separator: str = ",", header: str = "") -> str:
+    """Return a table of columns, each a list of texts or an array of numbers."""
+    texts = []
+    for column in columns:
+        if isinstance(column, np.ndarray):
+            texts += [list(map(repr, part)) for part in np.atleast_2d(column.T).tolist()]
+        else:
+            texts.append([str(cell) for cell in column])  # type: ignore[attr-defined]
+    lines = [separator.join(cells) for cells in zip(*texts, strict=True)]
+    return "\n".join([header, *lines] if header else lines) + "\n"
+
+
+def seconds(poses: Trajectory) -> list[str]:
+    return [f"{stamp // NS_PER_S}.{stamp % NS_PER_S:09d}" for stamp in poses.stamps_ns.tolist()]
+
+
+def matrices(poses: Trajectory) -> np.ndarray:
+    rotations = matrix_from_quat(poses.quats_xyzw)
+    return np.concatenate((rotations, poses.positions[:, :, None]), axis=2).reshape(-1, 12)
+
+
+def whole(poses: Trajectory, unit_ns: int = 1) -> list[int]:
+    return [stamp // unit_ns for stamp in poses.stamps_ns.tolist()]
+
+
+def with_nan(poses: Trajectory) -> str:
+    lines = trajectory_text(poses, read_as("tum")).splitlines()
+    return "\n".join([*lines[:1], *(f"{float(k)} NaN nan -nan(ind) NaN 0 0 1" for k in range(20)), *lines[1:]])
+
+
+def read_as(name: str) -> object:
+    from sfr_loc_map.io.tables.trajectory_file import TrajectoryFormat
+
+    return TrajectoryFormat(name)
+
+
+POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
+COVARIANCE = "Pr11 Pr12 Pr13 Pr22 Pr23 Pr33 Pt11 Pt12 Pt13 Pt22 Pt23 Pt33"
+WXYZ = [3, 0, 1, 2]
+
+FORMS: dict[str, Callable[[Trajectory], str]] = {
+    "header behind a comment sign": lambda p: rows(
+        whole(p), p.positions, p.quats_xyzw, header="#timestamp,tx,ty,tz,qx,qy,qz,qw"
+    ),
+    "microseconds by a unit": lambda p: rows(
+        whole(p, 1000), p.positions, p.quats_xyzw, header="#timestamp [us],tx,ty,tz,qx,qy,qz,qw"
+    ),
+    "milliseconds by their magnitude": lambda p: rows(
+        whole(p, 10**6), p.positions, p.quats_xyzw, header="timestamp,x,y,z,qx,qy,qz,qw"
+    ),
+    "columns of any order": lambda p: rows(
+        p.quats_xyzw[:, WXYZ], whole(p), 1000.0 * p.positions, header="q_w,q_x,q_y,q_z,time_ns,x [mm],y [mm],z [mm]"
+    ),
+    "comments before the header": lambda p: (
+        "".join(f"% comment {k}\n" for k in range(13))
+        + rows(
+            seconds(p),
+            p.positions,
+            p.quats_xyzw[:, WXYZ],
+            separator=", ",
+            header="% UNIX time, x-enu(m), y-enu(m), z-enu(m), "
+            "orientation.w, orientation.x, orientation.y, orientation.z",
+        )
+    ),
+    "seconds and nanoseconds": lambda p: rows(
+        [stamp // NS_PER_S for stamp in whole(p)],
+        [stamp % NS_PER_S for stamp in whole(p)],
+        p.positions,
+        p.quats_xyzw,
+        header="#sec,nsec,x,y,z,qx,qy,qz,qw",
+    ),
+    "seconds and nanoseconds without a header": lambda p: rows(
+        [stamp // NS_PER_S for stamp in whole(p)], [stamp % NS_PER_S for stamp in whole(p)], p.positions, p.quats_xyzw
+    ),
+    "rostopic echo": lambda p: rows(
+        [stamp + 7 for stamp in whole(p)],
+        range(COUNT),
+        whole(p),
+        ["world"] * COUNT,
+        p.positions,
+        p.quats_xyzw,
+        header="%time,field.header.seq,field.header.stamp,field.header.frame_id,field.pose.position.x,"
+        "field.pose.position.y,field.pose.position.z,field.pose.orientation.x,field.pose.orientation.y,"
+        "field.pose.orientation.z,field.pose.orientation.w",
+    ),
+    "stamps and matrices": lambda p: rows(whole(p), matrices(p)),
+    "tabs": lambda p: rows(seconds(p), p.positions, p.quats_xyzw, separator="\t"),
+    "commas": lambda p: rows(seconds(p), p.positions, p.quats_xyzw),
+    "semicolons and decimal commas": lambda p: rows(
+        seconds(p), p.positions, p.quats_xyzw, separator=";", header="t[s];x[m];y[m];z[m];qx;qy;qz;qw"
+    ).replace(".", ","),
+    "nanoseconds with decimals": lambda p: rows(
+        [f"{stamp}.000000" for stamp in whole(p)], p.positions, p.quats_xyzw, separator=" "
+    ),
+    "whole nanoseconds": lambda p: rows(whole(p), p.positions, p.quats_xyzw, separator=" "),
+    "nanoseconds of a clock that starts at 0": lambda p: rows(
+        [stamp - whole(p)[0] for stamp in whole(p)], p.positions, p.quats_xyzw, separator=" "
+    ),
+    "covariances behind the pose": lambda p: rows(
+        seconds(p),
+        p.positions,
+        p.quats_xyzw,
+        np.full((COUNT, 12), 1e-4),
+        separator=" ",
+        header=f"# timestamp(s) {' '.join(POSE)} {COVARIANCE}",
+    ),
+    "more columns without a header": lambda p: rows(
+        seconds(p), p.positions, p.quats_xyzw, np.full((COUNT, 6), 1e-4), separator=" "
+    ),
+    "twelve columns that are no matrix": lambda p: rows(
+        seconds(p), p.positions, p.quats_xyzw, np.full((COUNT, 4), 1e-4), separator=" "
+    ),
+    "a header of more names than columns": lambda p: rows(
+        seconds(p), p.positions, p.quats_xyzw, separator=" ", header=f"# timestamp(s) {' '.join(POSE)} {COVARIANCE}"
+    ),
+    "a label before the names": lambda p: rows(
+        seconds(p),
+        p.positions,
+        p.quats_xyzw,
+        np.zeros((COUNT, 6)),
+        separator=" ",
+        header=f"# format: timestamp {' '.join(POSE)} Ptx Pty Ptz Prx Pry Prz",
+    ),
+    "numbers of the rows that the header does not name": lambda p: rows(
+        [f'"{k + 1}"' for k in range(COUNT)],
+        seconds(p),
+        p.positions,
+        p.quats_xyzw,
+        separator=" ",
+        header=f'"timestamp" {" ".join(POSE)}',
+    ),
+    "lines without values": with_nan,
+    "a broken line": lambda p: trajectory_text(p, read_as("tum")) + "1700000100.0 1 2",
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_each_form_is_read_as_it_was_written(tmp_path: Path, sfr: Sfr, form: str) -> None:
+    poses = drive()
+    (tmp_path / "theirs.txt").write_text(FORMS[form](poses))
+    done = sfr("convert", tmp_path / "theirs.txt", tmp_path / "ours.csv")
+    assert done.code == 0, done.err
+    found = read_trajectory_file(tmp_path / "ours.csv").trajectory
+    shift = 1_700_000_000 * NS_PER_S if "starts at 0" in form else 0
+    assert (found.stamps_ns + shift).tolist() == poses.stamps_ns.tolist()
+    np.testing.assert_allclose(found.positions, poses.positions, atol=1e-12)
+    assert np.abs((found.quats_xyzw * poses.quats_xyzw).sum(axis=1)) == pytest.approx(1.0, abs=1e-12)
+    left_out = {"lines without values": "20 lines without values", "a broken line": "1 broken lines left out"}
+    assert left_out.get(form, "") in done.err
+
+
+def test_numbered_matrices_take_the_stamps_of_the_other_side(tmp_path: Path, sfr: Sfr) -> None:
+    poses = drive()
+    save_trajectory(tmp_path / "truth.csv", poses)
+    (tmp_path / "poses.txt").write_text(rows(range(COUNT), matrices(poses), separator=" "))
+    done = sfr("score", tmp_path / "poses.txt", tmp_path / "truth.csv", "--condition", "distance=2")
+    assert done.code == 0, done.err
+    assert "pose by pose" in done.err
+
+
+AMBIGUOUS = {
+    "scalar first or last": lambda p: rows(whole(p), p.positions, p.quats_xyzw),
+    "names of a tracker": lambda p: rows(whole(p), p.positions, p.quats_xyzw, header="Frame,TX,TY,TZ,RX,RY,RZ,RW"),
+    "seconds or milliseconds": lambda p: rows(range(COUNT), p.positions, p.quats_xyzw, header="t,x,y,z,qx,qy,qz,qw"),
+}
+
+
+@pytest.mark.parametrize("side", ["estimate", "truth"])
+@pytest.mark.parametrize("case", AMBIGUOUS)
+def test_what_can_be_read_in_two_ways_is_asked_and_the_answer_is_one_option(
+    tmp_path: Path, sfr: Sfr, case: str, side: str
+) -> None:
+    poses = drive()
+    step = NS_PER_S if case == "seconds or milliseconds" else 500_000_000
+    stamps = np.arange(COUNT, dtype=np.int64) * step + (0 if step == NS_PER_S else poses.stamps_ns[0])
+    save_trajectory(tmp_path / "plain.csv", Trajectory(stamps, poses.positions, poses.quats_xyzw))
+    (tmp_path / "theirs.csv").write_text(AMBIGUOUS[case](poses))
+    files = [tmp_path / "theirs.csv", tmp_path / "plain.csv"]
+    words = ["score", *(files if side == "estimate" else files[::-1]), "--condition", "distance=2"]
+    refused = sfr(*words)
+    assert refused.code == 2
+    assert f"--columns '{side}:" in refused.err
+    columns = {
+        "scalar first or last": "t[ns],x,y,z,qx,qy,qz,qw",
+        "names of a tracker": "t=Frame[ns],x=TX,y=TY,z=TZ,qx=RX,qy=RY,qz=RZ,qw=RW",
+        "seconds or milliseconds": "t=t[s],x=x[m],y=y,z=#4,qx=qx,qy=qy,qz=qz,qw=qw",
+    }[case]
+    done = sfr(*words, "--columns", f"{side}:{columns}")
+    assert done.code == 0, done.err
+
+
+@pytest.mark.parametrize("item", ["t=Zeit[s]", "t=Zeit", "t=zeit [s]"])
+def test_a_column_is_named_as_it_stands_in_the_header(tmp_path: Path, item: str) -> None:
+    poses = drive()
+    place = tmp_path / "x.csv"
+    place.write_text(rows(seconds(poses), poses.positions, separator=";", header="Zeit[s];Rechts;Hoch;Höhe"))
+    found = read_trajectory_file(place, f"{item},x=Rechts,y=Hoch,z=Höhe[m]").trajectory
+    assert found.stamps_ns.tolist() == poses.stamps_ns.tolist()
+    assert not found.has_attitude
+
+
+def test_covariances_of_columns_give_a_nees(tmp_path: Path) -> None:
+    from sfr_loc_map.scoring.load import load_drive
+
+    poses = drive()
+    save_trajectory(tmp_path / "truth.csv", poses)
+    (tmp_path / "estimate.txt").write_text(FORMS["covariances behind the pose"](poses))
+    covariance = load_drive(tmp_path / "estimate.txt", tmp_path / "truth.csv").estimates.covariance
+    assert covariance is not None
+    np.testing.assert_allclose(covariance[0], 1e-4 * np.kron(np.eye(2), np.ones((3, 3)))[np.triu_indices(6)])
+
+
+# ---- poses that cannot be true
+
+
+PLACEHOLDERS = {"identity": [0.0, 0.0, 0.0, 1.0], "turned": [0.0, 0.0, 0.6, 0.8], "of both signs": [0.5, 0.5, 0.5, 0.5]}
+
+
+@pytest.mark.parametrize("name", PLACEHOLDERS)
+def test_an_attitude_that_never_changes_along_a_turning_path_is_none(
+    tmp_path: Path, sfr: Sfr, caplog: pytest.LogCaptureFixture, name: str
+) -> None:
+    poses = drive()
+    quats = np.tile(PLACEHOLDERS[name], (COUNT, 1))
+    if name == "of both signs":
+        quats[::3] *= -1.0
+    save_trajectory(tmp_path / "e.csv", poses)
+    save_trajectory(tmp_path / "t.tum", Trajectory(poses.stamps_ns, poses.positions, quats))
+    done = sfr("score", tmp_path / "e.csv", tmp_path / "t.tum", "--condition", "distance=2", "--json", "-")
+    assert done.code == 0, done.err
+    assert caplog.text.count("same attitude although the path turns") == 1
+    assert "the truth has positions alone" in done.err
+    kept = sfr("score", tmp_path / "e.csv", tmp_path / "t.tum", "--set", "truth.attitude=yes")
+    assert "the truth has positions alone" not in kept.err
+
+
+def test_an_attitude_that_never_changes_along_a_line_is_one(
+    tmp_path: Path, sfr: Sfr, caplog: pytest.LogCaptureFixture
+) -> None:
+    poses = drive()
+    there_and_back = np.column_stack((np.abs(np.linspace(-6.0, 6.0, COUNT)), np.zeros(COUNT), np.zeros(COUNT)))
+    straight = Trajectory(poses.stamps_ns, there_and_back, np.tile(PLACEHOLDERS["turned"], (COUNT, 1)))
+    save_trajectory(tmp_path / "t.csv", straight)
+    done = sfr("score", tmp_path / "t.csv", tmp_path / "t.csv", "--condition", "distance=2")
+    assert done.code == 0, done.err
+    assert not caplog.text
+
+
+@pytest.mark.parametrize("wrong", ["far away", "at the origin", "stamp 0", "stamp of 1970"])
+def test_few_poses_that_cannot_be_true_are_left_out_and_counted(
+    tmp_path: Path, sfr: Sfr, caplog: pytest.LogCaptureFixture, wrong: str
+) -> None:
+    poses = drive()
+    positions, stamps = poses.positions + np.array([50.0, 20.0, 0.0]), poses.stamps_ns.copy()
+    rows_wrong = [10, 11, 40] if "stamp" not in wrong else [0]
+    if wrong == "far away":
+        positions[rows_wrong] = [2.7e6, 0.0, 0.0]
+    elif wrong == "at the origin":
+        positions[rows_wrong] = 0.0
+        stamps = stamps[0] + (stamps - stamps[0]) // 10  # at 20 Hz
+    else:
+        stamps[rows_wrong] = 0 if wrong == "stamp 0" else 5 * NS_PER_S
+    truth = Trajectory(stamps, positions, poses.quats_xyzw)
+    save_trajectory(tmp_path / "t.csv", truth)
+    good = np.setdiff1d(np.arange(COUNT), rows_wrong)
+    save_trajectory(tmp_path / "e.csv", Trajectory(stamps[good], positions[good], poses.quats_xyzw[good]))
+    done = sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--condition", "distance=2", "--partial")
+    assert done.code == 0, done.err
+    assert f"{len(rows_wrong)} of 60 poses" in caplog.text

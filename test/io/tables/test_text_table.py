@@ -1,0 +1,66 @@
+"""Numbers of text: stamps are exact to the nanosecond, numbers have the bits of `float`, wrong lines are named."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.inputs import read_table
+from sfr_loc_map.io.tables.text_table import parse_seconds, parse_stamp_ns, parse_table, seconds_text
+
+finite = st.floats(-1e308, 1e308)  # which no form rounds to infinity
+forms = st.sampled_from(("{!r}", "{:.9f}", "{:.17e}", "{:.3g}", "{:.0f}"))
+
+
+@pytest.mark.parametrize(
+    ("text", "stamp_ns"),
+    [
+        ("1700000000.123456789", 1_700_000_000_123_456_789),  # a float would give ...123456768
+        *(("0", 0), ("7.", 7_000_000_000), (".5", 500_000_000), ("-1.000000001", -1_000_000_001)),
+        *(("1.305031e+09", 1_305_031_000_000_000_000), ("4611686018.427387903", 2**62 - 1)),
+        *(("1.0000000004999", 1_000_000_000), ("1.0000000005001", 1_000_000_001)),
+    ],
+)
+def test_seconds_are_exact(text: str, stamp_ns: int) -> None:
+    assert parse_seconds(text) == stamp_ns
+
+
+@given(st.integers(-(2**62), 2**62 - 1))
+def test_seconds_text_inverts(stamp_ns: int) -> None:
+    assert parse_seconds(seconds_text(stamp_ns)) == stamp_ns
+
+
+@given(st.lists(st.tuples(finite, forms), min_size=1, max_size=4), st.decimals(0, 2**32, places=9))
+@pytest.mark.parametrize("size", [1, 30, 10**6])
+def test_numbers_have_the_bits_of_float_and_stamps_those_of_integers_in_blocks_of_any_size(
+    tmp_path_factory: pytest.TempPathFactory, size: int, rows: list, stamp: Decimal
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "table.txt"
+    texts = [form.format(value) for value, form in rows]
+    data = "header\n" + "".join(f"  {stamp} {text}\r\n# comment\n\n" for text in texts)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sfr_loc_map.inputs.BLOCK_BYTES", size)
+        path.write_bytes(data.encode())
+        table = parse_table(read_table(path), "x", "t, x", (0, 1), stamp=parse_seconds, skip=1)
+        with pytest.raises(InputError, match=f"line {3 * len(rows) + 2}: 1 columns"):
+            parse_table([data.encode(), b"7\n"], "x", "t, x", (0, 1), stamp=parse_seconds, skip=1)
+    assert [value.hex() for value in table.values[:, 0].tolist()] == [float(text).hex() for text in texts]
+    assert table.stamps_ns.tolist() == [int(stamp * 10**9)] * len(rows)
+    assert table.lines.tolist() == [3 * number + 2 for number in range(len(rows))]
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        *((f"{word},1", f"stamp '{word}' is not") for word in (r"2.5", "2_0", "\u0662", "4611686018427387904")),
+        *(("5", "1 columns found where 2"), ("5,1,2", "3 columns found where 2")),
+        *((f"5,{word}", f"'{word}' is not a finite number") for word in ("", "nan", "1e999", "1_0", "0x10")),
+    ],
+)
+def test_the_line_that_is_wrong_is_named(line: str, words: str) -> None:
+    with pytest.raises(InputError, match=f"^x line 3: {words}"):
+        parse_table([f"#\n1,2\n{line}\n".encode()], "x", "t, x", (0, 1), stamp=parse_stamp_ns, separator=",")

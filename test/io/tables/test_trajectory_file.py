@@ -1,0 +1,117 @@
+"""Trajectories as files: bit-identical, exact to the nanosecond, every format detected, one error for a broken file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from helpers.made_worlds import assert_same_trajectory
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix, quat_normalised
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.tables.trajectory_file import (
+    CSV_HEADER,
+    EUROC_HEADER,
+    TrajectoryFormat,
+    read_trajectory_file,
+    save_trajectory,
+)
+
+finite = st.floats(-1e9, 1e9)
+poses = st.lists(
+    st.tuples(st.integers(-(2**62), 2**62 - 1), st.tuples(finite, finite, finite), st.floats(0.1, 1.0)),
+    min_size=1,
+    max_size=5,
+)
+FILES = {"t.csv": "csv", "t.tum": "tum", "t.txt": "tum", "t.kitti": "kitti", "t.euroc.csv": "euroc"}
+GOOD = "1.0 1 2 3 0 0 0 1"
+
+
+def curve(count: int = 30) -> Trajectory:
+    """Return a drive in a curve: forward, to the left and slightly up."""
+    angle = np.linspace(0.0, 1.2, count)
+    positions = np.column_stack((5 * np.sin(angle), 5 - 5 * np.cos(angle), 0.1 * angle))
+    quats = np.array([quat_from_matrix(matrix_from_rotvec([0.02 * a, -0.01, a])) for a in angle])
+    stamps = 1_700_000_000_123_456_789 + np.arange(count, dtype=np.int64) * 100_000_001
+    return Trajectory(stamps, positions, quats)
+
+
+@given(poses)
+@pytest.mark.parametrize("name", ["t.csv", "t.txt", "t.tum"])
+def test_round_trip_to_the_bit(tmp_path_factory: pytest.TempPathFactory, name: str, items: list) -> None:
+    path = tmp_path_factory.mktemp("t") / name
+    quats = quat_normalised([[q, -0.0, q / 3, 1 - q] for *_, q in items])
+    trajectory = Trajectory(np.array([s for s, _, _ in items], np.int64), np.array([p for _, p, _ in items]), quats)
+    save_trajectory(path, trajectory)
+    assert_same_trajectory(read_trajectory_file(path).trajectory, trajectory)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_what_is_written_is_read_and_detected(tmp_path: Path, name: str) -> None:
+    truth = curve()
+    save_trajectory(tmp_path / name, truth)
+    found = read_trajectory_file(tmp_path / name)
+    assert found.format is TrajectoryFormat(FILES[name])
+    assert np.array_equal(found.trajectory.stamps_ns, truth.stamps_ns)
+    assert np.abs(found.trajectory.positions - truth.positions).max() < 1e-15
+    assert np.abs((found.trajectory.quats_xyzw * truth.quats_xyzw).sum(axis=1)) == pytest.approx(1.0, abs=1e-15)
+
+
+def test_csv_attitude_is_the_conjugate(tmp_path: Path) -> None:
+    # RB turned by +90 deg about z in DS: ROS orientation (0, 0, s, s); a direction given in DS turns by -90 into RB.
+    s = 0.5**0.5
+    (tmp_path / "t.csv").write_text(f"{CSV_HEADER}\n5,1,2,3,0,0,{-s!r},{s!r}\n")
+    (tmp_path / "t.txt").write_text(f"# t x y z qx qy qz qw\n0.000000005 1 2 3 0 0 {s!r} {s!r}\n")
+    for name in ("t.csv", "t.txt"):
+        read = read_trajectory_file(tmp_path / name).trajectory
+        assert read.stamps_ns.tolist() == [5]
+        np.testing.assert_allclose(read.pose(0).apply([1.0, 0, 0]), [1, 3, 3], atol=1e-15)
+
+
+KITTI = "1 0 0 0 0 1 0 0 0 0 1"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("t.txt", f"{GOOD}\n9999999999.0 1 2 3 0 0 0 1\n", "line 2: stamp"),
+        ("t.txt", f"{GOOD}\n2.0 1e308 2 3 0 0 0 1\n", "line 2: the position is absurd"),
+        ("t.txt", "9" * 100_000, "a line of more than 64000 bytes"),
+        ("t.kitti", f"{KITTI} 0\n{KITTI}\n", "line 2: 11 columns found where 12"),
+        ("t.kitti", f"9{KITTI[1:]} 0", "12 columns and no header, which fit none of"),
+        ("t.euroc.csv", f"{EUROC_HEADER}\n1,0,0,0,1,0,0,0\n5,0,0,0,1,0\n", "line 3: 6 columns found where 8"),
+        ("t.euroc.csv", f"{EUROC_HEADER}\n5,0,0,0,1,1,1,1\n", "line 2: the quaternion .* is not a rotation"),
+    ],
+)
+def test_a_broken_file_is_one_error(tmp_path: Path, name: str, text: str, words: str) -> None:
+    (tmp_path / name).write_text(text, encoding="utf-8", errors="surrogateescape")
+    with pytest.raises(InputError, match=f"^[^\n]*{tmp_path / name}[^\n]*{words}[^\n]*$"):
+        read_trajectory_file(tmp_path / name)
+
+
+def test_kitti_poses_have_optical_axes_in_the_file(tmp_path: Path) -> None:
+    ahead = Trajectory(np.array([0, 10**9]), np.array([[0.0, 0, 0], [2.0, 0.5, 0.25]]), np.tile([0.0, 0, 0, 1], (2, 1)))
+    save_trajectory(tmp_path / "t.kitti", ahead)
+    last = [float(word) for word in (tmp_path / "t.kitti").read_text().splitlines()[1].split()]
+    assert [last[3], last[7], last[11]] == [-0.5, -0.25, 2.0], "x right, y down, z forward"
+    assert (tmp_path / "t.times.txt").read_text() == "0.000000000\n1.000000000\n"
+
+
+def test_stamps_of_kitti_poses(tmp_path: Path) -> None:
+    poses, times = tmp_path / "poses" / "07.txt", tmp_path / "sequences" / "07" / "times.txt"
+    poses.parent.mkdir()
+    times.parent.mkdir(parents=True)
+    save_trajectory(poses, curve(5), TrajectoryFormat.KITTI)
+    (tmp_path / "poses" / "07.times.txt").unlink()
+    alone = read_trajectory_file(poses)
+    assert alone.by_index
+    assert alone.trajectory.stamps_ns.tolist() == [k * 10**9 for k in range(5)]
+    times.write_text("0.0\n0.1\n0.2\n0.3\n4e-1\n")
+    assert read_trajectory_file(poses).trajectory.stamps_ns.tolist() == [k * 10**8 for k in range(5)]
+    times.write_text("0.0\n")
+    with pytest.raises(InputError, match="1 times for 5 poses"):
+        read_trajectory_file(poses)

@@ -1,0 +1,77 @@
+"""A suite for other programs: JUnit XML, MLflow, Parquet with the same columns whatever the results hold."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from helpers.made_suites import JOB
+from sfr_loc_map.errors import OutputError
+from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.judge import judged
+from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.suite.pages.export import log_to_mlflow, suite_junit, write_parquet
+from sfr_loc_map.suite.running.cluster import FailureCause
+from sfr_loc_map.suite.running.specification import Refusal
+from sfr_loc_map.suite.running.store import JobFailure
+from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary, groups_of
+
+
+@pytest.fixture
+def summary(score: Score) -> Summary:
+    limits = parse_limits({"trajectory": [{"condition": "distance=1", "position_mean_m": 1e-9}]}, "limits")
+    drives = [
+        ScoredJob(replace(JOB, source=replace(JOB.source, name=name)), judged(score, limits))
+        for name in ("first", "other")
+    ]
+    failed = JobFailure("k", "localise third", "third.mcap", FailureCause.TIME, "not done after 5 s")
+    return Summary(
+        tasks=3, waiting=0, groups=tuple(groups_of(drives, limits)), drives=tuple(drives), failures=(failed,),
+        refusals=(Refusal("gone.mcap", "nothing there"),), code="c", run={"host": "h", "git": {"commit": "abc"}},
+    )  # fmt: skip
+
+
+def test_junit_has_every_limit_and_what_has_no_result(summary: Summary) -> None:
+    suites = {suite.get("name"): suite for suite in ET.fromstring(suite_junit(summary))}
+    assert suites["all drives, localise, default"].get("failures") == "1"
+    assert suites["localise first, default"].get("failures") == "1"
+    assert suites["localise third"].find("testcase/error").get("message") == "over the time limit: not done after 5 s"
+    assert suites["gone.mcap"].get("errors") == "1"
+
+
+def test_parquet_has_the_same_columns_with_and_without_results(summary: Summary, tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="needs the extra [suite]")
+    write_parquet(summary, tmp_path / "full")
+    write_parquet(replace(summary, drives=()), tmp_path / "empty")
+    full, empty = (parquet.read_table(tmp_path / name) for name in ("full", "empty"))
+    assert full.schema.equals(empty.schema)
+    rows, score = full.to_pylist(), summary.drives[0].score
+    assert len(rows) == 2 * len(score.figures)
+    first = next(row for row in rows if row["figure"] == "position")
+    assert first["mean_plus_3sigma"] == score.number("position", "mean_plus_3sigma")
+    assert (first["label"], first["condition"], first["part"]) == ("localise first, default", "distance=1", "pose")
+    assert (str(full.schema.field("n").type), first["value"]) == ("int64", None)
+
+
+def test_mlflow_has_the_figures_and_the_files(
+    summary: Summary, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tracking = pytest.importorskip("mlflow.tracking", reason="needs the extra [mlflow]")
+    monkeypatch.setenv("MLFLOW_ALLOW_FILE_STORE", "true")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "suite.json").write_text("{}")
+    uri = f"file://{tmp_path}/runs"
+    client = tracking.MlflowClient(uri)
+    run = client.get_run(log_to_mlflow(summary, tmp_path / "out", uri))
+    row = summary.groups[0].figures[0]
+    name = f"localise/default/{label_of(row.condition)}/position/mean_plus_3sigma"
+    assert run.data.metrics[name] == pytest.approx(row.mean_plus_3sigma)
+    assert (run.data.metrics["failed"], run.info.status, run.data.tags["sfr.host"]) == (1.0, "FAILED", "h")
+    assert [item.path for item in client.list_artifacts(run.info.run_id)] == ["suite.json"]
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
+    with pytest.raises(OutputError, match="took no run"):
+        log_to_mlflow(summary, tmp_path / "out", "http://127.0.0.1:9")

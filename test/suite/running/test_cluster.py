@@ -1,0 +1,45 @@
+"""A job that eats memory, hangs, crashes or has bad input fails alone, in its limit, with its cause."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("distributed", reason="needs the extra [suite]")
+from helpers.made_suites import JOB
+from sfr_loc_map.suite.running.cluster import FailureCause, SuiteWorkers, connected, run_jobs
+from sfr_loc_map.suite.running.specification import SuiteSettings
+
+EXPECTED = {
+    "memory": (FailureCause.MEMORY, 3, "MB, more than its worker may use"),
+    "hang": (FailureCause.TIME, 3, "not done after 5 s"),
+    "crash": (FailureCause.DIED, 3, "killed or crashed"),
+    "input": (FailureCause.BAD_INPUT, 1, "no such data set"),
+    "fault": (FailureCause.FAULT, 3, "ValueError: odd"),
+    "flaky": (None, 3, ""),
+    "good": (None, 1, ""),
+}
+"""Cause, tries and message by what a job does."""
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_each_fails_for_its_cause_and_no_other_with_it(tmp_path: Path) -> None:
+    from helpers.misbehaving_jobs import Misbehaving
+
+    jobs = [replace(JOB, source=replace(JOB.source, name=name, sha256=name)) for name in EXPECTED]
+    with connected(SuiteSettings(memory_mb=600), workers=2, scheduler=None) as client:
+        client.register_plugin(Misbehaving())
+        at_work = SuiteWorkers(client, print, 60.0)
+        found = {job.source.name: outcome for job, outcome in run_jobs(client, jobs, 5.0, tmp_path, at_work)}
+    for name, (cause, tries, words) in EXPECTED.items():
+        if name == "memory" and found[name].cause is FailureCause.DIED:
+            continue  # on a busy host the word of Dask on why it ended the process comes too late
+        assert found[name].cause == cause, name
+        assert (found[name].result is None) == (cause is not None)
+        assert words in found[name].message
+        tried = (tmp_path / name).stat().st_size
+        # what only waited on a worker that another ended, or whose result was lost with it, is run once more
+        assert tried == tries or (name not in ("memory", "hang", "crash") and tried > tries), name

@@ -1,0 +1,47 @@
+"""Digests of code, method and data: each differs when its files do, and files are read again only when they change."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.suite.running import digests
+
+
+def test_methods_and_data_that_differ_have_other_digests(tmp_path: Path) -> None:
+    drive, code = tmp_path / "drive", tmp_path / "mine.py"
+    drive.mkdir()
+    found = []
+    for text in ("left", "LEFT", "left"):
+        (drive / "left.png").write_text(text)
+        code.write_text(f"class Mine: pass  # {text}")
+        found.append((digests.files_hash(str(drive)), digests.method_hash(f"{code}:Mine", Task.LOCALISATION, "")))
+    assert found[0] == found[2]
+    assert found[0][0] != found[1][0]
+    assert found[0][1] != found[1][1]
+
+
+def test_a_worker_with_other_code_lacks_something() -> None:
+    facts = digests.code_facts()
+    assert digests.about_here(facts)["lacks"] == ""
+    assert "other code" in digests.about_here(facts | {"sfr_loc_map": "0"})["lacks"]
+    assert "numpy" in digests.about_here(facts | {"numpy": "0"})["lacks"]
+
+
+def test_a_file_is_read_again_when_path_size_time_or_inode_differ(tmp_path: Path) -> None:
+    path, reads = tmp_path / "a", []
+
+    def read(found: Path) -> int:
+        reads.append(found)
+        return len(reads)
+
+    path.write_text("one")
+    assert [digests.known(path, read), digests.known(path, read)] == [1, 1]
+    before = path.stat()
+    (tmp_path / "b").write_text("two")
+    os.replace(tmp_path / "b", path)
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert digests.known(path, read) == 2, "another inode of the same size and time"
+    os.utime(path, ns=(0, 1))
+    assert digests.known(path, read) == 3

@@ -1,0 +1,87 @@
+"""Tasks of a suite: all combinations, one key for the same work, another for other work."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import yaml
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.suite.running.job import Job, JobKind, SourceKind
+from sfr_loc_map.suite.running.plan import Refusal, SourceFacts, make_plan
+from sfr_loc_map.suite.running.specification import load_specification
+
+
+def facts(path: Path) -> SourceFacts:
+    if path.name.startswith("broken"):
+        raise InputError(f"'{path}' is broken")
+    return SourceFacts(sha256=path.read_text(), pairs=5, nav_pairs=0 if path.name.startswith("drive") else 3)
+
+
+def plan_of(folder: Path, **content: object) -> tuple[list[Job], list[Refusal]]:
+    suite = folder / "suite.yaml"
+    suite.write_text(yaml.safe_dump(content))
+    return make_plan(load_specification(suite), facts, folder / "cache")
+
+
+def test_every_combination_once(tmp_path: Path) -> None:
+    for name in ("drive1", "drive2", "both"):
+        (tmp_path / name).write_text(name)
+    jobs, _refusals = plan_of(
+        tmp_path,
+        sources=["drive*", "both"],
+        perturb=["black"],
+        configurations={"a": {}, "b": {"localisation": {"max_features": 400}}},
+        repeats=2,
+    )
+    localise = [job for job in jobs if job.kind is JobKind.LOCALISE]
+    mapped = [job for job in jobs if job.kind is JobKind.MAP]
+    assert len(localise) == 3 * 2 * 2 * 2
+    assert len(mapped) == 1 * 2 * 1 * 2, "a parameter of the localiser changes no map: configuration b is a"
+    assert len({job.key for job in jobs}) == len(jobs)
+    assert {job.source.name for job in localise} == {"drive1", "drive2", "both"}
+
+
+def test_simulations_by_seed_and_settings(tmp_path: Path) -> None:
+    (tmp_path / "flat.yaml").write_text("drive: {pairs: 7}\npanorama: {enabled: false}\n")
+    seeds = [{"simulate": "flat.yaml", "seeds": [1, 2], "set": {"drive.pairs": 3}}]
+    first, second = plan_of(tmp_path, sources=seeds)[0]
+    assert (first.source.name, second.source.name) == ("flat-1", "flat-2")
+    assert first.source.kind is SourceKind.SIMULATED
+    assert (first.source.settings["drive.pairs"], first.source.settings["seed"]) == (3, 1)
+    assert first.key != second.key
+    other = plan_of(tmp_path, sources=[{"simulate": "flat.yaml", "seeds": [1]}])[0][0]
+    assert other.key != first.key
+
+
+def test_the_key_follows_from_what_the_result_depends_on(tmp_path: Path) -> None:
+    (tmp_path / "drive1").write_text("content")
+    (tmp_path / "copy").mkdir()
+    (tmp_path / "copy" / "drive_elsewhere").write_text("content")
+    job = plan_of(tmp_path, sources=["drive1"])[0][0]
+    assert plan_of(tmp_path, sources=["copy/drive_elsewhere"])[0][0].key == job.key
+    limits = {"trajectory": [{"condition": "distance=5", "position_mean_m": 0.1}]}
+    assert plan_of(tmp_path, sources=["drive1"], limits=limits)[0][0].key == job.key
+    assert plan_of(tmp_path, sources=["drive1"], memory_mb=900, timeout_s=5.0)[0][0].key == job.key
+    changes = {"spacing": 3, "start": "identity", "conditions": ["time=3"], "threads": 2}
+    for name, value in changes.items():
+        assert plan_of(tmp_path, sources=["drive1"], **{name: value})[0][0].key != job.key, name
+    assert replace(job, code="other").key != job.key
+    parameters = {"localisation.max_features": 400}
+    others = [replace(job, code="other"), replace(job, parameters=parameters), replace(job, faults="black")]
+    assert [other.pairing == job.pairing for other in others] == [True, True, False]
+    (tmp_path / "drive1").write_text("other content")
+    assert plan_of(tmp_path, sources=["drive1"])[0][0].key != job.key
+
+
+def test_a_source_elsewhere_is_known_by_its_content(tmp_path: Path) -> None:
+    memory = pytest.importorskip("fsspec", reason="needs the extra [suite]").filesystem("memory")
+    memory.pipe("/plan/drive.mcap", b"content")
+    (job,) = plan_of(tmp_path, sources=["memory://plan/drive.mcap"])[0]
+    assert Path(job.source.path).read_text() == "content"
+    (tmp_path / "drive1").write_text("content")
+    assert plan_of(tmp_path, sources=["drive1"])[0][0].key == job.key
+    (refusal,) = plan_of(tmp_path, sources=["memory://plan/missing"])[1]
+    assert "cannot read 'memory://plan/missing'" in refusal.reason

@@ -1,0 +1,92 @@
+"""The file of a suite: what it means, and one line for what is wrong with it."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import pytest
+import yaml
+
+from sfr_loc_map.errors import SfrError
+from sfr_loc_map.suite.running.job import JobKind
+from sfr_loc_map.suite.running.specification import load_specification
+
+GOOD = {
+    "sources": ["a.mcap", {"simulate": "s.yaml", "seeds": [1, 2]}, {"estimate": "e.csv", "truth": "t.csv"}],
+    "perturb": ["black:share=0.1", "blurred+noisy"],
+    "configurations": {
+        "default": {},
+        "few": {"localisation": {"max_features": 400}},
+        "mine": {"localisation": {"method": "mine.py:Mine", "method_config": "mine.txt"}},
+    },
+    "tasks": ["localise"],
+    "conditions": ["distance=5", "time=60"],
+    "limits": {"trajectory": [{"condition": "frames=10", "position_mean_m": 0.1}]},
+    "memory_mb": 500,
+}
+
+
+def written(folder: Path, content: object) -> Path:
+    (folder / "a.mcap").touch()
+    for name, text in (("s.yaml", "drive: {pairs: 7}"), ("mine.py", "class Mine: pass"), ("mine.txt", "fast")):
+        (folder / name).write_text(text)
+    path = folder / "suite.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def test_every_key_means_something(tmp_path: Path) -> None:
+    made = load_specification(written(tmp_path, GOOD))
+    assert [source.name for source in made.sources] == ["a.mcap", "s-1", "s-2", "e.csv"]
+    assert all(Path(source.path).is_absolute() for source in made.sources)
+    assert made.perturb == ("", "black:share=0.1", "blurred+noisy")
+    mine = {
+        "localisation.method": f"{tmp_path}/mine.py:Mine",
+        "localisation.method_config": "fast",
+        "localisation.method_sha256": hashlib.sha256(b"class Mine: pass").hexdigest(),
+    }
+    assert made.configurations == {"default": {}, "few": {"localisation.max_features": 400}, "mine": mine}
+    assert made.tasks == (JobKind.LOCALISE,)
+    assert made.scoring.conditions == ("distance=5", "time=60", "frames=10")
+    assert (made.settings.memory_mb, made.settings.repeats) == (500, 1)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"sources": []}, "no 'sources'"),
+        ({"sources": "a"}, "a list is needed"),
+        ({"sources": [3]}, "needs a path"),
+        ({"sources": ["*.bag"]}, "nothing in"),
+        ({"sources": [{"simulate": "s", "seeds": ["x"]}]}, "list of whole numbers"),
+        ({"sources": [{"estimate": "e"}]}, "truth"),
+        ({"perturb": ["rain"]}, "rain"),
+        ({"configurations": {"a": {"localisation": {"wheels": 6}}}}, "wheels"),
+        ({"configurations": {"a": {"radar": {}}}}, "radar"),
+        ({"configurations": {"a": {"mapping": {"method": "opencv"}}}}, "no method 'opencv'"),
+        ({"configurations": {"a": {"localisation": {"method": "lib:none.so"}}}}, "there is no library"),
+        ({"tasks": ["fly"]}, "fly"),
+        ({"conditions": ["distance=-1"]}, "distance=-1"),
+        ({"limits": {"map": {"hills": 1}}}, "hills"),
+        ({"repeats": 0}, "repeats"),
+        ({"timeout": 3}, "did you mean 'timeout_s'"),
+    ],
+)
+def test_what_is_wrong_is_one_line(change: dict[str, object], words: str, tmp_path: Path) -> None:
+    with pytest.raises(SfrError, match=words) as raised:
+        load_specification(written(tmp_path, GOOD | change))
+    assert len(str(raised.value).splitlines()) == 1
+
+
+def test_a_source_that_is_gone_is_named_beside_those_that_are_there(tmp_path: Path) -> None:
+    made = load_specification(written(tmp_path, GOOD | {"sources": ["a.mcap", "gone*.mcap"]}))
+    assert [source.name for source in made.sources] == ["a.mcap"]
+    assert [(refusal.path, "nothing in" in refusal.reason) for refusal in made.refusals] == [("gone*.mcap", True)]
+
+
+@pytest.mark.parametrize("name", ["quick", "acceptance", "robustness"])
+def test_the_suites_that_come_along_can_be_read(name: str) -> None:
+    folder = Path(__file__).parents[3] / "config" / "suites"
+    made = load_specification(folder / f"{name}.yaml")
+    assert all(Path(source.path).exists() for source in made.sources)

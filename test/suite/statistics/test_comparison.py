@@ -1,0 +1,90 @@
+"""Suites compared: paired by drive, decided over all of them."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from msgspec.structs import replace as struct_replace
+
+from helpers.made_suites import JOB
+from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.metrics.comparison import Outcome
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.statistics import holm
+from sfr_loc_map.suite.statistics.comparison import compare_suites, sign_flip_p
+from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary
+
+POSITION = "position over 1 m, m"
+
+
+def scaled(score: Score, factor: float) -> Score:
+    position, *others = score.figures
+    assert position.figure == "position"
+    larger = struct_replace(position, mean_plus_3sigma=factor * position.mean_plus_3sigma)
+    return struct_replace(score, figures=(larger, *others))
+
+
+def summary(score: Score, factors: dict[str, float]) -> Summary:
+    drives = tuple(
+        ScoredJob(replace(JOB, source=replace(JOB.source, name=name, sha256=name)), scaled(score, factor))
+        for name, factor in factors.items()
+    )
+    return Summary(tasks=len(drives), waiting=0, groups=(), drives=drives, failures=(), refusals=(), code="")
+
+
+def names(count: int) -> list[str]:
+    return [f"drive {number}" for number in range(count)]
+
+
+def test_errors_larger_on_every_drive_are_worse(score: Score) -> None:
+    rng = np.random.default_rng(0)
+    factors = {name: float(rng.uniform(1.02, 1.3)) for name in names(10)}
+    before = summary(score, dict.fromkeys(names(10), 1.0))
+    result = compare_suites(before, summary(score, factors), ("a", "b"))
+    by_name = {item.figure: item for item in result.figures}
+    found = by_name[POSITION]
+    assert found.outcome is Outcome.WORSE
+    assert found.ratio == pytest.approx(np.exp(np.mean(np.log(list(factors.values())))))
+    assert found.ci95 is not None
+    assert found.ci95[0] < found.ratio < found.ci95[1]
+    assert (found.p, found.p_corrected) == (2 / 2**10, pytest.approx(2 / 2**10 * len(by_name)))
+    assert found.worst.label == f"localise {max(factors, key=lambda name: factors[name])}, default"
+    assert by_name["heading over 1 m, deg"].outcome is Outcome.EQUAL
+
+
+def test_one_bad_drive_decides_nothing(score: Score) -> None:
+    factors = dict.fromkeys(names(10), 1.0) | {"drive 3": 30.0}
+    result = compare_suites(summary(score, dict.fromkeys(names(10), 1.0)), summary(score, factors), ("a", "b"))
+    found = next(item for item in result.figures if item.figure == POSITION)
+    assert found.outcome is Outcome.NO_DIFFERENCE
+    assert (found.worst.label, found.worst.other / found.worst.first) == (
+        "localise drive 3, default",
+        pytest.approx(30.0),
+    )
+
+
+def test_drives_of_one_suite_only_are_counted(score: Score) -> None:
+    both = compare_suites(
+        summary(score, dict.fromkeys(["x", "y", "z"], 1.0)), summary(score, dict.fromkeys(["y"], 2.0)), ("a", "b")
+    )
+    assert (both.common, both.left_out) == (1, (2, 0))
+    assert next(item for item in both.figures if item.figure == POSITION).outcome is Outcome.NOT_ENOUGH_DATA
+    with pytest.raises(MetricsError, match="no drive in common"):
+        compare_suites(summary(score, {"x": 1.0}), summary(score, {"y": 1.0}), ("a", "b"))
+
+
+def test_exact_probability_is_that_of_all_signs() -> None:
+    logs = np.array([0.3, -0.1, 0.2, 0.5, 0.05, 0.4, -0.02])
+    sums = [abs(sum(s * v for s, v in zip(signs, logs, strict=True))) for signs in itertools.product((1, -1), repeat=7)]
+    expected = np.mean([value >= abs(logs.sum()) - 1e-12 for value in sums])
+    assert sign_flip_p(logs) == pytest.approx(expected)
+    found = [sign_flip_p(values) for values in (np.full(8, 0.1), np.full(5, 0.1), np.zeros(9))]
+    assert found == [2 / 2**8, None, 1.0], "the smallest there is, too few drives, no difference at all"
+
+
+def test_holm_is_as_in_the_text() -> None:
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm([0.5, None, 0.9]) == pytest.approx([1.0, None, 1.0])

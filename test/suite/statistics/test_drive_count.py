@@ -1,0 +1,46 @@
+"""`sfr suite plan` from the drives of a suite: the numbers, by limit and runs."""
+
+from dataclasses import replace
+
+import pytest
+
+from helpers.cli_result import Sfr
+from helpers.made_suites import JOB
+from helpers.random_drives import drive, score_of
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.report.tables import to_markdown
+from sfr_loc_map.suite.statistics.drive_count import drive_counts, plan_table
+from sfr_loc_map.suite.statistics.summary import ScoredJob
+
+
+def limits_with(**entry: object) -> object:
+    return parse_limits({"trajectory": [{"condition": "distance=5", "position_bound_m": entry}]}, "limits")
+
+
+def test_drives_that_are_missing_follow_from_those_seen() -> None:
+    drives = []
+    for number in range(12):
+        truth, estimate = drive(number, count=60)
+        score = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
+        drives.append(ScoredJob(replace(JOB, source=replace(JOB.source, name=str(number), sha256=str(number))), score))
+    terms = {"prob": 0.95, "confidence": 0.95, "interpretation": "ensemble"}
+    (count,) = drive_counts(drives, limits_with(limit=10.0, **terms))
+    assert (count.drives, count.failures, count.without_failure, count.at_the_rate_seen) == (12, 0, 59, 59)
+    assert 2 <= count.if_normal < 59
+    assert (count.fixed, count.allowed) == (153, 3)
+    assert count.sequential_at_none < count.sequential < count.fixed
+    assert count.state == "not enough data"
+    (bad,) = drive_counts(drives, limits_with(limit=0.0, **terms))
+    assert (bad.failures, bad.at_the_rate_seen, bad.if_normal, bad.state) == (12, None, None, "fail")
+    assert "no number" in to_markdown([plan_table([bad])], "plan")
+    with pytest.raises(ConfigError, match="no limit with a share"):
+        list(drive_counts(drives, None))
+
+
+def test_the_command_plans_without_a_suite(sfr: Sfr) -> None:
+    result = sfr("suite", "plan", "--prob", "0.99", "--confidence", "0.95", "--json", "-")
+    assert '"without_failure": 299' in result.out or '"without_failure":299' in result.out
+    assert sfr("suite", "plan", "--prob", "99").code == 2
+    assert sfr("suite", "plan", "--prob", "0.95", "--good", "0.06").code == 2
