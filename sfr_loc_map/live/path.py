@@ -1,8 +1,7 @@
-"""The path of a run as far as it is known: each estimate with the truth of its stamp and the error between them.
+"""The path of a run so far: each estimate with the truth of its stamp and the error between them.
 
 The estimate is shown in the frame of the truth: `T_gt(0) inv(T_est(0)) T_est`, with the first pose that has a truth as
-0. The error of the sub-trajectory under way is re-based at its start in the same manner [4.1.2]; it is the latest error
-of a sub-trajectory that has not ended, and no figure of the score.
+0. The errors that are judged are those of the monitor's report.
 """
 
 from __future__ import annotations
@@ -16,15 +15,13 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stamped_poses import pose_at
-from sfr_loc_map.geometry.transform import Transform, propagated_covariance
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, jumped_back
 from sfr_loc_map.live.updates import PoseSample, Track
-from sfr_loc_map.metrics.config import Condition, ConditionKind
 
 MAX_ROWS = 4000
 """Poses that are kept; beyond them every other one is left out, and from then on every other one of those to come."""
-MAX_TRUTHS, MAX_PENDING, MAX_OPEN_STARTS = 4000, 400, 1000
-"""True poses that are kept, estimates that wait for one, sub-trajectories that have not ended."""
+MAX_TRUTHS, MAX_PENDING = 4000, 400  #: True poses that are kept, and estimates that wait for one.
 MAX_GAP_NS = NS_PER_S  #: Longest gap of the truth that is interpolated.
 Point = tuple[float, float, float]
 
@@ -43,8 +40,6 @@ class PathRow:
     truth_m: Point | None
     error_m: Point | None
     distance_m: float  # along the true path, along the estimated one without truth
-    judged_m: float | None = None  # re-based error of the sub-trajectory that ends here, the length of a vector
-    judged_sigma_m: float | None = None  # of the same: by how much the covariance has grown over it
 
     def to_plain(self) -> list[Any]:
         """Return JSON values in the order of `ROW_FIELDS`; stamps have too many digits for a script."""
@@ -61,22 +56,17 @@ class LivePath:
 
     def __init__(self) -> None:
         self.version = -1  # changes whenever rows that were given out do not hold any more
-        self.condition, self.spacing = Condition(ConditionKind.DISTANCE, 5.0), 10  # of sub-trajectories, frames
         self.restart()
 
     def restart(self) -> None:
         """Forget all poses: a new run begins."""
         self.version += 1
         self.rows: list[PathRow] = []
-        self.under_way: dict[str, Any] | None = None  # the oldest sub-trajectory that has not ended, JSON values
-        self._count = self._frames = 0
+        self._count = 0
         self._every = 1
         self._latest_ns: dict[Track, int] = {}
         self._truths: deque[tuple[int, Transform]] = deque(maxlen=MAX_TRUTHS)
         self._pending: deque[tuple[PoseSample, float | None]] = deque(maxlen=MAX_PENDING)
-        # where sub-trajectories start: row, position and covariance as published, frame, and what takes the estimate
-        # from there to the truth
-        self._starts: deque[tuple[PathRow, Point, FloatArray | None, int, Transform]] = deque(maxlen=MAX_OPEN_STARTS)
         self._to_truth: Transform | None = None
         self._positions_alone = False
         self._last: tuple[Point, Point | None, float] | None = None  # estimate as sent, truth, distance
@@ -134,10 +124,8 @@ class LivePath:
             error_m=None if truth is None else _point(estimate.translation - truth.translation),
             distance_m=distance_m,
         )
-        if truth is not None:
-            row = self._follow(row, sample, covariance, estimate, truth)
         self._count += 1
-        if row.n % self._every == 0 or lost or row.judged_m is not None:
+        if row.n % self._every == 0 or lost:
             self.rows.append(row)
             if len(self.rows) > MAX_ROWS:
                 self._every *= 2
@@ -158,42 +146,6 @@ class LivePath:
                 distance_m += math.dist(last_sent, sent)
         self._last = sent, true_at, distance_m
         return distance_m
-
-    def _follow(
-        self, row: PathRow, sample: PoseSample, covariance: FloatArray | None, estimate: Transform, truth: Transform
-    ) -> PathRow:
-        """Find the oldest sub-trajectory that has not ended and its error; return the row with those that ended."""
-        if self._frames % self.spacing == 0:
-            self._starts.append((row, sample.position, covariance, self._frames, truth @ estimate.inverse()))
-        self.under_way = None
-        while self._starts:
-            begin, position, before, frame, to_truth = self._starts[0]
-            done = {
-                ConditionKind.DISTANCE: row.distance_m - begin.distance_m,
-                ConditionKind.TIME: (row.stamp_ns - begin.stamp_ns) / NS_PER_S,
-                ConditionKind.FRAMES: self._frames - frame,
-            }
-            progress = done[self.condition.kind] / self.condition.value
-            error = (to_truth @ estimate).translation - truth.translation
-            if progress < 1.0:
-                found = {"start_n": begin.n, "condition": self.condition.label, "progress": round(progress, 4)}
-                self.under_way = found | {"error": error.tolist()}
-                break
-            self._starts.popleft()
-            error_m = float(np.linalg.norm(error))
-            if row.judged_m is None or error_m > row.judged_m:  # where several end at once, the largest
-                moved = np.subtract(sample.position, position)
-                row = replace(row, judged_m=error_m, judged_sigma_m=_growth(before, covariance, moved))
-        self._frames += 1
-        return row
-
-
-def _growth(before: FloatArray | None, after: FloatArray | None, moved: FloatArray) -> float | None:
-    """Return the standard deviation of a displacement, of all three directions; None where it is not known."""
-    if before is None or after is None:
-        return None
-    variance = float(np.trace((after - propagated_covariance(before, moved))[:3, :3]))
-    return math.sqrt(variance) if 0.0 < variance < math.inf else None
 
 
 def _point(values: FloatArray) -> Point:

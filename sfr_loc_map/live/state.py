@@ -17,12 +17,13 @@ from sfr_loc_map.live import updates
 from sfr_loc_map.live.path import ROW_FIELDS, LivePath
 from sfr_loc_map.live.timeline import LOCALISATION_NODE, EventKind, Timeline, TopicView
 from sfr_loc_map.live.updates import LOCALISATION, REPORT
-from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.judge import judged_at_the_end
 from sfr_loc_map.metrics.score import SCHEMA, Score
 from sfr_loc_map.metrics.score_json import from_json, to_dict
 from sfr_loc_map.report.limit_bars import limit_bars
 from sfr_loc_map.report.page import overall_of
+from sfr_loc_map.report.score_figures import error_sizes
 from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.report.tables import Cell, Table
 
@@ -104,9 +105,19 @@ class ReportView:
             "overall": asdict(self.overall),
             "tables": [_table_to_plain(table) for table in self.tables],
             "limits": [asdict(bar) for bar in self.bars],
+            "errors": _errors_to_plain(self.score),
             "warnings": list(self.score.warnings),
             "received_s": self.received_s,
         }
+
+
+def _errors_to_plain(score: Score) -> dict[str, Any] | None:
+    """Return the position errors of the sub-trajectories of the first condition, m, by the frame of their end."""
+    drive = None if score.details is None else score.details.trajectory
+    if drive is None:
+        return None
+    rows = drive.sub_trajectories[0]
+    return {"over": label_of(rows.condition), "end_frame": rows.end_frame, "position_m": error_sizes(rows)}
 
 
 def _table_to_plain(table: Table) -> dict[str, Any]:
@@ -202,10 +213,16 @@ class LiveState:
         with self.lock:
             live, report = self.live_to_plain(now_s), self.report
         if report is None:
-            nothing: dict[str, Any] = {"overall": None, "tables": [], "limits": [], "events": self.events_to_plain()}
+            nothing: dict[str, Any] = {
+                "overall": None,
+                "tables": [],
+                "limits": [],
+                "errors": None,
+                "events": self.events_to_plain(),
+            }
             return {"schema": SCHEMA, "figures": [], "verdicts": [], "live": live | nothing}
         shown, content = report.to_plain(), report.content
-        live |= {name: shown[name] for name in ("overall", "tables", "limits")}
+        live |= {name: shown[name] for name in ("overall", "tables", "limits", "errors")}
         return content | {"live": live | {"events": self.events_to_plain()}}
 
     def live_to_plain(self, now_s: float) -> dict[str, Any]:
@@ -235,7 +252,6 @@ class LiveState:
                 "nodes": [node.to_plain(now_s) for _, node in sorted(self.nodes.items())],
                 "topics": topics,
                 "localisation": localisation,
-                "under_way": self.path.under_way,
                 "last_call": {call["node"]: call for call in self.calls},
                 "poses": rows[-1].n + 1 if rows else 0,
                 "problems": list(self.problems),
@@ -298,10 +314,6 @@ class LiveState:
         states = self.report.score.verdicts
         texts = ((item, judged[k].text) for k, item in enumerate(states) if k in judged)
         self.timeline.judge(texts, update.received_s)
-        score = self.report.score
-        if score.association is not None and score.conditions:  # the first that is scored is that under way
-            self.path.condition = Condition.parse(score.conditions[0])
-            self.path.spacing = score.association.spacing_frames or self.path.spacing
 
     def _take_pose(self, update: updates.PoseSample) -> None:
         """Add a pose to the path of its track."""

@@ -172,7 +172,7 @@ def _costs(node: dict[str, Any], live: dict[str, Any]) -> tuple[str, str]:
 
 
 def _now(live: dict[str, Any]) -> Iterator[str]:
-    """Yield the pose, its error and the sub-trajectory under way."""
+    """Yield the pose and its error."""
     if (row := live["localisation"]) is not None:
         word = "lost" if row["lost"] else one_line(row["state"]) or "state unknown"
         place = " ".join(f"{value:.2f}" for value in row["position_m"])
@@ -180,11 +180,6 @@ def _now(live: dict[str, Any]) -> Iterator[str]:
         if (error := row["error_m"]) is not None:
             unit = fitting(METRE, *error)
             yield f"error x y z: {' '.join(number(value, unit=unit, signed=True) for value in error)} {unit.symbol}"
-    if (found := live["under_way"]) is not None:
-        size = sum(value * value for value in found["error"]) ** 0.5
-        unit = fitting(METRE, size)
-        text = f"{number(size, unit=unit)} {unit.symbol}"
-        yield f"under way: {found['condition']}, {found['progress']:.0%}, error {text}"
 
 
 def _notes(state: LiveState, live: dict[str, Any]) -> Iterator[str]:

@@ -568,7 +568,7 @@ class ErrorRows(Record, frozen=True, kw_only=True):
 class TrajectoryDetails(Record, frozen=True, kw_only=True):
     """What the plots of the trajectory are drawn from."""
 
-    path: PathRows  #: Frames.
+    path: PathRows | None = None  #: Frames; null in the report of a run that goes on, which has them as messages.
     sub_trajectories: tuple[SubTrajectoryRows, ...]  #: One for each condition.
 
 

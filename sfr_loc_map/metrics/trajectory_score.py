@@ -115,7 +115,7 @@ class ScoredTrajectory(NamedTuple):
     figures: tuple[Figure, ...]
     association: Association
     truth: TruthRecord
-    details: TrajectoryDetails | None  #: What plots are drawn from, if that is wanted.
+    details: TrajectoryDetails  #: What plots are drawn from; the frames only if they are wanted.
     errors: tuple[ErrorRows, ...] = ()  #: What tolerance bounds are made of, as far as that is wanted.
 
 
@@ -134,8 +134,8 @@ def score_trajectory(
 
     Images, where their stamps are known, are what an estimate has to cover, otherwise true poses; those of the last
     `in_flight_ns` may still come. `bounded` are the figures and conditions whose errors are all kept, because limits
-    with a share and a confidence are on them. MetricsError if a condition is not valid, or no estimate has a ground
-    truth (which is no error while a run is under way).
+    with a share and a confidence are on them. With `details` the frames are kept for plots, too. MetricsError if a
+    condition is not valid, or no estimate has a ground truth (which is no error while a run is under way).
     """
     conditions = parsed_conditions(config)
     placed = placed_frames(estimates, truth, conditions, config)
@@ -165,18 +165,18 @@ def score_trajectory(
         errors += error_columns(condition.setting, pieces, bounded)
         figures += evidence_rows(condition.setting, pieces.errors.position_m, overlap)
         figures += nees_rows(condition.setting, placed.estimates, frames, sums, starts, ends, noise_of(truth))
-        if details:
-            rows.append(sub_trajectory_rows(condition.setting, pieces, frames.stamps_ns, length_m))
+        rows.append(sub_trajectory_rows(condition.setting, pieces, frames.stamps_ns, length_m))
     figures += growth_rows(poses, length_m, config.spacing, placed.reading)
     association = msgspec.structs.replace(
         association,
         path_length_m=float(length_m[-1]) if len(length_m) else 0.0,
         duration_s=int(frames.stamps_ns[-1] - frames.stamps_ns[0]) / NS_PER_S if len(length_m) else None,
     )
-    plotted = TrajectoryDetails(path=path_rows(placed.estimates, frames, length_m), sub_trajectories=tuple(rows))
+    path = path_rows(placed.estimates, frames, length_m) if details else None
+    plotted = TrajectoryDetails(path=path, sub_trajectories=tuple(rows))
     about = truth_record(truth, frames, placed.placement)
     figures += truth_error_rows(truth, frames.stamps_ns if association.interpolated else frames.stamps_ns[:0])
-    return ScoredTrajectory((*figures, *covered), association, about, plotted if details else None, tuple(errors))
+    return ScoredTrajectory((*figures, *covered), association, about, plotted, tuple(errors))
 
 
 # ---- associate

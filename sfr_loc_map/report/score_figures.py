@@ -121,7 +121,7 @@ def _drive_figures(score: Score) -> list[Plot]:
 def parts_of(score: Score) -> list[Part]:
     """Return the sub-trajectories of each condition that has any."""
     details = None if score.details is None else score.details.trajectory
-    if details is None:
+    if details is None or details.path is None:
         return []
     known, every = np.array(details.path.travelled_m, np.float64), details.path.every
     parts = []

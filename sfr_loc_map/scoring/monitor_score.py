@@ -229,7 +229,7 @@ class MonitorScore:
         image_stamps_ns: IntArray | None = None,
         contradiction: str | None = None,
     ) -> Score:
-        """Return the score so far; with details, what figures are drawn from.
+        """Return the score so far with the errors of its sub-trajectories; with details, what all plots are drawn from.
 
         While a run goes on, results of the last `in_flight_s` seconds are still expected and do not count as missing.
         `contradiction` is what the method of that name found.
@@ -244,7 +244,7 @@ class MonitorScore:
         ]
         shown = Details(
             trajectory=None if drive is None else drive.details,
-            map=None if self.map_score is None else self.map_score.details,
+            map=None if self.map_score is None or not details else self.map_score.details,
             calls=dict(calls.plots),
         )
         score = Score(
@@ -257,7 +257,7 @@ class MonitorScore:
             warnings=() if contradiction is None else (contradiction,),
             contradiction=contradiction,
             errors=() if drive is None else drive.errors,
-            details=shown if details and shown != Details() else None,
+            details=shown if shown != Details() else None,
         )
         return judged(score, self._limits, partial=self._config.trajectory.partial)
 

@@ -27,6 +27,7 @@ from sfr_loc_map.live.updates import (
 )
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.scoring.monitor_score import MonitorScore
@@ -70,16 +71,21 @@ def frame(number: int, now_s: float, *, lost: bool = False) -> list[Update]:
     return [Sampled("loc/left", (number + 1) * STEP_NS, now_s), *pose_pair(number, now_s, lost=lost)]
 
 
-def report(count: int, received_s: float) -> Report:
-    """What the monitor says of the first poses."""
-    score = MonitorScore(ScoreConfig(), parse_limits(LIMITS, "made"))
+def scored(count: int, config: ScoreConfig | None = None) -> Score:
+    """What the monitor publishes of the first poses."""
+    score = MonitorScore(config or ScoreConfig(), parse_limits(LIMITS, "made"))
     for pose in poses(count, 0.0):
         if pose.covariance is None:
             score.add_truth(pose.stamp_ns, pose.position, pose.quat_xyzw)
         else:
             score.add_estimate(pose.stamp_ns, pose.position, pose.quat_xyzw, pose.covariance)
             score.add_call(CallRecord(pose.stamp_ns, 0.035, "tracking", 412_000_000, 90_000_000, TIMES))
-    return Report(to_json(score.result(details=False)), received_s)
+    return score.result(details=False)
+
+
+def report(count: int, received_s: float) -> Report:
+    """The same as the topic has it."""
+    return Report(to_json(scored(count)), received_s)
 
 
 def call(number: int, received_s: float, state: str = "tracking") -> Status:

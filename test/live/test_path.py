@@ -1,4 +1,4 @@
-"""The path of a live run: estimates find their truth, errors are those of the score."""
+"""The path of a live run: each estimate is shown with the ground truth of its stamp."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.path import LivePath
 from sfr_loc_map.live.updates import PoseSample, Track
-from sfr_loc_map.metrics.config import Condition
 
 
 def pose(track: Track, number: float, transform: Transform, variance: float = 1e-4) -> PoseSample:
@@ -50,19 +49,3 @@ def test_the_distance_travelled_has_no_step_from_one_frame_to_the_other(known: I
             path.add(pose(Track.TRUTH, number, drive(number)))
         path.add(pose(Track.ESTIMATE, number, other_frame @ drive(number)))
     assert path.rows[-1].distance_m == pytest.approx(path.rows[-1].n * math.hypot(0.1, 0.02))
-
-
-def test_sub_trajectory_under_way_is_rebased_at_its_start() -> None:
-    path, drift, estimates = LivePath(), turned(0.0, 0.0, 0.001), [Transform.identity()]
-    path.condition, path.spacing = Condition.parse("frames=20"), 10
-    for number in range(36):
-        path.add(pose(Track.TRUTH, number, drive(number)))
-        path.add(pose(Track.ESTIMATE, number, estimates[-1]))
-        estimates.append(estimates[-1] @ drive(number).inverse() @ drive(number + 1) @ drift)
-    found = path.under_way
-    assert found is not None
-    assert (found["start_n"], found["progress"]) == (20, 0.75)
-    # what the score compares: T_gt(N) inv(T_est(N)) T_est(N+x) with T_gt(N+x)
-    moved = drive(20) @ estimates[20].inverse() @ estimates[35]
-    assert found["error"] == pytest.approx((moved.translation - drive(35).translation).tolist(), abs=1e-9)
-    assert math.hypot(*found["error"]) > 1e-3

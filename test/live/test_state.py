@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+import math
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from helpers.live_run import NODES, call, fill, health
+from helpers.live_run import NODES, call, fill, frame, health, scored
 from helpers.made_scores import HOSTILE, dig, json_of, whole_score
 from sfr_loc_map.live.state import MAX_CALLS, MAX_NODES, LiveState
 from sfr_loc_map.live.updates import GraphView, PoseSample, Report, Sampled, Status, StatusKind, Track, Update
+from sfr_loc_map.metrics.config import Condition, ConditionKind, ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.judge import judged
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.report.score_tables import score_tables
@@ -61,6 +64,27 @@ def test_a_run_is_incomplete_by_its_report_or_by_the_images_of_its_source() -> N
         state.put(Report(to_json(judged(whole, None, partial=partial)), 1.0))
         state.end("an image has no pose")
         assert state.to_plain(1.0).get("incomplete") == (None if partial else "an image has no pose")
+
+
+@pytest.mark.parametrize("kind", [*ConditionKind, "distance=1,time=1"])
+def test_errors_are_those_that_the_monitor_has_scored(kind: str) -> None:
+    condition = kind if "=" in kind else f"{kind}=3"
+    state, score = LiveState(), scored(100, ScoreConfig(TrajectoryScoreConfig(conditions=(condition,), spacing=5)))
+    for number in range(100):
+        for update in frame(number, 0.1 * number):
+            state.put(update)
+        if number == 50:
+            state.put(Report(to_json(score), 5.0))
+    assert not state.problems
+    assert score.details is not None
+    assert score.details.trajectory is not None
+    rows = score.details.trajectory.sub_trajectories[0]
+    found = state.to_plain(10.0)["live"]["errors"]
+    assert found["over"] == Condition.parse(condition).label
+    assert found["end_frame"] == rows.end_frame
+    assert len(rows.end_frame) > 10
+    assert found["position_m"] == [math.hypot(*row) for row in zip(rows.x_m, rows.y_m, rows.z_m, strict=True)]
+    assert state.path.rows[-1].truth_m is not None
 
 
 def test_memory_is_bounded() -> None:

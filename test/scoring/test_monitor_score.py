@@ -80,6 +80,13 @@ def in_order(score: Score) -> Score:
     return struct_replace(made, incomplete=score.incomplete, verdict=score.verdict)
 
 
+def without_path(score: Score) -> Score:
+    """The score without the frames, which the report of a run that goes on leaves out."""
+    assert score.details is not None
+    assert score.details.trajectory is not None
+    return struct_replace(score, details=Details(trajectory=struct_replace(score.details.trajectory, path=None)))
+
+
 def of_file(scored: ScoredTrajectory) -> Score:
     details = None if scored.details is None else Details(trajectory=scored.details)
     return judged(
@@ -128,7 +135,7 @@ def test_a_thousand_orders_of_messages_give_the_score_of_the_file() -> None:
             if number % 10 == 0:
                 assert in_order(monitor.result()) == offline, (seed, number)
             else:
-                assert in_order(monitor.result(details=False)) == struct_replace(offline, details=None), (seed, number)
+                assert in_order(monitor.result(details=False)) == without_path(offline), (seed, number)
     assert flags > 12
 
 

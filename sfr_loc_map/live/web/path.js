@@ -1,4 +1,4 @@
-// The path from above, and the position error that is judged.
+// The path from above, and the position errors that are judged.
 
 import { byId, element, length, short } from "./dom.js";
 import { LEGEND_LINE_PX, axis, colour, draw, fitting, limitLine, scaleOf } from "./plots.js";
@@ -17,7 +17,6 @@ export function showPath(run) {
   const sigma = run.lastPose?.covariance_xy_m2 ? Math.sqrt(Math.max(...run.lastPose.covariance_xy_m2.slice(0, 2))) : 0;
   const ellipseGain = gainOf(3 * sigma, extent);
   const traces = [
-    line("sub-trajectory under way", underWayOf(run), { color: colour("under"), width: 8 }),
     line(`error × ${short(gain)}`, errorLines(withTruth, gain), { color: colour("error"), width: 1 }),
     line("estimate", poses.map((pose) => pose.position_m), { color: colour("estimate"), width: 2.5 }, poses.map(describe)),
     line("truth", withTruth.map((pose) => pose.truth_m), { color: colour("truth"), width: 1.5, dash: "dot" }),
@@ -71,11 +70,6 @@ function errorLines(poses, gain) {
     .flatMap(({ truth_m: truth, error_m: error }) => [truth, [truth[0] + gain * error[0], truth[1] + gain * error[1]], [null, null]]);
 }
 
-function underWayOf(run) {
-  if (!run.underWay || run.ended) return [];
-  return run.poses.filter((pose) => pose.n >= run.underWay.start_n && pose.truth_m).map((pose) => pose.truth_m);
-}
-
 /** Return the ellipse of a pose's covariance, of so many standard deviations. */
 function ellipseOf(pose, deviations) {
   if (!pose?.covariance_xy_m2) return [];
@@ -101,44 +95,28 @@ function showFacts(run) {
     ["position", `${last.position_m.map((value) => value.toFixed(2)).join(", ")} m`],
     ["error now", last.error_m ? length(Math.hypot(...last.error_m)) : "no truth"],
     ["sigma (x, y)", last.covariance_xy_m2 ? length(Math.sqrt(last.covariance_xy_m2[0] + last.covariance_xy_m2[1])) : "unknown"],
-    ["under way", run.ended ? "" : underWayText(run.underWay)],
   ];
-  const shown = facts.filter(([, value]) => value);
-  byId("path-facts").replaceChildren(...shown.map(([name, value]) => element("div", "", "", element("dt", "", name), element("dd", "", value))));
+  byId("path-facts").replaceChildren(...facts.map(([name, value]) => element("div", "", "", element("dt", "", name), element("dd", "", value))));
 }
 
-function underWayText(underWay) {
-  if (!underWay) return "";
-  return `${Math.round(underWay.progress * 100)} % of ${underWay.condition}, error ${length(Math.hypot(...underWay.error))}`;
-}
-
-/** Show the position error of each sub-trajectory that has ended, with its limits. */
+/** Show the position error of each sub-trajectory of the monitor's report, with its limits. */
 export function showError(run) {
-  const ended = run.poses.filter((pose) => pose.judged_m !== null);
-  const withSigma = ended.filter((pose) => pose.judged_sigma_m !== null);
-  const distances = ended.map((pose) => pose.distance_m);
+  const errors = run.report?.errors;
+  const frames = errors?.end_frame ?? [];
   const limits = (run.report?.limits ?? []).filter((limit) => limit.metric.startsWith("position_"));
-  const traces = ended.length ? [
+  const traces = frames.length ? [
     {
-      name: "error of a sub-trajectory",
-      mode: ended.length < 60 ? "lines+markers" : "lines",
+      name: `error over ${errors.over}`,
+      mode: frames.length < 60 ? "lines+markers" : "lines",
       line: { color: colour("error"), width: 1.5 },
-      x: distances,
-      y: ended.map((pose) => pose.judged_m * 1000),
+      x: frames,
+      y: errors.position_m.map((value) => (value === null ? null : value * 1000)),
     },
-    {
-      name: "3 sigma, growth of the covariance",
-      mode: "lines",
-      line: { color: colour("estimate"), width: 1.5 },
-      x: withSigma.map((pose) => pose.distance_m),
-      y: withSigma.map((pose) => 3000 * pose.judged_sigma_m),
-    },
-    ...limits.map((limit) => limitLine(distances, limit.bound * 1000, fitting("error-plot", `limit ${limit.limit} of ${limit.name}`, LEGEND_LINE_PX))),
+    ...limits.map((limit) => limitLine(frames, limit.bound * 1000, fitting("error-plot", `limit ${limit.limit} of ${limit.name}`, LEGEND_LINE_PX))),
   ] : [];
   const scale = scaleOf(traces.flatMap((trace) => trace.y));
-  const layout = { xaxis: axis("path travelled, m"), yaxis: axis("position error, mm", scale) };
+  const layout = { xaxis: axis("frame at the end"), yaxis: axis("position error, mm", scale) };
   const hasTruth = run.poses.some((pose) => pose.truth_m);
   const waiting = hasTruth ? "no sub-trajectory has ended yet" : "no ground truth: the error is unknown";
   draw("error-plot", traces, layout, run.poses.length ? waiting : "no pose yet");
 }
-

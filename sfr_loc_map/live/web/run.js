@@ -6,7 +6,6 @@ export class Run {
   constructor() {
     this.title = "";
     this.poses = [];
-    this.underWay = null; // the oldest sub-trajectory that has not ended
     this.calls = [];
     this.report = null;
     this.nodes = null;
@@ -45,7 +44,6 @@ export class Run {
   takePath(message) {
     const poses = message.rows.map((row) => Object.fromEntries(this.rowFields.map((name, place) => [name, row[place]])));
     this.poses = message.whole ? poses : this.poses.concat(poses);
-    this.underWay = message.under_way;
   }
 
   /** Take an image or a map from above in. */

@@ -5,7 +5,7 @@ export const TERMS = {
   limits: "Each limit as a bar: the judged value as a share of the limit (the upright line) with its 95 % interval; limits with the smallest margin come first.",
   path: "Estimate and ground truth from above in the frame of the truth; errors and the 3 sigma ellipse of the last pose are enlarged by the factor in the legend.",
   cameras: "What the rover sees, reduced for the screen. Tracks go from the newest keyframe to this image: blue to yellow by residual, outliers violet, crosses not found. A red frame: localisation is lost.",
-  error: "Position error at the end of each sub-trajectory, re-based at its start, which is what is judged, and three times the standard deviation by which the covariance grew over it. The scale is logarithmic if values are far apart.",
+  error: "Position error at the end of each sub-trajectory of the first condition, re-based at its start: the errors that the monitor has scored. The scale is logarithmic if values are far apart.",
   elevation: "The mapper's elevation grid from above, or means over its cloud, in LM. Error: mean distance of the cell's points to the truth. Hazard: largest share of a limit. Cells without colour are unknown.",
   calls: "Time of each processing call, the latency of its images (transport), the time from their receipt to the result, and the peak memory of the node.",
   nodes: "What each node reports of itself each second. Stale: it has reported nothing for 1.5 s.",
