@@ -26,6 +26,7 @@ from sfr_loc_map.report.page import overall_of
 from sfr_loc_map.report.score_figures import error_sizes
 from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.report.tables import Cell, Table
+from sfr_loc_map.runs.calls import CallRecord
 
 MAX_NODES, MAX_TOPICS, MAX_STAMPS, MAX_PROBLEMS, MAX_CALLS = 32, 32, 2000, 20, 600
 MAX_VALUES, MAX_LETTERS = 100, 300  #: Values of a node's health that are kept, and letters of each.
@@ -38,27 +39,31 @@ CALL_TIMES = ("processing_time_s", "latency_transport_s", "latency_receive_to_pu
 
 @dataclass(slots=True)
 class NodeView:
-    """What a node reports: its last health, the result of its last call, its last unusable input."""
+    """What a node reports: its last health, its last call, its last unusable input."""
 
     name: str
     level: int = 3
     message: str = ""
     values: dict[str, str] = field(default_factory=dict)
-    state: str = ""
+    call: CallRecord | None = None
     problem: str | None = None
     heard_s: float = 0.0
     health_s: float | None = None
     in_graph: bool | None = None
     periods: deque[float] = field(default_factory=lambda: deque(maxlen=5))
 
-    def add(self, status: updates.Status) -> None:
-        """Process a status."""
+    def add(self, update: updates.Call | updates.Status) -> None:
+        """Process a call or a status."""
+        self.heard_s = max(self.heard_s, update.received_s)
+        if isinstance(update, updates.Call):
+            self.call = update.record
+        else:
+            self._add_status(update)
+
+    def _add_status(self, status: updates.Status) -> None:
         message, now_s = status.message[:MAX_LETTERS], status.received_s
-        self.heard_s = max(self.heard_s, now_s)
         if status.kind is updates.StatusKind.INPUT:
             self.problem = message
-        elif status.kind is updates.StatusKind.CALL:
-            self.state = message
         else:
             self.periods.extend(() if self.health_s is None else (now_s - self.health_s,))
             self.health_s, self.level, self.message = now_s, min(max(status.level, 0), 3), message
@@ -80,7 +85,7 @@ class NodeView:
             "level": "stale" if stale else LEVELS[self.level],
             "message": self.message,
             "lifecycle": self.values.get("lifecycle", "unknown"),
-            "state": self.state,
+            **_state_to_plain(self.call),
             "in_graph": self.in_graph,
             "problem": self.problem,
             "values": self.values,
@@ -236,7 +241,7 @@ class LiveState:
             if rows:
                 node = self.nodes.get(LOCALISATION_NODE)
                 localisation = dict(zip(ROW_FIELDS, rows[-1].to_plain(), strict=True))
-                localisation["state"] = "" if node is None else node.state
+                localisation |= _state_to_plain(None if node is None else node.call)
             topics = {name: view.to_plain(now_s, self.lost.get(name, 0)) for name, view in sorted(self.topics.items())}
             return {
                 "schema": "sfr-live/1",
@@ -292,6 +297,8 @@ class LiveState:
                 self._take_report(update)
             case updates.PoseSample():
                 self._take_pose(update)
+            case updates.Call():
+                self._take_call(update)
             case updates.Status():
                 self._take_status(update)
             case updates.Sampled():
@@ -324,14 +331,16 @@ class LiveState:
         self.path.add(update, self._published.get(update.stamp_ns))
 
     def _take_status(self, update: updates.Status) -> None:
-        """Note the health, the input or a call of a node."""
-        if (node := self._node(update.node)) is None:
-            return
-        node.add(update)
-        call = _call_to_plain(self._call_count, update) if update.kind is updates.StatusKind.CALL else None
-        if call is not None:
+        """Note the health or the input of a node."""
+        if (node := self._node(update.node)) is not None:
+            node.add(update)
+
+    def _take_call(self, update: updates.Call) -> None:
+        """Note a call of a node."""
+        if (node := self._node(update.node)) is not None:
+            node.add(update)
             self._result_s = update.received_s
-            self.calls.append(call)
+            self.calls.append(_call_to_plain(self._call_count, update))
             self._call_count += 1
 
     def _take_stamp(self, update: updates.Sampled) -> None:
@@ -365,17 +374,17 @@ class LiveState:
         self.media[update.topic] = update
 
 
-def _call_to_plain(n: int, status: updates.Status) -> dict[str, Any] | None:
-    """Return the call of a status as JSON values; None if one of its numbers cannot be read."""
-    values = status.values
-    try:
-        times = {name: float(values[name]) for name in CALL_TIMES if name in values}
-        memory = int(values.get("peak_rss_bytes", 0)) or None  # 0: unknown
-        stamp_ns = int(values["stamp_ns"])
-    except (KeyError, ValueError):
-        return None
-    if not all(map(math.isfinite, times.values())):
-        return None
-    state = f"{values.get('state', '')} {values.get('reason', '')}".strip()[:MAX_LETTERS]
-    call = {"n": n, "node": status.node, "stamp_ns": str(stamp_ns), "received_s": status.received_s, "state": state}
-    return call | {"memory_bytes": memory, **times}
+def _state_to_plain(record: CallRecord | None) -> dict[str, str]:
+    """Return the state after a call with its reason, as JSON values; empty before the first call."""
+    if record is None:
+        return {"state": "", "reason": ""}
+    return {"state": record.state, "reason": record.reason[:MAX_LETTERS]}
+
+
+def _call_to_plain(n: int, call: updates.Call) -> dict[str, Any]:
+    """Return a call as JSON values."""
+    record = call.record
+    times = {"processing_time_s": record.processing_time_s, **record.times}
+    known = {name: times[name] for name in CALL_TIMES if name in times and math.isfinite(times[name])}
+    about = {"n": n, "node": call.node, "stamp_ns": str(record.stamp_ns), "received_s": call.received_s}
+    return about | _state_to_plain(record) | {"memory_bytes": record.peak_rss_bytes, **known}

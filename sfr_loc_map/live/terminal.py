@@ -158,8 +158,12 @@ def _node_words(node: dict[str, Any], live: dict[str, Any]) -> list[Text | str]:
     if node["lifecycle"] not in ("active", "unknown"):
         health.append(f", {one_line(node['lifecycle'])}")
     heard = "never" if node["age_s"] is None else f"{node['age_s']:.1f} s"
-    name, state = one_line(node["name"]).removesuffix("_node"), one_line(node["state"])
-    return [name, health, state, *_costs(node, live), str(sum(_drops(node).values())), heard]
+    name = one_line(node["name"]).removesuffix("_node")
+    return [name, health, _state_text(node), *_costs(node, live), str(sum(_drops(node).values())), heard]
+
+
+def _state_text(found: dict[str, Any]) -> str:
+    return one_line(": ".join(filter(None, (found["state"], found["reason"]))))
 
 
 def _costs(node: dict[str, Any], live: dict[str, Any]) -> tuple[str, str]:
@@ -174,7 +178,7 @@ def _costs(node: dict[str, Any], live: dict[str, Any]) -> tuple[str, str]:
 def _now(live: dict[str, Any]) -> Iterator[str]:
     """Yield the pose and its error."""
     if (row := live["localisation"]) is not None:
-        word = "lost" if row["lost"] else one_line(row["state"]) or "state unknown"
+        word = "lost" if row["lost"] else _state_text(row) or "state unknown"
         place = " ".join(f"{value:.2f}" for value in row["position_m"])
         yield f"pose {row['n'] + 1}: {word}, at {place} m, {number(row['distance_m'], unit=METRE)} m driven"
         if (error := row["error_m"]) is not None:

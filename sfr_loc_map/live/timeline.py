@@ -9,7 +9,9 @@ from typing import Any
 
 from sfr_loc_map.inputs import NS_PER_S, jumped_back
 from sfr_loc_map.live import updates
+from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.score import Verdict
+from sfr_loc_map.runs.calls import CallRecord
 
 MAX_EVENTS, MAX_TEXT = 400, 200
 STALE_S, STALE_PERIODS = 1.6, 3.0
@@ -18,7 +20,6 @@ FLICKER_S = 0.5  #: Shorter tracking between two intervals of one kind does not 
 GAP_S, GAP_PERIODS = 2.0, 20.0  #: A step of the stamps above this time, s, and this many usual steps is an event.
 LOCALISATION_NODE, POSE = "localisation_node", "pose"
 SILENT = "{}: silent"
-COMPILING = "compiling"  #: First word of a node's message while it compiles.
 
 
 class EventKind(StrEnum):
@@ -80,25 +81,25 @@ class Timeline:
         self.version = 0  # changes with every event that begins or ends
         self.events: list[Event] = []
         self._open: dict[str, Event] = {}
-        self._word = ""  # of the localiser's last call
+        self._call: CallRecord | None = None  # the localiser's last one
         self._pose: TopicView | None = None
         self._step_s = 0.0  # of the stamps of poses, smoothed
 
     def take(self, update: updates.Update, at_s: float) -> None:
-        """Process a pose or a status."""
+        """Process a pose, a call or a status."""
         if isinstance(update, updates.PoseSample) and update.track is updates.Track.ESTIMATE:
             self._take_pose(update, at_s)
-        elif isinstance(update, updates.Status) and update.kind is updates.StatusKind.CALL:
+        elif isinstance(update, updates.Call):
             if (now := self._open.get(update.node)) is not None and now.text == SILENT.format(update.node):
                 self.note(update.node, at_s, None)
             if update.node == LOCALISATION_NODE:
-                self._word = update.message
+                self._call = update.record
                 if self._pose is not None and POSE in self._open:
                     self._note_tracking(at_s, lost=self._open[POSE].kind is EventKind.LOST)
         elif isinstance(update, updates.Status) and update.kind is updates.StatusKind.HEALTH:
             bad = update.level == 2 and update.node != LOCALISATION_NODE  # a lost pose is an event of its own
             kind = EventKind.NODE if bad else None
-            if update.message.lower().startswith(COMPILING):
+            if update.values.get("activity") == EventKind.COMPILING:
                 kind = EventKind.COMPILING
             self.note(update.node, at_s, kind, f"{update.node}: {update.message}")
 
@@ -179,10 +180,10 @@ class Timeline:
         self._note_tracking(at_s, lost=pose.is_lost)
 
     def _note_tracking(self, at_s: float, *, lost: bool) -> None:
-        word = self._word
+        state, text = ("", "") if self._call is None else (self._call.state, self._call.outcome)
         if lost:
-            self.note(POSE, at_s, EventKind.LOST, word if word.startswith("lost") else "lost")
-        elif word.startswith("degraded"):
-            self.note(POSE, at_s, EventKind.DEGRADED, word)
+            self.note(POSE, at_s, EventKind.LOST, text if state == TrackingState.LOST else "lost")
+        elif state == TrackingState.DEGRADED:
+            self.note(POSE, at_s, EventKind.DEGRADED, text)
         else:
             self.note(POSE, at_s, EventKind.TRACKING, "tracking")

@@ -15,7 +15,9 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
-from sfr_loc_map.inputs import LOST_VARIANCE, one_line
+from sfr_loc_map.inputs import one_line
+from sfr_loc_map.metrics.association import UPPER, lost_by_covariance
+from sfr_loc_map.runs.calls import CallRecord
 
 LOCALISATION, TRUTH, REPORT = "localisation/odometry", "ground_truth/odometry", "metrics/report"
 POINTS, TRUE_POINTS, TRACKS = "mapping/points", "ground_truth/points", "localisation/tracks"
@@ -33,7 +35,6 @@ class Track(StrEnum):
 class StatusKind(StrEnum):
     """Subject of a status on /diagnostics; the value is the last part of its name."""
 
-    CALL = "call"
     HEALTH = "health"
     INPUT = "input"
 
@@ -68,7 +69,16 @@ class PoseSample:
     @property
     def is_lost(self) -> bool:
         """Whether the covariance marks the pose as lost."""
-        return self.covariance is not None and bool((np.diagonal(self.covariance) >= LOST_VARIANCE).all())
+        return self.covariance is not None and bool(lost_by_covariance(self.covariance[UPPER][np.newaxis])[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """One call of a node."""
+
+    node: str
+    record: CallRecord
+    received_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +162,7 @@ class GraphView:
 
 
 Media = ImageSample | CloudSample | ElevationSample  #: Large: only the newest of each topic is kept.
-Update = Report | PoseSample | Status | Sampled | Media | ImageProblem | GraphView
+Update = Report | PoseSample | Call | Status | Sampled | Media | ImageProblem | GraphView
 
 
 class Action(StrEnum):

@@ -41,6 +41,7 @@ LATENCY_WINDOW = 200  #: Calls over which the percentile of a latency is taken.
 MAX_MOMENTS = 10_000  #: Arrivals or calls within the window that a rate is taken over.
 MAX_REASONS = 4  #: Reasons that a message names.
 MB = 1_000_000
+COMPILING = "compiling"  #: Activity of a node whose kernels are being compiled.
 UNCONFIGURED, ACTIVE = "unconfigured", "active"
 """Primary states of a managed node (design.ros2.org, "Managed nodes") that make a difference here."""
 DROPS = {
@@ -88,6 +89,11 @@ def level_of(status: DiagnosticStatus) -> Level:
     return Level(min(level[0] if isinstance(level, bytes) else int(level), max(Level)))
 
 
+def values_of(status: DiagnosticStatus) -> dict[str, str]:
+    """Return the values of a status by name."""
+    return {pair.key: pair.value for pair in status.values}
+
+
 @dataclass(frozen=True, slots=True)
 class HealthConfig:
     """When a node warns."""
@@ -126,6 +132,7 @@ class StatusReporter:
         self._last_kind: tuple[str, ...] = ()
         self._lock, self._process, self.meter = Lock(), psutil.Process(), CallMeter()
         self.calls = 0
+        self.activity = ""  #: What the node does beside its calls: `COMPILING`, or nothing.
         self.publisher = node.create_publisher(DiagnosticArray, TOPIC, QoSProfile(depth=QUEUE_DEPTH))
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(config.period_s, self.publish_health, clock=clock)
@@ -192,6 +199,7 @@ class StatusReporter:
             words = [text for severity in reversed(SEVERITY) for found, text in findings if found is severity]
             values: dict[str, Value] = {
                 "lifecycle": activity.lifecycle,
+                "activity": self.activity,
                 "received_messages_hz": self._rate(self._arrivals, now),
                 "processed_hz": self._rate(self._calls, now),
                 "waiting": activity.waiting,
@@ -251,9 +259,8 @@ class StatusReporter:
         took |= {name: value for name, value in memory.items() if value is not None} | dict(call.times)
         values: dict[str, Value] = {"task": self._task, "stamp_ns": call.stamp_ns, "state": call.state}
         values |= {"reason": call.reason, "memory_method": self.meter.method, **took, **call.counts}
-        result = f"{call.state}: {call.reason}" if call.reason else call.state
-        self._publish("call", level, result, values, call.stamp_ns)
-        self.note_call(level, result, took, call.statistics)
+        self._publish("call", level, call.outcome, values, call.stamp_ns)
+        self.note_call(level, call.outcome, took, call.statistics)
         self.publish_health(only_changes=True)
 
     def error(self, text: str) -> None:

@@ -77,6 +77,11 @@ class CallRecord:
     version: str = ""  #: Version of the method, where a node reports it.
 
     @property
+    def outcome(self) -> str:
+        """State after the call with its reason, for people."""
+        return f"{self.state}: {self.reason}" if self.reason else self.state
+
+    @property
     def is_fused(self) -> bool:
         """Whether the cloud of a fusion holds each surface once; by contract that of several pairs does."""
         return len(self.pair_stamps_ns) > 1 if self.fused is None else self.fused
@@ -343,8 +348,3 @@ def _to_plain(value: Any) -> Any:  # noqa: ANN401 - an array or a number of NumP
 
 def _from_plain(kind: type[Any], value: Any) -> FloatArray:  # noqa: ANN401 - JSON
     return np.array(value, np.float64)
-
-
-def values_of(status: Any) -> dict[str, str]:  # noqa: ANN401 - a DiagnosticStatus of any library
-    """Return the values of a status by name."""
-    return {pair.key: pair.value for pair in status.values}

@@ -34,12 +34,11 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, stamp_of
 from sfr_loc_map.io.bag import messages as bag_messages
-from sfr_loc_map.nodes.diagnostics import TOPIC, Level, level_of
+from sfr_loc_map.nodes.diagnostics import TOPIC, Level, level_of, values_of
 from sfr_loc_map.nodes.launch.environment import start_ros
 from sfr_loc_map.nodes.launch.processes import ChildProcess, end_processes, node_process
 from sfr_loc_map.nodes.messages import pose_msg
 from sfr_loc_map.nodes.replay.options import RELIABLE_INPUT
-from sfr_loc_map.runs.calls import values_of
 
 LOCALISATION, MAPPING, MONITOR = NODES = ("localisation_node", "mapping_node", "monitor_node")
 START_S = 300.0

@@ -13,6 +13,7 @@ from sfr_loc_map.live.media import cloud_samples, with_layer
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages
 from sfr_loc_map.live.updates import (
+    Call,
     CloudSample,
     ElevationSample,
     GraphView,
@@ -88,18 +89,10 @@ def report(count: int, received_s: float) -> Report:
     return Report(to_json(scored(count)), received_s)
 
 
-def call(number: int, received_s: float, state: str = "tracking") -> Status:
-    values = {
-        "task": "localisation",
-        "stamp_ns": str((number + 1) * STEP_NS),
-        "state": state,
-        "reason": "",
-        "processing_time_s": "0.0351",
-        "peak_rss_bytes": "412000000",
-        "latency_transport_s": "0.004",
-        "latency_receive_to_publish_s": "0.041",
-    }
-    return Status("localisation_node", StatusKind.CALL, 0, state, values, received_s)
+def call(number: int, received_s: float, state: str = "tracking", reason: str = "") -> Call:
+    times = {"latency_transport_s": 0.004, "latency_receive_to_publish_s": 0.041}
+    record = CallRecord((number + 1) * STEP_NS, 0.0351, state, 412_000_000, reason=reason, times=times)
+    return Call("localisation_node", record, received_s)
 
 
 def health(node: str, received_s: float, level: int = 0, message: str = "tracking") -> Status:

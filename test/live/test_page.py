@@ -10,7 +10,7 @@ import pytest
 from msgspec import structs
 
 from helpers.browser import CHROMIUM, Browser
-from helpers.live_run import NODES, fill, frame, health
+from helpers.live_run import NODES, call, fill, frame, health
 from helpers.made_scores import HOSTILE, whole_score
 
 pytest.importorskip("aiohttp", reason="aiohttp is not installed: pip install '.[live]'")
@@ -103,7 +103,7 @@ async def check_states(browser: Browser, state: LiveState) -> None:
     """What is lost, stale or cannot be shown is reported."""
     for update in frame(81, time.time() + AHEAD_S, lost=True):
         state.put(update)
-    state.put(Status("localisation_node", StatusKind.CALL, 2, "lost: few_landmarks", {}, time.time()))
+    state.put(call(81, time.time(), "lost", "few_landmarks"))
     keep_alive(state)
     await browser.wait_for(f"{text('state')}.includes('lost: few_landmarks')")
     await browser.wait_for("document.querySelector('.frame.lost .badge')?.textContent === 'LOST: FEW_LANDMARKS'")
@@ -157,6 +157,7 @@ async def check_hostile_names(browser: Browser, state: LiveState) -> None:
     values = {HOSTILE: HOSTILE, "lifecycle": HOSTILE, "dropped_" + HOSTILE: HOSTILE}
     for kind in StatusKind:
         state.put(Status("localisation_node", kind, 2, HOSTILE, values, time.time()))
+    state.put(call(82, time.time(), "degraded", HOSTILE))
     state.put(ImageProblem("loc/left", HOSTILE))
     state.put(Report("{" + HOSTILE, time.time()))
     await browser.wait_for(

@@ -13,11 +13,12 @@ from msgspec.structs import replace
 from helpers.live_run import NODES, call, fill, frame, health, scored
 from helpers.made_scores import HOSTILE, dig, json_of, whole_score
 from sfr_loc_map.live.state import MAX_CALLS, MAX_NODES, LiveState
-from sfr_loc_map.live.updates import GraphView, PoseSample, Report, Sampled, Status, StatusKind, Track, Update
+from sfr_loc_map.live.updates import Call, GraphView, PoseSample, Report, Sampled, Status, StatusKind, Track, Update
 from sfr_loc_map.metrics.config import Condition, ConditionKind, ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.judge import judged
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.report.score_tables import score_tables
+from sfr_loc_map.runs.calls import CallRecord
 
 
 def test_state_is_the_report_with_additions_and_the_strings_of_its_tables() -> None:
@@ -108,6 +109,9 @@ quats = st.tuples(numbers, numbers, numbers, numbers) | st.just((0.0, 0.0, 0.0, 
 places, times = st.tuples(numbers, numbers, numbers), st.floats(0, 1e10)
 updates = st.one_of(
     st.builds(Report, reports, numbers),
+    st.builds(
+        Call, words, st.builds(CallRecord, st.integers(0, 2**63), times | st.just(math.nan), words, reason=words), times
+    ),
     st.builds(Status, words, st.sampled_from(StatusKind), st.integers(-300, 300), words, values, times),
     st.builds(PoseSample, st.sampled_from(Track), st.integers(0, 2**63), places, quats, times),
     st.builds(GraphView, st.frozensets(words, max_size=3), times),

@@ -12,20 +12,27 @@ from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.metrics.score_json import to_json
 
 
-def drive(state: LiveState, numbers: range, offset_s: float = 0.0, word: str = "tracking", jump_s: float = 0.0) -> None:
+def drive(
+    state: LiveState,
+    numbers: range,
+    offset_s: float = 0.0,
+    word: str = "tracking",
+    jump_s: float = 0.0,
+    reason: str = "",
+) -> None:
     for number in numbers:
         for pose in pose_pair(number, 0.1 * number + offset_s, lost=word == "lost"):
             stamp_ns = pose.stamp_ns + round(jump_s * 1e9)
             state.put(PoseSample(pose.track, stamp_ns, pose.position, pose.quat_xyzw, pose.received_s, pose.covariance))
-        state.put(call(number, 0.1 * number + offset_s, word))
+        state.put(call(number, 0.1 * number + offset_s, word, reason))
 
 
 def test_what_happened_is_told_with_its_times() -> None:
     state = LiveState()
     drive(state, range(20))
-    drive(state, range(20, 30), word="degraded: few_landmarks")
+    drive(state, range(20, 30), word="degraded", reason="few_landmarks")
     drive(state, range(30, 31))  # one frame between does not part them
-    drive(state, range(31, 40), word="degraded: few_landmarks")
+    drive(state, range(31, 40), word="degraded", reason="few_landmarks")
     drive(state, range(40, 45), word="lost")
     drive(state, range(45, 50))
     assert state.live_to_plain(4.9)["stale_reasons"] == []

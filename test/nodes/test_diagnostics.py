@@ -7,8 +7,8 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 
 from helpers.node_scenes import sent
-from sfr_loc_map.nodes.diagnostics import HealthConfig, Level, NodeActivity, StatusReporter, level_of
-from sfr_loc_map.runs.calls import CallRecord, values_of
+from sfr_loc_map.nodes.diagnostics import HealthConfig, Level, NodeActivity, StatusReporter, level_of, values_of
+from sfr_loc_map.runs.calls import CallRecord
 
 
 def test_a_call_is_reported_in_readable_values(ros: None) -> None:

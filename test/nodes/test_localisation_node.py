@@ -31,11 +31,11 @@ from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
-from sfr_loc_map.nodes.diagnostics import Level
+from sfr_loc_map.nodes.diagnostics import Level, values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.messages import covariance_of, header_msg, odometry_row, pose_msg, tracks_from_msg
 from sfr_loc_map.nodes.motion_prior import OdometryBuffer
-from sfr_loc_map.runs.calls import decode_call, values_of
+from sfr_loc_map.runs.calls import decode_call
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"
 OTHER_FRAME = Transform.from_quat([7.0, -2.0, 1.0], [0.0, 0.0, 0.6, 0.8])

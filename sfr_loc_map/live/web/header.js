@@ -59,18 +59,19 @@ function ageOf(nodes, isCut, connection) {
 
 function showState(run, isCut) {
   const pill = byId("state");
-  const { nodes, lastPose, localisationState: state } = run;
-  const compiling = nodes?.nodes.find((node) => node.message.toLowerCase().startsWith("compiling"));
+  const { nodes, lastPose } = run;
+  const { state, text } = run.localisation;
+  const compiling = nodes?.nodes.find((node) => node.values.activity === "compiling");
   const localisation = nodes?.nodes.find((node) => node.name === "localisation_node");
   const age = nodes?.topics["localisation/odometry"]?.age_s ?? 0;
   if (isCut) setPill(pill, "stale", "○", "unknown");
   else if (!lastPose && compiling) setPill(pill, "open", "…", `${shortName(compiling)} ${compiling.message}`);
   else if (!lastPose) setPill(pill, "open", "…", run.ended ? "no pose" : "no pose yet");
-  else if (run.ended) setPill(pill, lastPose.lost ? "fail" : "stale", "■", `last: ${state}`);
+  else if (run.ended) setPill(pill, lastPose.lost ? "fail" : "stale", "■", `last: ${text}`);
   else if (nodes?.stale || localisation?.stale) setPill(pill, "stale", "○", `stale: no pose for ${age.toFixed(1)} s`);
-  else if (lastPose.lost) setPill(pill, "fail", "✖", state);
-  else if (state.startsWith("degraded")) setPill(pill, "open", "!", state);
-  else setPill(pill, "pass", "✔", state);
+  else if (lastPose.lost) setPill(pill, "fail", "✖", text);
+  else if (state === "degraded") setPill(pill, "open", "!", text);
+  else setPill(pill, "pass", "✔", text);
 }
 
 function showNodesPill(run, isCut) {

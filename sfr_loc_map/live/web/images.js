@@ -11,7 +11,7 @@ export function showImages(run) {
     const topic = `${rig}/${side}`;
     const image = run.images.get(topic);
     const problem = run.nodes?.image_problems[topic] ?? "";
-    const lost = rig === "loc" && !run.ended && run.lastPose?.lost ? run.localisationState : "";
+    const lost = rig === "loc" && !run.ended && run.lastPose?.lost ? run.localisation.text : "";
     showState(slotOf(side), { problem: problem || (image ? "" : "no image yet"), lost });
     showImage(slotOf(side), image, topic);
   }

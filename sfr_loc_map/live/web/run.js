@@ -60,9 +60,11 @@ export class Run {
     return this.poses.at(-1);
   }
 
-  /** The state of localisation, as its node reports it; a lost pose may arrive before the node's report. */
-  get localisationState() {
-    const state = this.nodes?.nodes.find((node) => node.name === "localisation_node")?.state || "tracking";
-    return this.lastPose?.lost && state.startsWith("tracking") ? "lost" : state;
+  /** The state of localisation and its text; a lost pose may arrive before the call of its node. */
+  get localisation() {
+    const node = this.nodes?.nodes.find(({ name }) => name === "localisation_node");
+    const state = node?.state || "tracking";
+    if (this.lastPose?.lost && state !== "lost") return { state: "lost", text: "lost" };
+    return { state, text: node?.reason ? `${state}: ${node.reason}` : state };
   }
 }

@@ -33,7 +33,16 @@ from sfr_loc_map.config import build, flatten, parameters
 from sfr_loc_map.errors import ConfigError, NodeError, SfrError
 from sfr_loc_map.inputs import JUMP_BACK_NS
 from sfr_loc_map.kernels import load_kernels
-from sfr_loc_map.nodes.diagnostics import ACTIVE, DROPS, LOG_PERIOD_S, UNCONFIGURED, Level, NodeActivity, StatusReporter
+from sfr_loc_map.nodes.diagnostics import (
+    ACTIVE,
+    COMPILING,
+    DROPS,
+    LOG_PERIOD_S,
+    UNCONFIGURED,
+    Level,
+    NodeActivity,
+    StatusReporter,
+)
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
 from sfr_loc_map.nodes.lifecycle.parameters import BUILT_IN, FIXED, NodeConfig, as_list, descriptor, is_near_miss
 from sfr_loc_map.nodes.lifecycle.worker import Worker
@@ -138,11 +147,15 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
         def say(line: str) -> None:
             self.get_logger().info(line)
-            self.status.note_problem(Level.WARN, line, "compiling")
+            self.status.activity = COMPILING
+            self.status.note_problem(Level.WARN, line, COMPILING)
             self.status.publish_health()
 
-        for part in parts:
-            load_kernels(part, say, self.context.ok)
+        try:
+            for part in parts:
+                load_kernels(part, say, self.context.ok)
+        finally:
+            self.status.activity = ""
 
     def add_service(self, name: str, work: Callable[[], str], first: Callable[[], object] = lambda: None) -> None:
         """Offer a Trigger service of the active node, answered by the worker after the jobs that wait there.

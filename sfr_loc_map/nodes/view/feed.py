@@ -29,7 +29,7 @@ from sfr_loc_map.live import updates
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages
 from sfr_loc_map.nodes import messages
-from sfr_loc_map.nodes.diagnostics import TOPIC, level_of
+from sfr_loc_map.nodes.diagnostics import TOPIC, level_of, values_of
 from sfr_loc_map.nodes.graph.peer import Peer
 from sfr_loc_map.nodes.launch.processes import SUITE_NODES, page_node_name
 from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED
@@ -37,7 +37,7 @@ from sfr_loc_map.nodes.lifecycle.worker import Overload, Worker
 from sfr_loc_map.nodes.reception import TransportGaps
 from sfr_loc_map.nodes.view.maps import MapFeed
 from sfr_loc_map.nodes.view.operator import NodeOperator
-from sfr_loc_map.runs.calls import decode_call, values_of
+from sfr_loc_map.runs.calls import decode_call
 
 DEPTH = 200  #: Messages of poses, calls and diagnostics that wait to be received.
 GRAPH_PERIOD_S = 0.5  #: Period at which the graph is examined and subscriptions follow the viewers.
@@ -47,7 +47,6 @@ MAX_MAPS = 8  #: Clouds, elevation and hazard grids that wait; the oldest are dr
 MAX_REASON_LETTERS = 300
 IMAGE_NAMES = tuple(f"{rig}/{side}" for rig in ("loc", "nav") for side in SIDES)
 IMAGE_KINDS = ((Image, "image_rect"), (CompressedImage, "image_rect/compressed"), (Image, "image_raw"))
-CALL_LEVELS = {"lost": 2, "degraded": 1, "initialising": 1}  #: Levels of diagnostics by the state after a call.
 BEST_EFFORT = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 IMAGE_QOS = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
 TRUTH_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -191,20 +190,13 @@ class RosFeed(Peer):
         for status in message.status:
             full_name, _, kind = status.name.partition(": ")
             space, _, name = full_name.strip("/").rpartition("/")
-            if space != self._space or name not in SUITE_NODES or kind not in ("health", "input"):
+            if space != self._space or name not in SUITE_NODES or kind not in set(updates.StatusKind):
                 continue
             what, level = updates.StatusKind(kind), int(level_of(status))
             self._state.put(updates.Status(name, what, level, status.message, values_of(status), time.time()))
 
     def _on_call(self, task: Task, message: String, _: dict[str, Any]) -> None:
-        call, received_s = decode_call(message.data, task), time.time()
-        figures = {"stamp_ns": call.stamp_ns, "processing_time_s": call.processing_time_s, **call.times}
-        values = {name: repr(value) for name, value in figures.items()} | {"state": call.state, "reason": call.reason}
-        if call.peak_rss_bytes is not None:
-            values["peak_rss_bytes"] = repr(call.peak_rss_bytes)
-        result = f"{call.state}: {call.reason}" if call.reason else call.state
-        level = CALL_LEVELS.get(call.state, 0)
-        self._state.put(updates.Status(f"{task}_node", updates.StatusKind.CALL, level, result, values, received_s))
+        self._state.put(updates.Call(f"{task}_node", decode_call(message.data, task), time.time()))
 
     def _on_image(self, name: str, kind: type[Any], raw: bytes, published_s: float) -> None:
         stamp_ns, rig = serialised_stamp(raw), name.partition("/")[0]
