@@ -25,6 +25,7 @@ class KindInfo(NamedTuple):
     affects_all_pairs: bool = False  #: Whether share, burst and start are without effect.
     affects_one_camera: bool = False  #: Whether `camera` chooses the images that change.
     has_complete_bursts: bool = False  #: Whether a burst begins only if it can end within the sequence.
+    neutral: float = 0.0  #: Amount without an effect: 1 of factors.
 
 
 _ONE_CAMERA: dict[str, Any] = {"affects_one_camera": True}
@@ -87,8 +88,8 @@ class FaultKind(StrEnum):
     SCRATCH = "scratch", KindInfo(0.3, "a scratched window: fixed lines over AMOUNT of the image", **_FIXED)
     DIRT = "dirt", KindInfo(0.1, "dirt on the lenses: fixed spots on AMOUNT of the image", **_FIXED)
     SHADOW = "shadow", KindInfo(0.2, "own shadow: a fixed dark region, AMOUNT of the image", **_FIXED)
-    FOCAL = "focal", KindInfo(1.01, "calibration: focal length in the rig file times AMOUNT", **_ALL_PAIRS)
-    BASELINE = "baseline", KindInfo(1.01, "calibration: baseline in the rig file times AMOUNT", **_ALL_PAIRS)
+    FOCAL = "focal", KindInfo(1.01, "calibration: focal length in the rig file times AMOUNT", neutral=1.0, **_ALL_PAIRS)
+    BASELINE = "baseline", KindInfo(1.01, "calibration: baseline in the rig file times AMOUNT", neutral=1.0, **_ALL_PAIRS)
     ROLL = "roll", KindInfo(0.2, "the right image is rotated by AMOUNT deg about its axis", **_ROTATION)
     PITCH = "pitch", KindInfo(0.1, "the right camera looks AMOUNT deg down", **_ROTATION)
     YAW = "yaw", KindInfo(0.1, "the right camera looks AMOUNT deg to the left", **_ROTATION)

@@ -14,6 +14,7 @@ from sfr_loc_map.report.plots import Column, Plot, axis, error_scale, largest, m
 from sfr_loc_map.suite.pages.export import write_parquet
 from sfr_loc_map.suite.pages.tables import PAGES, history_tables, linked, suite_tables
 from sfr_loc_map.suite.running.store import Store
+from sfr_loc_map.suite.statistics.budget import Budget
 from sfr_loc_map.suite.statistics.history import History
 from sfr_loc_map.suite.statistics.summary import Summary
 
@@ -41,7 +42,9 @@ def render_summary(summary: Summary) -> str:
         text += f"{unclear} not judged, "
     text += f"{counts['done']} of {counts['tasks']} tasks done, {counts['failed']} failed, {counts['waiting']} waiting"
     text += f", {len(summary.refusals)} sources refused." if summary.refusals else "."
-    sections = [("Errors", plots)] if (plots := _error_plots(summary)) else []
+    sections = [("Error budget", [budget_plot(budget)]) for budget in summary.budgets[:1]]
+    if plots := _error_plots(summary):
+        sections.append(("Errors", plots))
     return render_overview("Suite of runs", summary.verdict, text, suite_tables(summary), sections)
 
 
@@ -62,6 +65,28 @@ def _error_plots(summary: Summary) -> list[Plot]:
     layout = {"xaxis": axis(RUNS, dtick=1), "yaxis": axis(f"position, mean + 3 sigma, {unit}", type="log")}
     caption = "Each drive, and the sub-trajectories of all drives pooled; first condition."
     return [Plot("suite-errors", "Position error by runs", caption, traces, layout, width="full")]
+
+
+def budget_plot(budget: Budget) -> Plot:
+    """Return the shares of an error budget as bars, by the place of a source in the table."""
+    rows = sorted(budget.rows, key=lambda row: -(row.alone.value or 0.0))
+    places = [float(place) for place in range(1, len(rows) + 1)]
+    traces = []
+    for name, color, figures in (
+        ("alone", "@one", [row.alone for row in rows]),
+        ("removed without it", "@two", [row.removed for row in rows]),
+    ):
+        values = scaled([figure.value for figure in figures], 100.0)
+        above = [None if figure.ci95 is None else 50.0 * (figure.ci95[1] - figure.ci95[0]) for figure in figures]
+        bars = {"type": "data", "array": above, "visible": None not in above}
+        bar = {"type": "bar", "name": name, "x": places, "y": values, "error_y": bars, "marker": {"color": color}}
+        traces.append(bar)
+    layout = {
+        "xaxis": axis("source of error, by its row in the table", dtick=1),
+        "yaxis": axis("share of the mean square, %"),
+    }
+    caption = "Share of each source of error alone, and the share that vanishes without it; 95 % intervals over drives."
+    return Plot("budget", "Error budget", caption, traces, layout, width="full")
 
 
 def first_position(figures: tuple[Figure, ...]) -> Figure | None:

@@ -24,8 +24,10 @@ from sfr_loc_map.report.tables import (
     Table,
     Unit,
     fitting,
+    number,
 )
 from sfr_loc_map.suite.running.job import NO_CONFIGURATION, SHORT_KEY
+from sfr_loc_map.suite.statistics.budget import Budget
 from sfr_loc_map.suite.statistics.comparison import SuiteComparison
 from sfr_loc_map.suite.statistics.history import MIN_REFERENCE, History
 from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary
@@ -78,6 +80,21 @@ OF_DRIVES: tuple[tuple[str, Unit, str, str], ...] = (
     ("peak", MIB, "peak", "value"),
 )
 """Columns of the table of drives after the errors that the catalogue compares: title, unit, figure, statistic."""
+BUDGET: Columns = (
+    ("source of error", HEAD, "source"),
+    ("share alone", PERCENT, "alone.value"),
+    ("95 % interval", INTERVAL, "alone.ci95"),
+    ("share removed without it", PERCENT, "removed.value"),
+    ("95 % interval", INTERVAL, "removed.ci95"),
+    ("interaction", PERCENT, "interaction.value"),
+    ("95 % interval", INTERVAL, "interaction.ci95"),
+    ("mean, x", MILLIMETRE, "mean_x"),
+    ("mean, y", MILLIMETRE, "mean_y"),
+    ("mean, z", MILLIMETRE, "mean_z"),
+    ("sigma, x", MILLIMETRE, "sigma_x"),
+    ("sigma, y", MILLIMETRE, "sigma_y"),
+    ("sigma, z", MILLIMETRE, "sigma_z"),
+)
 WORKERS: Columns = (
     ("worker", HEAD, "worker"),
     ("host", WORDS, "host"),
@@ -148,9 +165,9 @@ def _cell(row: Mapping[str, Any], kind: Unit | str, keys: str) -> Cell:
 def suite_tables(summary: Summary) -> list[Table]:
     """Return the tables of a suite: counts, verdicts, pooled errors, drives from the worst on, failures."""
     groups, verdicts, pooled = [], [], []
-    for number, group in enumerate(summary.groups, 1):
+    for place, group in enumerate(summary.groups, 1):
         head = {"runs": _joined(*group.runs), "link": "suite.json"}
-        row = {**to_plain(group), **head, "number": number, "faults": group.faults or "none"}
+        row = {**to_plain(group), **head, "number": place, "faults": group.faults or "none"}
         groups.append(row if group.figures else row | {"matched": None, "lost": None})  # maps have no frames
         for figure in group.figures:
             if figure.figure != "chord":
@@ -176,6 +193,7 @@ def suite_tables(summary: Summary) -> list[Table]:
     tables = (
         _table("verdicts", "Verdicts over all drives", VERDICTS, verdicts, of_verdicts),
         _table("failures", "Tasks without a result", FAILURES, failures),
+        *budget_tables(summary.budgets),
         _table("counts", "Tasks", tuple((name, NONE, name) for name in counts), [counts]),
         _table("groups", "Runs", GROUPS, groups, "Drives of one number have the same task, configuration and faults."),
         _table("pooled", "Errors over the sub-trajectories of all drives", POOLED, pooled, of_pooled),
@@ -184,6 +202,30 @@ def suite_tables(summary: Summary) -> list[Table]:
         _table("workers", "Workers", WORKERS, map(to_plain, summary.workers), of_workers),
     )
     return [table for table in tables if table.rows]
+
+
+def budget_tables(budgets: Sequence[Budget]) -> list[Table]:
+    """Return a table for each error budget: its sources from the largest share on, the rest, and the sum."""
+    tables = []
+    for place, budget in enumerate(budgets, 1):
+        rows: list[dict[str, Any]] = []
+        for row in sorted(budget.rows, key=lambda row: -(row.alone.value or 0.0)):
+            by_axis = [("mean", row.mean_m), ("sigma", row.sigma_m)]
+            axes: dict[str, float] = {}
+            for name, values in by_axis:
+                axes |= {f"{name}_{axis}": value for axis, value in zip("xyz", values or (), strict=False)}
+            rows.append(to_plain(row) | axes | {"shown": PERCENT})
+        rows.append({"source": "not named in the budget", "alone": to_plain(budget.rest), "shown": PERCENT})
+        rows.append({"source": "sum", "alone": to_plain(budget.total), "shown": PERCENT})
+        note = (
+            f"Shares of the mean square position error over {label_of(budget.condition)}; {budget.drives} drives, "
+            f"{budget.left_out} left out because a variant has no result. Mean and sigma: what the source adds alone."
+        )
+        title = f"Error budget, {_joined(budget.configuration)}: root mean square " + (
+            "unknown" if budget.rms_m is None else number(budget.rms_m, unit=MILLIMETRE) + " mm"
+        )
+        tables.append(_table(f"budget-{place}", title, BUDGET, rows, note))
+    return tables
 
 
 def worst_first(summary: Summary) -> list[ScoredJob]:

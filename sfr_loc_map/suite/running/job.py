@@ -45,6 +45,9 @@ class JobSource:
     settings: Mapping[str, object] = field(default_factory=dict)  #: All settings of a simulation, otherwise empty.
     sha256: str  #: Hash of the content, or of the settings; empty before the plan.
     truth_sha256: str = ""  #: Hash of the truth of an estimate alone, otherwise empty.
+    variant: str = ""  #: Variant of an error budget (`suite/budget.py`), otherwise empty.
+    faults: str = ""  #: Faults that belong to the variant, joined by `+`.
+    seed: int = 0  #: Seed of a simulation, otherwise 0.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,9 +77,14 @@ class Job:
         return digest([self.kind, [self.source.kind, self.source.sha256], *faults, *how, self.code])
 
     @property
+    def alteration(self) -> str:
+        """What the source was changed by: the variant of a budget, or the faults; empty for neither."""
+        return self.source.variant or self.faults
+
+    @property
     def label(self) -> str:
         """Name for people: `localise rocky-7 + black:share=0.1, default, repeat 2`."""
-        faults = f" + {self.faults}" if self.faults else ""
+        faults = f" + {self.alteration}" if self.alteration else ""
         repeat = f", repeat {self.repeat}" if self.repeat else ""
         configuration = "" if self.configuration == NO_CONFIGURATION else f", {self.configuration}"
         return f"{self.kind} {self.source.name}{faults}{configuration}{repeat}"

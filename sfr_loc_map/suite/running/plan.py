@@ -89,6 +89,8 @@ def _jobs(specification: SuiteSpecification, source: JobSource, possible: tuple[
             faults, configurations = ("",), {NO_CONFIGURATION: {}}
         elif kind not in asked if asked is not None else kind is JobKind.REPLAY:
             continue
+        elif source.variant:
+            faults = (source.faults,)
         # parameters of the other part do not change a job
         used = {JobKind.LOCALISE: "localisation.", JobKind.MAP: "mapping."}.get(kind, "")
         for fault, (name, parameters), repeat in product(faults, configurations.items(), range(settings.repeats)):

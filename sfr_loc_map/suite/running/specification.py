@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import method_hash
 from sfr_loc_map.suite.running.job import JobKind, JobSource, SourceKind, digest
 from sfr_loc_map.suite.running.sources import expand
+from sfr_loc_map.suite.running.variants import ErrorSource, parse_budget, variants_of
 
 SECTIONS: Mapping[str, tuple[type[LocalisationConfig | MappingConfig], Task]] = {
     "localisation": (LocalisationConfig, Task.LOCALISATION),
@@ -76,6 +77,7 @@ class SuiteSpecification:
     perturb: tuple[str, ...]  #: Injected faults; the source without faults comes first, as an empty text.
     configurations: Mapping[str, Mapping[str, object]]  #: Parameters by dotted name, by the configuration's name.
     tasks: tuple[JobKind, ...] | None  #: What is done; None for what each source has.
+    budget: tuple[str, ...]  #: Names of the sources of error of a budget, empty without one.
     scoring: TrajectoryScoreConfig  #: How each task is scored; conditions that only the limits name are among it.
     limits: Mapping[str, Any]  #: Limits, empty for none.
     settings: SuiteSettings  #: Single values.
@@ -85,6 +87,7 @@ def load_specification(path: Path) -> SuiteSpecification:
     """Read a suite's file."""
     content = load_yaml(path)
     lists = {name: content.pop(name, None) or [] for name in LISTS}
+    budget = parse_budget(content.pop("budget"), str(path)) if "budget" in content else ()
     configurations, limits = content.pop("configurations", None), _limits(content.pop("limits", None), path)
     settings = build(SuiteSettings, content, origin=str(path))
     if odd := next((name for name, value in lists.items() if not isinstance(value, list)), None):
@@ -101,11 +104,14 @@ def load_specification(path: Path) -> SuiteSpecification:
     refusals: list[Refusal] = []
     for number, entry in enumerate(lists["sources"], 1):
         try:
-            sources += list(_sources(entry, path.absolute().parent, f"{path}: source {number}"))
+            found = list(_sources(entry, path.absolute().parent, f"{path}: source {number}"))
+            sources += _budget_sources(found, budget, path) if budget else found
         except InputError as error:
             refusals.append(Refusal(str(entry), str(error)))
     if not sources:
         raise InputError(refusals[0].reason)
+    if budget and (limits or lists["perturb"] or lists["tasks"] not in ([], ["localise"])):
+        raise ConfigError(f"{path}: a suite with 'budget' localises drives and has no 'limits' and no 'perturb'")
     named = [Condition.parse(str(text)) for text in lists["conditions"] or ["distance=5"]]
     named += parse_limits(limits, f"{path}: limits").conditions if limits else ()
     conditions = tuple(dict.fromkeys(item.setting for item in named))
@@ -115,7 +121,8 @@ def load_specification(path: Path) -> SuiteSpecification:
         refusals=tuple(refusals),
         perturb=("", *map(str, lists["perturb"])),
         configurations=_configurations(configurations, path),
-        tasks=tasks,
+        tasks=(JobKind.LOCALISE,) if budget else tasks,
+        budget=tuple(source.name for source in budget),
         scoring=TrajectoryScoreConfig(conditions, settings.spacing, settings.rebase, settings.partial),
         limits=limits,
         settings=settings,
@@ -157,7 +164,23 @@ def _simulations(entry: Mapping[str, Any], folder: Path, origin: str) -> Iterato
     for seed in seeds:
         made = build(SimulationConfig, config | dict(changes) | {"seed": seed}, origin=f"{scenario}: 'set'")
         source = _source(SourceKind.SIMULATED, str(scenario), sha256=digest(flatten(made)))
-        yield replace(source, name=f"{scenario.stem}-{seed}", settings=flatten(made))
+        yield replace(source, name=f"{scenario.stem}-{seed}", settings=flatten(made), seed=seed)
+
+
+def _budget_sources(sources: Sequence[JobSource], budget: Sequence[ErrorSource], path: Path) -> Iterator[JobSource]:
+    """Yield each simulation with each combination of the sources of error that the budget needs."""
+    for source in sources:
+        if source.kind is not SourceKind.SIMULATED:
+            raise ConfigError(f"{path}: 'budget' needs sources 'simulate: SCENARIO'; '{source.name}' is none")
+        for variant in variants_of(budget):
+            settings = flatten(build(SimulationConfig, variant.settings(source.settings), origin=f"{path}: 'budget'"))
+            yield replace(
+                source,
+                settings=settings,
+                sha256=digest(settings),
+                variant=variant.name,
+                faults=variant.faults(source.seed),
+            )
 
 
 def _configurations(value: object, path: Path) -> dict[str, dict[str, object]]:

@@ -42,6 +42,8 @@ from sfr_loc_map.suite.running.cluster import WorkerRecord
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.specification import Refusal
 from sfr_loc_map.suite.running.store import JobFailure, Store
+from sfr_loc_map.suite.running.variants import error_sources_of
+from sfr_loc_map.suite.statistics.budget import Budget, DriveErrors, budget_of
 from sfr_loc_map.suite.statistics.figures import figures_of
 
 SCHEMA = "sfr-suite/1"
@@ -59,8 +61,8 @@ class ScoredJob:
 
     @property
     def runs(self) -> tuple[str, str, str]:
-        """What it has in common with the drives of its group: task, configuration, faults."""
-        return self.job.kind.value, self.job.configuration, self.job.faults
+        """What it has in common with the drives of its group: task, configuration, faults or variant of a budget."""
+        return self.job.kind.value, self.job.configuration, self.job.alteration
 
     @property
     def figure(self) -> float | None:
@@ -77,6 +79,8 @@ class ScoredJob:
             "source": job.source.name,
             "configuration": job.configuration,
             "faults": job.faults,
+            "variant": job.source.variant,
+            "seed": job.source.seed,
             "repeat": job.repeat,
         }
 
@@ -120,6 +124,7 @@ class Summary:
     code: str  #: Fingerprint of the code.
     workers: tuple[WorkerRecord, ...] = ()  #: Workers of all its runs.
     run: Mapping[str, object] = field(default_factory=dict)  #: Commit, branch and date of the code, host, time.
+    budgets: tuple[Budget, ...] = ()  #: Error budgets, by configuration and condition.
 
     @property
     def counts(self) -> dict[str, int]:
@@ -163,9 +168,8 @@ class Summary:
 
     def to_dict(self) -> dict[str, object]:
         """Return it as JSON values; of each drive its key, names, verdicts, and the place of its score."""
-        parts = {
-            name: to_plain(getattr(self, name)) for name in ("verdict", "groups", "failures", "refusals", "workers")
-        }
+        named = ("verdict", "groups", "failures", "refusals", "workers", "budgets")
+        parts = {name: to_plain(getattr(self, name)) for name in named}
         drives = [
             drive.names()
             | {"path": drive.job.source.path, "pairing": drive.job.pairing, "file": f"results/{drive.job.key}.json"}
@@ -206,7 +210,34 @@ def summarise(store: Store) -> Summary:
         code=entries[0][0].code if entries else "",
         workers=store.workers(),
         run=store.run,
+        budgets=tuple(budgets_of(drives, [job for job, _ in entries])),
     )
+
+
+def budgets_of(drives: Sequence[ScoredJob], planned: Sequence[Job]) -> Iterator[Budget]:
+    """Yield the error budget of each configuration and condition, of a suite that is a budget."""
+    sources = error_sources_of([job.source.variant for job in planned])
+    if not sources:
+        return
+    for configuration in dict.fromkeys(drive.job.configuration for drive in drives):
+        used = [drive for drive in drives if drive.job.configuration == configuration and drive.job.repeat == 0]
+        for condition in dict.fromkeys(condition for drive in used for condition in drive.score.conditions):
+            errors: dict[str, dict[str, DriveErrors]] = {}
+            for drive in used:
+                found = _drive_errors(drive.score, condition)
+                if found is not None:
+                    errors.setdefault(drive.job.source.variant, {})[drive.job.source.name] = found
+            yield budget_of(sources, condition, errors, configuration=configuration)
+
+
+def _drive_errors(score: Score, condition: str) -> DriveErrors | None:
+    """Return the position errors of a drive over a condition; None with fewer than two sub-trajectories."""
+    rows = [score.figure("position", condition=condition, part=axis) for axis in ("x", "y", "z")]
+    mean = [row.mean for row in rows if row is not None and row.mean is not None]
+    sigma = [row.sigma for row in rows if row is not None and row.sigma is not None]
+    if rows[0] is None or len(mean) < len(rows) or len(sigma) < len(rows):
+        return None
+    return DriveErrors(rows[0].n or 0, np.array(mean), np.array(sigma))
 
 
 def groups_of(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator[Group]:

@@ -1,0 +1,128 @@
+"""Variants of a scenario for an error budget: with all its sources of error, with none, with one, with all but one.
+
+The drives of one seed share terrain, path and light in all variants, so that differences are paired by seed. What
+follows from their errors is in `suite/statistics/budget.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sfr_loc_map.config import build, flatten
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.faults.kinds import parse_fault
+from sfr_loc_map.simulation.config import SimulationConfig
+
+ALL, NONE, ONLY = "all sources", "no source", "only "  #: Names of two variants, and how those of one source begin.
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorSource:
+    """A source of error: settings of the simulation that are without it, or a fault that is it."""
+
+    name: str  #: For people, as `image noise`.
+    without: Mapping[str, object] = field(default_factory=dict)  #: Settings that leave it out, by dotted name.
+    fault: str = ""  #: The fault, as of `--fault`; empty where settings make it.
+    sigma: float | None = None  #: Its amount is normal with this standard deviation, drawn for each seed; None: fixed.
+
+    def fault_of(self, seed: int) -> str:
+        """Return the fault in the drives of one seed, which is the same in each of them; empty for none."""
+        if self.sigma is None:
+            return self.fault
+        neutral = parse_fault(self.fault).kind.info.neutral
+        draw = np.random.default_rng([seed, *self.name.encode()]).normal(neutral, self.sigma)
+        return f"{self.fault},amount={draw:.9g}" if ":" in self.fault else f"{self.fault}:amount={draw:.9g}"
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """A scenario with some of its sources of error."""
+
+    name: str  #: From `variant_name`.
+    active: tuple[ErrorSource, ...]
+    inactive: tuple[ErrorSource, ...]
+
+    def settings(self, scenario: Mapping[str, object]) -> dict[str, object]:
+        """Return the settings of the simulation."""
+        without = {name: value for source in self.inactive for name, value in source.without.items()}
+        return {**scenario, **without}
+
+    def faults(self, seed: int) -> str:
+        """Return the faults of the drive of one seed, joined by `+`."""
+        return "+".join(text for source in self.active if (text := source.fault_of(seed)))
+
+
+def variants_of(sources: Sequence[ErrorSource]) -> list[Variant]:
+    """Return the scenario with all sources, with none, and for each with it alone and with all but it, each once."""
+    names = [source.name for source in sources]
+    alone = [{name} for name in names]
+    all_but_one = [set(names) - {name} for name in names]
+    made: dict[str, Variant] = {}
+    for active in [set(names), set(), *alone, *all_but_one]:
+        name = variant_name(active, names)
+        on = tuple(source for source in sources if source.name in active)
+        off = tuple(source for source in sources if source.name not in active)
+        made[name] = Variant(name, on, off)
+    return list(made.values())
+
+
+def variant_name(active: Collection[str], names: Sequence[str]) -> str:
+    """Return the name of the variant in which these sources of error are active; one set has one name."""
+    if len(active) == len(names):
+        return ALL
+    if not active:
+        return NONE
+    if len(active) == 1:
+        return f"{ONLY}{next(iter(active))}"
+    missing = next(name for name in names if name not in active)
+    return f"without {missing}"
+
+
+def parse_budget(content: object, origin: str) -> tuple[ErrorSource, ...]:
+    """Return the sources of error of the key `budget` of a suite's file; raise ConfigError if it is not valid."""
+    if not isinstance(content, Mapping) or len(content) < 2:
+        raise ConfigError(
+            f"{origin}: 'budget' must map the names of at least two sources of error to 'fault: KIND' or "
+            "'without: {SETTING: VALUE}'"
+        )
+    return tuple(_error_source(str(name), value, f"{origin}: budget: '{name}'") for name, value in content.items())
+
+
+def _error_source(name: str, value: object, origin: str) -> ErrorSource:
+    keys = set(value) if isinstance(value, Mapping) else set()
+    if not isinstance(value, Mapping) or keys not in ({"without"}, {"fault"}, {"fault", "sigma"}):
+        raise ConfigError(
+            f"{origin} needs either 'without', the settings that leave it out, or 'fault', and 'sigma' if the amount "
+            "is random"
+        )
+    if "without" in value:
+        return ErrorSource(name, without=_settings(value["without"], origin))
+    text, sigma = str(value["fault"]), value.get("sigma")
+    info = parse_fault(text).kind.info
+    if sigma is None:
+        return ErrorSource(name, fault=text)
+    is_positive = isinstance(sigma, int | float) and not isinstance(sigma, bool) and 0.0 < sigma < np.inf
+    if not is_positive or not (info.is_signed or info.neutral):
+        raise ConfigError(
+            f"{origin}: 'sigma' must be a positive number, and the amount of the fault a factor or of either sign"
+        )
+    return ErrorSource(name, fault=text, sigma=float(sigma))
+
+
+def _settings(value: object, origin: str) -> dict[str, object]:
+    known = flatten(SimulationConfig())
+    if not isinstance(value, Mapping) or not value or not set(value) <= set(known):
+        raise ConfigError(
+            f"{origin}: 'without' must map settings of a scenario, as sensor.blur_px, to their values without the "
+            f"error; found '{value}'"
+        )
+    build(SimulationConfig, {**known, **value}, origin=origin)
+    return dict(value)
+
+
+def error_sources_of(variants: Iterable[str]) -> list[str]:
+    """Return the names of the sources of error of which these are the variants, in the order of the suite's file."""
+    return [name.removeprefix(ONLY) for name in dict.fromkeys(variants) if name.startswith(ONLY)]

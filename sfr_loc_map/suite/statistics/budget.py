@@ -1,0 +1,177 @@
+"""Error budget of a scenario: how much of the position error each source of error causes.
+
+Each drive is simulated and localised in all variants of `suite/running/variants.py`. Independent errors add in the mean
+square, and so do the shares:
+
+    alone       = (m(only it) - m(none)) / m(all)       first-order share
+    removed     = (m(all) - m(all but it)) / m(all)     share that vanishes without it
+    interaction = removed - alone                       what it causes together with other sources
+
+m is the mean of |e|^2 over all sub-trajectories: the square of the mean plus the variance, summed over the axes, as
+ECSS-E-ST-60-10C adds errors (4.2). `m(none) / m(all)` is the share of what the budget does not name. The shares alone
+and this rest make 1 if the named sources do not interact; the sum is stated with its interval.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.metrics.statistics import student_quantile
+from sfr_loc_map.suite.running.variants import ALL, NONE, variant_name
+
+MIN_DRIVES = 5  #: With fewer drives there is no interval.
+RESAMPLES = 4000
+SEED = 20261128
+
+
+@dataclass(frozen=True, slots=True)
+class DriveErrors:
+    """Errors of the sub-trajectories of one drive: their number, and by axis `(3,)` their mean and sigma, m."""
+
+    n: int
+    mean: FloatArray
+    sigma: FloatArray  #: With the divisor n - 1.
+
+    @property
+    def sums(self) -> FloatArray:
+        """Number, sum by axis, sum of squares by axis `(7,)`: what adds up over drives."""
+        squares = self.n * np.square(self.mean) + (self.n - 1) * np.square(self.sigma)
+        return np.concatenate([[self.n], self.n * self.mean, squares])
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A figure of the budget; None is unknown, and an interval is None with fewer than `MIN_DRIVES` drives."""
+
+    value: float | None = None
+    ci95: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BudgetRow:
+    """What one source of error causes."""
+
+    source: str
+    alone: Estimate  #: First-order share of the mean square.
+    removed: Estimate  #: Share of the mean square that vanishes without the source.
+    interaction: Estimate  #: `removed` less `alone`.
+    mean_m: tuple[float, ...] | None  #: Mean error by axis that it adds alone.
+    sigma_m: tuple[float, ...] | None  #: Sigma by axis that it adds alone, in squares; 0 where it adds none.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Budget:
+    """The error budget over one condition of the sub-trajectories."""
+
+    configuration: str
+    condition: str
+    drives: int  #: Drives of which every variant has a result.
+    left_out: int  #: Drives of which a variant has none.
+    rms_m: float | None  #: Root mean square error with all sources.
+    rows: tuple[BudgetRow, ...]
+    rest: Estimate  #: Share of what the budget does not name.
+    total: Estimate  #: Sum of the shares alone and of the rest; 1 where the sources do not interact.
+
+
+def budget_of(
+    sources: Sequence[str],
+    condition: str,
+    errors: Mapping[str, Mapping[str, DriveErrors]],
+    *,
+    configuration: str = "default",
+) -> Budget:
+    """Return the budget from the errors by variant and drive; drives that lack a variant are left out."""
+    alone_in = {name: variant_name({name}, sources) for name in sources}
+    missing_in = {name: variant_name(set(sources) - {name}, sources) for name in sources}
+    needed = list(dict.fromkeys([ALL, NONE, *alone_in.values(), *missing_in.values()]))
+    begun = sorted({drive for name in needed for drive in errors.get(name, {})})
+    drives = [drive for drive in begun if all(drive in errors.get(name, {}) for name in needed)]
+    if not drives:
+        rows = [_unknown(name) for name in sources]
+        return Budget(
+            configuration=configuration,
+            condition=condition,
+            drives=0,
+            left_out=len(begun),
+            rms_m=None,
+            rows=tuple(rows),
+            rest=Estimate(),
+            total=Estimate(),
+        )
+    drawn = _weights(len(drives))
+    moments = {name: _moments(drawn @ np.array([errors[name][drive].sums for drive in drives])) for name in needed}
+    whole, none = moments[ALL], moments[NONE]
+    rest = none.mean_square / whole.mean_square
+    total = rest.copy()
+    rows = []
+    for name in sources:
+        only, without = moments[alone_in[name]], moments[missing_in[name]]
+        alone = (only.mean_square - none.mean_square) / whole.mean_square
+        removed = (whole.mean_square - without.mean_square) / whole.mean_square
+        total += alone
+        variance = np.maximum(only.variance[0] - none.variance[0], 0.0)
+        rows.append(
+            BudgetRow(
+                source=name,
+                alone=_estimate(alone, len(drives)),
+                removed=_estimate(removed, len(drives)),
+                interaction=_estimate(removed - alone, len(drives)),
+                mean_m=tuple((only.mean[0] - none.mean[0]).tolist()),
+                sigma_m=tuple(np.sqrt(variance).tolist()),
+            )
+        )
+    return Budget(
+        configuration=configuration,
+        condition=condition,
+        drives=len(drives),
+        left_out=len(begun) - len(drives),
+        rms_m=float(np.sqrt(whole.mean_square[0])),
+        rows=tuple(rows),
+        rest=_estimate(rest, len(drives)),
+        total=_estimate(total, len(drives)),
+    )
+
+
+class _Moments(NamedTuple):
+    """Moments of all errors of a variant, for the drives as they are and for each resampling."""
+
+    mean_square: FloatArray  #: `(1 + R,)`, m^2.
+    mean: FloatArray  #: By axis `(1 + R, 3)`, m.
+    variance: FloatArray  #: By axis `(1 + R, 3)`, m^2.
+
+
+def _moments(sums: FloatArray) -> _Moments:
+    """Return the moments of sums `(1 + R, 7)`, as of `DriveErrors.sums`."""
+    count, total, squares = sums[:, :1], sums[:, 1:4], sums[:, 4:]
+    mean = total / count
+    variance = (squares - count * np.square(mean)) / np.maximum(count - 1.0, 1.0)
+    return _Moments((squares / count).sum(axis=1), mean, variance)
+
+
+def _weights(drives: int) -> FloatArray:
+    """Return how often each drive counts: once each, then as resampled; without an interval only the first row."""
+    once = np.ones((1, drives))
+    if drives < MIN_DRIVES:
+        return once
+    rng = np.random.default_rng([SEED, drives])
+    return np.vstack([once, rng.multinomial(drives, np.full(drives, 1.0 / drives), RESAMPLES)])
+
+
+def _estimate(values: FloatArray, drives: int) -> Estimate:
+    """Return a figure with its interval: Student's t with the spread of the resamplings, as drives are few."""
+    value = float(values[0])
+    if len(values) == 1:
+        return Estimate(value)
+    spread = float(np.std(values[1:])) * np.sqrt(drives / (drives - 1.0))
+    half = float(student_quantile(0.975, drives - 1.0) * spread)
+    return Estimate(value, (value - half, value + half))
+
+
+def _unknown(source: str) -> BudgetRow:
+    unknown = Estimate()
+    return BudgetRow(source=source, alone=unknown, removed=unknown, interaction=unknown, mean_m=None, sigma_m=None)
