@@ -192,3 +192,33 @@ def test_a_campaign_stops_when_its_limit_is_decided(sfr: Sfr, tmp_path: Path) ->
     (verdict,) = summary["groups"][0]["verdicts"]
     assert (verdict["proof"]["method"], verdict["proof"]["independent"]) == ("sequential", 6.0)
     assert sfr("suite", "plan", out).code == 0
+
+
+@pytest.mark.slow
+def test_an_error_budget_states_the_shares_of_its_sources(sfr: Sfr, tmp_path: Path) -> None:
+    small = {"terrain.coarseness": 8, "rocks.cover": 0.01, "rocks.smallest_m": 0.15, "panorama.enabled": False}
+    small |= {"drive.pairs": 12, "drive.segments": ["straight 2"], "sensor.samples": 1}
+    small |= {"loc.width": 160, "loc.height": 160, "loc.focal_px": 130}
+    (tmp_path / "scenario.yaml").write_text("{}\n")
+    content = {
+        "sources": [{"simulate": "scenario.yaml", "seeds": [1, 2], "set": small}],
+        "conditions": ["frames=4"],
+        "spacing": 2,
+        "budget": {"baseline": {"fault": "baseline:amount=1.2"}, "clock": {"fault": "clock:amount=0.01"}},
+    }
+    suite = tmp_path / "budget.yaml"
+    suite.write_text(yaml.safe_dump(content))
+    found = sfr("suite", "run", suite, "--out", tmp_path / "out", "--workers", "1", "--json", "-")
+    assert found.code == 0, found.err
+    summary = json.loads(found.out)
+    assert summary["counts"]["done"] == 2 * 4
+    (budget,) = summary["budgets"]
+    shares = {row["source"]: row["alone"]["value"] for row in budget["rows"]}
+    assert shares["baseline"] > 0.8 > 0.2 > shares["clock"]
+    assert "Error budget" in (tmp_path / "out/report.html").read_text()
+
+    for change in ({"limits": LIMITS}, {"perturb": ["black"]}, {"budget": {"one": {"fault": "yaw"}}}):
+        suite.write_text(yaml.safe_dump(content | change))
+        refused = sfr("suite", "run", suite, "--out", tmp_path / "other")
+        assert refused.code == 2
+        assert "budget" in refused.err
