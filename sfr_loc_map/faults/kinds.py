@@ -33,6 +33,7 @@ _SHARE: dict[str, Any] = {"largest": 1.0, **_ONE_CAMERA}  # the amount is a shar
 _FIXED: dict[str, Any] = {"share": 1.0, "start": 0, **_SHARE}  # a part of the view, in all pairs of a drive
 _EPISODE: dict[str, Any] = {"burst": 20, "has_complete_bursts": True}
 _ALL_PAIRS: dict[str, Any] = {"share": 1.0, "start": 0, "affects_all_pairs": True}
+_FACTOR: dict[str, Any] = {"neutral": 1.0, **_ALL_PAIRS}
 _ROTATION: dict[str, Any] = {"largest": 45.0, "is_signed": True, **_ALL_PAIRS}
 
 
@@ -88,8 +89,8 @@ class FaultKind(StrEnum):
     SCRATCH = "scratch", KindInfo(0.3, "a scratched window: fixed lines over AMOUNT of the image", **_FIXED)
     DIRT = "dirt", KindInfo(0.1, "dirt on the lenses: fixed spots on AMOUNT of the image", **_FIXED)
     SHADOW = "shadow", KindInfo(0.2, "own shadow: a fixed dark region, AMOUNT of the image", **_FIXED)
-    FOCAL = "focal", KindInfo(1.01, "calibration: focal length in the rig file times AMOUNT", neutral=1.0, **_ALL_PAIRS)
-    BASELINE = "baseline", KindInfo(1.01, "calibration: baseline in the rig file times AMOUNT", neutral=1.0, **_ALL_PAIRS)
+    FOCAL = "focal", KindInfo(1.01, "calibration: focal length in the rig file times AMOUNT", **_FACTOR)
+    BASELINE = "baseline", KindInfo(1.01, "calibration: baseline in the rig file times AMOUNT", **_FACTOR)
     ROLL = "roll", KindInfo(0.2, "the right image is rotated by AMOUNT deg about its axis", **_ROTATION)
     PITCH = "pitch", KindInfo(0.1, "the right camera looks AMOUNT deg down", **_ROTATION)
     YAW = "yaw", KindInfo(0.1, "the right camera looks AMOUNT deg to the left", **_ROTATION)
