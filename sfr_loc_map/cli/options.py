@@ -228,7 +228,7 @@ class Judgement:
     def asked(self) -> tuple[Condition, ...]:
         """The conditions that the user named in options, configuration or limits."""
         of_limits = () if self.limits is None else self.limits.conditions
-        return (*map(Condition.parse, self.conditions or ()), *of_limits)
+        return tuple(map(Condition.parse, (*(self.conditions or ()), *of_limits)))
 
 
 def judgement(limits_file: Path | None, conditions: list[str] | None, config: Path | None = None) -> Judgement:

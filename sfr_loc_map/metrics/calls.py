@@ -25,8 +25,8 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.inputs import NS_PER_S, Task
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.catalogue import TARGET, Subject, clause_of
-from sfr_loc_map.metrics.completeness import CALLS, MEMORY, calls_completeness
+from sfr_loc_map.metrics.catalogue import CALLS, MEMORY, TARGET, Subject, clause_of
+from sfr_loc_map.metrics.completeness import calls_completeness
 from sfr_loc_map.metrics.config import CallKind, MappingState
 from sfr_loc_map.metrics.score import (
     CallHistogram,

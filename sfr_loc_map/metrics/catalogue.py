@@ -120,6 +120,9 @@ CATALOGUE = (
 )
 KINDS: dict[str, FigureKind] = {kind.name: kind for kind in CATALOGUE}
 """The catalogue by the names of its figures, which are unique."""
+ANY = "*"  #: In a look-up: whatever the rows have there.
+DRIVE, MAP, LIVE, SUITE, CALLS, MEMORY = "drive", "map", "live", "suite", "calls", "memory"
+"""Parts of the rows `judged`; those of calls and of their memory are followed by the kind of call."""
 TARGET = "target"  #: First word of the part of a row of calls that were measured on a target.
 MAPPING_MEMORY = "4.3.2"
 DIRECTIONS = ("x", "y", "z", "along", "cross", "vertical")  #: Parts of the position errors along one direction.

@@ -20,7 +20,8 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.catalogue import KINDS, TOTAL, Subject
 from sfr_loc_map.metrics.formulas import statistics
-from sfr_loc_map.metrics.score import Figure, MethodRecord, Record, Score, SubTrajectoryRows
+from sfr_loc_map.metrics.record import Record
+from sfr_loc_map.metrics.score import Figure, MethodRecord, Score, SubTrajectoryRows
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.statistics import Interval, holm, scatter_of_difference
 

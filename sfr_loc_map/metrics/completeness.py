@@ -18,6 +18,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, LIVE, MAP
 from sfr_loc_map.metrics.config import AssociationMode, CallKind, Condition, ConditionKind
 from sfr_loc_map.metrics.score import Association, Figure, figure_row
 
@@ -25,8 +26,6 @@ MISSING_SHARE = 0.01  #: An estimate that misses more is reported as incomplete 
 GAP_PERIODS = 5  #: Neighbouring poses that are more of their usual periods apart cover nothing between them.
 IMAGE_PERIOD_SHARE = 0.4  #: An estimate this near to an image, in periods, is of this image: files round stamps.
 SPARSER = 1.5  #: Ratio of the usual periods of truth and images from which the truth is sparser than the images.
-DRIVE, MAP, LIVE, SUITE, CALLS, MEMORY = "drive", "map", "live", "suite", "calls", "memory"
-"""Parts of the rows `judged`; those of calls and of their memory are followed by the kind of call."""
 DOUBLED_SHARE = 0.1  #: With more stamps that occur twice, and other poses at them, a file holds two runs.
 
 

@@ -39,7 +39,7 @@ from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, associate, unique_rows
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.formulas import pose_reading
-from sfr_loc_map.metrics.score import Record
+from sfr_loc_map.metrics.record import Record
 
 GAIN, GAIN_FITTED = 2.0, 3.0
 """Undoing a mismatch must make the disagreement this many times smaller; the second where numbers were fitted."""

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
-from sfr_loc_map.metrics.catalogue import KINDS, Subject
-from sfr_loc_map.metrics.completeness import CALLS, MAP, MEMORY
+from sfr_loc_map.metrics.catalogue import CALLS, KINDS, MAP, MEMORY, Subject
 from sfr_loc_map.metrics.config import CallKind, VerdictState
-from sfr_loc_map.metrics.limited import margin_of
-from sfr_loc_map.metrics.limits import COVERAGE_MIN, LimitPart
+from sfr_loc_map.metrics.limits import COVERAGE_MIN, LimitPart, margin_of
 from sfr_loc_map.metrics.rules import limits_of, parts_of
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.metrics.shortfalls import SHORTFALLS
@@ -53,8 +51,8 @@ def shortfalls(score: Score) -> list[Shortfall]:
     if limits is None:
         return []
     found: list[Shortfall] = []
-    allowed = {limit.key.removesuffix("_max_share") for limit in limits.limits if limit.part is LimitPart.COMPLETENESS}
-    if any(limit.key == COVERAGE_MIN for limit in limits.limits):
+    allowed = {limit.name.removesuffix("_max_share") for limit in limits.limits if limit.part is LimitPart.COMPLETENESS}
+    if any(limit.name == COVERAGE_MIN for limit in limits.limits):
         allowed.add("pixels_without_point")
     for part in parts_of(limits, score):
         found += _shortfalls_of(score, part, allowed)
@@ -117,7 +115,7 @@ def why_incomplete(score: Score) -> str | None:
             texts.append(f"the map holds {row.n - bare:.0f} of {row.n} pairs")
     node = score.external
     is_partial = score.rules is not None and score.rules.partial
-    allows = score.rules is not None and any(item.name == "missing_max_share" for item in score.rules.limits)
+    allows = score.rules is not None and score.rules.allow_missing
     is_silent = node is not None and node.task == CallKind.LOCALISATION and node.answers.missing
     if node is not None and is_silent and not is_partial and not allows:
         texts.append(f"{node.answers.missing} of {node.answers.pairs} pairs have no answer")

@@ -9,25 +9,24 @@ not follow from its figures. docs/metrics.md, "Verdicts".
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.metrics.catalogue import KINDS
-from sfr_loc_map.metrics.completeness import DRIVE, LIVE
+from sfr_loc_map.metrics.catalogue import DRIVE, KINDS, LIVE
 from sfr_loc_map.metrics.config import Rebase, VerdictState
 from sfr_loc_map.metrics.incomplete import shortfalls, why_incomplete
-from sfr_loc_map.metrics.limited import LimitedFigure, condition_of, figure_of, margin_of, meets
-from sfr_loc_map.metrics.limits import Limit, LimitPart, Limits
-from sfr_loc_map.metrics.proof import BOUND, Proof, bound_row, prove, sample_of
-from sfr_loc_map.metrics.rules import about, limits_of, part_of, rules_of, what_of
+from sfr_loc_map.metrics.limited import LimitedFigure, figure_of
+from sfr_loc_map.metrics.limits import Limit, LimitPart, Limits, Rules, margin_of, meets
+from sfr_loc_map.metrics.proof import Proof, bound_row, prove, sample_of
+from sfr_loc_map.metrics.rules import about, limits_of, part_of, what_of
 from sfr_loc_map.metrics.score import Figure, Score, Verdict
+from sfr_loc_map.metrics.terms import BOUND
 
 
 def judged(score: Score, limits: Limits | None, *, partial: bool = False) -> Score:
     """Return a score with its rules, the verdict on each limit, and over all."""
-    return judged_again(struct_replace(score, rules=rules_of(limits, partial=partial)))
+    return judged_again(struct_replace(score, rules=Rules.of(limits, partial=partial)))
 
 
 def judged_again(score: Score) -> Score:
@@ -46,7 +45,7 @@ def judged_at_the_end(score: Score, missing: str) -> Score:
     unless a part was asked for or a limit says how much may be missing.
     """
     rules = score.rules
-    allows = rules is not None and (rules.partial or any(item.name == "missing_max_share" for item in rules.limits))
+    allows = rules is not None and (rules.partial or rules.allow_missing)
     if allows or score.incomplete is not None or not missing:
         return score
     states = {VerdictState.PASS: VerdictState.INCOMPLETE}
@@ -97,7 +96,7 @@ def verdicts(score: Score) -> tuple[Verdict, ...]:
             verdict = verdict_on(limit, figure_of(limit, score), limits)
             verdict = struct_replace(verdict, by_reading=_by_reading(limit, score, limits))
         else:
-            sample = sample_of(score, limit.limited.figure, condition_of(limit))
+            sample = sample_of(score, limit.limited.figure, limit.condition)
             verdict = proof_verdict(limit, prove(limit.terms, limit.limit, {"": [sample]} if sample else {}))
         if score.contradiction is not None:
             verdict = struct_replace(verdict, state=VerdictState.NOT_JUDGED, by_reading={})
@@ -139,7 +138,7 @@ def verdict_on(limit: Limit, figure: LimitedFigure, limits: Limits) -> Verdict:
     if value is not None and is_enough(limit, figure, limits):
         certain = None if interval is None else not interval[0] <= limit.limit < interval[1]
         counted = limit.part is LimitPart.COMPLETENESS  # not estimated: there is nothing uncertain
-        if figure.truth_error and abs(margin_of(limit.key, limit.limit, value)) <= figure.truth_error:
+        if figure.truth_error and abs(margin_of(limit.name, limit.limit, value)) <= figure.truth_error:
             state = VerdictState.NOT_ENOUGH_DATA
         elif not meets(limit, value):
             state = VerdictState.FAIL
@@ -149,9 +148,9 @@ def verdict_on(limit: Limit, figure: LimitedFigure, limits: Limits) -> Verdict:
     return Verdict(
         id=limit.id,
         text=limit.text,
-        name=f"target {limit.key}" if limit.part is LimitPart.TARGET else limit.key,
+        name=limit.shown_name,
         subject=limited.subject,
-        condition=None if limit.condition is None else limit.condition.setting,
+        condition=limit.condition,
         part=None if row is None else row.part,
         figure=limited.figure,
         statistic=limited.statistic,
@@ -159,7 +158,7 @@ def verdict_on(limit: Limit, figure: LimitedFigure, limits: Limits) -> Verdict:
         value=value,
         low95=None if interval is None else interval[0],
         high95=None if interval is None else interval[1],
-        margin=None if value is None else margin_of(limit.key, limit.limit, value),
+        margin=None if value is None else margin_of(limit.name, limit.limit, value),
         n=figure.n,
         state=state,
         certain=certain,
@@ -169,7 +168,7 @@ def verdict_on(limit: Limit, figure: LimitedFigure, limits: Limits) -> Verdict:
 
 def proof_verdict(limit: Limit, proof: Proof) -> Verdict:
     """Return the verdict on a limit with a share and a confidence."""
-    verdict = verdict_on(limit, LimitedFigure(proof.bound), Limits(()))
+    verdict = verdict_on(limit, LimitedFigure(proof.bound), Limits())
     return struct_replace(verdict, state=proof.state, n=proof.n, proof=proof.record)
 
 
@@ -185,7 +184,7 @@ def _by_reading(limit: Limit, score: Score, limits: Limits) -> dict[str, Verdict
     """Return whether the figure of each reading of the document meets a limit; the intervals are of one reading."""
     if limit.condition is None or limit.part is not LimitPart.TRAJECTORY:
         return {}
-    loose = replace(limit, certain=False)
+    loose = struct_replace(limit, certain=False)
     found = {str(reading): figure_of(limit, score, reading) for reading in Rebase if not reading.is_fit}
     if any(figure.row is None for figure in found.values()):  # chord errors are the same by each reading
         return {}
@@ -246,6 +245,6 @@ def each_by_its_limits(scores: Sequence[Score]) -> list[Score]:
         kept = [item for item in limits.limits if about(item) in own or item not in elsewhere] if limits else []
         if limits is not None and len(kept) < len(limits.limits):
             is_partial = score.rules is not None and score.rules.partial
-            score = judged(score, replace(limits, limits=tuple(kept)) if kept else None, partial=is_partial)
+            score = judged(score, struct_replace(limits, limits=tuple(kept)) if kept else None, partial=is_partial)
         found.append(score)
     return found

@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sfr_loc_map.metrics.catalogue import ANY
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.limits import WORST, Limit, LimitPart
-from sfr_loc_map.metrics.score import ANY, Figure, Score, is_lower_bound
+from sfr_loc_map.metrics.score import Figure, Score
 from sfr_loc_map.metrics.statistics import Interval
 from sfr_loc_map.metrics.truth_error import ATTITUDE
 
@@ -57,18 +58,3 @@ def truth_error_of(limit: Limit, score: Score) -> float:
     part = None if limited.figure in ("position", "chord") else ATTITUDE
     sigma = score.number("truth_error", part=part) or 0.0
     return COVERAGE_FACTORS.get(limited.statistic, 1.0) * float(np.sqrt(2.0)) * sigma
-
-
-def condition_of(limit: Limit) -> str | None:
-    """Return the condition of a limit as rows have it."""
-    return None if limit.condition is None else limit.condition.setting
-
-
-def margin_of(name: str, limit: float, value: float) -> float:
-    """Return the distance from a value to the limit of this name, negative where the limit is missed."""
-    return value - limit if is_lower_bound(name) else limit - abs(value)
-
-
-def meets(limit: Limit, value: float) -> bool:
-    """Tell whether a value lies within a limit; a figure passes at its limit."""
-    return value >= limit.limit if limit.is_lower_bound else abs(value) <= limit.limit

@@ -1,25 +1,25 @@
 """Limits of a requirements file, whose form docs/configuration.md shows; `metrics.judge` makes the verdicts on them.
 
+A score keeps the limits that it was judged by as they are here (`rules`).
 Every key names figure and unit; limits are upper bounds, except `coverage_min`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from sfr_loc_map.config import load_yaml, suggestion
 from sfr_loc_map.errors import ConfigError, MetricsError
-from sfr_loc_map.metrics.catalogue import CATALOGUE, KINDS, TARGET, FigureKind, Subject
-from sfr_loc_map.metrics.completeness import CALLS, MAP
+from sfr_loc_map.metrics.catalogue import ANY, CALLS, CATALOGUE, KINDS, MAP, TARGET, FigureKind, Subject
 from sfr_loc_map.metrics.config import CallKind, Condition
 from sfr_loc_map.metrics.formulas import STATISTICS
-from sfr_loc_map.metrics.proof import BOUND, Terms, terms_of
-from sfr_loc_map.metrics.score import ANY, is_lower_bound
+from sfr_loc_map.metrics.record import Record
 from sfr_loc_map.metrics.shortfalls import SHORTFALLS
+from sfr_loc_map.metrics.terms import BOUND, Interpretation, Terms, terms_of
+from sfr_loc_map.metrics.tolerance import CONFIDENCE
 
 
 class LimitPart(StrEnum):
@@ -47,7 +47,9 @@ class Limited(NamedTuple):
 
 
 NOTHING = Limited(Subject.TRAJECTORY, "", "")
+MISSING = "missing_max_share"  #: Limit on how much of a drive may be missing.
 COVERAGE_MIN = "coverage_min"  #: The one limit that is a lower bound.
+MINIMUM_COUNT = 2  #: Fewer values give no verdict, unless the limits file says so.
 MINIMUM_INDEPENDENT = 5.0  #: Fewer independent sub-trajectories give no verdict, unless the limits file says so.
 WORST = "worst"  #: Part of a limit on calls: that of the kind of call with the largest number.
 
@@ -96,6 +98,9 @@ PLACES: dict[LimitPart, dict[str, Limited]] = {
         if kind.subject is Subject.MEMORY
     },
 }
+PLACES[LimitPart.TARGET] = {
+    name: limited.of_target() for name, limited in (PLACES[LimitPart.TIMING] | PLACES[LimitPart.MEMORY]).items()
+}
 """The number that each name of a limits file limits, by the parts of the file; names follow from the catalogue."""
 REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: What a requirement says of itself.
 TERMS = Terms._fields  #: What a limit on a tolerance bound says besides.
@@ -107,55 +112,71 @@ SHARES = {
     for name, limited in PLACES[LimitPart.COMPLETENESS].items()
 }
 """Limits of completeness, which may be in another part of the file, too."""
-NAMES: Mapping[LimitPart, Collection[str]] = {
-    **PLACES,
-    LimitPart.TARGET: [*PLACES[LimitPart.TIMING], *PLACES[LimitPart.MEMORY]],
-}
-"""Names of the figures that each part of the file limits."""
 
 
-@dataclass(frozen=True, slots=True)
-class Limit:
-    """One limit: a bound in the unit of its key; of sub-trajectories of a condition, None outside `trajectory`."""
+class Limit(Record, frozen=True, kw_only=True):
+    """One limit of a requirements file."""
 
-    part: LimitPart
-    key: str
-    limit: float
-    condition: Condition | None = None
+    part: LimitPart  #: Part of the limits file.
+    name: str  #: Name of the limit there, which names figure, statistic and unit.
+    limit: float  #: Bound in the unit of the name.
+    condition: str | None = None  #: Condition of the sub-trajectories, null outside the part `trajectory`.
     id: str | None = None  #: Number of the requirement.
     text: str | None = None  #: Its text.
-    certain: bool = False  #: Whether a pass needs the whole 95 % interval to lie within the limit.
-    terms: Terms | None = None  #: Share, confidence and interpretation of a limit on a tolerance bound.
+    certain: bool = False  #: Whether a pass requires the whole 95 % interval to be within the limit.
+    prob: float | None = None  #: Share of the errors that a tolerance bound is on; null for other limits.
+    confidence: float | None = None  #: Confidence with which that share has to be shown.
+    interpretation: Interpretation | None = None  #: Over what the share is taken.
+    normal: bool | None = None  #: Whether the errors are declared to be normal.
+    power: float | None = None  #: Probability with which drives with the share `good` of failures pass.
+    good: float | None = None  #: Share of failures that is acceptable; with it a sequential test judges drives.
+
+    def __post_init__(self) -> None:
+        """Check that there is such a limit; ValueError if not."""
+        if self.name not in PLACES[self.part]:
+            raise ValueError(f"'{self.name}' is not a limit of the part '{self.part}'")
+        if self.condition is not None and Condition.parse(self.condition).setting != self.condition:
+            raise ValueError(f"'{self.condition}' is not as a score spells it")
 
     @property
     def limited(self) -> Limited:
         """The number that is limited."""
-        if self.part is LimitPart.TARGET:
-            names = PLACES[LimitPart.TIMING] | PLACES[LimitPart.MEMORY]
-            return names[self.key].of_target()
-        return PLACES[self.part][self.key]
+        return PLACES[self.part][self.name]
+
+    @property
+    def terms(self) -> Terms | None:
+        """What the limit on a tolerance bound requires besides; None for other limits."""
+        if self.prob is None or self.confidence is None or self.interpretation is None:
+            return None
+        power = CONFIDENCE if self.power is None else self.power
+        return Terms(self.prob, self.confidence, self.interpretation, bool(self.normal), power, self.good)
 
     @property
     def is_lower_bound(self) -> bool:
         """Whether the figure must not be below the limit."""
-        return is_lower_bound(self.key)
+        return is_lower_bound(self.name)
 
     @property
     def is_on_one_call(self) -> bool:
         """Whether one call makes what is limited, so that no number of values is required."""
-        return self.key in ("mapping_call_s", "mapping_call_max_s")
-
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """All limits of a file, in its order; fewer values than the minimum are not enough for a verdict."""
-
-    limits: tuple[Limit, ...]
-    minimum_count: int = 2
-    minimum_independent: float = MINIMUM_INDEPENDENT  #: The same of independent sub-trajectories.
+        return self.name in ("mapping_call_s", "mapping_call_max_s")
 
     @property
-    def conditions(self) -> list[Condition]:
+    def shown_name(self) -> str:
+        """The name of the limit in a verdict: after `target ` for one of the target."""
+        return f"{TARGET} {self.name}" if self.part is LimitPart.TARGET else self.name
+
+
+class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
+    """All limits of a file, in its order; fewer values than the minimum are not enough for a verdict."""
+
+    limits: tuple[Limit, ...] = ()  #: Limits in the order of their file.
+    minimum_count: int = MINIMUM_COUNT  #: Fewer values than this are not enough data.
+    #: Fewer independent sub-trajectories than this are not enough data.
+    minimum_independent: float = MINIMUM_INDEPENDENT
+
+    @property
+    def conditions(self) -> list[str]:
         """Conditions that are limited, each once."""
         return list(dict.fromkeys(item.condition for item in self.limits if item.condition is not None))
 
@@ -163,12 +184,48 @@ class Limits:
     def bounded(self) -> frozenset[tuple[str, str]]:
         """Figures and conditions whose tolerance bound is limited, so that all their errors are needed."""
         pairs = ((item.limited.figure, item.condition) for item in self.limits if item.terms is not None)
-        return frozenset((figure, condition.setting) for figure, condition in pairs if condition is not None)
+        return frozenset((figure, condition) for figure, condition in pairs if condition is not None)
 
     @property
     def allow_missing(self) -> bool:
-        """Whether a limit says which share of the drive may be missing."""
-        return any(item.key == "missing_max_share" for item in self.limits)
+        """Whether a limit states which share of the drive may be missing."""
+        return any(item.name == MISSING for item in self.limits)
+
+
+class Rules(Limits, frozen=True, kw_only=True, omit_defaults=False):
+    """By what the verdicts follow from the table of figures."""
+
+    partial: bool = False  #: Whether a part of what was expected is judged as if it were the whole.
+
+    @classmethod
+    def of(cls, limits: Limits | None, *, partial: bool) -> Rules | None:
+        """Return limits as a score keeps them; None where there is no limit and no part was asked for."""
+        if limits is None:
+            return cls(partial=True) if partial else None
+        return cls(
+            limits=limits.limits,
+            minimum_count=limits.minimum_count,
+            minimum_independent=limits.minimum_independent,
+            partial=partial,
+        )
+
+
+def is_lower_bound(limit_name: str) -> bool:
+    """Tell whether a limit is a lower bound: its name ends in `_min` (`coverage_min`)."""
+    return limit_name.endswith("_min")
+
+
+def margin_of(name: str, limit: float, value: float) -> float:
+    """Return the distance from a value to the limit of this name, negative where the limit is missed."""
+    return value - limit if is_lower_bound(name) else limit - abs(value)
+
+
+def meets(limit: Limit, value: float) -> bool:
+    """Tell whether a value lies within a limit; a figure passes at its limit."""
+    return value >= limit.limit if limit.is_lower_bound else abs(value) <= limit.limit
+
+
+# ---- the file
 
 
 def load_limits(path: Path) -> Limits:
@@ -179,7 +236,7 @@ def load_limits(path: Path) -> Limits:
 def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
     """Return the limits of a mapping as in the file; ConfigError, which names the origin, if one is not valid."""
     _check_keys(content, ("minimum_count", "minimum_independent", *LimitPart), origin)
-    minimum = content.get("minimum_count", 2)
+    minimum = content.get("minimum_count", MINIMUM_COUNT)
     if not isinstance(minimum, int) or isinstance(minimum, bool) or minimum < 2:
         raise ConfigError(f"{origin}: 'minimum_count' is {minimum!r}: a whole number of at least 2 is needed")
     independent = content.get("minimum_independent", MINIMUM_INDEPENDENT)
@@ -194,7 +251,7 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
         if not isinstance(entry, Mapping) or not isinstance(entry.get("condition"), str):
             raise ConfigError(f"{place}: needs 'condition', such as distance=5, and limits beside it")
         try:
-            condition = Condition.parse(entry["condition"])
+            condition = Condition.parse(entry["condition"]).setting
         except MetricsError as error:
             raise ConfigError(f"{place}: {error}") from error
         rest = {key: value for key, value in entry.items() if key != "condition"}
@@ -206,15 +263,15 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
                 limits += _limits_of(part, block, f"{origin}: '{part}'", None)
     if not limits:
         raise ConfigError(f"{origin}: no limit in it: give at least one under {', '.join(LimitPart)}")
-    return Limits(tuple(limits), minimum, float(independent))
+    return Limits(limits=tuple(limits), minimum_count=minimum, minimum_independent=float(independent))
 
 
-def _limits_of(part: LimitPart, block: object, origin: str, condition: Condition | None) -> list[Limit]:
+def _limits_of(part: LimitPart, block: object, origin: str, condition: str | None) -> list[Limit]:
     """Return the limits of a block; `id`, `text` and `certain` are of all of it, or of one limit `{limit: ...}`."""
     if not isinstance(block, Mapping):
         raise ConfigError(f"{origin}: a mapping of names to limits is needed, found {type(block).__name__}")
     shares = [key for key, other in SHARES.items() if other is part]
-    _check_keys(block, (*NAMES[part], *shares, *REQUIREMENT), origin)
+    _check_keys(block, (*PLACES[part], *shares, *REQUIREMENT), origin)
     of_all = {key: block[key] for key in REQUIREMENT if key in block}
     made = []
     for key, value in block.items():
@@ -240,7 +297,8 @@ def _limits_of(part: LimitPart, block: object, origin: str, condition: Condition
             if name in entry and not isinstance(entry[name], kind):
                 raise ConfigError(f"{origin}: '{name}' of '{key}' is {entry[name]!r}: {NEEDED[kind]}")
         where, over = (LimitPart.COMPLETENESS, None) if key in shares else (part, condition)
-        made.append(Limit(where, key, float(bound), over, terms=terms, **entry))
+        stated = {} if terms is None else terms._asdict()
+        made.append(Limit(part=where, name=key, limit=float(bound), condition=over, **stated, **entry))
     return made
 
 

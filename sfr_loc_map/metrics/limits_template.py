@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from sfr_loc_map.metrics.limits import NAMES, LimitPart
+from sfr_loc_map.metrics.limits import MINIMUM_COUNT, MINIMUM_INDEPENDENT, PLACES, LimitPart
 
 LIMITS_HEAD = """\
 # Limits: PLACEHOLDERS, replace them by those of your own document. Upper bounds, except coverage_min; the name of a
@@ -12,9 +12,9 @@ LIMITS_HEAD = """\
 # Exit code 1 if one is missed, 3 if one cannot be judged.
 
 # Fewer values than this are not enough data for a verdict. (2 or more)
-minimum_count: 2
+minimum_count: {minimum_count}
 # Fewer independent sub-trajectories than this are not enough, either. A drive of 25 m has five of 5 m.
-minimum_independent: 5
+minimum_independent: {minimum_independent}
 
 # Errors at the end of sub-trajectories: one entry for each condition.
 trajectory:
@@ -37,12 +37,14 @@ LIMITS_MEANINGS = {
 
 def limits_text(condition: str = CONDITION, active: tuple[str, ...] = POSES) -> str:
     """Return a limits file. The limits named in `active` are in force, all others are commented out."""
-    lines = [LIMITS_HEAD.replace("{condition}", condition)]
-    for name in NAMES[LimitPart.TRAJECTORY]:
+    head = LIMITS_HEAD.replace("{minimum_count}", f"{MINIMUM_COUNT}")
+    head = head.replace("{minimum_independent}", f"{MINIMUM_INDEPENDENT:g}")
+    lines = [head.replace("{condition}", condition)]
+    for name in PLACES[LimitPart.TRAJECTORY]:
         lines.append(f"    {'' if name in active else '# '}{name}: {0.1 if name.endswith('_m') else 1.0}")
     for part, meaning in LIMITS_MEANINGS.items():
         lines += ["", f"# {meaning}.", f"# {part}:"]
-        lines += [f"#   {name}: {1.0e9 if name.endswith('_bytes') else 0.5}" for name in NAMES[LimitPart(part)]]
+        lines += [f"#   {name}: {1.0e9 if name.endswith('_bytes') else 0.5}" for name in PLACES[LimitPart(part)]]
     return "\n".join(lines) + "\n"
 
 

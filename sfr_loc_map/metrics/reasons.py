@@ -9,11 +9,11 @@ import numpy as np
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.config import Condition, ConditionKind, VerdictState, label_of
-from sfr_loc_map.metrics.limited import condition_of, truth_error_of
-from sfr_loc_map.metrics.limits import Limits
+from sfr_loc_map.metrics.limited import truth_error_of
+from sfr_loc_map.metrics.limits import Limits, Rules
 from sfr_loc_map.metrics.proof import words_of
 from sfr_loc_map.metrics.rules import limits_of
-from sfr_loc_map.metrics.score import Rules, Score, Verdict
+from sfr_loc_map.metrics.score import Score, Verdict
 
 
 def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple[str, ...]:
@@ -50,9 +50,9 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
 def few_words(item: Verdict, score: Score) -> str:
     """Return why a limited number is not made of enough data."""
     rules = score.rules or Rules()
-    limits = limits_of(score) or Limits(())
+    limits = limits_of(score) or Limits()
     for limit in limits.limits:
-        same = (limit.key, limit.limit, condition_of(limit)) == (item.name, item.limit, item.condition)
+        same = (limit.shown_name, limit.limit, limit.condition) == (item.name, item.limit, item.condition)
         error = truth_error_of(limit, score) if same else 0.0
         if error and item.margin is not None and abs(item.margin) <= error:
             return f"its margin of {item.margin:.3g} is within the error of the truth, {error:.3g}"

@@ -21,9 +21,11 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.display import data_frame
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.metrics.catalogue import KINDS, Subject, clause_of
+from sfr_loc_map.metrics.catalogue import ANY, KINDS, Subject, clause_of
 from sfr_loc_map.metrics.config import AssociationMode, CloudKind, Condition, Rebase, VerdictState
 from sfr_loc_map.metrics.formulas import STATISTICS, Statistics
+from sfr_loc_map.metrics.limits import Rules, is_lower_bound
+from sfr_loc_map.metrics.record import Record
 from sfr_loc_map.metrics.statistics import Interval
 
 if TYPE_CHECKING:
@@ -33,7 +35,6 @@ if TYPE_CHECKING:
 SCHEMA = "sfr-score/2"
 Column = tuple[float | None, ...]  #: One entry a row; None where a value is undefined.
 Integers = tuple[int, ...]
-ANY = "*"  #: In a look-up: whatever the rows have there.
 POOLED = "pooled"  #: Part of the rows over all drives of a suite.
 
 
@@ -42,10 +43,6 @@ def column(values: NDArray[np.floating], digits: int | None = 9) -> Column:
     numbers = np.asarray(values, np.float64)
     rounded = numbers if digits is None else np.round(numbers, digits)
     return tuple(number if math.isfinite(number) else None for number in rounded.tolist())
-
-
-class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
-    """Base of everything that is written as JSON."""
 
 
 class Columns(Record, frozen=True, kw_only=True):
@@ -204,39 +201,6 @@ class Verdict(Record, frozen=True, kw_only=True):
     def is_lower_bound(self) -> bool:
         """Whether the figure must not be below the limit, as the name of the limit says."""
         return is_lower_bound(self.name)
-
-
-def is_lower_bound(limit_name: str) -> bool:
-    """Tell whether a limit is a lower bound: its name ends in `_min` (`coverage_min`)."""
-    return limit_name.endswith("_min")
-
-
-class LimitRecord(Record, frozen=True, kw_only=True):
-    """One limit of a requirements file."""
-
-    part: str  #: Part of the limits file.
-    name: str  #: Name of the limit there.
-    limit: float  #: Bound in the unit of the name.
-    condition: str | None = None  #: Condition of the sub-trajectories.
-    id: str | None = None  #: Number of the requirement.
-    text: str | None = None  #: Its text.
-    certain: bool = False  #: Whether a pass requires the whole 95 % interval to be within the limit.
-    prob: float | None = None  #: Share of the errors that a tolerance bound is on; null for other limits.
-    confidence: float | None = None  #: Confidence with which that share has to be shown.
-    interpretation: str | None = None  #: Over what the share is taken.
-    normal: bool | None = None  #: Whether the errors are declared to be normal.
-    power: float | None = None  #: Probability with which drives with the share `good` of failures pass.
-    good: float | None = None  #: Share of failures that is acceptable; with it a sequential test judges drives.
-
-
-class Rules(Record, frozen=True, kw_only=True, omit_defaults=False):
-    """By what the verdicts follow from the table of figures."""
-
-    limits: tuple[LimitRecord, ...] = ()  #: Limits in the order of their file.
-    minimum_count: int = 2  #: Fewer values than this are not enough data.
-    minimum_independent: float = 5.0  #: Fewer independent sub-trajectories than this are not enough data.
-    partial: bool = False  #: Whether a part of what was expected is judged as if it were the whole.
-    sha256: str = ""  #: Hash of all of the above.
 
 
 # ---- how estimates were compared with the ground truth

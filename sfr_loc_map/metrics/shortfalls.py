@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from sfr_loc_map.metrics.completeness import CALLS, DRIVE, LIVE, MAP
+from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, LIVE, MAP
 
 
 class ShortfallKind(NamedTuple):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from sfr_loc_map.metrics.judge import judged_again
-from sfr_loc_map.metrics.rules import hash_of
 from sfr_loc_map.metrics.score import Figure, Score, Verdict
 
 ROUNDING = 1e-9  #: Relative difference up to which a stored number is the derived one.
@@ -11,8 +10,6 @@ ROUNDING = 1e-9  #: Relative difference up to which a stored number is the deriv
 
 def stored_contradiction(score: Score) -> str | None:
     """Return what of a stored score does not follow from its figures and its rules; None if everything does."""
-    if score.rules is not None and score.rules.sha256 != hash_of(score.rules):
-        return "its limits are not those that it was judged by (rules.sha256)"
     for row in score.figures:
         if row.mean is None or row.sigma is None or row.mean_plus_3sigma is None:
             continue

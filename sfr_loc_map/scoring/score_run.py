@@ -23,9 +23,9 @@ from sfr_loc_map.metrics.calls import (
     score_target,
     with_external,
 )
-from sfr_loc_map.metrics.catalogue import TARGET
+from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, MAP, MEMORY, TARGET
 from sfr_loc_map.metrics.cloud_error import score_map, score_nearest
-from sfr_loc_map.metrics.completeness import CALLS, DRIVE, MAP, MEMORY, expected_row, share_rows
+from sfr_loc_map.metrics.completeness import expected_row, share_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, Condition, ScoreConfig, label_of
 from sfr_loc_map.metrics.convention import Diagnosis, diagnose
 from sfr_loc_map.metrics.incomplete import why_incomplete
@@ -166,8 +166,8 @@ def _partial_warnings(score: Score) -> Iterator[str]:
 
 def _with_conditions(config: ScoreConfig, limits: Limits | None) -> ScoreConfig:
     """Return settings with the conditions that only the limits name."""
-    present = [Condition.parse(text) for text in config.trajectory.conditions]
-    missing = [] if limits is None else [item.setting for item in limits.conditions if item not in present]
+    present = [Condition.parse(text).setting for text in config.trajectory.conditions]
+    missing = [] if limits is None else [item for item in limits.conditions if item not in present]
     conditions = (*config.trajectory.conditions, *missing)
     return replace(config, trajectory=replace(config.trajectory, conditions=conditions))
 

@@ -19,7 +19,8 @@ from sfr_loc_map.metrics.calls import (
     score_target,
     with_external,
 )
-from sfr_loc_map.metrics.completeness import CALLS, calls_completeness
+from sfr_loc_map.metrics.catalogue import CALLS
+from sfr_loc_map.metrics.completeness import calls_completeness
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, Score

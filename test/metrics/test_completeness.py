@@ -11,8 +11,8 @@ from helpers.random_drives import as_score
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.catalogue import CALLS
 from sfr_loc_map.metrics.completeness import (
-    CALLS,
     calls_completeness,
     live_completeness,
     map_completeness,

@@ -14,12 +14,11 @@ from sfr_loc_map.metrics.calls import Calls, score_target
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.incomplete import Shortfall
 from sfr_loc_map.metrics.judge import judged, judged_at_the_end, overall_verdict
-from sfr_loc_map.metrics.limits import PLACES, LimitPart, Limits, parse_limits
-from sfr_loc_map.metrics.proof import BOUND
+from sfr_loc_map.metrics.limits import PLACES, LimitPart, Limits, Rules, parse_limits
 from sfr_loc_map.metrics.reasons import reasons_not_judged
-from sfr_loc_map.metrics.rules import limits_of
 from sfr_loc_map.metrics.score import Association, Details, FindingKind, FindingRecord, Score, figure_row
 from sfr_loc_map.metrics.score_json import from_json, to_json
+from sfr_loc_map.metrics.terms import BOUND
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.report.score_tables import unit_of
 
@@ -113,7 +112,7 @@ def test_each_name_of_a_limit_finds_its_number() -> None:
             verdict = score.verdicts[-1]
             assert verdict.value == 0.25, name
             assert (verdict.figure, verdict.statistic) == (limited.figure, statistic)
-            assert limits_of(score) == limits
+            assert score.rules == Rules(limits=limits.limits)
 
 
 def test_the_verdict_over_all() -> None:

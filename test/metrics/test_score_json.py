@@ -15,6 +15,7 @@ from msgspec.structs import replace
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.limits import PLACES, Limit, LimitPart
 from sfr_loc_map.metrics.score import COLUMNS, CallHistogram, Columns, InputFile, Provenance, Score, figure_row
 from sfr_loc_map.metrics.score_json import decoded, from_dict, from_json, from_plain, to_dict, to_json
 
@@ -47,11 +48,20 @@ def values(hint: Any) -> st.SearchStrategy[Any]:
         return st.dictionaries(WORDS, values(arguments[1]), max_size=2)
     if issubclass(hint, Columns):
         return st.integers(0, 2).flatmap(lambda length: columns(hint, length))
+    if hint is Limit:
+        return st.builds(limit_of, st.sampled_from(list(LimitPart)), st.integers(0, 100), NUMBERS, st.booleans())
     if issubclass(hint, msgspec.Struct):
         parts = get_type_hints(hint).items()
         return st.builds(hint, **{name: st.deferred(lambda part=part: values(part)) for name, part in parts})
     assert issubclass(hint, StrEnum)
     return st.sampled_from(list(hint))
+
+
+def limit_of(part: LimitPart, place: int, bound: float, certain: bool) -> Limit:
+    """Return a limit of a part; what it is called follows from its place among the names of the part."""
+    names = list(PLACES[part])
+    condition = "distance=5" if part is LimitPart.TRAJECTORY else None
+    return Limit(part=part, name=names[place % len(names)], limit=bound, condition=condition, certain=certain)
 
 
 def columns(hint: type, length: int) -> st.SearchStrategy[Any]:
@@ -110,6 +120,11 @@ def test_rows_are_found_by_what_they_are() -> None:
     assert found.number("peak", part="fusion") is None
     assert {row.condition for row in found.rows(subject="trajectory", condition=None)} == {None}
     assert found.conditions == ("frames=7",)
+
+
+def test_the_table_of_figures_is_a_table_of_pandas() -> None:
+    pytest.importorskip("pandas", reason="pandas is not installed")
+    found = score()
     frame = found.to_pandas()
     assert list(frame.columns) == list(COLUMNS)
     assert len(frame) == len(found.figures)

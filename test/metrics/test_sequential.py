@@ -5,8 +5,9 @@ import pytest
 from scipy import stats
 
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.proof import Interpretation, Terms, prove
+from sfr_loc_map.metrics.proof import prove
 from sfr_loc_map.metrics.sequential import SequentialTest
+from sfr_loc_map.metrics.terms import Interpretation, Terms
 from sfr_loc_map.metrics.tolerance import Sample, zero_failure_count
 
 TEST = SequentialTest(good=0.01, bad=0.05, confidence=0.95, power=0.9)

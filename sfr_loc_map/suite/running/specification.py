@@ -112,9 +112,9 @@ def load_specification(path: Path) -> SuiteSpecification:
         raise InputError(refusals[0].reason)
     if budget and (limits or lists["perturb"] or lists["tasks"] not in ([], ["localise"])):
         raise ConfigError(f"{path}: a suite with 'budget' localises drives and has no 'limits' and no 'perturb'")
-    named = [Condition.parse(str(text)) for text in lists["conditions"] or ["distance=5"]]
+    named = [Condition.parse(str(text)).setting for text in lists["conditions"] or ["distance=5"]]
     named += parse_limits(limits, f"{path}: limits").conditions if limits else ()
-    conditions = tuple(dict.fromkeys(item.setting for item in named))
+    conditions = tuple(dict.fromkeys(named))
     return SuiteSpecification(
         path=path,
         sources=tuple(sources),

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from sfr_loc_map import __version__
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.catalogue import KINDS, Subject
-from sfr_loc_map.metrics.completeness import SUITE, expected_row
+from sfr_loc_map.metrics.catalogue import KINDS, SUITE, Subject
+from sfr_loc_map.metrics.completeness import expected_row
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judge import (
     finding_verdicts,
@@ -30,13 +30,14 @@ from sfr_loc_map.metrics.judge import (
     proof_verdict,
     verdict_on,
 )
-from sfr_loc_map.metrics.limited import LimitedFigure, condition_of, figure_of, meets
-from sfr_loc_map.metrics.limits import Limit, Limits, parse_limits
-from sfr_loc_map.metrics.proof import SEQUENTIAL, Interpretation, Terms, prove, sample_of
+from sfr_loc_map.metrics.limited import LimitedFigure, figure_of
+from sfr_loc_map.metrics.limits import Limit, Limits, meets, parse_limits
+from sfr_loc_map.metrics.proof import SEQUENTIAL, prove, sample_of
 from sfr_loc_map.metrics.rules import about, limits_about, what_of
 from sfr_loc_map.metrics.score import POOLED, Figure, Score, Verdict, figure_row
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.statistics import student_quantile
+from sfr_loc_map.metrics.terms import Interpretation, Terms
 from sfr_loc_map.metrics.tolerance import Sample
 from sfr_loc_map.suite.running.cluster import WorkerRecord
 from sfr_loc_map.suite.running.job import Job
@@ -313,7 +314,7 @@ def verdicts_over(
         else:  # drives need no least number
             worst_value = min(values, default=None) if limit.is_lower_bound else max(values, key=abs, default=None)
             figure = LimitedFigure(worst_value)
-        verdict = replace(verdict_on(limit, figure, limits or Limits(())), n=count)
+        verdict = replace(verdict_on(limit, figure, limits or Limits()), n=count)
         has_value = [bool(_count_of(limit, score)) for score in own]
         if verdict.state is VerdictState.PASS and not all(has_value):
             verdict = replace(verdict, state=VerdictState.INCOMPLETE)  # a drive that cannot be judged is no pass
@@ -333,7 +334,7 @@ def samples_by_drive(limit: Limit, results: Sequence[tuple[str, Score]]) -> dict
     """Return the errors that a limit is on: those of each run, by drive."""
     samples: dict[str, list[Sample]] = {}
     for drive, score in results:
-        sample = sample_of(score, limit.limited.figure, condition_of(limit))
+        sample = sample_of(score, limit.limited.figure, limit.condition)
         if sample is not None:
             samples.setdefault(drive, []).append(sample)
     return samples
