@@ -33,18 +33,9 @@ SIGNAL_S = 1.0  # how long after a signal has ended the compiling process this o
 Say = Callable[[str], None]
 _ONE_AT_A_TIME = threading.Lock()
 
-
-def _mapping() -> None:
-    from sfr_loc_map.geometry.stereo import StereoRig
-    from sfr_loc_map.mapping.config import MappingConfig
-    from sfr_loc_map.mapping.mapper import Mapper
-
-    Mapper(StereoRig(320, 240, 300.0, 300.0, 159.5, 119.5, 0.1), MappingConfig()).warm_up()
-
-
 PARTS: Mapping[str, Callable[[], None]] = {
     "localisation": lambda: import_module("sfr_loc_map.localisation.localiser").Localiser.warm_up(),
-    "mapping": _mapping,
+    "mapping": lambda: import_module("sfr_loc_map.mapping.mapper").Mapper.warm_up(),
     "terrain": lambda: import_module("sfr_loc_map.mapping.terrain.grid").warm_up(),
 }
 

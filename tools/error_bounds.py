@@ -34,8 +34,8 @@ from sfr_loc_map.localisation.state import Outcome, State
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
-from sfr_loc_map.mapping.disparity.semi_global_matching import search_range
 from sfr_loc_map.mapping.robust_statistics import MAD_TO_SIGMA
+from sfr_loc_map.mapping.search_range import search_range
 from sfr_loc_map.runs.offline import start_pose
 
 EVERY = 10

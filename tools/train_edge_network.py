@@ -22,10 +22,11 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import panorama_of
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.cell_field import cells_from_disparity, disparity_from_cells
+from sfr_loc_map.mapping.disparity.pixel_status import is_valid
 from sfr_loc_map.mapping.disparity.right_image_correction import correct_right_image
-from sfr_loc_map.mapping.disparity.semi_global_matching import search_range, semi_global_matching
+from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
 from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
-from sfr_loc_map.mapping.disparity.validity import valid_before_edges
+from sfr_loc_map.mapping.disparity.validity import status_before_edges
 from sfr_loc_map.mapping.disparity.variational_refinement import refine
 from sfr_loc_map.mapping.disparity.wrong_surface import (
     EdgeFeatures,
@@ -36,6 +37,7 @@ from sfr_loc_map.mapping.disparity.wrong_surface import (
     network_input,
     training_constants,
 )
+from sfr_loc_map.mapping.search_range import search_range
 
 INPUTS = len(EdgeFeatures._fields)
 UNITS = 16
@@ -96,7 +98,7 @@ def scene_of(left: np.ndarray, right: np.ndarray, count: int) -> EdgeScene:
     without_holes_px = disparity_from_cells(initial_cells, left.shape)
     right_grey = correct_right_image(left_grey, right.astype(np.float32), without_holes_px).image
     refined = refine(left_grey, right_grey, initial_cells)
-    valid = valid_before_edges(left_grey, right_grey, initial_px, refined)
+    valid = is_valid(status_before_edges(left_grey, right_grey, initial_px, refined))
     sigma_px = disparity_sigma(refined)
     return EdgeScene(left_grey, right_grey, refined.disparity_px, np.isfinite(initial_px), valid, sigma_px)
 

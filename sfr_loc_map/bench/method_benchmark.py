@@ -31,7 +31,7 @@ from sfr_loc_map.io.sequence import LocSequence, NavSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity.semi_global_matching import search_range
+from sfr_loc_map.mapping.search_range import search_range
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import BUILT_IN, OURS_IN_TABLES, PEERS, Method, MethodLimits, find_method, find_peer

@@ -57,7 +57,7 @@ def check_matches(pair: StereoPair, disparity: DisparityMap, disparity_count: in
 
     If too few pixels are textured, the fraction is NaN and the pair passes, with a warning of `findings_of_pair`.
     """
-    fraction = disparity.valid_textured_fraction
+    fraction = disparity.measured_textured_fraction
     if fraction < MIN_VALID_TEXTURED_FRACTION:
         raise MappingError(
             f"images of stamp {pair.stamp_ns} do not match: {100 * fraction:.0f} % of the textured pixels are valid, "

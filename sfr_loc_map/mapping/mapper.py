@@ -30,12 +30,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import checked
 from sfr_loc_map.errors import MappingError
-from sfr_loc_map.geometry.arrays import FloatImage
+from sfr_loc_map.geometry.arrays import FloatArray32, FloatImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -43,30 +42,26 @@ from sfr_loc_map.mapping.checks import check_images, check_index, check_matches
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
 from sfr_loc_map.mapping.disparity.hole_filling import fill_holes
-from sfr_loc_map.mapping.disparity.photometric_residual import shift_rows
+from sfr_loc_map.mapping.disparity.pixel_status import StatusImage
 from sfr_loc_map.mapping.disparity.right_camera import measure_right_camera, without_roll
 from sfr_loc_map.mapping.disparity.saturation import Saturation
-from sfr_loc_map.mapping.disparity.semi_global_matching import search_range
-from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
-from sfr_loc_map.mapping.multiview.pair_view import PairView
 from sfr_loc_map.mapping.multiview.registration import register_views
 from sfr_loc_map.mapping.pair_findings import findings_of_pair
+from sfr_loc_map.mapping.pair_view import PairView
 from sfr_loc_map.mapping.point_sigma import CalibrationSigma, calibration_sigma, largest_of, point_sigma
-from sfr_loc_map.mapping.reprojection import view_from_disparity
+from sfr_loc_map.mapping.reprojection import status_within_range, view_of_pair
+from sfr_loc_map.mapping.search_range import search_range
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusionInput:
-    """What the fusion requires of a pair beside the cloud, the disparities and the pose of its map."""
+    """What the fusion uses of a pair."""
 
     rig: StereoRig  #: Rig of the pair.
-    #: `(N,)`, metres, the sigma by which the points of the map are fused, that of noise and smoothing alone. Saturation
-    #: and calibration are no weights of the fusion (`point_sigma`): they are added to the sigma of the fused points.
-    noise_sigma: NDArray[np.float32]
-    noise_grey: float  #: Standard deviation of the difference of two images of the same ground, grey levels.
-    saturation: Saturation  #: Saturated pixels, which increase sigma.
+    view: PairView  #: Points with the sigma by which they are fused, disparities, and pose.
+    saturation: Saturation  #: Saturated pixels, which increase the sigma of fused points.
     calibration: CalibrationSigma  #: Uncertainty of the calibration given what the pair shows.
 
 
@@ -75,16 +70,17 @@ class PairMap:
     """The map of one stereo pair."""
 
     stamp_ns: int  #: Stamp of the pair.
-    #: Points in LM, those that `fuse` uses; their `pair` is the index that was given to `process`, their sigma the
-    #: total one.
-    cloud: PointCloud
+    cloud: PointCloud  #: Points in LM with the total sigma; their `pair` is the index that was given to `process`.
     #: `(N,)`, metres, part of sigma that differs from point to point: noise, smoothing and saturation.
-    random_sigma: NDArray[np.float32]
+    random_sigma: FloatArray32
     T_lm_left: Transform  #: Pose of the left camera.
     disparity_px: FloatImage  #: Disparities of the left image `(H, W)` float32, pixels; NaN where invalid.
     fusion_input: FusionInput | None = None  #: None if the map was not made by `Mapper`, which then cannot fuse it.
     statistics: Mapping[str, float] = field(default_factory=dict)  #: Figures of the call by name.
     warnings: tuple[str, ...] = ()  #: Warnings of the call, one line each.
+    #: `(H, W)` uint8, the `PixelStatus` of each pixel: measured, filled, or the reason why it has no disparity. None if
+    #: the map was not made by `Mapper`.
+    pixel_status: StatusImage | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +89,7 @@ class FusedMap:
 
     cloud: PointCloud  #: Points in LM, each on the ray of its pair and pixel, with the total sigma.
     #: `(N,)`, metres, part of sigma that differs from point to point: noise, smoothing and saturation.
-    random_sigma: NDArray[np.float32]
+    random_sigma: FloatArray32
     T_lm_left: tuple[Transform, ...] = ()  #: Poses of the pairs' left cameras, as given or as registered.
     #: Figures of the fusion by name (overlap and disagreement per pair, ...).
     statistics: Mapping[str, float] = field(default_factory=dict)
@@ -111,17 +107,17 @@ class Mapper:
         self._config = checked(config)
         self._search = search_range(rig, self._config)
 
-    def warm_up(self) -> None:
+    @staticmethod
+    def warm_up() -> None:
         """Load or compile all kernels, so that no later call takes the time."""
         rig = StereoRig(160, 120, 150.0, 150.0, 79.5, 59.5, 0.1)
-        scene = np.random.default_rng(0).integers(0, 256, (rig.height, rig.width + 8), dtype=np.uint8)
-        left = scene[:, : rig.width].copy()
-        right = scene[:, 8:].copy()
+        scene = np.random.default_rng(0).integers(0, 256, (rig.height + 1, rig.width + 8), dtype=np.uint8)
+        left = scene[1:, : rig.width].copy()
+        right = scene[:-1, 8:].copy()  # a pixel lower: the rows of the right image are shifted
         right[40:60, 40:80] = 255  # saturated, and a hole to fill
         mapper = Mapper(rig)
         pair_map = mapper.process(StereoPair(0, left, right), Transform.identity(), 0)
         mapper.fuse([pair_map, pair_map])
-        shift_rows(left.astype(np.float32), np.zeros(left.shape, np.float32))  # the pair has no vertical disparity
 
     def map(self, pairs: Sequence[PosedStereoPair]) -> FusedMap:
         """Return one cloud of one to three pairs: the mapping call of the specification [1.3].
@@ -142,19 +138,22 @@ class Mapper:
         check_matches(pair, estimated, self._search.count)
         rotation = measure_right_camera(estimated, self._rig)
         filled = fill_holes(estimated)
-        disparity = without_roll(filled, rotation, self._rig)
+        disparity_px = without_roll(filled.px, rotation, self._rig)
+        status = status_within_range(filled.status, disparity_px, self._search.min_disparity_px)
         T_lm_left = T_lm_navsb @ self._rig.T_sb_left
-        view = view_from_disparity(disparity, self._search.min_disparity_px, self._rig, T_lm_left, index)
+        view = view_of_pair(disparity_px, status, filled, self._rig, T_lm_left)
         calibration = calibration_sigma(rotation, self._rig, self._config.calibration)
-        sigma = point_sigma(view.cloud, {index: T_lm_left}, {index: disparity.saturation}, calibration, self._rig)
-        findings = findings_of_pair(estimated, rotation, len(view.cloud), self._rig, self._config.calibration)
+        first_pair = np.zeros(view.points.size, np.uint8)
+        sigma = point_sigma(view.points, first_pair, [T_lm_left], [filled.saturation], calibration, self._rig)
+        findings = findings_of_pair(estimated, rotation, view.points.size, self._rig, self._config.calibration)
         return PairMap(
             stamp_ns=pair.stamp_ns,
-            cloud=replace(view.cloud, sigma=sigma.total),
+            cloud=view.points.to_cloud(sigma.total, first_pair + np.uint8(index), fused=False),
             random_sigma=sigma.random,
             T_lm_left=T_lm_left,
             disparity_px=view.disparity_px,
-            fusion_input=FusionInput(self._rig, view.cloud.sigma, view.noise_grey, disparity.saturation, calibration),
+            pixel_status=status,
+            fusion_input=FusionInput(self._rig, view, filled.saturation, calibration),
             statistics=findings.statistics,
             warnings=findings.warnings,
         )
@@ -162,29 +161,28 @@ class Mapper:
     def fuse(self, maps: Sequence[PairMap]) -> FusedMap:
         """Return one cloud of up to three pairs; the `pair` of its points is the position of their map in the order.
 
-        Raises MappingError for no map or more than three, for a map that `process` did not make or whose cloud has lost
-        points since, and for maps of other cameras than the mapper's.
+        Raises MappingError for no map or more than three, for a map that `process` did not make or whose points were
+        changed since, and for maps of other cameras than the mapper's.
         """
         if not 1 <= len(maps) <= MAX_PAIRS:
             raise MappingError(f"a map is fused from 1 to {MAX_PAIRS} pairs: got {len(maps)}")
         inputs = [_fusion_input(item, self._rig) for item in maps]
-        given = [_view(item, found, index) for index, (item, found) in enumerate(zip(maps, inputs, strict=True))]
-        cleaned = without_fixed_content(given, self._rig)
+        cleaned = without_fixed_content([item.view for item in inputs], self._rig)
         views = cleaned.views
-        registration_findings = Findings()
+        findings = cleaned.findings
         if self._config.refine_poses:
             registered = register_views(views, self._rig)
             views = registered.views
-            registration_findings = registered.findings
+            findings += registered.findings
         fused = fuse_views(views, self._rig)
         T_lm_left = tuple(view.T_lm_left for view in views)
-        saturations = dict(enumerate(item.saturation for item in inputs))
+        saturations = [item.saturation for item in inputs]
         calibration = largest_of(item.calibration for item in inputs)
-        sigma = point_sigma(fused.cloud, dict(enumerate(T_lm_left)), saturations, calibration, self._rig)
-        findings = cleaned.findings + fused.findings + registration_findings
-        stamps_ns = tuple(item.stamp_ns for item in maps)
+        sigma = point_sigma(fused.points, fused.pair, T_lm_left, saturations, calibration, self._rig)
+        cloud = fused.points.to_cloud(sigma.total, fused.pair, fused=len(maps) > 1)
+        findings += fused.findings
         return FusedMap(
-            cloud=replace(fused.cloud, sigma=sigma.total, pair_stamps_ns=stamps_ns),
+            cloud=replace(cloud, pair_stamps_ns=tuple(item.stamp_ns for item in maps)),
             random_sigma=sigma.random,
             T_lm_left=T_lm_left,
             statistics=findings.statistics,
@@ -193,9 +191,10 @@ class Mapper:
 
 
 def _fusion_input(pair_map: PairMap, rig: StereoRig) -> FusionInput:
-    """Return what the fusion requires of a pair.
+    """Return what the fusion uses of a pair.
 
-    Raises MappingError for a map of another method or other cameras, or whose cloud was changed.
+    Raises MappingError for a map of another method or of other cameras, and for one whose points were changed: the
+    change would be ignored.
     """
     found = pair_map.fusion_input
     if found is None:
@@ -205,16 +204,9 @@ def _fusion_input(pair_map: PairMap, rig: StereoRig) -> FusionInput:
             f"the map of stamp {pair_map.stamp_ns} was made with other cameras than those of this mapper: fuse maps of "
             "one rig"
         )
-    if len(found.noise_sigma) != len(pair_map.cloud):
+    if not np.array_equal(pair_map.cloud.xyz, found.view.points.xyz):
         raise MappingError(
-            f"the map of stamp {pair_map.stamp_ns} has {len(pair_map.cloud)} points, `Mapper.process` gave it "
-            f"{len(found.noise_sigma)}: fuse maps as they were made, and select points afterwards"
+            f"the map of stamp {pair_map.stamp_ns} has other points ({len(pair_map.cloud)}) than `Mapper.process` gave "
+            f"it ({found.view.points.size}): fuse maps as they were made, and select or move points afterwards"
         )
     return found
-
-
-def _view(pair_map: PairMap, fusion_input: FusionInput, index: int) -> PairView:
-    """Return the points of a map with the sigma by which they are fused, as those of the pair of an index."""
-    pair = np.full(len(pair_map.cloud), index, np.uint8)
-    cloud = replace(pair_map.cloud, sigma=fusion_input.noise_sigma, pair=pair)
-    return PairView(cloud, pair_map.disparity_px, pair_map.T_lm_left, fusion_input.noise_grey)

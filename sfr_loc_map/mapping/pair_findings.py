@@ -44,7 +44,7 @@ def findings_of_pair(
         "offset_grey": correction.offset_grey,
         "vertical_offset_px": correction.vertical.offset_px,
         "vertical_offset_largest_px": correction.vertical.max_px,
-        "matched_share": disparity.valid_textured_fraction,
+        "matched_share": disparity.measured_textured_fraction,
         "right_yaw_deg": math.degrees(rotation.yaw_rad) if rotation.is_measured else math.nan,
         "right_yaw_sigma_deg": math.degrees(rotation.yaw_sigma_rad) if rotation.is_measured else math.nan,
         "right_roll_deg": math.degrees(rotation.roll_rad),
@@ -56,7 +56,7 @@ def findings_of_pair(
 
 def _warnings_of_images(disparity: DisparityMap, configured: CalibrationUncertainty) -> tuple[str, ...]:
     """Return warnings about matches, rectification, exposure and saturation."""
-    fraction = disparity.valid_textured_fraction
+    fraction = disparity.measured_textured_fraction
     correction = disparity.correction
     saturated = disparity.saturation.fraction
     warnings = []

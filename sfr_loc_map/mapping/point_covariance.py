@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sfr_loc_map.geometry.arrays import FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 
 
-def point_covariances(cloud: PointCloud, T_lm_left: Sequence[Transform], focal_px: float) -> NDArray[np.float32]:
+def point_covariances(cloud: PointCloud, T_lm_left: Sequence[Transform], focal_px: float) -> FloatArray32:
     """Return the covariance of each point in LM `(N, 3, 3)`, square metres.
 
     Along the ray it is the point's variance `sigma^2`. Across the ray a point represents its pixel: a uniform

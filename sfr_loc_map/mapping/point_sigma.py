@@ -19,9 +19,9 @@ uncertainty.disparity_sigma            variance 1 / (8 sqrt(h s)) + (0.34 curvat
                                        information h less that of noise, at least 1e-3, the smoothness weight s, the
                                        curvature at most 10 medians and the crease at most 1 px; sigma at most 2 px
 hole_filling.fill_holes                max(sigma, 0.5 px) at filled pixels
-reprojection.cloud_from_disparity      abs(ray) Z^2 / (fx baseline) sigma, from pixels to metres
+reprojection.points_from_disparity     abs(ray) Z^2 / (fx baseline) sigma, from pixels to metres
 multiview.fusion (only fused points)   variance 0.5 sigma^2 + 0.5 sum w_i^2 s_i^2 / (sum w_i)^2, w_i = feather / s_i^2
-saturation.widened_sigma               (1 + 1.5 f) sigma, f the saturated fraction of 11 x 11 pixels
+widened_sigma                          (1 + 1.5 f) sigma, f the saturated fraction of 11 x 11 pixels
 total_sigma                            variance sigma^2 + r^2 (a^2 (fx / d)^2 + focal^2 + baseline^2), with the angle a
                                        of the uncertainty of `calibration_sigma`
 =====================================  =================================================================================
@@ -41,24 +41,28 @@ it is applied to the sigma of the fused points, and the agreement of views is ju
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import F, FloatArray, FloatArray32
 from sfr_loc_map.geometry.camera import StereoCamera
-from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.config import CalibrationUncertainty
 from sfr_loc_map.mapping.disparity.right_camera import MIN_ROTATION_PX, CameraRotation
-from sfr_loc_map.mapping.disparity.saturation import Saturation, widened_sigma
+from sfr_loc_map.mapping.disparity.saturation import Saturation
+from sfr_loc_map.mapping.pair_view import ViewPoints
 
+SIGMA_GROWTH = F(1.5)
+"""Relative growth of sigma in a completely saturated neighbourhood. Chosen on rendered, half clipped ground."""
+SIGMA_FACTORS = F(1.0) + SIGMA_GROWTH / F(255.0) * np.arange(256, dtype=F)
+"""By the mean of a neighbourhood, 0 to 255: factor on sigma. The noise that is measured in the images is too small
+there, because clipping removes it."""
 SIGNIFICANT_SIGMAS = 3.0  #: A yaw is significant from this many of its standard deviations on: 0.3 % by chance.
 MIN_SIGNIFICANT_YAW_DEG = 0.02
 """Smallest significant yaw, deg, however small the configured uncertainty is: at a focal length of 800 pixels it
@@ -79,8 +83,8 @@ class CalibrationSigma(NamedTuple):
 class PointSigma(NamedTuple):
     """Standard deviations along the ray of N points, `(N,)` float32 each, metres."""
 
-    random: NDArray[np.float32]  #: Part that differs from point to point: noise, smoothing and saturation.
-    total: NDArray[np.float32]  #: The random part and the calibration's part, which all points share.
+    random: FloatArray32  #: Part that differs from point to point: noise, smoothing and saturation.
+    total: FloatArray32  #: The random part and the calibration's part, which all points share.
 
 
 def is_yaw_significant(rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty) -> bool:
@@ -137,45 +141,69 @@ def largest_of(calibrations: Iterable[CalibrationSigma]) -> CalibrationSigma:
 
 
 def point_sigma(
-    cloud: PointCloud,
-    poses: Mapping[int, Transform],
-    saturations: Mapping[int, Saturation],
+    points: ViewPoints,
+    pair: NDArray[np.uint8],
+    poses: Sequence[Transform],
+    saturations: Sequence[Saturation],
     calibration: CalibrationSigma,
     rig: StereoRig,
 ) -> PointSigma:
-    """Return the standard deviations of a cloud whose sigma is that of noise and smoothing alone.
+    """Return the standard deviations of points of one or several pairs; `pair` `(N,)` is the index of each point's.
 
-    Poses of the left cameras (left optical frame to LM) and saturations are given by the points' `pair`.
+    Poses of the left cameras (left optical frame to LM) and saturations are in the order of the pairs.
     """
-    random = widened_sigma(cloud, saturations)
-    return PointSigma(random, total_sigma(replace(cloud, sigma=random), poses, rig, calibration))
+    random = widened_sigma(points, pair, saturations)
+    return PointSigma(random, total_sigma(points, random, pair, poses, calibration, rig))
+
+
+def widened_sigma(points: ViewPoints, pair: NDArray[np.uint8], saturations: Sequence[Saturation]) -> FloatArray32:
+    """Return the standard deviations of points `(N,)`, metres, increased beside saturated pixels."""
+    if not any(item.fraction > 0.0 for item in saturations):
+        return points.fusion_sigma.copy()
+    neighbourhoods = np.stack([item.neighbourhood for item in saturations])
+    return _widened(points.fusion_sigma, pair, points.v, points.u, neighbourhoods)
+
+
+@jit_rows
+def _widened(
+    sigma: FloatArray32,
+    pair: NDArray[np.uint8],
+    v: NDArray[np.uint16],
+    u: NDArray[np.uint16],
+    neighbourhoods: NDArray[np.uint8],
+) -> FloatArray32:
+    """Return the standard deviations `(N,)` times the factors of the neighbourhoods `(pairs, H, W)`."""
+    out = np.empty_like(sigma)
+    for n in prange(len(sigma)):
+        out[n] = sigma[n] * SIGMA_FACTORS[neighbourhoods[pair[n], v[n], u[n]]]
+    return out
 
 
 def total_sigma(
-    cloud: PointCloud, poses: Mapping[int, Transform], rig: StereoRig, calibration: CalibrationSigma
-) -> NDArray[np.float32]:
-    """Return the standard deviation along the ray of each point `(N,)`, metres, including the calibration's part.
+    points: ViewPoints,
+    random: FloatArray32,
+    pair: NDArray[np.uint8],
+    poses: Sequence[Transform],
+    calibration: CalibrationSigma,
+    rig: StereoRig,
+) -> FloatArray32:
+    """Return the total standard deviation along the ray of each point `(N,)`, metres.
 
-    With the range r, the disparity d and the normalised coordinates (x, y) of the left pixel and (xr, y) of the right
-    one, the variance is
+    With the random part sigma, the range r, the disparity d and the normalised coordinates (x, y) of the left pixel and
+    (xr, y) of the right one, the variance is
 
         sigma^2 + r^2 (a^2 (fx / d)^2 + focal^2 + baseline^2)
         a^2 = (yaw (1 + xr^2))^2 + (pitch xr y)^2 + (roll y)^2 + distortion^2
-
-    Poses of the left cameras (left optical frame to LM) are given by the points' `pair`.
     """
-    axes = np.zeros((max(poses) + 1, 3))
-    centres = np.zeros_like(axes)
-    for pair, pose in poses.items():
-        axes[pair] = pose.rotation[:, 2]
-        centres[pair] = pose.translation
-    return _total_sigma(cloud.xyz, cloud.sigma, cloud.u, cloud.v, cloud.pair, axes, centres, rig.camera, calibration)
+    axes = np.stack([pose.rotation[:, 2] for pose in poses])
+    centres = np.stack([pose.translation for pose in poses])
+    return _total_sigma(points.xyz, random, points.u, points.v, pair, axes, centres, rig.camera, calibration)
 
 
 @jit_rows
 def _total_sigma(
-    xyz: NDArray[np.float32],
-    sigma: NDArray[np.float32],
+    xyz: FloatArray32,
+    sigma: FloatArray32,
     us: NDArray[np.uint16],
     vs: NDArray[np.uint16],
     pairs: NDArray[np.uint8],
@@ -183,9 +211,9 @@ def _total_sigma(
     centres: FloatArray,
     camera: StereoCamera,
     calibration: CalibrationSigma,
-) -> NDArray[np.float32]:
+) -> FloatArray32:
     """Return the total standard deviations `(N,)`; axes and centres `(pairs, 3)` of the left cameras are in LM."""
-    total = np.empty(len(sigma), np.float32)
+    total = np.empty(len(sigma), F)
     distortion_variance = calibration.distortion_rad * calibration.distortion_rad
     focal = calibration.focal_fraction
     baseline = calibration.baseline_fraction

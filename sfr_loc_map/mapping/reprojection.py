@@ -2,40 +2,32 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import prange
-from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, IntArray
+from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage, IntArray
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
-from sfr_loc_map.mapping.multiview.pair_view import PairView
+from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus, StatusImage, is_valid, with_reason
+from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
 
-def view_from_disparity(
-    disparity: DisparityMap, min_disparity_px: float, rig: StereoRig, T_lm_left: Transform, index: int
+def status_within_range(status: StatusImage, disparity_px: FloatImage, min_disparity_px: float) -> StatusImage:
+    """Return the status of pixels of which those beyond the range of the smallest disparity are invalid."""
+    return with_reason(status, disparity_px < min_disparity_px, PixelStatus.BEYOND_RANGE)
+
+
+def view_of_pair(
+    disparity_px: FloatImage, status: StatusImage, estimated: DisparityMap, rig: StereoRig, T_lm_left: Transform
 ) -> PairView:
-    """Return the points of all valid pixels that are not beyond the range of the smallest disparity."""
-    is_kept = disparity.valid & (disparity.px >= min_disparity_px)
-    disparity_px = np.where(is_kept, disparity.px, np.float32(np.nan))
-    cloud = cloud_from_disparity(disparity_px, disparity.sigma_px, disparity.left, rig, T_lm_left, index)
-    return PairView(cloud, disparity_px, T_lm_left, disparity.noise_grey)
-
-
-class PointColumns(NamedTuple):
-    """Columns of a cloud of N points, in the order of `PointCloud`."""
-
-    xyz: NDArray[np.float32]  #: `(N, 3)`, metres, LM.
-    sigma: NDArray[np.float32]  #: `(N,)`, standard deviation along the ray, metres.
-    intensity: NDArray[np.float32]  #: `(N,)`, grey level of the left pixel.
-    u: NDArray[np.uint16]  #: `(N,)`, column of the left pixel.
-    v: NDArray[np.uint16]  #: `(N,)`, row of the left pixel.
+    """Return the points of the valid disparities, with the sigma and the images that they were estimated with."""
+    valid_px = np.where(is_valid(status), disparity_px, F(np.nan))
+    points = points_from_disparity(valid_px, estimated.sigma_px, estimated.left, rig, T_lm_left)
+    return PairView(points, valid_px, T_lm_left, estimated.noise_grey)
 
 
 def cloud_from_disparity(
@@ -46,7 +38,18 @@ def cloud_from_disparity(
     T_lm_left: Transform,
     index: int,
 ) -> PointCloud:
-    """Return the points of all pixels that have a disparity; `index` is that of the pair within its set.
+    """Return the points of all pixels that have a disparity as those of the pair of an index within its set.
+
+    Their sigma is that of the disparities alone. Arguments are those of `points_from_disparity`.
+    """
+    points = points_from_disparity(disparity_px, sigma_px, left, rig, T_lm_left)
+    return points.to_cloud(points.fusion_sigma, np.full(points.size, index, np.uint8), fused=False)
+
+
+def points_from_disparity(
+    disparity_px: FloatImage, sigma_px: FloatImage, left: GreyImage | FloatImage, rig: StereoRig, T_lm_left: Transform
+) -> ViewPoints:
+    """Return the points of all pixels that have a disparity.
 
     `Z = fx baseline / d`, and the ray of pixel (u, v) is `((u - cx) / fx, (v - cy) / fy, 1)` in the left optical frame.
     To first order the standard deviation along the ray is `|ray| Z^2 / (fx baseline) sigma_d`.
@@ -54,21 +57,20 @@ def cloud_from_disparity(
     The disparity `(H, W)` is NaN where it is invalid.
     """
     row_ends = np.cumsum(np.isfinite(disparity_px).sum(axis=1))
-    grey = left.astype(np.float32, copy=False)
-    columns = _points(disparity_px, sigma_px, grey, rig.camera, Pose.of(T_lm_left), row_ends)
-    return PointCloud(*columns, np.full(row_ends[-1], index, np.uint8), fused=False)
+    grey = left.astype(F, copy=False)
+    return _points(disparity_px, sigma_px, grey, rig.camera, Pose.of(T_lm_left), row_ends)
 
 
 @jit_rows
 def _points(
     disparity: FloatImage, sigma_px: FloatImage, grey: FloatImage, camera: StereoCamera, pose: Pose, row_ends: IntArray
-) -> PointColumns:
-    """Return the columns of a cloud, filled row by row; `row_ends` `(H,)` counts the points up to the end of a row."""
+) -> ViewPoints:
+    """Return the points, filled row by row; `row_ends` `(H,)` counts the points up to the end of a row."""
     rows, cols = disparity.shape
     count = row_ends[-1]
-    xyz = np.empty((count, 3), np.float32)
-    sigma = np.empty(count, np.float32)
-    intensity = np.empty(count, np.float32)
+    xyz = np.empty((count, 3), F)
+    sigma = np.empty(count, F)
+    intensity = np.empty(count, F)
     u = np.empty(count, np.uint16)
     v = np.empty(count, np.uint16)
     rotation = pose.rotation
@@ -91,4 +93,4 @@ def _points(
             u[n] = j
             v[n] = i
             n += 1
-    return PointColumns(xyz, sigma, intensity, u, v)
+    return ViewPoints(xyz, sigma, intensity, u, v)

@@ -30,8 +30,8 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingS
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import STRIP, draw_tracks
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
-from sfr_loc_map.mapping.disparity.semi_global_matching import search_range
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
+from sfr_loc_map.mapping.search_range import search_range
 from sfr_loc_map.methods.isolated_method import IsolatedMethod
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.calls import CallMeter

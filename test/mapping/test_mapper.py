@@ -129,7 +129,7 @@ def arrays_of(pair_map: PairMap) -> list[bytes]:
     assert pair_map.fusion_input is not None
     cloud, given = pair_map.cloud, pair_map.fusion_input
     saturation = given.saturation
-    arrays = (cloud.to_structured(), given.noise_sigma, pair_map.random_sigma, pair_map.disparity_px)
+    arrays = (cloud.to_structured(), *given.view.points, pair_map.random_sigma, pair_map.disparity_px)
     return [array.tobytes() for array in (*arrays, saturation.saturated, saturation.neighbourhood)]
 
 
@@ -215,8 +215,10 @@ def test_wrong_size_and_index_and_maps_of_other_methods_are_refused() -> None:
         mapper.fuse([wider.process(made.pair, T_LM_NAVSB, 0)])
     whole = mapper.process(made.pair, T_LM_NAVSB, 0)
     halved = replace(whole, cloud=whole.cloud.select(np.arange(0, len(whole.cloud), 2)))
-    with pytest.raises(MappingError, match="select points afterwards"):
-        mapper.fuse([halved])
+    moved = replace(whole, cloud=replace(whole.cloud, xyz=whole.cloud.xyz + np.float32(1.0)))
+    for changed in (halved, moved):
+        with pytest.raises(MappingError, match="fuse maps as they were made"):
+            mapper.fuse([changed])
 
 
 @pytest.mark.slow

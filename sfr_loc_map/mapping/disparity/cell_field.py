@@ -10,11 +10,9 @@ import cv2
 import numpy as np
 from numba import prange
 
-from sfr_loc_map.geometry.arrays import FloatImage
+from sfr_loc_map.geometry.arrays import F, FloatImage
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
-from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX
-
-F = np.float32
+from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
 
 LEVELS = 3  #: Grids of the refinement: cells of 2, 4 and 8 pixels. Images are padded to a multiple of the largest cell.
 MEAN_RADIUS_CELLS = 3

@@ -7,15 +7,9 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, Mask
+from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage, Mask
 
-F = np.float32
-
-SURFACE_JUMP_PX = F(1.0)
-"""Neighbouring disparities that differ by more belong to two surfaces, pixels: the disparity of ground changes by less
-from pixel to pixel, and a ramp of this slope is parallel to a ray of the right camera."""
 VARIANCE_SIDE = 7  #: Side of the square of a local variance, pixels: 49 samples, whose variance is known to 20 %.
-MIN_DISPARITY_PX = F(0.3)  #: Smallest disparity whose depth is compared with another one, pixels: it must not be 0.
 
 
 class SecondDifferences(NamedTuple):
@@ -61,18 +55,12 @@ def local_variance(image: FloatImage) -> FloatImage:
     return np.asarray(box_mean(image * image, VARIANCE_SIDE) - mean * mean, F)
 
 
-def depth_ratio(disparity: FloatImage, reach: int) -> FloatImage:
-    """Return the depth `(H, W)` of each pixel over that of the nearest surface within `reach` rows and columns."""
-    clipped = np.maximum(disparity, MIN_DISPARITY_PX)
-    return np.asarray(cv2.dilate(clipped, _square(reach)) / clipped, F)
-
-
 def dilated(pixels: Mask, reach: int) -> Mask:
     """Return which pixels are within `reach` rows and columns of one that is set."""
-    return np.asarray(cv2.dilate(pixels.astype(np.uint8), _square(reach))).astype(np.bool_)
+    return np.asarray(cv2.dilate(pixels.astype(np.uint8), square_of_reach(reach))).astype(np.bool_)
 
 
-def _square(reach: int) -> GreyImage:
-    """Return the structuring element of a square."""
+def square_of_reach(reach: int) -> GreyImage:
+    """Return the structuring element `(2 reach + 1, 2 reach + 1)` of a square."""
     side = 2 * reach + 1
     return np.ones((side, side), np.uint8)

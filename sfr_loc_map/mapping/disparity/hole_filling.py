@@ -16,13 +16,13 @@ import cv2
 import numpy as np
 from numba import prange
 
-from sfr_loc_map.geometry.arrays import FloatArray32, FloatImage, IntArray, Mask
+from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage, IntArray, Mask
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
-from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX, depth_ratio, dilated
+from sfr_loc_map.mapping.disparity.filters import dilated
 from sfr_loc_map.mapping.disparity.matching_cost import MAX_COST, plane_cost
-
-F = np.float32
+from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus
+from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX, RightSurfaces, depth_ratio, right_surfaces
 
 PASSES = 2
 """Pixels filled in one pass offer their surface to their neighbours in the next one. A third pass adds less than 0.001
@@ -64,8 +64,8 @@ class HoleScene(NamedTuple):
     left: FloatImage  #: Whole grey levels.
     right: FloatImage  #: Corrected grey levels.
     disparity: FloatImage  #: Pixels.
-    valid: Mask  #: Pixels with a valid disparity.
-    fillable: Mask  #: Pixels that may be filled.
+    valid: Mask  #: Pixels with a valid disparity, measured or filled in an earlier pass.
+    fillable: Mask  #: Invalid pixels that may be filled.
     initial: FloatImage  #: Disparities of the semi-global matching, pixels; NaN where it has none.
     distance: FloatImage  #: Rows or columns to the nearest valid pixel.
 
@@ -74,14 +74,7 @@ class FilledPixels(NamedTuple):
     """Result of a pass, `(H, W)` each."""
 
     px: FloatImage  #: Disparities, pixels.
-    added: Mask  #: Pixels that were filled.
-
-
-class RightSurfaces(NamedTuple):
-    """Disparities `(H, W)` of the valid left pixels that correspond to each pixel of the right image, pixels."""
-
-    low: FloatImage  #: The smallest one; infinite if there is none.
-    high: FloatImage  #: The largest one; minus infinity if there is none.
+    accepted: Mask  #: Pixels that the pass has filled.
 
 
 class Hypotheses(NamedTuple):
@@ -105,58 +98,59 @@ def fill_holes(disparity: DisparityMap) -> DisparityMap:
     The standard deviation of a filled disparity is at least `MIN_FILLED_SIGMA_PX`. The map is returned as it is if
     fewer than `MIN_SAMPLES` valid pixels beside holes measure the largest cost.
     """
+    measured = disparity.valid
     unsaturated = ~disparity.saturation.saturated
-    scene = _scene(disparity, disparity.px, disparity.valid, unsaturated)
+    scene = _scene(disparity, disparity.px, measured, unsaturated)
     max_cost = _max_cost(scene)
-    if not max_cost > 0.0:
+    if max_cost is None:
         return disparity
     min_margin = F(MARGIN_SIGMAS * disparity.noise_grey)
-    found = _filled(scene, max_cost, min_margin)
-    valid = disparity.valid | found.added
-    for _ in range(PASSES - 1):
-        scene = _scene(disparity, found.px, valid, unsaturated & dilated(found.added, REACH))
-        found = _filled(scene, max_cost, min_margin)
-        valid = valid | found.added
-    near_enough = depth_ratio(np.where(valid, found.px, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
-    filled = valid & ~disparity.valid & near_enough
-    px = np.where(filled, found.px, disparity.px)
-    sigma_px = np.where(filled, np.maximum(disparity.sigma_px, MIN_FILLED_SIGMA_PX), disparity.sigma_px)
-    return replace(disparity, px=px, sigma_px=sigma_px, valid=disparity.valid | filled)
+    for _ in range(PASSES):
+        filled = _filled(scene, max_cost, min_margin)
+        beside_filled = dilated(filled.accepted, REACH)
+        scene = _scene(disparity, filled.px, scene.valid | filled.accepted, unsaturated & beside_filled)
+    is_near_enough = depth_ratio(np.where(scene.valid, scene.disparity, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
+    is_filled = scene.valid & ~measured & is_near_enough
+    return replace(
+        disparity,
+        px=np.where(is_filled, scene.disparity, disparity.px),
+        sigma_px=np.where(is_filled, np.maximum(disparity.sigma_px, MIN_FILLED_SIGMA_PX), disparity.sigma_px),
+        status=np.where(is_filled, np.uint8(PixelStatus.FILLED), disparity.status),
+    )
 
 
-def _scene(disparity: DisparityMap, px: FloatImage, valid: Mask, candidates: Mask) -> HoleScene:
-    """Return the input of a pass over the invalid candidates, with the disparities that are valid so far."""
-    fillable = candidates & ~valid
+def _scene(disparity: DisparityMap, px: FloatImage, valid: Mask, allowed: Mask) -> HoleScene:
+    """Return the input of a pass over the allowed invalid pixels, with the disparities that are valid so far."""
     distance = np.asarray(cv2.distanceTransform((~valid).astype(np.uint8), cv2.DIST_C, 3), F)
-    return HoleScene(disparity.left, disparity.right, px, valid, fillable, disparity.initial_px, distance)
+    return HoleScene(disparity.left, disparity.right, px, valid, allowed & ~valid, disparity.initial_px, distance)
 
 
 def _filled(scene: HoleScene, max_cost: np.float32, min_margin: np.float32) -> FilledPixels:
     """Return the disparities after one pass.
 
-    A pixel is added if enough of its neighbours are on its surface and the right image does not contradict it
-    (`confirmed`).
+    A proposed disparity is accepted if enough of its neighbours are on its surface and the right image does not
+    contradict it (`confirmed`).
     """
-    found = fill_pass(scene, right_surfaces(scene.disparity, scene.valid), max_cost, min_margin)
-    candidates = np.isfinite(found)
-    px = np.where(candidates, found, scene.disparity)
-    valid = scene.valid | candidates
-    added = confirmed(px, valid, candidates, right_surfaces(px, valid))
-    return FilledPixels(np.where(added, found, scene.disparity), added)
+    proposed_px = fill_pass(scene, right_surfaces(scene.disparity, scene.valid), max_cost, min_margin)
+    is_proposed = np.isfinite(proposed_px)
+    px = np.where(is_proposed, proposed_px, scene.disparity)
+    valid = scene.valid | is_proposed
+    accepted = confirmed(px, valid, is_proposed, right_surfaces(px, valid))
+    return FilledPixels(np.where(accepted, proposed_px, scene.disparity), accepted)
 
 
-def _max_cost(scene: HoleScene) -> np.float32:
-    """Return the largest matching cost of a filled pixel, grey levels; 0 if too few pixels are beside holes."""
+def _max_cost(scene: HoleScene) -> np.float32 | None:
+    """Return the largest matching cost of a filled pixel, grey levels; None if too few pixels are beside holes."""
     beside_holes = np.flatnonzero(dilated(~scene.valid, BESIDE_HOLE_PX) & scene.valid)
     costs = own_costs(scene, beside_holes[::COST_STRIDE])
     if len(costs) < MIN_SAMPLES:
-        return F(0.0)
+        return None
     return F(np.percentile(costs, COST_PERCENTILE))
 
 
 @jit_rows
 def fill_pass(scene: HoleScene, surfaces: RightSurfaces, max_cost: np.float32, min_margin: np.float32) -> FloatImage:
-    """Return the disparities `(H, W)` of the pixels that one pass fills, NaN elsewhere.
+    """Return the disparities `(H, W)` that one pass proposes, NaN elsewhere.
 
     `max_cost` is the largest cost of a filled pixel and `min_margin` the margin over other hypotheses of a window of
     one effective pixel, both in grey levels.
@@ -309,7 +303,7 @@ def _surface_slope(scene: HoleScene, y: int, x: int, dy: int, dx: int) -> np.flo
 
 
 @jit_rows
-def own_costs(scene: HoleScene, flat_indices: IntArray) -> FloatImage:
+def own_costs(scene: HoleScene, flat_indices: IntArray) -> FloatArray32:
     """Return the matching costs `(N,)` of valid pixels at their own disparity, given by indices of the flat image."""
     cols = scene.disparity.shape[1]
     out = np.empty(len(flat_indices), F)
@@ -320,22 +314,6 @@ def own_costs(scene: HoleScene, flat_indices: IntArray) -> FloatImage:
         slope_y = _surface_slope(scene, y, x, 1, 0)
         out[n] = plane_cost(scene.left, scene.right, scene.valid, y, x, scene.disparity[y, x], slope_x, slope_y).cost
     return out
-
-
-@jit_rows
-def right_surfaces(disparity: FloatImage, valid: Mask) -> RightSurfaces:
-    """Return the disparities that correspond to each pixel of the right image."""
-    rows, cols = disparity.shape
-    low = np.full((rows, cols), F(np.inf))
-    high = np.full((rows, cols), F(-np.inf))
-    for y in prange(rows):
-        for x in range(cols):
-            if valid[y, x]:
-                u = int(np.rint(F(x) - disparity[y, x]))
-                if 0 <= u < cols:
-                    low[y, u] = min(low[y, u], disparity[y, x])
-                    high[y, u] = max(high[y, u], disparity[y, x])
-    return RightSurfaces(low, high)
 
 
 @jit_rows_inline
@@ -351,16 +329,16 @@ def _is_contradicted(disparity: np.float32, surfaces: RightSurfaces, y: int, x: 
 
 
 @jit_rows
-def confirmed(disparity: FloatImage, valid: Mask, added: Mask, surfaces: RightSurfaces) -> Mask:
-    """Return which added pixels `(H, W)` have neighbours on their surface and correspond to no other surface.
+def confirmed(disparity: FloatImage, valid: Mask, proposed: Mask, surfaces: RightSurfaces) -> Mask:
+    """Return which proposed pixels `(H, W)` have neighbours on their surface and correspond to no other surface.
 
-    `valid` includes the added pixels, and the surfaces are those of all valid pixels.
+    `valid` includes the proposed pixels, and the surfaces are those of all valid pixels.
     """
     rows, cols = disparity.shape
     out = np.zeros((rows, cols), np.bool_)
     for y in prange(rows):
         for x in range(cols):
-            if not added[y, x] or _is_contradicted(disparity[y, x], surfaces, y, x):
+            if not proposed[y, x] or _is_contradicted(disparity[y, x], surfaces, y, x):
                 continue
             same_surface = -1  # does not count the pixel itself
             for v in range(max(0, y - 1), min(rows, y + 2)):

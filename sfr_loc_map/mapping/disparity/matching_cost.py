@@ -15,10 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatImage, Mask
+from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
 from sfr_loc_map.jit import jit_rows_inline
-
-F = np.float32
 
 WINDOW_RADIUS = 4  #: Half side of the window, pixels: it covers the surface of its centre and little else.
 MAX_DIFFERENCE = F(30.0)  #: Absolute differences are truncated to this, grey levels: more of them are occlusions.
@@ -34,25 +32,25 @@ WEIGHT_BY_DISTANCE = np.exp(-np.hypot(_OFFSETS[:, None], _OFFSETS[None]) / DISTA
 """Weight of a pixel by its row and column in the window."""
 
 
-class MatchingCost(NamedTuple):
-    """Matching cost of a pixel at a disparity."""
+class ConstantCost(NamedTuple):
+    """Matching cost of a pixel at a disparity that is constant over the window."""
 
-    window: np.float32  #: Cost of the window, grey levels; `MAX_COST` outside the right image.
+    cost: np.float32  #: Weighted mean absolute difference, grey levels; `MAX_COST` outside the right image.
     #: Mean absolute difference of 3 x 3 pixels, grey levels. `MAX_COST` if the window is outside the right image; 0 if
     #: a part of the window is inside but none of these pixels is. The network was trained with the latter.
-    close: np.float32
-    effective_pixels: np.float32  #: Number of pixels with equal weights that the window is equivalent to.
+    close_cost: np.float32
+    effective_pixels: np.float32  #: Number of pixels with equal weights that have the same variance of the mean.
 
 
 class PlaneCost(NamedTuple):
-    """Matching cost of a hypothesis."""
+    """Matching cost of a pixel on a plane."""
 
-    cost: np.float32  #: Weighted mean absolute difference, grey levels.
+    cost: np.float32  #: Weighted mean absolute difference, grey levels; `MAX_COST` outside the right image.
     effective_pixels: np.float32  #: Number of pixels with equal weights that have the same variance of the mean.
 
 
 @jit_rows_inline
-def constant_cost(left: FloatImage, right: FloatImage, y: int, x: int, disparity: np.float32) -> MatchingCost:
+def constant_cost(left: FloatImage, right: FloatImage, y: int, x: int, disparity: np.float32) -> ConstantCost:
     """Return the matching cost of a pixel at a disparity that is constant over the window."""
     rows, cols = left.shape
     whole = int(np.floor(disparity))
@@ -77,8 +75,8 @@ def constant_cost(left: FloatImage, right: FloatImage, y: int, x: int, disparity
                 total_close += difference
                 count_close += F(1.0)
     if not weights > F(0.0):
-        return MatchingCost(MAX_COST, MAX_COST, F(1.0))
-    return MatchingCost(total / weights, total_close / max(count_close, F(1.0)), weights * weights / squares)
+        return ConstantCost(MAX_COST, MAX_COST, F(1.0))
+    return ConstantCost(total / weights, total_close / max(count_close, F(1.0)), weights * weights / squares)
 
 
 @jit_rows_inline
@@ -94,7 +92,7 @@ def plane_cost(
 ) -> PlaneCost:
     """Return the matching cost of a plane over the window around a pixel; valid pixels have less weight.
 
-    Pixels whose corresponding point is outside the right image are left out.
+    Pixels whose corresponding point is outside the right image are ignored.
     """
     rows, cols = left.shape
     total = F(0.0)
@@ -115,5 +113,5 @@ def plane_cost(
             weights += weight
             squares += weight * weight
     if not weights > F(0.0):
-        return PlaneCost(MAX_COST, F(0.0))
+        return PlaneCost(MAX_COST, F(1.0))
     return PlaneCost(total / weights, weights * weights / squares)

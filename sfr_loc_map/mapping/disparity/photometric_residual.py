@@ -1,4 +1,4 @@
-"""The data term of the refinement: residuals of the warped right image, their noise, and normal equations."""
+"""The data term of the refinement: residuals of the warped right image, slopes, and normal equations."""
 
 from __future__ import annotations
 
@@ -7,11 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from sfr_loc_map.geometry.arrays import FloatImage, IntArray, median
+from sfr_loc_map.geometry.arrays import F, FloatImage
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
-from sfr_loc_map.mapping.robust_statistics import mad_sigma
-
-F = np.float32
+from sfr_loc_map.mapping.disparity.interpolation import cubic
 
 SMOOTHING_SIDE = F(0.1065)
 """Side tap of a Gaussian of 0.5 pixels, `exp(-2) / (1 + 2 exp(-2))`. Wider ones lose texture
@@ -20,16 +18,6 @@ SMOOTHING_CENTRE = F(1.0) - F(2.0) * SMOOTHING_SIDE  #: Centre tap of the same G
 DERIVATIVE_NEAR = F(0.5 * (1.0 - 2.0 * 0.1065))  #: Tap at one pixel of a central difference after that Gaussian.
 DERIVATIVE_FAR = F(0.5 * 0.1065)  #: Tap at two pixels of the same.
 SLOPE_BORDER = 2  #: Columns at either border without a slope: the smoothed central difference has five taps.
-ROUNDING_NOISE = 0.3
-"""Smallest standard deviation of a residual due to rounding, in steps of the grey levels: that of one image,
-`1 / sqrt(12)`."""
-GREY_STRIDE = 4  #: Every fourth pixel of every fourth row is read for the steps between grey levels.
-DEFAULT_VARIANCE = F(25.0)
-"""Variance of a residual if too few residuals are available, grey levels squared: that of a noisy camera."""
-NOISE_BINS = 8  #: Ranges of the grey level in which the noise is measured, with equal numbers of residuals.
-MIN_PER_BIN = 50  #: Residuals that each range requires: the variance then has a relative standard deviation of 33 %.
-SAMPLED_PIXELS = np.s_[::8, ::4]  #: Pixels whose residuals measure the noise: 30 000 of a megapixel.
-SAMPLED_CELLS = np.s_[::4, ::2]  #: The cells of these pixels.
 
 
 class NormalEquations(NamedTuple):
@@ -42,15 +30,6 @@ class NormalEquations(NamedTuple):
     information_vector: FloatImage  #: Sum of `w g r / var`, 1 / px: information times the least squares change.
     chi2: FloatImage  #: Sum of `w r^2 / var`.
     weight: FloatImage  #: Sum of the robust weights w.
-
-
-@jit_rows_inline
-def _cubic(p0: np.float32, p1: np.float32, p2: np.float32, p3: np.float32, t: np.float32) -> np.float32:
-    """Interpolate at `t` between p1 (0) and p2 (1) (Keys 1981, a = -0.5)."""
-    cubic = t * (F(3.0) * (p1 - p2) + p3 - p0)
-    square = t * (F(2.0) * p0 - F(5.0) * p1 + F(4.0) * p2 - p3 + cubic)
-    value: np.float32 = p1 + F(0.5) * t * (p2 - p0 + square)
-    return value
 
 
 @jit_rows
@@ -91,24 +70,7 @@ def photometric_residual(left: FloatImage, right: FloatImage, disparity: FloatIm
             p2[x] = padded[k + np.uint32(2)]
             p3[x] = padded[k + np.uint32(3)]
         for x in range(cols):
-            values[x] = _cubic(p0[x], p1[x], p2[x], p3[x], fraction[x]) - grey[x]
-    return out
-
-
-@jit_rows
-def shift_rows(image: FloatImage, shift: FloatImage) -> FloatImage:
-    """Return the image at `v + shift`, `shift` `(H, W)` in pixels; the border is repeated."""
-    rows, cols = image.shape
-    out = np.empty((rows, cols), F)
-    for y in prange(rows):
-        for x in range(cols):
-            v = min(max(F(y) + shift[y, x], F(0.0)), F(rows - 1))
-            k = int(v)
-            p0 = image[max(k - 1, 0), x]
-            p1 = image[k, x]
-            p2 = image[min(k + 1, rows - 1), x]
-            p3 = image[min(k + 2, rows - 1), x]
-            out[y, x] = _cubic(p0, p1, p2, p3, v - F(k))
+            values[x] = cubic(p0[x], p1[x], p2[x], p3[x], fraction[x]) - grey[x]
     return out
 
 
@@ -211,49 +173,3 @@ def normal_equations(
             chi2[i, j] = squares
             weights[i, j] = weight_sum
     return NormalEquations(information, information_vector, chi2, weights)
-
-
-def rounding_noise(image: FloatImage) -> float:
-    """Return the standard deviation of a residual due to the steps between an image's grey levels, grey levels."""
-    steps = np.diff(np.unique(image[::GREY_STRIDE, ::GREY_STRIDE]))
-    return ROUNDING_NOISE * median(steps) if len(steps) else ROUNDING_NOISE
-
-
-def overall_noise(residual: FloatImage, min_noise: float) -> float:
-    """Return the robust standard deviation of a residual `(H, W)`, grey levels, at least `min_noise`."""
-    sample = residual[SAMPLED_PIXELS]
-    sample = sample[np.isfinite(sample)]
-    if not len(sample):
-        return min_noise
-    return max(mad_sigma(sample - median(sample)), min_noise)
-
-
-def noise_variance(
-    grey: FloatImage, order: IntArray, residual: FloatImage, offset: FloatImage, min_noise: float
-) -> FloatImage:
-    """Return the variance of a residual in each cell `(H/2, W/2)`: a straight line over the grey level.
-
-    The noise of a camera has a constant part and one that grows with the light (photon noise). The line is fitted to
-    the robust variances of ranges of the grey level by weighted least squares, and clipped to their range. A variance
-    has a standard deviation proportional to itself.
-
-    `grey` is the mean of the left image in each cell, and `order` sorts its sampled cells. The residual `(H, W)` is NaN
-    where unknown and has the brightness offset `(H/2, W/2)`.
-    """
-    deviation = np.abs(residual[SAMPLED_PIXELS] - offset[SAMPLED_CELLS]).ravel()
-    order = order[np.isfinite(deviation)[order]]
-    level = grey[SAMPLED_CELLS].ravel()[order]
-    deviation = deviation[order]
-    if len(level) < NOISE_BINS * MIN_PER_BIN:
-        return np.full(offset.shape, DEFAULT_VARIANCE, F)
-    levels = np.array([part.mean() for part in np.array_split(level, NOISE_BINS)], np.float64)
-    variances = np.array([mad_sigma(part) ** 2 for part in np.array_split(deviation, NOISE_BINS)])
-    variances = np.maximum(variances, min_noise**2)
-    weights = 1.0 / np.square(variances)
-    mean_level = np.average(levels, weights=weights)
-    mean_variance = float(np.average(variances, weights=weights))
-    spread = float(np.average(np.square(levels - mean_level), weights=weights))
-    covariance = float(np.average((levels - mean_level) * (variances - mean_variance), weights=weights))
-    slope = covariance / max(spread, 1.0)
-    line = F(mean_variance) + F(slope) * (grey - F(mean_level))
-    return np.asarray(np.clip(line, F(variances.min()), F(variances.max())), F)

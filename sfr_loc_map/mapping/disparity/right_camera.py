@@ -15,12 +15,13 @@ these shapes, and its effect on x is about as large as that on y.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
+from sfr_loc_map.geometry.arrays import F, FloatImage
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.right_image_correction import (
@@ -30,8 +31,6 @@ from sfr_loc_map.mapping.disparity.right_image_correction import (
     residual_and_mean,
 )
 from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
-
-F = np.float32
 
 MIN_PIXELS = 5000
 """Valid samples that a measurement of the rotation requires: five times those of the correction, for five coefficients
@@ -135,14 +134,14 @@ def _fit_vertical_disparity(disparity: DisparityMap, rig: StereoRig) -> Vertical
     return VerticalFit(VerticalPolynomial(*coefficients.tolist()), sigmas.saddle)
 
 
-def without_roll(disparity: DisparityMap, rotation: CameraRotation, rig: StereoRig) -> DisparityMap:
-    """Return the disparities without the error `-roll fx y` that a roll of the right camera causes.
+def without_roll(disparity_px: FloatImage, rotation: CameraRotation, rig: StereoRig) -> FloatImage:
+    """Return disparities `(H, W)` without the error `-roll fx y` that a roll of the right camera causes.
 
-    Rolls that shift the rows by less than `MIN_ROTATION_PX` at the image's edge are not compensated.
+    They are those of a right camera without roll and no longer fit the right image. Rolls that shift the rows by less
+    than `MIN_ROTATION_PX` at the image's edge are not compensated.
     """
     if abs(rotation.roll_rad) * 0.5 * rig.width * (rig.fy / rig.fx) < MIN_ROTATION_PX:
-        return disparity
+        return disparity_px
     rows_below_centre = np.arange(rig.height, dtype=np.float64) - rig.cy
     px_per_row = F(rotation.roll_rad * (rig.fx / rig.fy))
-    compensated = disparity.px + px_per_row * rows_below_centre.astype(F)[:, None]
-    return replace(disparity, px=np.asarray(compensated, F))
+    return np.asarray(disparity_px + px_per_row * rows_below_centre.astype(F)[:, None], F)

@@ -14,11 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, IntArray, Mask
+from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage, IntArray, Mask
 from sfr_loc_map.jit import jit, jit_inline
-from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX
-
-F = np.float32
+from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
 
 STEPS_PER_PX = F(16.0)  #: Disparities of neighbours are compared in whole sixteenths of a pixel.
 MIN_SEGMENT_PIXELS = 40

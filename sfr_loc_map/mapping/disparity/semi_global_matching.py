@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
-from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity.right_image_correction import EXPOSURE_QUANTILES, EXPOSURE_STRIDE
+from sfr_loc_map.mapping.disparity.exposure import EXPOSURE_QUANTILES, EXPOSURE_STRIDE
 
 WIDE_COLUMNS = 800
 """Images of this width or more are matched at half their width: a quarter of the cost and less noise, and the
@@ -28,39 +24,13 @@ MAX_DERIVATIVE = 31  #: Derivatives of the images are clipped to this, grey leve
 MIN_UNIQUENESS_PERCENT = 2
 """Margin of the best cost over the second best one, percent. OpenCV recommends 5 to 15; here wrong matches are rejected
 after the refinement."""
-SPECKLE_PIXELS = 60  #: Segments of fewer pixels are removed: of the order of OpenCV's recommended 50 to 200.
-SPECKLE_STEP = SUBPIXELS  #: Neighbours within a segment differ by no more than this, steps of the matcher: a pixel.
+MAX_SPECKLE_PIXELS = 60
+"""Segments of this many pixels of the matched images or fewer are removed: of the order of OpenCV's recommended 50 to
+200. In wide images a matched pixel is two pixels wide."""
+MAX_SPECKLE_STEP = SUBPIXELS
+"""Neighbours within a segment differ by no more than this, steps of the matcher: a pixel of the matched images."""
 UNMATCHED = -SUBPIXELS  #: The matcher's value of an unmatched pixel: `minDisparity - 1` in its steps.
 SAME_EXPOSURE_GREY = 8.0  #: Quantiles of equally exposed images differ by less than this, grey levels.
-
-
-@dataclass(frozen=True, slots=True)
-class SearchRange:
-    """Disparities that are searched and kept, pixels."""
-
-    min_disparity_px: float  #: Disparity of the farthest depth that is kept; smaller ones are searched, not kept.
-    count: int  #: Number of whole disparities that are searched from 0 on, a multiple of `DISPARITY_STEP`.
-
-
-def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:
-    """Return the disparities between the farthest and the nearest depth, `d = fx baseline / Z`.
-
-    At most half of the image's width is searched: most of a nearer surface is visible to one camera only. If that is
-    less than the disparity of `min_range_m`, the nearest depth that is searched is larger than `min_range_m`.
-    """
-    if config.min_range_m >= config.max_range_m:
-        raise ConfigError(
-            f"min_range_m {config.min_range_m} must be less than max_range_m {config.max_range_m}: correct them"
-        )
-    scale = rig.fx * rig.baseline_m
-    max_disparity_px = min(scale / config.min_range_m, 0.5 * rig.width)
-    min_disparity_px = scale / config.max_range_m
-    if min_disparity_px >= max_disparity_px:
-        raise ConfigError(
-            f"at max_range_m {config.max_range_m} the disparity is {min_disparity_px:.4g} px, half the image has "
-            f"{max_disparity_px:.4g}: nothing can be matched; correct the ranges or the baseline"
-        )
-    return SearchRange(min_disparity_px, DISPARITY_STEP * math.ceil((max_disparity_px + 1.0) / DISPARITY_STEP))
 
 
 def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> FloatImage:
@@ -90,7 +60,7 @@ def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> Float
     padded_left = _padded_on_the_left(_averaged_columns(left, reduction), searched)
     padded_right = _padded_on_the_left(_averaged_columns(_equalised(left, right), reduction), searched)
     steps = matcher.compute(padded_left, padded_right)[:, searched:]
-    cv2.filterSpeckles(steps, UNMATCHED, SPECKLE_PIXELS, SPECKLE_STEP)
+    cv2.filterSpeckles(steps, UNMATCHED, MAX_SPECKLE_PIXELS, MAX_SPECKLE_STEP)
     matched = steps.astype(np.float32) * np.float32(reduction / SUBPIXELS)
     disparity = np.where(steps < 0, np.float32(np.nan), matched)  # `UNMATCHED` is the only negative value
     return np.ascontiguousarray(np.repeat(disparity, reduction, axis=1)[:, : left.shape[1]])

@@ -13,10 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
+from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage
 from sfr_loc_map.jit import jit_rows, jit_rows_inline, on_one_thread
-
-F = np.float32
 
 MAX_STEP_PX = F(1.0)  #: Largest change of a field in one solve, pixels: the linearisation holds within about a pixel.
 MIN_PARALLEL_CELLS = 100_000  #: Smaller grids are solved by one thread: to wake another one takes 0.1 ms.

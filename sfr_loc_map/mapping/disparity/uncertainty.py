@@ -7,11 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatImage, median
+from sfr_loc_map.geometry.arrays import F, FloatImage, median
 from sfr_loc_map.mapping.disparity.filters import box_mean, second_differences, upsample_bilinear
 from sfr_loc_map.mapping.disparity.variational_refinement import EDGE_FACTOR, WINDOW_CELLS, RefinedDisparity
-
-F = np.float32
 
 NOISE_INFORMATION = F(0.2026)
 """Information of one cell that noise alone simulates, 1 / px^2. The slope is measured in the mean of both images, whose

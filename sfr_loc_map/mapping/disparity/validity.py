@@ -1,27 +1,24 @@
 """Which disparities are valid: visible to both cameras, consistent in both images, and on the correct surface.
 
-The tests are, in their order: those of the matcher (left-right check, uniqueness, speckles), change by the refinement,
-occlusion, residual (`locally_valid`), ramps between surfaces (`ramp_mask`), segments (`segments`), the surface beside a
-jump (`wrong_surface`), segments again, and saturation. Points beyond the largest range are removed later
-(`reprojection`).
+The tests and their order are those of `PixelStatus`. That of the segments is made twice, before and after that of the
+surface beside a jump. Holes are filled and points beyond the largest range are removed later (`hole_filling`,
+`reprojection`).
 """
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
-from numba import prange
 
-from sfr_loc_map.geometry.arrays import FloatImage, Mask
-from sfr_loc_map.jit import jit_rows
-from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX, box_mean, local_variance
+from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
+from sfr_loc_map.mapping.disparity.filters import box_mean, local_variance
+from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus, StatusImage, is_valid, with_reason
 from sfr_loc_map.mapping.disparity.saturation import Saturation
 from sfr_loc_map.mapping.disparity.segments import valid_segments
+from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX, occlusion_mask, right_surfaces, slope_along_rows
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
 from sfr_loc_map.mapping.disparity.wrong_surface import EdgeScene, wrong_surface_mask
 from sfr_loc_map.mapping.robust_statistics import mad_sigma
-
-F = np.float32
 
 MAX_CHI2_PER_DOF = F(4.0)
 """Mean squared normalised residual of a window above which a match is suspicious: twice the noise's standard
@@ -41,45 +38,46 @@ right camera: a steep ramp joins two surfaces across an occluded region. Values 
 (measurements/mapper_trials.md)."""
 
 
-def valid_mask(
+def pixel_status(
     left: FloatImage,
     right: FloatImage,
     initial_px: FloatImage,
     refined: RefinedDisparity,
     sigma_px: FloatImage,
     saturation: Saturation,
-) -> Mask:
-    """Return which pixels `(H, W)` have a valid disparity.
-
-    Invalid are pixels that the matcher left unmatched, that refinement changed too much, that are occluded in the right
-    image, that differ between the images, that are on a ramp between two surfaces, that are likely on the wrong side of
-    an edge, that belong to a segment that is small or has no common content, or that are completely saturated.
-    """
+) -> StatusImage:
+    """Return the status of each pixel: measured, or the reason why its disparity is invalid."""
     disparity = refined.disparity_px
-    valid = valid_before_edges(left, right, initial_px, refined)
-    scene = EdgeScene(left, right, disparity, np.isfinite(initial_px), valid, sigma_px)
-    valid = valid & ~wrong_surface_mask(scene)
-    valid = valid_segments(left, right, disparity, valid)  # the rest of a segment may be small
-    return valid & ~saturation.saturated
+    status = status_before_edges(left, right, initial_px, refined)
+    scene = EdgeScene(left, right, disparity, np.isfinite(initial_px), is_valid(status), sigma_px)
+    status = with_reason(status, wrong_surface_mask(scene), PixelStatus.WRONG_SURFACE)
+    # What the last test has left of a segment may be small.
+    status = with_reason(status, ~valid_segments(left, right, disparity, is_valid(status)), PixelStatus.SMALL_SEGMENT)
+    return with_reason(status, saturation.saturated, PixelStatus.SATURATED)
 
 
-def valid_before_edges(left: FloatImage, right: FloatImage, initial_px: FloatImage, refined: RefinedDisparity) -> Mask:
-    """Return which pixels `(H, W)` are valid by the tests before that of the wrong surface beside a jump."""
-    valid = locally_valid(left, initial_px, refined) & ~ramp_mask(refined.disparity_px)
-    return valid_segments(left, right, refined.disparity_px, valid)
+def status_before_edges(
+    left: FloatImage, right: FloatImage, initial_px: FloatImage, refined: RefinedDisparity
+) -> StatusImage:
+    """Return the status of each pixel by the tests before that of the wrong surface beside a jump."""
+    disparity = refined.disparity_px
+    measured = np.full(disparity.shape, PixelStatus.MEASURED, np.uint8)
+    status = with_reason(measured, np.isnan(initial_px), PixelStatus.UNMATCHED)
+    status = with_reason(status, changed_mask(initial_px, disparity), PixelStatus.CHANGED)
+    occluded = occlusion_mask(disparity, right_surfaces(disparity, is_valid(status)), SURFACE_JUMP_PX)
+    status = with_reason(status, occluded, PixelStatus.OCCLUDED)
+    status = with_reason(status, mismatch_mask(left, refined), PixelStatus.MISMATCHED)
+    status = with_reason(status, ramp_mask(disparity), PixelStatus.RAMP)
+    return with_reason(status, ~valid_segments(left, right, disparity, is_valid(status)), PixelStatus.SMALL_SEGMENT)
 
 
-def locally_valid(left: FloatImage, initial_px: FloatImage, refined: RefinedDisparity) -> Mask:
-    """Return which pixels `(H, W)` are matched and pass the tests of change, occlusion and residual."""
-    is_matched = np.isfinite(initial_px)
-    change_px = np.abs(refined.disparity_px - initial_px)
-    sampled = np.s_[::CHANGE_STRIDE, ::CHANGE_STRIDE]
-    change_sigma_px = mad_sigma(change_px[sampled][is_matched[sampled]])
-    is_little_changed: Mask = is_matched & (change_px <= max(MAX_CHANGE_PX, MAX_CHANGE_SIGMAS * change_sigma_px))
-    if not is_little_changed.any():
-        return is_little_changed
-    occluded = occlusion_mask(refined.disparity_px, is_little_changed, SURFACE_JUMP_PX)
-    return is_little_changed & ~occluded & ~mismatch_mask(left, refined)
+def changed_mask(initial_px: FloatImage, disparity: FloatImage) -> Mask:
+    """Return which pixels `(H, W)` of an initial disparity, NaN where unmatched, the refinement changed too much."""
+    change_px = np.abs(disparity - initial_px)
+    sampled = change_px[::CHANGE_STRIDE, ::CHANGE_STRIDE]
+    change_sigma_px = mad_sigma(sampled[np.isfinite(sampled)])
+    changed: Mask = change_px > max(MAX_CHANGE_PX, MAX_CHANGE_SIGMAS * change_sigma_px)
+    return changed
 
 
 def mismatch_mask(left: FloatImage, refined: RefinedDisparity) -> Mask:
@@ -93,27 +91,5 @@ def mismatch_mask(left: FloatImage, refined: RefinedDisparity) -> Mask:
 
 def ramp_mask(disparity: FloatImage) -> Mask:
     """Return which pixels `(H, W)` are on a ramp that joins two surfaces, or beside one along the row."""
-    taps = np.array([[-0.5, 0.0, 0.5]], F)
-    slope = cv2.filter2D(disparity, -1, taps, borderType=cv2.BORDER_REPLICATE)
-    steep = (np.abs(slope) > MAX_SLOPE).astype(np.uint8)
+    steep = (np.abs(slope_along_rows(disparity)) > MAX_SLOPE).astype(np.uint8)
     return np.asarray(cv2.dilate(steep, np.ones((1, 3), np.uint8))) > 0
-
-
-@jit_rows
-def occlusion_mask(disparity: FloatImage, valid: Mask, jump: np.float32) -> Mask:
-    """Return which pixels `(H, W)` are occluded in the right image.
-
-    Their corresponding pixel is outside the right image, or a valid surface nearer by more than `jump` covers it.
-    """
-    rows, cols = disparity.shape
-    out = np.zeros((rows, cols), np.bool_)
-    for y in prange(rows):
-        nearest = np.full(cols, F(-1.0))
-        for x in range(cols):
-            u = int(np.rint(F(x) - disparity[y, x]))
-            if valid[y, x] and 0 <= u < cols:
-                nearest[u] = max(nearest[u], disparity[y, x])
-        for x in range(cols):
-            u = int(np.rint(F(x) - disparity[y, x]))
-            out[y, x] = not (0 <= u < cols) or nearest[u] > disparity[y, x] + jump
-    return out

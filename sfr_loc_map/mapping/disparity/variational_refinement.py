@@ -18,38 +18,38 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatImage, IntArray, median
+from sfr_loc_map.geometry.arrays import F, FloatImage, IntArray, median
 from sfr_loc_map.mapping.disparity.cell_field import LEVELS, disparity_from_cells, padded, pixels_from_cells
 from sfr_loc_map.mapping.disparity.filters import (
-    SURFACE_JUMP_PX,
     box_mean,
     downsample_mean,
     second_differences,
     upsample_bilinear,
     upsample_nearest,
 )
-from sfr_loc_map.mapping.disparity.photometric_residual import (
+from sfr_loc_map.mapping.disparity.image_noise import (
     SAMPLED_CELLS,
+    noise_correlation,
+    noise_variance,
+    overall_noise,
+    rounding_noise,
+)
+from sfr_loc_map.mapping.disparity.photometric_residual import (
     NormalEquations,
     cell_means,
     mean_template,
-    noise_variance,
     normal_equations,
-    overall_noise,
     photometric_residual,
-    rounding_noise,
     slopes,
 )
 from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, conjugate_gradient_step, smoothness_weight
-from sfr_loc_map.mapping.robust_statistics import mad_sigma
+from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
 
-F = np.float32
-
-WARPS = (
-    3  #: Iterations. More of them change the error of rendered ground by less than 5 % (measurements/mapper_trials.md).
-)
-NOISY_WARPS = 5
-"""Iterations if noise is large: the initial field is then farther from the minimum (measurements/mapper_trials.md)."""
+WARPS = 3
+"""Iterations. More of them change the error of rendered ground by less than 5 % (measurements/mapper_trials.md)."""
+EXTRA_WARPS = 2
+"""Further iterations if noise is large: the initial field is then farther from the minimum
+(measurements/mapper_trials.md)."""
 NOISY_PX = 1.2
 """Noise is large if the median standard deviation of a cell by its own four pixels exceeds this, pixels: the
 linearisation of a residual holds within about a pixel."""
@@ -89,8 +89,8 @@ class RefinedDisparity:
 
     disparity_px: FloatImage  #: `(H, W)` float32, pixels, without holes.
     cells_px: FloatImage  #: `(h, w)` float32, pixels, the field on the cells of the padded image.
-    information: FloatImage  #: `(h, w)` float32, 1 / px^2 per cell.
-    weights: SmoothnessWeights  #: Weights of the field's second differences.
+    information: FloatImage  #: `(h, w)` float32, 1 / px^2 per cell, at the field.
+    weights: SmoothnessWeights  #: Weights of the second differences, those of the field before its last step.
     #: `(H, W)` float32, residual over its standard deviation; NaN outside the right image.
     normalised_residual: FloatImage
     noise_grey: float  #: Standard deviation of a residual, grey levels.
@@ -116,11 +116,11 @@ class Linearisation(NamedTuple):
     equations: NormalEquations
 
 
-class FieldStep(NamedTuple):
+class SolvedField(NamedTuple):
     """Result of one linearised solve."""
 
     cells: FloatImage  #: `(h, w)`, the field, pixels.
-    weights: SmoothnessWeights  #: Smoothness weights of the finest grid.
+    weights: SmoothnessWeights  #: Smoothness weights of the finest grid, those of the field before the step on it.
 
 
 class Roughness(NamedTuple):
@@ -140,11 +140,12 @@ def refine(left: FloatImage, right: FloatImage, initial_cells: FloatImage) -> Re
     padded_right = padded(right)
     cells = initial_cells
     linear = linearise(reference, padded_right, cells)
-    for warp in range(NOISY_WARPS):
-        if warp == WARPS and median(linear.equations.information) > NOISY_PX**-2:
-            break
-        step = coarse_to_fine_step(cells, linear.equations)
-        cells = step.cells
+    for _ in range(WARPS):
+        cells, weights = coarse_to_fine_solve(cells, linear.equations)
+        linear = linearise(reference, padded_right, cells)
+    is_noisy = median(linear.equations.information) <= NOISY_PX**-2
+    for _ in range(EXTRA_WARPS if is_noisy else 0):
+        cells, weights = coarse_to_fine_solve(cells, linear.equations)
         linear = linearise(reference, padded_right, cells)
     height, width = left.shape
     deviation = np.sqrt(linear.variance)
@@ -153,7 +154,7 @@ def refine(left: FloatImage, right: FloatImage, initial_cells: FloatImage) -> Re
         disparity_px=disparity_from_cells(cells, left.shape),
         cells_px=cells,
         information=linear.equations.information,
-        weights=step.weights,
+        weights=weights,
         normalised_residual=normalised[:height, :width],
         noise_grey=median(deviation),
     )
@@ -191,16 +192,6 @@ def linearise(left: LeftImage, right: FloatImage, cells: FloatImage) -> Linearis
     return Linearisation(residual, offset, variance, inflated)
 
 
-def noise_correlation(means: FloatImage, offset: FloatImage, variance: FloatImage) -> np.float32:
-    """Return the variance of the mean of 4 x 4 residuals over that of white noise, at least 1.
-
-    Noise that a filter or a compression has left is correlated between pixels.
-    """
-    blocks = downsample_mean(np.asarray((means - offset) / np.sqrt(variance), F), 2)
-    known = blocks[blocks != 0]  # blocks without residuals are 0
-    return F(max(16.0 * mad_sigma(known) ** 2, 1.0))
-
-
 def roughness(cells: FloatImage) -> Roughness:
     """Return the scale of the Cauchy weights, from second differences at a spacing of `ROUGHNESS_SPACING` cells.
 
@@ -226,7 +217,7 @@ def _local_size(differences: FloatImage) -> FloatImage:
     return box_mean(np.maximum(local, F(MIN_ROUGHNESS * typical)), ROUGHNESS_WINDOW)
 
 
-def coarse_to_fine_step(cells: FloatImage, equations: NormalEquations) -> FieldStep:
+def coarse_to_fine_solve(cells: FloatImage, equations: NormalEquations) -> SolvedField:
     """Return the field after one linearised solve on all grids, coarse to fine.
 
     After each coarse step, the information vector of the remaining change is reduced by the information times the step.
@@ -256,4 +247,4 @@ def coarse_to_fine_step(cells: FloatImage, equations: NormalEquations) -> FieldS
         information_vector = information_vector - information * step
     weights = smoothness_weight(cells, scale.along_x, scale.along_y, F(1.0))
     step = conjugate_gradient_step(cells, information, information_vector, weights, SOLVER_ITERATIONS[0])
-    return FieldStep(cells + step, weights)
+    return SolvedField(cells + step, weights)

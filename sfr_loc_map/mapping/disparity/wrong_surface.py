@@ -19,9 +19,9 @@ from numba import prange
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MappingError
-from sfr_loc_map.geometry.arrays import FloatArray32, FloatImage, IntArray, Mask, median
+from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage, IntArray, Mask, median
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
-from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX, depth_ratio, dilated
+from sfr_loc_map.mapping.disparity.filters import dilated, square_of_reach
 from sfr_loc_map.mapping.disparity.matching_cost import (
     DISTANCE_SCALE_PX,
     GREY_SCALE,
@@ -29,11 +29,10 @@ from sfr_loc_map.mapping.disparity.matching_cost import (
     MAX_DIFFERENCE,
     WEIGHT_BY_GREY,
     WINDOW_RADIUS,
-    MatchingCost,
+    ConstantCost,
     constant_cost,
 )
-
-F = np.float32
+from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX, depth_ratio, slope_along_columns, slope_along_rows
 
 SMALL_JUMP_PX = F(0.7)
 """Disparities that differ by more may belong to two surfaces that the refinement has joined by a ramp, pixels. Jumps
@@ -92,7 +91,7 @@ class EdgeFeatures(NamedTuple):
 class SurfaceCosts(NamedTuple):
     """Matching costs of a pixel at its own disparity and at that of the best other surface nearby."""
 
-    own: MatchingCost
+    own: ConstantCost
     window_margin: np.float32  #: Window cost of the other surface minus the own one; about `MAX_COST` without another.
     close_margin: np.float32  #: The same over 3 x 3 pixels.
     jump_px: np.float32  #: Disparity of the other surface minus the own one, pixels; 0 without another surface.
@@ -133,14 +132,22 @@ def wrong_surface_mask(scene: EdgeScene) -> Mask:
 
 def beside_jump(disparity: FloatImage) -> Mask:
     """Return which pixels `(H, W)` are at or near a jump of disparity."""
-    square = np.ones((3, 3), np.uint8)
+    square = square_of_reach(1)
     jump = np.asarray(cv2.dilate(disparity, square) - cv2.erode(disparity, square), F) > SMALL_JUMP_PX
     return dilated(jump, SURFACE_RADIUS)
 
 
-@jit_rows
 def edge_features(scene: EdgeScene, flat_indices: IntArray) -> EdgeFeatures:
     """Return the features of pixels that are given by their indices in the flat image."""
+    slope_x = slope_along_rows(scene.disparity).flat[flat_indices]
+    slope_y = slope_along_columns(scene.disparity).flat[flat_indices]
+    sigma_px = scene.sigma.flat[flat_indices]
+    return EdgeFeatures._make((*_features_of_surroundings(scene, flat_indices), slope_x, slope_y, sigma_px))
+
+
+@jit_rows
+def _features_of_surroundings(scene: EdgeScene, flat_indices: IntArray) -> tuple[FloatArray32, ...]:
+    """Return the features that other pixels around each pixel show, in the order of `EdgeFeatures`."""
     cols = scene.disparity.shape[1]
     count = len(flat_indices)
     window_margin = np.empty(count, F)
@@ -153,9 +160,6 @@ def edge_features(scene: EdgeScene, flat_indices: IntArray) -> EdgeFeatures:
     same_surface = np.empty(count, F)
     nearer_surface = np.empty(count, F)
     occluder_px = np.empty(count, F)
-    slope_x = np.empty(count, F)
-    slope_y = np.empty(count, F)
-    sigma_px = np.empty(count, F)
     for n in prange(count):
         y = flat_indices[n] // cols
         x = flat_indices[n] % cols
@@ -163,18 +167,15 @@ def edge_features(scene: EdgeScene, flat_indices: IntArray) -> EdgeFeatures:
         window_margin[n] = costs.window_margin
         close_margin[n] = costs.close_margin
         effective_pixels[n] = costs.own.effective_pixels
-        window_cost[n] = costs.own.window
-        close_cost[n] = costs.own.close
+        window_cost[n] = costs.own.cost
+        close_cost[n] = costs.own.close_cost
         jump_px[n] = costs.jump_px
         around = _neighbourhood(scene, y, x)
         contrast[n] = around.contrast
         same_surface[n] = around.same_surface
         nearer_surface[n] = around.nearer_surface
         occluder_px[n] = _occluder(scene.disparity, y, x)
-        slope_x[n] = _slope_x(scene.disparity, y, x)
-        slope_y[n] = _slope_y(scene.disparity, y, x)
-        sigma_px[n] = scene.sigma[y, x]
-    return EdgeFeatures(
+    return (
         window_margin,
         close_margin,
         effective_pixels,
@@ -185,9 +186,6 @@ def edge_features(scene: EdgeScene, flat_indices: IntArray) -> EdgeFeatures:
         same_surface,
         nearer_surface,
         occluder_px,
-        slope_x,
-        slope_y,
-        sigma_px,
     )
 
 
@@ -210,11 +208,11 @@ def _surface_costs(scene: EdgeScene, y: int, x: int) -> SurfaceCosts:
     for other in (low, high):
         if abs(other - own) >= SURFACE_JUMP_PX:
             at_other = constant_cost(scene.left, scene.right, y, x, other)
-            if at_other.window < best:
-                best = at_other.window
-                best_close = at_other.close
+            if at_other.cost < best:
+                best = at_other.cost
+                best_close = at_other.close_cost
                 jump = other - own
-    return SurfaceCosts(at_own, best - at_own.window, best_close - at_own.close, jump)
+    return SurfaceCosts(at_own, best - at_own.cost, best_close - at_own.close_cost, jump)
 
 
 @jit_rows_inline
@@ -249,7 +247,11 @@ def _neighbourhood(scene: EdgeScene, y: int, x: int) -> Neighbourhood:
 
 @jit_rows_inline
 def _occluder(disparity: FloatImage, y: int, x: int) -> np.float32:
-    """Return by how much the nearest surface that corresponds to the same right pixel is nearer, pixels."""
+    """Return by how much the nearest surface that corresponds to the same right pixel is nearer, pixels.
+
+    Right columns are compared with a tolerance, and all disparities count, valid or not: the network was trained with
+    this feature. `surfaces.occlusion_mask` is stricter, because it alone decides.
+    """
     cols = disparity.shape[1]
     own = disparity[y, x]
     right_column = np.rint(F(x) - own)
@@ -258,22 +260,6 @@ def _occluder(disparity: FloatImage, y: int, x: int) -> np.float32:
         if abs(np.rint(F(u) - disparity[y, u]) - right_column) <= SAME_COLUMN_PX:
             nearer = max(nearer, disparity[y, u] - own)
     return nearer
-
-
-@jit_rows_inline
-def _slope_x(disparity: FloatImage, y: int, x: int) -> np.float32:
-    """Return the slope of the disparity along the row, by central differences; half of it at the border."""
-    last = disparity.shape[1] - 1
-    slope: np.float32 = F(0.5) * (disparity[y, min(x + 1, last)] - disparity[y, max(x - 1, 0)])
-    return slope
-
-
-@jit_rows_inline
-def _slope_y(disparity: FloatImage, y: int, x: int) -> np.float32:
-    """Return the slope of the disparity along the column, by central differences; half of it at the border."""
-    last = disparity.shape[0] - 1
-    slope: np.float32 = F(0.5) * (disparity[min(y + 1, last), x] - disparity[max(y - 1, 0), x])
-    return slope
 
 
 def network_input(features: EdgeFeatures) -> FloatArray32:
@@ -354,7 +340,7 @@ def edge_network() -> EdgeNetwork:
 
 
 @jit_rows
-def _log_odds(network: EdgeNetwork, inputs: FloatImage) -> FloatImage:
+def _log_odds(network: EdgeNetwork, inputs: FloatArray32) -> FloatArray32:
     """Return the output of the network `(N,)` for inputs `(N, 13)`: the log odds of the wrong surface."""
     low = network.low
     high = network.high

@@ -16,12 +16,11 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatImage, Mask
+from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.multiview.pair_view import MIN_COVERAGE, MIN_TEXTURE, PairView
-
-F = np.float32
+from sfr_loc_map.mapping.multiview.projection import MIN_TEXTURE
+from sfr_loc_map.mapping.pair_view import MIN_COVERAGE, PairView
 
 STRIDE = 3  #: Every third pixel of every third row is compared, a sample: regions are larger than five samples.
 WINDOW_SAMPLES = 9  #: Side of the window over which grey levels are compared, samples: 27 pixels.
@@ -44,7 +43,10 @@ class CleanedViews(NamedTuple):
 
 
 def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> CleanedViews:
-    """Return the views without content that is fixed to the image; both of two pairs lose it."""
+    """Return the views without content that is fixed to the image.
+
+    A region that is fixed in two pairs is removed from both.
+    """
     regions: dict[int, Mask] = {}
     warnings = []
     for i, j in combinations(range(len(views)), 2):
@@ -69,8 +71,8 @@ def _fixed_region(first: PairView, second: PairView, rig: StereoRig) -> Mask:
     if same_disparity.mean() < MIN_REGION_FRACTION:
         return np.zeros(same_disparity.shape, np.bool_)
     noise = F(max(first.noise_grey, second.noise_grey))
-    first_grey = first.images.grey[::STRIDE, ::STRIDE]
-    second_grey = second.images.grey[::STRIDE, ::STRIDE]
+    first_grey = first.grey_image()[::STRIDE, ::STRIDE]
+    second_grey = second.grey_image()[::STRIDE, ::STRIDE]
     is_fixed = same_disparity & (_similarity(first_grey, second_grey, noise) > MIN_SIMILARITY)
     square = np.ones((REGION_SAMPLES, REGION_SAMPLES), np.uint8)
     closed = cv2.morphologyEx(is_fixed.astype(np.uint8), cv2.MORPH_CLOSE, square)
@@ -119,8 +121,8 @@ def _window_mean(image: FloatImage) -> FloatImage:
 
 def _without(view: PairView, region: Mask) -> PairView:
     """Return the view without the points of a region of samples `(H/3, W/3)`."""
-    kept = ~region[view.cloud.v // STRIDE, view.cloud.u // STRIDE]
+    kept = ~region[view.points.v // STRIDE, view.points.u // STRIDE]
     rows, columns = view.disparity_px.shape
     removed = region.repeat(STRIDE, axis=0).repeat(STRIDE, axis=1)[:rows, :columns]
     disparity_px = np.where(removed, F(np.nan), view.disparity_px)
-    return replace(view, cloud=view.cloud.select(kept), disparity_px=disparity_px)
+    return replace(view, points=view.points.select(kept), disparity_px=disparity_px)

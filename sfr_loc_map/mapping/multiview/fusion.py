@@ -14,26 +14,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray32, FloatImage, Mask, median
-from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.arrays import F, FloatArray32, Mask, median
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.multiview.pair_view import (
+from sfr_loc_map.mapping.multiview.projection import (
     MIN_OVERLAP,
     MIN_TEXTURE,
     SHIFT_PX,
-    PairView,
-    ProjectedPoints,
+    Observations,
+    ObservedPoints,
+    ViewImages,
+    images_of,
+    point_weights,
     project_into_view,
 )
+from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 from sfr_loc_map.mapping.robust_statistics import mad_sigma
-
-F = np.float32
 
 AGREE_SIGMAS = 3.0  #: Differences up to this many standard deviations are consistent: 0.3 % exceed it by chance.
 COMMON_VARIANCE = 0.5
@@ -54,17 +55,9 @@ are wrong by 0.3 deg have 0.45 (docs/mapping.md)."""
 class FusedViews(NamedTuple):
     """Result of the fusion."""
 
-    cloud: PointCloud  #: Points in LM.
+    points: ViewPoints  #: N points of all views.
+    pair: NDArray[np.uint8]  #: `(N,)`, index of the view of each point.
     findings: Findings
-
-
-class KeptPoints(NamedTuple):
-    """Points of one view after the fusion."""
-
-    cloud: PointCloud  #: Points that are kept.
-    agreeing_count: int  #: Points that another view agrees with, whether they are kept or not.
-    conflict_count: int  #: Points that were dropped because another view observes a farther surface.
-    findings: Findings  #: Agreement of the poses.
 
 
 class Comparison(NamedTuple):
@@ -91,62 +84,67 @@ class PoseAgreement(NamedTuple):
 
 
 def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
-    """Return one cloud in LM."""
-    fused = [_fuse_view(index, views, rig) for index in range(len(views))]
-    cloud = replace(PointCloud.concatenate([item.cloud for item in fused]), fused=len(views) > 1)
+    """Return the points of all views on one surface, in LM."""
+    images = [images_of(view) for view in views]
+    parts: list[ViewPoints] = []
+    agreeing_count = 0
+    conflict_count = 0
+    agreement = Findings()
+    for index, view in enumerate(views):
+        comparison = _compare(index, views, images, rig)
+        parts.append(_fused_points(view, comparison))
+        agreeing_count += int(comparison.agrees.sum())
+        conflict_count += int(comparison.conflict.sum())
+        agreement += comparison.findings
+    points = ViewPoints.concatenated(parts)
     statistics = {
-        "points_in": float(sum(len(view.cloud) for view in views)),
-        "merged": float(sum(item.agreeing_count for item in fused)),
-        "dropped_conflict": float(sum(item.conflict_count for item in fused)),
-        "points": float(len(cloud)),
+        "points_in": float(sum(view.points.size for view in views)),
+        "merged": float(agreeing_count),
+        "dropped_conflict": float(conflict_count),
+        "points": float(points.size),
         "pairs": float(len(views)),
         "fused": float(len(views) > 1),
     }
-    return FusedViews(cloud, sum((item.findings for item in fused), Findings(statistics)))
+    pair = np.repeat(np.arange(len(views), dtype=np.uint8), [part.size for part in parts])
+    return FusedViews(points, pair, Findings(statistics) + agreement)
 
 
-def _fuse_view(index: int, views: Sequence[PairView], rig: StereoRig) -> KeptPoints:
-    """Return the points of the view of an index after their fusion with the other views."""
-    found = _compare(index, views, rig)
-    cloud = _fused_points(views[index], found)
-    return KeptPoints(cloud, int(found.agrees.sum()), int(found.conflict.sum()), found.findings)
-
-
-def _compare(index: int, views: Sequence[PairView], rig: StereoRig) -> Comparison:
+def _compare(index: int, views: Sequence[PairView], images: Sequence[ViewImages], rig: StereoRig) -> Comparison:
     """Return what the other views say about the points of the view of an index.
 
     The preferred view is the one with the larger weight, or the first one of two with equal weights.
     """
     view = views[index]
-    own_weight = view.point_weights()
+    own_sigma = view.points.fusion_sigma
+    own_weight = point_weights(view)
     total_weight = own_weight.copy()
     weighted_difference = np.zeros_like(own_weight)
-    weighted_variance = np.square(own_weight * view.cloud.sigma)
-    agrees = np.zeros(len(view.cloud), np.bool_)
+    weighted_variance = np.square(own_weight * own_sigma)
+    agrees = np.zeros(view.points.size, np.bool_)
     duplicate = np.zeros_like(agrees)
     conflict = np.zeros_like(agrees)
     findings = Findings()
     for other_index, other in enumerate(views):
         if other_index == index:
             continue
-        seen = project_into_view(view.cloud, other.T_lm_left, other.images, rig)
-        points = seen.point_indices
-        own = own_weight[points]
+        observed = project_into_view(view.points.xyz, other.T_lm_left, images[other_index], rig)
+        indices, seen = observed
+        own = own_weight[indices]
         is_preferred = seen.weight >= own if other_index < index else seen.weight > own
-        sigma = np.sqrt(np.square(view.cloud.sigma[points]) + np.square(seen.sigma))
+        sigma = np.sqrt(np.square(own_sigma[indices]) + np.square(seen.sigma))
         is_agreeing = np.abs(seen.difference) / sigma <= AGREE_SIGMAS
         weight = np.where(is_agreeing, seen.weight, F(0.0))
-        total_weight[points] += weight
-        weighted_difference[points] += weight * seen.difference
-        weighted_variance[points] += np.square(weight * seen.sigma)
-        agrees[points] |= is_agreeing
-        duplicate[points] |= is_agreeing & is_preferred & (seen.sample_distance_px < SAME_SAMPLE_PX)
-        conflict[points] |= is_preferred & (seen.difference > AGREE_SIGMAS * sigma)
-        findings += _agreement_findings(index, other_index, view, other, seen)
+        total_weight[indices] += weight
+        weighted_difference[indices] += weight * seen.difference
+        weighted_variance[indices] += np.square(weight * seen.sigma)
+        agrees[indices] |= is_agreeing
+        duplicate[indices] |= is_agreeing & is_preferred & (seen.sample_distance_px < SAME_SAMPLE_PX)
+        conflict[indices] |= is_preferred & (seen.difference > AGREE_SIGMAS * sigma)
+        findings += _agreement_findings(index, other_index, view, other, observed)
     return Comparison(total_weight, weighted_difference, weighted_variance, agrees, duplicate, conflict, findings)
 
 
-def _fused_points(view: PairView, found: Comparison) -> PointCloud:
+def _fused_points(view: PairView, found: Comparison) -> ViewPoints:
     """Return the points of a view that are kept, moved along their rays to the weighted mean with the other views.
 
     With the ranges r_i, their standard deviations s_i and the weights w_i of the point and of the views that agree, the
@@ -155,35 +153,36 @@ def _fused_points(view: PairView, found: Comparison) -> PointCloud:
     the images the weights are `1 / s_i^2`, and the last term is `(1 - c) / sum w_i`.
     """
     kept = np.flatnonzero(~(found.duplicate | found.conflict))
-    cloud = view.cloud.select(kept)
+    points = view.points.select(kept)
     moved = np.flatnonzero(found.agrees[kept])
     total_weight = found.total_weight[kept[moved]]
-    points = cloud.xyz.take(moved, axis=0)
-    rays = points - view.T_lm_left.translation.astype(F)
+    positions = points.xyz.take(moved, axis=0)
+    rays = positions - view.T_lm_left.translation.astype(F)
     ranges = np.sqrt(np.einsum("ij,ij->i", rays, rays))
     step = found.weighted_difference[kept[moved]] / total_weight / ranges
     independent = found.weighted_variance[kept[moved]] / np.square(total_weight)
-    variance = COMMON_VARIANCE * np.square(cloud.sigma[moved]) + (1.0 - COMMON_VARIANCE) * independent
-    xyz = cloud.xyz.copy()
-    xyz[moved] = points + rays * step[:, None]
-    sigma = cloud.sigma.copy()
+    variance = COMMON_VARIANCE * np.square(points.fusion_sigma[moved]) + (1.0 - COMMON_VARIANCE) * independent
+    xyz = points.xyz.copy()
+    xyz[moved] = positions + rays * step[:, None]
+    sigma = points.fusion_sigma.copy()
     sigma[moved] = np.sqrt(variance)
-    return replace(cloud, xyz=xyz, sigma=sigma)
+    return points._replace(xyz=xyz, fusion_sigma=sigma)
 
 
-def pose_agreement(view: PairView, other: PairView, seen: ProjectedPoints) -> PoseAgreement:
+def pose_agreement(view: PairView, other: PairView, observed: ObservedPoints) -> PoseAgreement:
     """Return how well the points of one view agree with another view; at least one point is seen by both.
 
     Range differences are compared with those expected of correct sigmas and poses, grey level differences with those at
     `SHIFT_PX`: a wrong yaw shows there on any texture.
     """
-    sampled = np.s_[::AGREEMENT_STRIDE]
-    difference = seen.difference[sampled]
-    own_sigma = view.cloud.sigma[seen.point_indices[sampled]]
-    sigma = np.sqrt(np.square(own_sigma) + np.square(seen.sigma[sampled]))
+    indices = observed.indices[::AGREEMENT_STRIDE]
+    seen = Observations(*(values[::AGREEMENT_STRIDE] for values in observed.observations))
+    difference = seen.difference
+    sigma = np.sqrt(np.square(view.points.fusion_sigma[indices]) + np.square(seen.sigma))
     middle = median(difference)
-    grey = _spread(seen.grey_difference[sampled])
-    grey_shifted = _spread(seen.grey_difference_shifted[sampled])
+    own_grey = view.points.intensity[indices]
+    grey = _spread(seen.grey - own_grey)
+    grey_shifted = _spread(seen.grey_shifted - own_grey)
     is_textured = grey_shifted > MIN_TEXTURE * max(view.noise_grey, other.noise_grey)
     return PoseAgreement(
         difference_median_m=middle,
@@ -193,16 +192,16 @@ def pose_agreement(view: PairView, other: PairView, seen: ProjectedPoints) -> Po
     )
 
 
-def _agreement_findings(i: int, j: int, view: PairView, other: PairView, seen: ProjectedPoints) -> Findings:
+def _agreement_findings(i: int, j: int, view: PairView, other: PairView, observed: ObservedPoints) -> Findings:
     """Return the agreement of the points of view i with the other view j, and a warning if their poses disagree.
 
     Of two views each is compared with the other; the comparison from the one of the lower index gives the warning.
     """
-    common = len(seen.point_indices)
-    overlap = {f"overlap_{i}_{j}": common / max(len(view.cloud), 1)}
+    common = len(observed.indices)
+    overlap = {f"overlap_{i}_{j}": common / max(view.points.size, 1)}
     if common == 0:
         return Findings(overlap)
-    agreement = pose_agreement(view, other, seen)
+    agreement = pose_agreement(view, other, observed)
     statistics = overlap | {
         f"difference_median_m_{i}_{j}": agreement.difference_median_m,
         f"difference_spread_m_{i}_{j}": agreement.difference_spread_m,
@@ -220,7 +219,7 @@ def _agreement_findings(i: int, j: int, view: PairView, other: PairView, seen: P
     return Findings(statistics, (warning,))
 
 
-def _spread(values: FloatImage) -> float:
+def _spread(values: FloatArray32) -> float:
     """Return the robust standard deviation of the finite values; NaN without any."""
     known = values[np.isfinite(values)]
     return mad_sigma(known - median(known)) if len(known) else math.nan

@@ -8,18 +8,17 @@ Gauss-Newton steps with numerical derivatives, coarse to fine in the grey levels
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.multiview.pair_view import MIN_OVERLAP, PairView, ViewImages, project_into_view
+from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP, ViewImages, images_of, project_into_view
+from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
 
 MAX_POINTS = 10_000  #: About this many points of each other view are compared: six parameters need no more.
@@ -83,17 +82,18 @@ def estimate_motion(fixed: Sequence[PairView], moved: PairView, rig: StereoRig) 
     Ranges and grey levels of the fixed views' points are compared with those of the view where they are projected to.
     None if the views overlap too little.
     """
-    clouds = []
+    moved_images = images_of(moved)
+    compared = []
     for view in fixed:
-        overlapping = project_into_view(view.cloud, moved.T_lm_left, moved.images, rig).point_indices
+        overlapping = project_into_view(view.points.xyz, moved.T_lm_left, moved_images, rig).indices
         stride = max(1, len(overlapping) // MAX_POINTS)
-        clouds.append(view.cloud.select(overlapping[::stride]))
-    if sum(len(cloud) for cloud in clouds) < MIN_OVERLAP:
+        compared.append(view.points.select(overlapping[::stride]))
+    if sum(points.size for points in compared) < MIN_OVERLAP:
         return None
     pose = moved.T_lm_left
     for blur_px in BLURS_PX:
-        images = moved.images._replace(grey=moved.grey_image(blur_px))
-        points = _with_blurred_grey(clouds, fixed, blur_px)
+        images = moved_images._replace(grey=moved.grey_image(blur_px))
+        points = _with_blurred_grey(compared, fixed, blur_px)
         for _ in range(MAX_ITERATIONS):
             step = _gauss_newton_step(points, images, pose, moved.T_lm_left, rig)
             if step is None:
@@ -104,13 +104,13 @@ def estimate_motion(fixed: Sequence[PairView], moved: PairView, rig: StereoRig) 
     return moved.T_lm_left.inverse() @ pose
 
 
-def _with_blurred_grey(clouds: Sequence[PointCloud], views: Sequence[PairView], blur_px: float) -> PointCloud:
-    """Return the points of all clouds with the grey levels of their views' blurred images."""
+def _with_blurred_grey(parts: Sequence[ViewPoints], views: Sequence[PairView], blur_px: float) -> ViewPoints:
+    """Return the points of all views with the grey levels of the views' blurred images."""
     blurred = []
-    for cloud, view in zip(clouds, views, strict=True):
+    for points, view in zip(parts, views, strict=True):
         grey = view.grey_image(blur_px)
-        blurred.append(replace(cloud, intensity=grey[cloud.v, cloud.u]))
-    return PointCloud.concatenate(blurred)
+        blurred.append(points._replace(intensity=grey[points.v, points.u]))
+    return ViewPoints.concatenated(blurred)
 
 
 def _motion(parameters: FloatArray) -> Transform:
@@ -119,7 +119,7 @@ def _motion(parameters: FloatArray) -> Transform:
 
 
 def _gauss_newton_step(
-    points: PointCloud, images: ViewImages, pose: Transform, given_pose: Transform, rig: StereoRig
+    points: ViewPoints, images: ViewImages, pose: Transform, given_pose: Transform, rig: StereoRig
 ) -> FloatArray | None:
     """Return one step `(6,)`, rotation vector and translation in the left optical frame; None for too few points.
 
@@ -128,11 +128,11 @@ def _gauss_newton_step(
 
     def residuals(parameters: FloatArray) -> FloatArray:
         """Return normalised range differences and grey level differences `(2, N)`; NaN where there are none."""
-        seen = project_into_view(points, pose @ _motion(parameters), images, rig)
-        sigma = np.sqrt(np.square(points.sigma[seen.point_indices]) + np.square(seen.sigma))
-        out = np.full((2, len(points)), np.nan)
-        out[0, seen.point_indices] = seen.difference / sigma
-        out[1, seen.point_indices] = seen.grey_difference
+        indices, seen = project_into_view(points.xyz, pose @ _motion(parameters), images, rig)
+        sigma = np.sqrt(np.square(points.fusion_sigma[indices]) + np.square(seen.sigma))
+        out = np.full((2, points.size), np.nan)
+        out[0, indices] = seen.difference / sigma
+        out[1, indices] = seen.grey - points.intensity[indices]
         return out
 
     current = residuals(np.zeros(6))

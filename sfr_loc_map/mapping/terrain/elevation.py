@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MappingError
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 
@@ -45,7 +45,7 @@ class CellGrid:
         return self.first_column * self.cell_m, self.first_row * self.cell_m
 
     @classmethod
-    def over(cls, xyz: NDArray[np.float32], cell_m: float, within: Square | None = None) -> CellGrid:
+    def over(cls, xyz: FloatArray32, cell_m: float, within: Square | None = None) -> CellGrid:
         """Return a grid that has a cell for each point `(N, 3)` in LM; points outside a square are ignored.
 
         Raises MappingError if the cell size is not positive, no point remains, or there would be too many cells.
@@ -76,7 +76,7 @@ class CellGrid:
             )
         return cls(int(first[0]), int(first[1]), int(rows), int(columns), cell_m)
 
-    def cell_of(self, xyz: NDArray[np.float32]) -> NDArray[np.int32]:
+    def cell_of(self, xyz: FloatArray32) -> NDArray[np.int32]:
         """Return the cell `(N,)` of each point, row times columns plus column; -1 outside the grid."""
         column = np.floor(xyz[:, 0].astype(np.float64) / self.cell_m) - self.first_column
         row = np.floor(xyz[:, 1].astype(np.float64) / self.cell_m) - self.first_row
@@ -97,8 +97,8 @@ def _smallest_cell(x_m: float, y_m: float) -> float:
 class ElevationModel:
     """Heights over a grid whose rows are along y and columns along x of LM."""
 
-    height_m: NDArray[np.float32]  #: `(R, C)` float32, z of LM; NaN in cells without a point.
-    sigma_m: NDArray[np.float32]  #: `(R, C)` float32, standard deviation of the height; NaN in cells without a point.
+    height_m: FloatArray32  #: `(R, C)` float32, z of LM; NaN in cells without a point.
+    sigma_m: FloatArray32  #: `(R, C)` float32, standard deviation of the height; NaN in cells without a point.
     count: NDArray[np.int32]  #: `(R, C)` int32, points in the cell.
     origin_m: tuple[float, float]  #: The smallest x and y of cell (0, 0).
     cell_m: float  #: Side of a cell.
@@ -109,7 +109,7 @@ def elevation_of_cells(
     poses: Sequence[Transform] | None,
     grid: CellGrid,
     cell: NDArray[np.int32],
-    random_sigma: NDArray[np.float32] | None = None,
+    random_sigma: FloatArray32 | None = None,
 ) -> ElevationModel:
     """Return the elevation model of a cloud over a grid; raises MappingError if no point is on it.
 
@@ -160,9 +160,7 @@ def elevation_of_cells(
     )
 
 
-def height_variance_ratio(
-    xyz: NDArray[np.float32], pair: NDArray[np.uint8], poses: Sequence[Transform] | None
-) -> FloatArray:
+def height_variance_ratio(xyz: FloatArray32, pair: NDArray[np.uint8], poses: Sequence[Transform] | None) -> FloatArray:
     """Return the variance of the height of each point `(N,)` over its variance along the ray.
 
     An error along a ray with the unit vector `(x, y, z)` changes the height by z times the error. The horizontal part

@@ -17,7 +17,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32, IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
@@ -61,11 +61,11 @@ class TerrainGrid:
     #: Heights, their sigma, points of each cell, position and size of the cells; NaN in cells with too few points.
     elevation: ElevationModel
     #: `(R, C)` float32, angle of the plane fitted to the heights within the rover's footprint.
-    slope_rad: NDArray[np.float32]
+    slope_rad: FloatArray32
     #: `(R, C)` float32, root of the mean squared difference of these heights from the plane.
-    roughness_m: NDArray[np.float32]
+    roughness_m: FloatArray32
     #: `(R, C)` float32, largest difference of heights above that plane around the cell.
-    step_m: NDArray[np.float32]
+    step_m: FloatArray32
     #: `(R, C)` int8, 100 if a criterion reaches its limit, otherwise the largest ratio to a limit in percent; -1 where
     #: unknown.
     hazard: NDArray[np.int8]
@@ -75,7 +75,7 @@ def elevation_grid(
     cloud: PointCloud,
     config: TerrainConfig,
     T_lm_left: Sequence[Transform] | None = None,
-    random_sigma: NDArray[np.float32] | None = None,
+    random_sigma: FloatArray32 | None = None,
 ) -> TerrainGrid:
     """Return the terrain of a cloud in LM, with z upwards; raises MappingError for no points or too many cells.
 
@@ -136,7 +136,7 @@ def disc(radius_cells: float) -> IntArray:
     return np.column_stack((rows[inside], columns[inside])).astype(np.int64)
 
 
-def outer_heights(cell: NDArray[np.int32], height: NDArray[np.float32], count: NDArray[np.int32]) -> OuterHeights:
+def outer_heights(cell: NDArray[np.int32], height: FloatArray32, count: NDArray[np.int32]) -> OuterHeights:
     """Return the quantiles `OUTLIER_FRACTION` and `1 - OUTLIER_FRACTION` of the heights of each cell, by nearest rank.
 
     `cell` and `height` `(N,)` are those of each point, -1 for points outside; `count` `(R C,)` is the number of points.
@@ -259,7 +259,7 @@ def steps(low: FloatArray, high: FloatArray, planes: Planes, window: IntArray, c
     return step
 
 
-def hazards(plane_ratio: NDArray[np.float32], step_ratio: NDArray[np.float32], footprint: IntArray) -> NDArray[np.int8]:
+def hazards(plane_ratio: FloatArray32, step_ratio: FloatArray32, footprint: IntArray) -> NDArray[np.int8]:
     """Return the hazard of each cell `(R, C)`: 100 for a hazard, otherwise 0 to 99, -1 where unknown.
 
     A cell is a hazard if a criterion reaches its limit under a rover at that cell. A step may be anywhere in the

@@ -5,6 +5,7 @@ import numpy as np
 from helpers.disparity_world import two_planes
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.hole_filling import MAX_DEPTH_RATIO, MIN_FILLED_SIGMA_PX, fill_holes
+from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus
 from sfr_loc_map.mapping.disparity.right_image_correction import RightImageCorrection, VerticalDisparity
 from sfr_loc_map.mapping.disparity.saturation import Saturation
 
@@ -33,17 +34,18 @@ class TwoPlanes:
         given = DisparityMap(
             px=disparity,
             sigma_px=np.full_like(disparity, 0.1),
-            valid=valid,
+            status=np.where(valid, np.uint8(PixelStatus.MEASURED), np.uint8(PixelStatus.UNMATCHED)),
             initial_px=matched,
             left=self.left,
             right=self.right,
             correction=RightImageCorrection(1.0, 0.0, VerticalDisparity(0.0, 0.0, 0.0)),
             saturation=saturation,
             noise_grey=NOISE,
-            valid_textured_fraction=1.0,
+            measured_textured_fraction=1.0,
         )
         found = fill_holes(given)
-        filled = found.valid & ~valid
+        filled = found.status == PixelStatus.FILLED
+        np.testing.assert_array_equal(found.valid, valid | filled)
         assert (found.sigma_px[filled] >= MIN_FILLED_SIGMA_PX).all()
         np.testing.assert_array_equal(found.sigma_px[~filled], given.sigma_px[~filled])
         return found.px, filled

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sfr_loc_map.mapping.disparity.validity import occlusion_mask
+from sfr_loc_map.mapping.disparity.surfaces import occlusion_mask, right_surfaces
 
 F = np.float32
 
@@ -14,7 +14,8 @@ def test_the_background_left_of_a_block_is_occluded() -> None:
     expected = np.zeros_like(valid)
     expected[:, :6] = True
     expected[10:30, 52:60] = True
-    np.testing.assert_array_equal(occlusion_mask(disparity, valid, F(1.0)), expected)
-    assert not occlusion_mask(disparity, valid, F(8.5))[:, 14:].any()  # nearer by less than the jump
+    surfaces = right_surfaces(disparity, valid)
+    np.testing.assert_array_equal(occlusion_mask(disparity, surfaces, F(1.0)), expected)
+    assert not occlusion_mask(disparity, surfaces, F(8.5))[:, 14:].any()  # nearer by less than the jump
     valid[10:30, 60:90] = False  # what is not valid occludes nothing
-    assert not occlusion_mask(disparity, valid, F(1.0))[:, 6:].any()
+    assert not occlusion_mask(disparity, right_surfaces(disparity, valid), F(1.0))[:, 6:].any()

@@ -1,7 +1,6 @@
 """Two pairs of the same ground from the same pose, with other noise."""
 
-from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
-from sfr_loc_map.mapping.multiview.pair_view import PairView
+from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
 POSE = Transform(matrix_from_rotvec([0.0, 0.4, 0.3]), np.array([0.0, 0.0, 2.0]))
 """Of NAVSB in LM."""
@@ -25,10 +24,10 @@ class TwoViews(NamedTuple):
     views: tuple[PairView, PairView]
     disparity: np.ndarray
 
-    def depth_errors(self, cloud: Any) -> np.ndarray:
-        """Return the errors of depth of a cloud of either view, metres."""
-        depth = self.views[0].T_lm_left.inverse().apply(cloud.xyz)[:, 2]
-        return depth - (self.rig.fx * self.rig.baseline_m / self.disparity)[cloud.v, cloud.u]
+    def depth_errors(self, points: ViewPoints) -> np.ndarray:
+        """Return the errors of depth of points of either view, metres."""
+        depth = self.views[0].T_lm_left.inverse().apply(points.xyz)[:, 2]
+        return depth - (self.rig.fx * self.rig.baseline_m / self.disparity)[points.v, points.u]
 
 
 @pytest.fixture(scope="session")
@@ -37,9 +36,5 @@ def two_views() -> TwoViews:
     first, second = (make_world(hills, width=384, height=320, noise=5.0, noise_seed=n) for n in (1, 2))
     mapper = Mapper(first.rig, MappingConfig())
     maps = mapper.process(first.pair, POSE, 0), mapper.process(second.pair, POSE, 1)
-    views = tuple(
-        PairView(replace(item.cloud, sigma=found.noise_sigma), item.disparity_px, item.T_lm_left, found.noise_grey)
-        for item in maps
-        if (found := item.fusion_input) is not None
-    )
+    views = [found.view for item in maps if (found := item.fusion_input) is not None]
     return TwoViews(first.rig, (views[0], views[1]), first.disparity)

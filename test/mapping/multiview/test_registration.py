@@ -7,8 +7,8 @@ import pytest
 
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.multiview.pair_view import PairView
 from sfr_loc_map.mapping.multiview.registration import register_views
+from sfr_loc_map.mapping.pair_view import PairView
 
 
 def with_error(view: PairView, error: Transform) -> PairView:
@@ -36,8 +36,8 @@ def test_pose_errors_are_recovered(
     assert findings.statistics["pose_turned_deg_1"] == pytest.approx(np.linalg.norm(rotation_deg), abs=0.05)
     assert findings.statistics["pose_moved_m_1"] == pytest.approx(np.linalg.norm(translation_m), abs=0.003)
     assert not findings.warnings
-    local = views[1].T_lm_left.inverse().apply(views[1].cloud.xyz)
-    np.testing.assert_allclose(local, second.T_lm_left.inverse().apply(second.cloud.xyz), atol=1e-5)
+    local = views[1].T_lm_left.inverse().apply(views[1].points.xyz)
+    np.testing.assert_allclose(local, second.T_lm_left.inverse().apply(second.points.xyz), atol=1e-5)
 
 
 def test_poses_without_overlap_or_beyond_the_bounds_stay(two_views: Any) -> None:

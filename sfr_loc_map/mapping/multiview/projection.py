@@ -1,25 +1,20 @@
-"""One stereo pair as registration and fusion use it, and its comparison with the points of another pair."""
+"""What a view observes at the points of another one, and the weight of its points in the fusion."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray32, FloatImage
+from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
-from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
-from sfr_loc_map.mapping.disparity.filters import SURFACE_JUMP_PX
-
-F = np.float32
+from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
+from sfr_loc_map.mapping.pair_view import PairView
 
 FEATHER_PX = 48.0
 """Distance from the image's border from which on points have their full weight, pixels: a twentieth of a megapixel
@@ -30,7 +25,6 @@ focal length of 800 pixels."""
 MIN_TEXTURE = 2.0  #: Spread of grey levels over the noise that a comparison requires; noise alone has about 1.
 MIN_OVERLAP = 1000  #: Points in common that a statement about poses requires: its spreads are then known to 7 %.
 MIN_DEPTH_M = 1e-3  #: Smallest depth of a point that is projected into a camera, metres: it must be before the camera.
-MIN_COVERAGE = F(1e-3)  #: Smallest fraction of a window with points that divides a sum over them; it must not be 0.
 
 
 class ViewImages(NamedTuple):
@@ -41,84 +35,44 @@ class ViewImages(NamedTuple):
     grey: FloatImage  #: Grey level; NaN without a point.
 
 
-@dataclass(frozen=True, eq=False)
-class PairView:
-    """Points of one stereo pair with the disparity image and the pose that they come from."""
-
-    cloud: PointCloud  #: Points in LM; their sigma excludes saturation and calibration.
-    disparity_px: FloatImage  #: `(H, W)` float32, pixels; NaN where invalid.
-    T_lm_left: Transform  #: Takes points in the left optical frame to LM.
-    noise_grey: float  #: Standard deviation of the difference of two images of the same ground, grey levels.
-
-    def with_pose(self, T_lm_left: Transform) -> PairView:
-        """Return the view and its points at another pose."""
-        xyz = (T_lm_left @ self.T_lm_left.inverse()).apply(self.cloud.xyz).astype(F)
-        return replace(self, cloud=replace(self.cloud, xyz=xyz), T_lm_left=T_lm_left)
-
-    @cached_property
-    def images(self) -> ViewImages:
-        """Disparity, sigma and grey level of each pixel."""
-        sigma = np.full(self.disparity_px.shape, np.inf, F)
-        sigma[self.cloud.v, self.cloud.u] = self.cloud.sigma
-        return ViewImages(self.disparity_px, sigma, self.grey_image())
-
-    def point_weights(self) -> FloatArray32:
-        """Return the weight of each point in the fusion `(N,)`, 1 / m^2."""
-        rows, columns = self.disparity_px.shape
-        return _point_weights(self.cloud.sigma, self.cloud.u, self.cloud.v, rows, columns)
-
-    def grey_image(self, blur_px: float = 0.0) -> FloatImage:
-        """Return the left image `(H, W)` at the points, blurred over them by a Gaussian; NaN elsewhere."""
-        has_point = np.zeros(self.disparity_px.shape, F)
-        grey = np.zeros_like(has_point)
-        has_point[self.cloud.v, self.cloud.u] = 1.0
-        grey[self.cloud.v, self.cloud.u] = self.cloud.intensity
-        if blur_px > 0.0:
-            total = cv2.GaussianBlur(grey, (0, 0), blur_px)
-            coverage = cv2.GaussianBlur(has_point, (0, 0), blur_px)
-            grey = np.asarray(total / np.maximum(coverage, MIN_COVERAGE), F)
-        return np.asarray(np.where(has_point == 0.0, F(np.nan), grey), F)
+def images_of(view: PairView) -> ViewImages:
+    """Return disparity, sigma and grey level of each pixel of a view."""
+    points = view.points
+    sigma = np.full(view.disparity_px.shape, np.inf, F)
+    sigma[points.v, points.u] = points.fusion_sigma
+    return ViewImages(view.disparity_px, sigma, view.grey_image())
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ProjectedPoints:
-    """The M points of a cloud that another view observes as well, `(M,)` float32 each."""
-
-    point_indices: NDArray[np.intp]  #: Indices of the points in their cloud.
-    difference: FloatArray32  #: Range that the view observes along its ray minus that of the point, metres.
-    sigma: FloatArray32  #: Standard deviation of the view's range, metres.
-    weight: FloatArray32  #: Weight of the view in the fusion, 1 / m^2.
-    grey_difference: FloatArray32  #: Grey level of the view minus that of the point; NaN where the view has no point.
-    grey_difference_shifted: FloatArray32  #: The same at `SHIFT_PX` to the right and below.
-    sample_distance_px: FloatArray32  #: Distance from the view's nearest sample, pixels.
+def point_weights(view: PairView) -> FloatArray32:
+    """Return the weight of each point of a view in the fusion `(N,)`, 1 / m^2."""
+    rows, columns = view.disparity_px.shape
+    points = view.points
+    return _point_weights(points.fusion_sigma, points.u, points.v, rows, columns)
 
 
-class ViewSamples(NamedTuple):
-    """Samples of a view at N points, `(N,)` float32 each."""
+class Observations(NamedTuple):
+    """How a view observes N points, `(N,)` float32 each."""
 
     difference: FloatArray32  #: Observed range minus that of the point, metres; NaN if the view does not observe it.
     sigma: FloatArray32  #: Standard deviation of the observed range, metres.
-    weight: FloatArray32  #: Weight in the fusion, 1 / m^2.
-    grey: FloatArray32  #: Grey level.
+    weight: FloatArray32  #: Weight of the view in the fusion, 1 / m^2.
+    grey: FloatArray32  #: Grey level; NaN where the view has no point.
     grey_shifted: FloatArray32  #: Grey level at `SHIFT_PX` to the right and below; NaN beyond the border.
-    sample_distance_px: FloatArray32  #: Distance from the nearest sample, pixels.
+    sample_distance_px: FloatArray32  #: Distance from the view's nearest sample, pixels.
 
 
-def project_into_view(cloud: PointCloud, T_lm_left: Transform, images: ViewImages, rig: StereoRig) -> ProjectedPoints:
-    """Return how a view, whose left camera has the pose `T_lm_left`, observes the points of a cloud in LM."""
-    samples = _sample_view(cloud.xyz, Pose.of(T_lm_left.inverse()), rig.camera, images)
-    point_indices = np.flatnonzero(np.isfinite(samples.difference))
-    observed = ViewSamples(*(values[point_indices] for values in samples))
-    grey = cloud.intensity[point_indices]
-    return ProjectedPoints(
-        point_indices=point_indices,
-        difference=observed.difference,
-        sigma=observed.sigma,
-        weight=observed.weight,
-        grey_difference=observed.grey - grey,
-        grey_difference_shifted=observed.grey_shifted - grey,
-        sample_distance_px=observed.sample_distance_px,
-    )
+class ObservedPoints(NamedTuple):
+    """The M points of N that another view observes."""
+
+    indices: NDArray[np.intp]  #: `(M,)`, indices of the points.
+    observations: Observations  #: How the view observes them, `(M,)` each.
+
+
+def project_into_view(xyz: FloatArray32, T_lm_left: Transform, images: ViewImages, rig: StereoRig) -> ObservedPoints:
+    """Return how a view, whose left camera has the pose `T_lm_left`, observes points `(N, 3)` in LM."""
+    found = _observe(xyz, Pose.of(T_lm_left.inverse()), rig.camera, images)
+    indices = np.flatnonzero(np.isfinite(found.difference))
+    return ObservedPoints(indices, Observations(*(values[indices] for values in found)))
 
 
 @jit_rows_inline
@@ -135,7 +89,7 @@ def _weight(sigma: np.float32, row: int, column: int, rows: int, columns: int) -
 
 @jit_rows
 def _point_weights(
-    sigma: NDArray[np.float32], u: NDArray[np.uint16], v: NDArray[np.uint16], rows: int, columns: int
+    sigma: FloatArray32, u: NDArray[np.uint16], v: NDArray[np.uint16], rows: int, columns: int
 ) -> FloatArray32:
     """Return the weights of points `(N,)` from their sigma and pixels."""
     weights = np.empty_like(sigma)
@@ -154,8 +108,8 @@ def _bilinear(image: FloatImage, i: int, j: int, t: float, s: float) -> float:
 
 
 @jit_rows
-def _sample_view(xyz: FloatArray32, T_left_lm: Pose, camera: StereoCamera, images: ViewImages) -> ViewSamples:
-    """Return the samples of a view at points `(N, 3)` in LM."""
+def _observe(xyz: FloatArray32, T_left_lm: Pose, camera: StereoCamera, images: ViewImages) -> Observations:
+    """Return how a view observes points `(N, 3)` in LM."""
     rows, cols = images.disparity.shape
     rotation = T_left_lm.rotation
     translation = T_left_lm.position
@@ -204,4 +158,4 @@ def _sample_view(xyz: FloatArray32, T_left_lm: Pose, camera: StereoCamera, image
         row_offset = v - nearest_row
         column_offset = u - nearest_column
         sample_distance_px[n] = np.sqrt(row_offset * row_offset + column_offset * column_offset)
-    return ViewSamples(difference, sigmas, weights, grey, grey_shifted, sample_distance_px)
+    return Observations(difference, sigmas, weights, grey, grey_shifted, sample_distance_px)

@@ -1,0 +1,86 @@
+"""The noise of images and of photometric residuals, measured in each pair."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import F, FloatImage, IntArray, median
+from sfr_loc_map.mapping.disparity.filters import downsample_mean
+from sfr_loc_map.mapping.robust_statistics import mad_sigma
+
+ROUNDING_NOISE = 0.3
+"""Smallest standard deviation of a residual due to rounding, in steps of the grey levels: that of one image,
+`1 / sqrt(12)`."""
+GREY_STRIDE = 4  #: Every fourth pixel of every fourth row is read for the steps between grey levels.
+DEFAULT_VARIANCE = F(25.0)
+"""Variance of a residual if too few residuals are available, grey levels squared: that of a noisy camera."""
+NOISE_BINS = 8  #: Ranges of the grey level in which the noise is measured, with equal numbers of residuals.
+MIN_PER_BIN = 50  #: Residuals that each range requires: the variance then has a relative standard deviation of 33 %.
+SAMPLED_PIXELS = np.s_[::8, ::4]  #: Pixels whose residuals measure the noise: 30 000 of a megapixel.
+SAMPLED_CELLS = np.s_[::4, ::2]  #: The cells of these pixels.
+NOISE_MASK = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]], F)
+"""Difference of two Laplacians, which cancels smooth structure (Immerkaer 1996)."""
+NOISE_GAIN = 6.0  #: Factor by which the mask amplifies white noise: the root of its sum of squares.
+
+
+def image_noise(image: FloatImage) -> float:
+    """Return the standard deviation of the noise of an image `(H, W)`, grey levels (Immerkaer 1996)."""
+    response = np.asarray(cv2.filter2D(image, -1, NOISE_MASK), F)
+    return mad_sigma(response[::2, ::2]) / NOISE_GAIN
+
+
+def rounding_noise(image: FloatImage) -> float:
+    """Return the standard deviation of a residual due to the steps between an image's grey levels, grey levels."""
+    steps = np.diff(np.unique(image[::GREY_STRIDE, ::GREY_STRIDE]))
+    return ROUNDING_NOISE * median(steps) if len(steps) else ROUNDING_NOISE
+
+
+def overall_noise(residual: FloatImage, min_noise: float) -> float:
+    """Return the robust standard deviation of a residual `(H, W)`, grey levels, at least `min_noise`."""
+    sample = residual[SAMPLED_PIXELS]
+    sample = sample[np.isfinite(sample)]
+    if not len(sample):
+        return min_noise
+    return max(mad_sigma(sample - median(sample)), min_noise)
+
+
+def noise_variance(
+    grey: FloatImage, order: IntArray, residual: FloatImage, offset: FloatImage, min_noise: float
+) -> FloatImage:
+    """Return the variance of a residual in each cell `(H/2, W/2)`: a straight line over the grey level.
+
+    The noise of a camera has a constant part and one that grows with the light (photon noise). The line is fitted to
+    the robust variances of ranges of the grey level by weighted least squares, and clipped to their range. A variance
+    has a standard deviation proportional to itself.
+
+    `grey` is the mean of the left image in each cell, and `order` sorts its sampled cells. The residual `(H, W)` is NaN
+    where unknown and has the brightness offset `(H/2, W/2)`.
+    """
+    deviation = np.abs(residual[SAMPLED_PIXELS] - offset[SAMPLED_CELLS]).ravel()
+    order = order[np.isfinite(deviation)[order]]
+    level = grey[SAMPLED_CELLS].ravel()[order]
+    deviation = deviation[order]
+    if len(level) < NOISE_BINS * MIN_PER_BIN:
+        return np.full(offset.shape, DEFAULT_VARIANCE, F)
+    levels = np.array([part.mean() for part in np.array_split(level, NOISE_BINS)], np.float64)
+    variances = np.array([mad_sigma(part) ** 2 for part in np.array_split(deviation, NOISE_BINS)])
+    variances = np.maximum(variances, min_noise**2)
+    weights = 1.0 / np.square(variances)
+    mean_level = np.average(levels, weights=weights)
+    mean_variance = float(np.average(variances, weights=weights))
+    spread = float(np.average(np.square(levels - mean_level), weights=weights))
+    covariance = float(np.average((levels - mean_level) * (variances - mean_variance), weights=weights))
+    slope = covariance / max(spread, 1.0)
+    line = F(mean_variance) + F(slope) * (grey - F(mean_level))
+    return np.asarray(np.clip(line, F(variances.min()), F(variances.max())), F)
+
+
+def noise_correlation(means: FloatImage, offset: FloatImage, variance: FloatImage) -> np.float32:
+    """Return the variance of the mean of 4 x 4 residuals over that of white noise, at least 1.
+
+    Noise that a filter or a compression has left is correlated between pixels.
+    """
+    blocks = downsample_mean(np.asarray((means - offset) / np.sqrt(variance), F), 2)
+    known = blocks[blocks != 0]  # blocks without residuals are 0
+    return F(max(16.0 * mad_sigma(known) ** 2, 1.0))

@@ -1,0 +1,39 @@
+"""The status of each pixel of a disparity map: measured, filled, or the reason why its disparity is invalid."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.arrays import Mask
+
+StatusImage = NDArray[np.uint8]  #: `(H, W)`, a `PixelStatus` of each pixel.
+
+
+class PixelStatus(IntEnum):
+    """Status of a pixel; the reason of an invalid one is the first test that it fails, in the order of the values."""
+
+    MEASURED = 0  #: Valid: passed all tests.
+    FILLED = 1  #: Valid: failed a test, and has the surface beside it (`hole_filling`).
+    UNMATCHED = 2  #: Rejected by the matcher: left-right check, uniqueness or speckle.
+    CHANGED = 3  #: Changed too much by the refinement.
+    OCCLUDED = 4  #: Occluded in the right image, or outside it.
+    MISMATCHED = 5  #: Residual larger than the noise and similar to the image's contrast.
+    RAMP = 6  #: On a ramp that joins two surfaces.
+    SMALL_SEGMENT = 7  #: In a segment that is small or has no content in common with the right image.
+    WRONG_SURFACE = 8  #: Beside a jump, and likely on its wrong side.
+    SATURATED = 9  #: In a neighbourhood that is completely saturated.
+    BEYOND_RANGE = 10  #: Farther than the largest range.
+
+
+def is_valid(status: StatusImage) -> Mask:
+    """Return which pixels `(H, W)` are measured or filled."""
+    valid: Mask = status <= PixelStatus.FILLED
+    return valid
+
+
+def with_reason(status: StatusImage, failed: Mask, reason: PixelStatus) -> StatusImage:
+    """Return the status of pixels of which the failed ones, if they were valid, are invalid for a reason."""
+    return np.where(failed & is_valid(status), np.uint8(reason), status)

@@ -1,0 +1,75 @@
+"""Surfaces of a disparity image: jumps between them, their slopes, and what the right camera sees of them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numba import prange
+
+from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
+from sfr_loc_map.jit import jit_rows
+from sfr_loc_map.mapping.disparity.filters import square_of_reach
+
+SURFACE_JUMP_PX = F(1.0)
+"""Neighbouring disparities that differ by more belong to two surfaces, pixels: the disparity of ground changes by less
+from pixel to pixel, and a ramp of this slope is parallel to a ray of the right camera."""
+MIN_DIVISOR_DISPARITY_PX = F(0.3)
+"""Smallest disparity whose depth is compared with another one, pixels: it must not be 0."""
+CENTRAL_DIFFERENCE = np.array([[-0.5, 0.0, 0.5]], F)
+"""Taps of a slope. At the border, which is repeated, the slope is half of the difference to the only neighbour."""
+
+
+class RightSurfaces(NamedTuple):
+    """Disparities `(H, W)` of the valid left pixels that correspond to each pixel of the right image, pixels."""
+
+    low: FloatImage  #: The smallest one; infinite if there is none.
+    high: FloatImage  #: The largest one; minus infinity if there is none.
+
+
+def slope_along_rows(disparity: FloatImage) -> FloatImage:
+    """Return the slope of a disparity along rows `(H, W)`, pixels per pixel."""
+    return np.asarray(cv2.filter2D(disparity, -1, CENTRAL_DIFFERENCE, borderType=cv2.BORDER_REPLICATE), F)
+
+
+def slope_along_columns(disparity: FloatImage) -> FloatImage:
+    """Return the slope of a disparity along columns `(H, W)`, pixels per pixel."""
+    return np.asarray(cv2.filter2D(disparity, -1, CENTRAL_DIFFERENCE.T, borderType=cv2.BORDER_REPLICATE), F)
+
+
+def depth_ratio(disparity: FloatImage, reach: int) -> FloatImage:
+    """Return the depth `(H, W)` of each pixel over that of the nearest surface within `reach` rows and columns."""
+    clipped = np.maximum(disparity, MIN_DIVISOR_DISPARITY_PX)
+    return np.asarray(cv2.dilate(clipped, square_of_reach(reach)) / clipped, F)
+
+
+@jit_rows
+def right_surfaces(disparity: FloatImage, valid: Mask) -> RightSurfaces:
+    """Return the disparities that correspond to each pixel of the right image."""
+    rows, cols = disparity.shape
+    low = np.full((rows, cols), F(np.inf))
+    high = np.full((rows, cols), F(-np.inf))
+    for y in prange(rows):
+        for x in range(cols):
+            if valid[y, x]:
+                u = int(np.rint(F(x) - disparity[y, x]))
+                if 0 <= u < cols:
+                    low[y, u] = min(low[y, u], disparity[y, x])
+                    high[y, u] = max(high[y, u], disparity[y, x])
+    return RightSurfaces(low, high)
+
+
+@jit_rows
+def occlusion_mask(disparity: FloatImage, surfaces: RightSurfaces, jump: np.float32) -> Mask:
+    """Return which pixels `(H, W)` are occluded in the right image.
+
+    Their corresponding pixel is outside the right image, or a surface nearer by more than `jump` covers it.
+    """
+    rows, cols = disparity.shape
+    out = np.zeros((rows, cols), np.bool_)
+    for y in prange(rows):
+        for x in range(cols):
+            u = int(np.rint(F(x) - disparity[y, x]))
+            out[y, x] = not (0 <= u < cols) or surfaces.high[y, u] > disparity[y, x] + jump
+    return out

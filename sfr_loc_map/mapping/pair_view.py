@@ -1,0 +1,81 @@
+"""The points of one stereo pair with the disparity image and the pose that they come from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage, Mask
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.transform import Transform
+
+MIN_COVERAGE = F(1e-3)  #: Smallest fraction of a window with points that divides a sum over them; it must not be 0.
+
+
+class ViewPoints(NamedTuple):
+    """N points, each on the ray of its left pixel, before their total sigma is known."""
+
+    xyz: FloatArray32  #: `(N, 3)`, metres, LM.
+    #: `(N,)`, metres, standard deviation along the ray by which points are compared and fused. Saturation and the
+    #: calibration do not enter it (`point_sigma`).
+    fusion_sigma: FloatArray32
+    intensity: FloatArray32  #: `(N,)`, grey level of the left pixel.
+    u: NDArray[np.uint16]  #: `(N,)`, column of the left pixel.
+    v: NDArray[np.uint16]  #: `(N,)`, row of the left pixel.
+
+    @property
+    def size(self) -> int:
+        """The number of points."""
+        return len(self.xyz)
+
+    def select(self, which: Mask | NDArray[np.intp]) -> ViewPoints:
+        """Return the chosen points."""
+        rows = np.flatnonzero(which) if which.dtype == np.bool_ else which
+        return ViewPoints(
+            xyz=self.xyz.take(rows, axis=0),
+            fusion_sigma=self.fusion_sigma.take(rows),
+            intensity=self.intensity.take(rows),
+            u=self.u.take(rows),
+            v=self.v.take(rows),
+        )
+
+    @classmethod
+    def concatenated(cls, parts: Sequence[ViewPoints]) -> ViewPoints:
+        """Return the points of all parts."""
+        return cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+    def to_cloud(self, sigma: FloatArray32, pair: NDArray[np.uint8], *, fused: bool) -> PointCloud:
+        """Return the points as a cloud with the standard deviation and the index of the pair of each point `(N,)`."""
+        return PointCloud(self.xyz, sigma, self.intensity, self.u, self.v, pair, fused=fused)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairView:
+    """One stereo pair as registration and fusion use it."""
+
+    points: ViewPoints
+    disparity_px: FloatImage  #: `(H, W)` float32, pixels; NaN where invalid.
+    T_lm_left: Transform  #: Takes points in the left optical frame to LM.
+    noise_grey: float  #: Standard deviation of the difference of two images of the same ground, grey levels.
+
+    def with_pose(self, T_lm_left: Transform) -> PairView:
+        """Return the view and its points at another pose."""
+        xyz = (T_lm_left @ self.T_lm_left.inverse()).apply(self.points.xyz).astype(F)
+        return replace(self, points=self.points._replace(xyz=xyz), T_lm_left=T_lm_left)
+
+    def grey_image(self, blur_px: float = 0.0) -> FloatImage:
+        """Return the left image `(H, W)` at the points, blurred over them by a Gaussian; NaN elsewhere."""
+        has_point = np.zeros(self.disparity_px.shape, F)
+        grey = np.zeros_like(has_point)
+        has_point[self.points.v, self.points.u] = 1.0
+        grey[self.points.v, self.points.u] = self.points.intensity
+        if blur_px > 0.0:
+            total = cv2.GaussianBlur(grey, (0, 0), blur_px)
+            coverage = cv2.GaussianBlur(has_point, (0, 0), blur_px)
+            grey = np.asarray(total / np.maximum(coverage, MIN_COVERAGE), F)
+        return np.asarray(np.where(has_point == 0.0, F(np.nan), grey), F)

@@ -1,0 +1,40 @@
+"""The disparities that are searched and kept, from the range of depths."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.disparity.semi_global_matching import DISPARITY_STEP
+
+
+@dataclass(frozen=True, slots=True)
+class SearchRange:
+    """Disparities that are searched and kept, pixels."""
+
+    min_disparity_px: float  #: Disparity of the farthest depth that is kept; smaller ones are searched, not kept.
+    count: int  #: Number of whole disparities that are searched from 0 on, a multiple of `DISPARITY_STEP`.
+
+
+def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:
+    """Return the disparities between the farthest and the nearest depth, `d = fx baseline / Z`.
+
+    At most half of the image's width is searched: most of a nearer surface is visible to one camera only. If that is
+    less than the disparity of `min_range_m`, the nearest depth that is searched is larger than `min_range_m`.
+    """
+    if config.min_range_m >= config.max_range_m:
+        raise ConfigError(
+            f"min_range_m {config.min_range_m} must be less than max_range_m {config.max_range_m}: correct them"
+        )
+    scale = rig.fx * rig.baseline_m
+    max_disparity_px = min(scale / config.min_range_m, 0.5 * rig.width)
+    min_disparity_px = scale / config.max_range_m
+    if min_disparity_px >= max_disparity_px:
+        raise ConfigError(
+            f"at max_range_m {config.max_range_m} the disparity is {min_disparity_px:.4g} px, half the image has "
+            f"{max_disparity_px:.4g}: nothing can be matched; correct the ranges or the baseline"
+        )
+    return SearchRange(min_disparity_px, DISPARITY_STEP * math.ceil((max_disparity_px + 1.0) / DISPARITY_STEP))
