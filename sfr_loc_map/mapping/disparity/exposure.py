@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatImage
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage
 from sfr_loc_map.mapping.disparity.photometric_residual import photometric_residual
 
 EXPOSURE_STRIDE = 4  #: Every fourth pixel of every fourth row is compared in exposure: quantiles need fewer samples.
@@ -17,20 +19,55 @@ MIN_GREY_RANGE = 8.0
 """Range between the outer quantiles that a gain requires, grey levels: rounding changes the ratio of smaller ranges by
 several percent."""
 GAIN_LIMITS = (0.25, 4.0)  #: Smallest and largest gain: two stops of exposure.
+SAME_EXPOSURE_GREY = 8.0  #: Quantiles of equally exposed images differ by less than this, grey levels.
 MIN_EXPOSURE_PIXELS = 100  #: Pixels that a comparison of the exposures requires: ten beyond each outer quantile.
 
 
 class Exposure(NamedTuple):
     """Linear relation `right = gain left + offset` of the grey levels of two images."""
 
-    gain: float
-    offset_grey: float
+    gain: float  #: Contrast of the right image over that of the left image.
+    offset_grey: float  #: Grey level of the right image where that of the left image is 0.
 
 
-def measure_exposure(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> Exposure:
-    """Return the exposure of the right image relative to the left one, from quantiles of corresponding grey levels.
+def grey_quantiles(grey: NDArray[Any]) -> FloatArray:
+    """Return the low, the middle and the high grey level `(3,)` of a sample of an image."""
+    return np.asarray(np.quantile(grey, EXPOSURE_QUANTILES))
 
-    The gain is 1 where the left image has too little contrast, and the offset 0 where too few pixels are usable.
+
+def exposure_of(left_quantiles: FloatArray, right_quantiles: FloatArray) -> Exposure:
+    """Return the exposure of the right image relative to the left one, from the grey levels of both `(3,)`.
+
+    The gain is 1 if the left image has too little contrast.
+    """
+    left_low, left_median, left_high = left_quantiles.tolist()
+    right_low, right_median, right_high = right_quantiles.tolist()
+    gain = 1.0
+    if left_high - left_low >= MIN_GREY_RANGE:
+        gain = float(np.clip((right_high - right_low) / (left_high - left_low), *GAIN_LIMITS))
+    return Exposure(gain, right_median - gain * left_median)
+
+
+def with_exposure_of_left(left: GreyImage, right: GreyImage) -> GreyImage:
+    """Return the right image with the exposure of the left one; unchanged if both are about equally exposed.
+
+    Without disparities the grey levels of the whole images are compared. The refinement measures the exposure again,
+    from corresponding pixels.
+    """
+    sampled = np.s_[::EXPOSURE_STRIDE, ::EXPOSURE_STRIDE]
+    left_quantiles = grey_quantiles(left[sampled])
+    right_quantiles = grey_quantiles(right[sampled])
+    if np.abs(left_quantiles - right_quantiles).max() <= SAME_EXPOSURE_GREY:
+        return right
+    exposure = exposure_of(left_quantiles, right_quantiles)
+    levels = np.rint((np.arange(256.0) - exposure.offset_grey) / exposure.gain)
+    return np.asarray(cv2.LUT(right, np.clip(levels, 0, 255).astype(np.uint8)))
+
+
+def exposure_by_disparity(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> Exposure:
+    """Return the exposure of the right image `(H, W)` relative to the left one, from corresponding grey levels.
+
+    Saturated pixels are excluded. Without enough usable pixels both exposures are equal.
     """
     left_rows, right_rows, disparity_rows = (
         np.ascontiguousarray(image[::EXPOSURE_STRIDE]) for image in (left, right, disparity_px)
@@ -41,9 +78,4 @@ def measure_exposure(left: FloatImage, right: FloatImage, disparity_px: FloatIma
     usable = (left_grey > MIN_GREY) & (left_grey < MAX_GREY) & (right_grey > MIN_GREY) & (right_grey < MAX_GREY)
     if usable.sum() < MIN_EXPOSURE_PIXELS:
         return Exposure(1.0, 0.0)
-    left_low, left_median, left_high = np.quantile(left_grey[usable], EXPOSURE_QUANTILES)
-    right_low, right_median, right_high = np.quantile(right_grey[usable], EXPOSURE_QUANTILES)
-    if left_high - left_low < MIN_GREY_RANGE:
-        return Exposure(1.0, float(right_median - left_median))
-    gain = float(np.clip((right_high - right_low) / (left_high - left_low), *GAIN_LIMITS))
-    return Exposure(gain, float(right_median - gain * left_median))
+    return exposure_of(grey_quantiles(left_grey[usable]), grey_quantiles(right_grey[usable]))

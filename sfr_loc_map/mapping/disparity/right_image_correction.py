@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage
-from sfr_loc_map.mapping.disparity.exposure import measure_exposure
+from sfr_loc_map.mapping.disparity.exposure import exposure_by_disparity
 from sfr_loc_map.mapping.disparity.interpolation import shift_rows
 from sfr_loc_map.mapping.disparity.photometric_residual import photometric_residual
 from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
@@ -79,7 +79,7 @@ def correct_right_image(left: FloatImage, right: FloatImage, disparity_px: Float
 
     The disparity without holes is correct to about a pixel.
     """
-    exposure = measure_exposure(left, right, disparity_px)
+    exposure = exposure_by_disparity(left, right, disparity_px)
     equalised = (right - F(exposure.offset_grey)) * F(1.0 / exposure.gain)
     corrected = equalised
     coefficients_px = np.zeros(3)

@@ -7,8 +7,8 @@ import math
 import cv2
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
-from sfr_loc_map.mapping.disparity.exposure import EXPOSURE_QUANTILES, EXPOSURE_STRIDE
+from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage
+from sfr_loc_map.mapping.disparity.exposure import with_exposure_of_left
 
 WIDE_COLUMNS = 800
 """Images of this width or more are matched at half their width: a quarter of the cost and less noise, and the
@@ -30,7 +30,6 @@ MAX_SPECKLE_PIXELS = 60
 MAX_SPECKLE_STEP = SUBPIXELS
 """Neighbours within a segment differ by no more than this, steps of the matcher: a pixel of the matched images."""
 UNMATCHED = -SUBPIXELS  #: The matcher's value of an unmatched pixel: `minDisparity - 1` in its steps.
-SAME_EXPOSURE_GREY = 8.0  #: Quantiles of equally exposed images differ by less than this, grey levels.
 
 
 def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> FloatImage:
@@ -58,29 +57,12 @@ def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> Float
         mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )
     padded_left = _padded_on_the_left(_averaged_columns(left, reduction), searched)
-    padded_right = _padded_on_the_left(_averaged_columns(_equalised(left, right), reduction), searched)
+    padded_right = _padded_on_the_left(_averaged_columns(with_exposure_of_left(left, right), reduction), searched)
     steps = matcher.compute(padded_left, padded_right)[:, searched:]
     cv2.filterSpeckles(steps, UNMATCHED, MAX_SPECKLE_PIXELS, MAX_SPECKLE_STEP)
-    matched = steps.astype(np.float32) * np.float32(reduction / SUBPIXELS)
-    disparity = np.where(steps < 0, np.float32(np.nan), matched)  # `UNMATCHED` is the only negative value
+    matched = steps.astype(F) * F(reduction / SUBPIXELS)
+    disparity = np.where(steps < 0, F(np.nan), matched)  # `UNMATCHED` is the only negative value
     return np.ascontiguousarray(np.repeat(disparity, reduction, axis=1)[:, : left.shape[1]])
-
-
-def _equalised(left: GreyImage, right: GreyImage) -> GreyImage:
-    """Return the right image with a gain and an offset that give it the quantiles of the left image.
-
-    Without disparities the quantiles are those of the whole images. `correct_right_image` measures the exposure again
-    from corresponding pixels.
-    """
-    sampled = np.s_[::EXPOSURE_STRIDE, ::EXPOSURE_STRIDE]
-    left_low, left_median, left_high = np.quantile(left[sampled], EXPOSURE_QUANTILES)
-    right_low, right_median, right_high = np.quantile(right[sampled], EXPOSURE_QUANTILES)
-    change = max(abs(left_low - right_low), abs(left_median - right_median), abs(left_high - right_high))
-    if change <= SAME_EXPOSURE_GREY or right_high - right_low < 1.0:
-        return right
-    gain = (left_high - left_low) / (right_high - right_low)
-    levels = np.rint(gain * (np.arange(256.0) - right_median) + left_median)
-    return np.asarray(cv2.LUT(right, np.clip(levels, 0, 255).astype(np.uint8)))
 
 
 def _padded_on_the_left(image: GreyImage, columns: int) -> GreyImage:
