@@ -17,7 +17,9 @@ noise alone."""
 MIN_VALID_TEXTURED_FRACTION = 0.3
 """Fraction of valid pixels among the textured ones below which the matches are due to chance. Unrelated or swapped
 images of four data sets (rendered ground, KITTI, Middlebury, Mars) have 0.07 or less, matching ones 0.6 or more."""
-COARSE_FACTOR = 2  #: Images are reduced by this factor when the cause of a mismatch is searched: an eighth of the cost.
+COARSE_FACTOR = 2
+"""Images are reduced by this factor when the cause of a mismatch is searched: a match then costs an eighth. In images
+of 800 to 1599 columns, whose full match has half of the columns anyway, it costs a half."""
 SWAPPED_FACTOR = 1.5  #: Exchanged images that match this many times as many pixels as the images as given are swapped.
 MIN_SWAPPED_FRACTION = 0.5
 """Fraction of the pixels that exchanged images must match to be swapped. Swapped images of the same data sets match in

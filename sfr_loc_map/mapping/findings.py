@@ -19,5 +19,8 @@ class Findings:
     warnings: tuple[str, ...] = ()  #: One line each.
 
     def __add__(self, other: Findings) -> Findings:
-        """Return the findings of both."""
+        """Return the findings of both; ValueError if a figure would replace another one of its name."""
+        common = self.statistics.keys() & other.statistics.keys()
+        if common:
+            raise ValueError(f"figures of two stages have the same name: {', '.join(sorted(common))}")
         return Findings({**self.statistics, **other.statistics}, self.warnings + other.warnings)

@@ -60,6 +60,7 @@ def cells_from_pixels(disparity: FloatImage, jump: np.float32) -> FloatImage:
         for j in range(cols):
             nearest = F(-1.0)
             for k in range(4):
+                # `max` keeps its first argument if the second one is NaN.
                 nearest = max(nearest, disparity[2 * i + k // 2, 2 * j + k % 2])
             total = F(0.0)
             count = F(0.0)

@@ -1,7 +1,7 @@
 """Which segments of similar disparity are surfaces, not noise.
 
 Where there is no texture (sky, shadow, a flat wall) the matcher fits noise that happens to be similar in both images,
-and its smoothness spreads that match over a segment of constant disparity. Such a segment passes tests of its
+and its smoothness spreads such matches over a segment of constant disparity. Such a segment passes tests of its
 residuals, which are noise of the stated size, and neither its size nor its stated sigma distinguishes it from a stone.
 It has no common content: the grey level gradients of both images are barely correlated over it. Segments of noise are
 small. A large surface with textureless parts is judged as one segment and stays valid.
@@ -19,10 +19,11 @@ from sfr_loc_map.jit import jit, jit_inline
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
 
 STEPS_PER_PX = F(16.0)  #: Disparities of neighbours are compared in whole sixteenths of a pixel.
-MIN_SEGMENT_PIXELS = 40
+MAX_SMALL_SEGMENT_PIXELS = 40
 """Segments of this many pixels or fewer are invalid: nothing around agrees with them. With 30, 0.06 % more pixels of a
 KITTI pair are wrong (measurements/mapper_trials.md)."""
-LARGE_SEGMENT_PIXELS = 2000  #: Larger segments are not noise: the largest one in 100 images of noise had 740 pixels.
+MAX_MEDIUM_SEGMENT_PIXELS = 2000
+"""Larger segments are not noise: the largest one in 100 images of noise had 740 pixels."""
 MIN_CORRELATION = 0.7
 """Smallest correlation of the gradients of a segment that is not large. White noise of 0.5 to 5 grey levels reached
 0.47, noise blurred by one pixel 0.64. Surfaces in real and rendered images had 0.77 to 1."""
@@ -42,8 +43,8 @@ def valid_segments(left: FloatImage, right: FloatImage, disparity: FloatImage, v
     steps[~valid] = -1
     segments = find_segments(steps, np.int32(STEPS_PER_PX * SURFACE_JUMP_PX))
     pixels = segments.pixels
-    is_large = np.append(pixels > LARGE_SEGMENT_PIXELS, np.False_)  # the last element is for invalid pixels
-    is_medium = np.append((pixels > MIN_SEGMENT_PIXELS) & (pixels <= LARGE_SEGMENT_PIXELS), np.False_)
+    is_large = np.append(pixels > MAX_MEDIUM_SEGMENT_PIXELS, np.False_)  # the last element is for invalid pixels
+    is_medium = np.append((pixels > MAX_SMALL_SEGMENT_PIXELS) & (pixels <= MAX_MEDIUM_SEGMENT_PIXELS), np.False_)
     kept: Mask = is_large[segments.label]
     flat_indices = np.flatnonzero(is_medium[segments.label])
     labels = segments.label.flat[flat_indices]

@@ -16,7 +16,8 @@ from numba import prange
 from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage
 from sfr_loc_map.jit import jit_rows, jit_rows_inline, on_one_thread
 
-MAX_STEP_PX = F(1.0)  #: Largest change of a field in one solve, pixels: the linearisation holds within about a pixel.
+MAX_SOLVED_STEP_PX = F(1.0)
+"""Largest change of a field in one solve, pixels: the linearisation holds within about a pixel."""
 MIN_PARALLEL_CELLS = 100_000  #: Smaller grids are solved by one thread: to wake another one takes 0.1 ms.
 MIN_DIAGONAL = F(1e-12)  #: Added to the diagonal, 1 / px^2: it must not be 0.
 BLOCK_ROWS = 32  #: Rows that a thread takes at once, so that intermediate results stay in its cache.
@@ -203,7 +204,7 @@ def conjugate_gradient_step(
     weights: SmoothnessWeights,
     iterations: int,
 ) -> FloatImage:
-    """Return the change of a field on one grid `(h, w)`, pixels, at most `MAX_STEP_PX`.
+    """Return the change of a field on one grid `(h, w)`, pixels, at most `MAX_SOLVED_STEP_PX`.
 
     It is the solution of `(diag(information) + A' W A) s = information_vector - A' W A field` after a number of
     preconditioned conjugate gradient iterations, in the notation of Shewchuk (1994), section B3: direction d, residual
@@ -225,7 +226,7 @@ def conjugate_gradient_step(
             new_delta = _update_step(state, preconditioner, F(delta / curvature))
             beta = new_delta / delta
             delta = new_delta
-    return np.asarray(np.clip(state.step, -MAX_STEP_PX, MAX_STEP_PX), F)
+    return np.asarray(np.clip(state.step, -MAX_SOLVED_STEP_PX, MAX_SOLVED_STEP_PX), F)
 
 
 @jit_rows_inline

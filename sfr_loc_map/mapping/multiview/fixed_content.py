@@ -27,7 +27,7 @@ WINDOW_SAMPLES = 9  #: Side of the window over which grey levels are compared, s
 MIN_SIMILARITY = F(0.8)
 """Similarity of the grey levels of fixed content: 1 for equal windows, 0.8 if noise has half the standard deviation of
 the content."""
-MIN_KNOWN_FRACTION = F(0.6)  #: Fraction of the window in which both pairs must have points: more than half.
+MIN_WINDOW_FRACTION = F(0.6)  #: Fraction of the window in which both pairs must have points: more than half.
 SAME_DISPARITY_PX = 1.0  #: Largest difference of the disparities of fixed content, pixels: those of one surface.
 MIN_MOTION_PX = 8.0
 """Smallest motion of ground in the image, pixels: with less motion ground resembles itself over a third of a window."""
@@ -111,7 +111,7 @@ def _similarity(a: FloatImage, b: FloatImage, noise: np.float32) -> FloatImage:
     is_textured = np.minimum(variance_a, variance_b) > np.square(F(MIN_TEXTURE) * noise)
     with np.errstate(divide="ignore", invalid="ignore"):
         similarity = F(1.0) - difference / (variance_a + variance_b)
-    return np.asarray(np.where(is_textured & (known_fraction > MIN_KNOWN_FRACTION), similarity, F(0.0)), F)
+    return np.asarray(np.where(is_textured & (known_fraction > MIN_WINDOW_FRACTION), similarity, F(0.0)), F)
 
 
 def _window_mean(image: FloatImage) -> FloatImage:

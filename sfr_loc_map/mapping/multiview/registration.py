@@ -24,7 +24,7 @@ from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
 MAX_POINTS = 10_000  #: About this many points of each other view are compared: six parameters need no more.
 BLURS_PX = (12.0, 5.0, 2.0, 0.7)
 """Standard deviations of the Gaussians by which the compared images are blurred, pixels: a degree is a dozen pixels."""
-MAX_ITERATIONS = 6  #: Gauss-Newton steps at each blur; the next blur continues what has not converged.
+MAX_STEPS_PER_BLUR = 6  #: Gauss-Newton steps at each blur; the next blur continues what has not converged.
 ROTATION_STEP_RAD = 2e-4  #: Step of the numerical derivatives: a sixth of a pixel at a focal length of 800 pixels.
 TRANSLATION_STEP_M = 1e-3  #: Step of the numerical derivatives: a sixth of a pixel at 5 m and the same focal length.
 DERIVATIVE_STEPS = np.array([ROTATION_STEP_RAD] * 3 + [TRANSLATION_STEP_M] * 3)
@@ -33,10 +33,10 @@ CONVERGED_STEP = 1e-5  #: The estimate has converged if no parameter changes by 
 PRIOR_SIGMAS = np.array([np.deg2rad(0.5)] * 3 + [0.02] * 3)
 """Standard deviations of the error of a given pose, rad and m: a quarter and a fifth of the largest accepted motion.
 They divide what rotation and translation explain equally well."""
-ROBUST_SIGMAS = 3.0
+REGISTRATION_ROBUST_SIGMAS = 3.0
 """Residuals of this many standard deviations have half the weight. Under normal noise 2.385 has an efficiency of 95 %
 (Holland and Welsch 1977); a larger value gives more weight to large residuals, such as those of a wrong pose."""
-MIN_RESIDUAL_SIGMA = 1e-6  #: Added to the standard deviation of residuals, which must not be 0.
+MIN_NORMALISED_SIGMA = 1e-6  #: Added to the standard deviation of residuals, which must not be 0.
 MAX_ROTATION_DEG = 2.0  #: Poses that would have to be rotated by more are reported and not changed, deg.
 MAX_TRANSLATION_M = 0.1  #: Poses that would have to be moved by more are reported and not changed, metres.
 
@@ -94,7 +94,7 @@ def estimate_motion(fixed: Sequence[PairView], moved: PairView, rig: StereoRig) 
     for blur_px in BLURS_PX:
         images = moved_images._replace(grey=moved.grey_image(blur_px))
         points = _with_blurred_grey(compared, fixed, blur_px)
-        for _ in range(MAX_ITERATIONS):
+        for _ in range(MAX_STEPS_PER_BLUR):
             step = _gauss_newton_step(points, images, pose, moved.T_lm_left, rig)
             if step is None:
                 return None
@@ -148,8 +148,8 @@ def _gauss_newton_step(
             return None
         r = residual[known]
         j = derivative[known]
-        sigma = mad_sigma(r) + MIN_RESIDUAL_SIGMA
-        weighted = j * (cauchy_weight(r, ROBUST_SIGMAS * sigma) / sigma**2)[:, None]
+        sigma = mad_sigma(r) + MIN_NORMALISED_SIGMA
+        weighted = j * (cauchy_weight(r, REGISTRATION_ROBUST_SIGMAS * sigma) / sigma**2)[:, None]
         normal = normal + weighted.T @ j
         rhs = rhs - weighted.T @ r
     return np.asarray(np.linalg.solve(normal, rhs))

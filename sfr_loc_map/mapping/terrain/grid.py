@@ -30,7 +30,7 @@ STEP_RADIUS_M = 0.25
 """A step is a difference of heights within this distance, metres, about the diameter of a wheel: farther away the shape
 of the ground would count as a step. It is part of the definition of a step; the size of the rover acts by the
 parameters `max_step_m` and `footprint_radius_m`."""
-MIN_KNOWN_FRACTION = 0.5  #: Fraction of the footprint's cells that must have a height for slope and roughness.
+MIN_FOOTPRINT_FRACTION = 0.5  #: Fraction of the footprint's cells that must have a height for slope and roughness.
 MIN_RADIUS_CELLS = 1.5  #: Smallest radius of a window in which a plane is fitted, cells: a cell and its neighbours.
 MIN_DETERMINANT = 1e-6
 """Smallest determinant of the covariance of the cells' positions, in units of cell_m^4: 0 if all are on a line."""
@@ -170,7 +170,7 @@ def _in_order(bits: NDArray[np.int32]) -> NDArray[np.int32]:
 def fit_planes(height: FloatArray, window: IntArray, cell_m: float) -> Planes:
     """Return the least-squares planes of heights `(R, C)`, NaN where unknown, in a window `(K, 2)` around each cell.
 
-    A plane requires that `MIN_KNOWN_FRACTION` of the window is known.
+    A plane requires that `MIN_FOOTPRINT_FRACTION` of the window is known.
     """
     rows, columns = height.shape
     slope_x = np.full((rows, columns), np.nan)
@@ -210,7 +210,7 @@ def fit_planes(height: FloatArray, window: IntArray, cell_m: float) -> Planes:
                     xz += dx * dz
                     yz += dy * dz
                     zz += dz * dz
-            if n < MIN_KNOWN_FRACTION * size:
+            if n < MIN_FOOTPRINT_FRACTION * size:
                 continue
             mean_x = x / n
             mean_y = y / n

@@ -18,8 +18,9 @@ NOISE = 2.0
 
 
 class TwoPlanes:
-    def __init__(self, far: float = FAR) -> None:
-        left, right, self.truth = two_planes((ROWS, COLS), BLOCK, int(NEAR), int(far), NOISE)
+    def __init__(self, far: float = FAR, noise: float = NOISE) -> None:
+        left, right, self.truth = two_planes((ROWS, COLS), BLOCK, int(NEAR), int(far), noise)
+        self.noise = noise
         self.left, self.right = left.astype(F), right.astype(F)
         self.visible = np.ones((ROWS, COLS), bool)
         self.visible[OCCLUDED] = False
@@ -40,7 +41,7 @@ class TwoPlanes:
             right=self.right,
             correction=RightImageCorrection(1.0, 0.0, VerticalDisparity(0.0, 0.0, 0.0)),
             saturation=saturation,
-            noise_grey=NOISE,
+            noise_grey=self.noise,
             measured_textured_fraction=1.0,
         )
         found = fill_holes(given)
@@ -75,3 +76,13 @@ def test_what_the_right_camera_does_not_see_or_little_is_known_of_stays_empty() 
     hole = np.ones((ROWS, COLS), bool)
     hole[30:33, 90:93] = False
     assert not scene.filled(hole)[1].any()
+
+
+def test_holes_of_a_pair_that_matches_perfectly_are_filled() -> None:
+    """The cost of the valid pixels is 0 there, and so is the largest cost of a filled one."""
+    scene = TwoPlanes(far=NEAR, noise=0.0)
+    hole = np.zeros((ROWS, COLS), bool)
+    hole[20:26, 100:106] = True
+    disparity, filled = scene.filled(hole)
+    assert filled[hole].all()
+    np.testing.assert_array_equal(disparity[hole], scene.truth[hole])

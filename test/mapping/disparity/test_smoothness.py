@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.mapping.disparity.smoothness import (
-    MAX_STEP_PX,
+    MAX_SOLVED_STEP_PX,
     SmoothnessWeights,
     conjugate_gradient_step,
     fill_smoothness,
@@ -76,7 +76,7 @@ def test_the_solve_descends_to_the_dense_solution() -> None:
     matrix = np.diag(information.ravel().astype(float)) + dense_regulariser(weights)
     rhs = vector.ravel() - dense_regulariser(weights) @ field.ravel()
     expected = np.linalg.solve(matrix, rhs).reshape(SHAPE)
-    assert np.abs(expected).max() < MAX_STEP_PX
+    assert np.abs(expected).max() < MAX_SOLVED_STEP_PX
 
     def solved(iterations: int) -> np.ndarray:
         return conjugate_gradient_step(field, information, vector, weights, iterations)
