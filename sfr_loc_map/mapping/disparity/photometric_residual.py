@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -11,12 +12,18 @@ from sfr_loc_map.geometry.arrays import F, FloatImage
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.interpolation import cubic
 
-SMOOTHING_SIDE = F(0.1065)
-"""Side tap of a Gaussian of 0.5 pixels, `exp(-2) / (1 + 2 exp(-2))`. Wider ones lose texture
+SMOOTHING_PX = 0.5
+"""Standard deviation of the Gaussian that slopes are smoothed by, pixels. Wider ones lose texture
 (measurements/mapper_trials.md)."""
-SMOOTHING_CENTRE = F(1.0) - F(2.0) * SMOOTHING_SIDE  #: Centre tap of the same Gaussian.
-DERIVATIVE_NEAR = F(0.5 * (1.0 - 2.0 * 0.1065))  #: Tap at one pixel of a central difference after that Gaussian.
-DERIVATIVE_FAR = F(0.5 * 0.1065)  #: Tap at two pixels of the same.
+_SIDE = math.exp(-0.5 / SMOOTHING_PX**2) / (1.0 + 2.0 * math.exp(-0.5 / SMOOTHING_PX**2))
+SMOOTHING_SIDE = F(_SIDE)  #: Side tap of that Gaussian over three pixels.
+SMOOTHING_CENTRE = F(1.0 - 2.0 * _SIDE)  #: Its centre tap.
+DERIVATIVE_NEAR = F(0.5 * (1.0 - 2.0 * _SIDE))  #: Tap at one pixel of a central difference after that Gaussian.
+DERIVATIVE_FAR = F(0.5 * _SIDE)  #: Tap at two pixels of the same.
+SLOPE_NOISE_GAIN = float(
+    (SMOOTHING_CENTRE**2 + 2.0 * SMOOTHING_SIDE**2) * 2.0 * (DERIVATIVE_NEAR**2 + DERIVATIVE_FAR**2)
+)
+"""Variance of a slope over that of white noise in the image: the sum of squares of all taps."""
 SLOPE_BORDER = 2  #: Columns at either border without a slope: the smoothed central difference has five taps.
 
 

@@ -9,12 +9,12 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, median
 from sfr_loc_map.mapping.disparity.filters import box_mean, second_differences, upsample_bilinear
+from sfr_loc_map.mapping.disparity.photometric_residual import SLOPE_NOISE_GAIN
 from sfr_loc_map.mapping.disparity.variational_refinement import EDGE_FACTOR, WINDOW_CELLS, RefinedDisparity
 
-NOISE_INFORMATION = F(0.2026)
-"""Information of one cell that noise alone simulates, 1 / px^2. The slope is measured in the mean of both images, whose
-noise has a quarter of the residual's variance: four pixels times the sum of squares of the slope's taps, over four. The
-rounded taps of `photometric_residual` give 0.2025."""
+NOISE_INFORMATION = F(SLOPE_NOISE_GAIN)
+"""Information of one cell that noise alone simulates, 1 / px^2: four pixels times the variance of a slope over that of
+a residual. The slope is measured in the mean of both images, whose noise has a quarter of the residual's variance."""
 MIN_INFORMATION = F(1e-3)  #: Smallest information of a cell, 1 / px^2; it must not be 0.
 MAX_SIGMA_PX = F(2.0)
 """Larger standard deviations are capped to this, pixels: the linearisation holds within about a pixel, and changes by
