@@ -32,8 +32,9 @@ class CalibrationUncertainty:
         unit="px",
         doc="Typical residual distortion: the root mean square over an image of the error of a point's column or row. "
         "It is the standard deviation of the disparities unless the vertical disparity shows another one. A yaw of the "
-        "right camera is reported only if its vertical disparity in the corners exceeds it, a pitch only if its offset "
-        "does, and three times as much vertical disparity causes a warning. 0: no residual distortion.",
+        "right camera is reported beyond three standard deviations, of which vertical disparity of this size in the "
+        "corners is a part. A vertical offset beyond it increases sigma as a pitch. A warning is given beyond three "
+        "times as much vertical disparity. 0: no residual distortion.",
         low=0.0,
         high=10.0,
     )

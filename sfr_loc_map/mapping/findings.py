@@ -1,8 +1,8 @@
 """Findings of a call: its statistics by name, and warnings about input that gives a poor map.
 
 A new finding of one pair belongs to `pair_findings`. One of a set of pairs belongs to the findings that its stage in
-`multiview` returns; `Mapper.fuse` adds those of all stages. Statistics are public keys: they say `share` for a fraction
-and `merged` for the points that another pair agrees with.
+`multiview` returns; `Mapper.fuse` adds those of all stages. Statistics are public keys, which are not renamed: `share`
+is a fraction, and `merged` the number of points that another pair agrees with.
 """
 
 from __future__ import annotations

@@ -1,27 +1,45 @@
 """The mapper: one call per stereo pair, and one call that fuses up to three of them.
 
-The method:
+The stages of `Mapper.process`, with their modules:
 
-1. The images are matched by semi-global matching (Hirschmueller 2008).
-2. Exposure and vertical disparity of the right image are measured and corrected.
-3. One disparity field is fitted to both images: photometric residuals and weighted second differences over the whole
-   image (variational, after Horn and Schunck 1981), solved coarse to fine by conjugate gradients.
-4. Each disparity has a standard deviation: the posterior of that field, plus the bias of smoothing and of creases.
-5. Each disparity is judged: the matcher's own tests, occlusion, residual, common content, the correct surface beside
-   a jump (a small network on matching costs with adaptive support weights, Yoon and Kweon 2006), and
-   saturation.
-6. A pair of which too few textured pixels are valid is refused.
-7. The rotation of the right camera is measured from the vertical disparity.
-8. Holes are filled by the surfaces beside them, where the images agree. The effect of a roll is removed.
-9. Disparities of points within the largest range become points in LM. Their sigma includes saturation and the
-   uncertainty of the calibration.
+1. `check_images` (`checks`): images that are textureless, identical or of another size are refused.
+2. `estimate_disparity` (`disparity/estimation`) makes a `DisparityMap`:
+   - the initial disparity by semi-global matching (Hirschmueller 2008), wide images at half their width
+     (`semi_global_matching`, `exposure`);
+   - the initial field on cells of 2 x 2 pixels, without holes (`cell_field`);
+   - exposure and vertical disparity of the right image, which are measured and removed (`right_image_correction`,
+     `vertical_disparity`);
+   - one disparity field that fits both images: photometric residuals and weighted second differences over the whole
+     image (variational, after Horn and Schunck 1981), solved coarse to fine by conjugate gradients
+     (`variational_refinement`, `photometric_residual`, `image_noise`, `smoothness`);
+   - the standard deviation of each disparity: the posterior of that field, the bias of smoothing and an error beside
+     creases (`uncertainty`);
+   - the saturated pixels of both images (`saturation`);
+   - the status of each pixel, measured or the reason why it is invalid: unmatched, changed by the refinement, occluded,
+     mismatched, on a ramp, in a small segment or one without common content, on the wrong surface beside a jump (a
+     small network on matching costs with adaptive support weights, Yoon and Kweon 2006), saturated (`validity`,
+     `surfaces`, `segments`, `wrong_surface`, `matching_cost`).
+3. `check_matches` (`checks`): a pair of which too few textured pixels are measured is refused.
+4. `measure_right_camera` (`disparity/right_camera`): the rotation of the right camera, from the vertical disparity.
+5. `fill_holes` (`disparity/hole_filling`): invalid pixels take the surface beside them where the images agree.
+6. `without_roll` (`disparity/right_camera`): the effect of a roll is removed from the disparities.
+7. `status_within_range`, `view_of_pair` (`reprojection`): disparities within the largest range become points in LM, a
+   `PairView`.
+8. `calibration_sigma`, `point_sigma` (`point_sigma`): sigma of the points, increased by saturation and the uncertainty
+   of the calibration.
+9. `findings_of_pair` (`pair_findings`): statistics and warnings.
 
-Fusion removes content that is fixed to the image, registers the poses on request, and averages along the rays by
-inverse variance. Of points that are one sample it keeps one, and it drops points where a pair of larger weight observes
-a farther surface.
+The stages of `Mapper.fuse`:
 
-A `DisparityMap` passes from step to step: estimated, then filled, then without the effect of a roll.
-No step changes its arguments. Elevation and hazard grids are made of the cloud by `terrain`, not by the mapper.
+1. `without_fixed_content` (`multiview/fixed_content`): content that is fixed to the image is removed.
+2. `register_views` (`multiview/registration`), on request: later pairs are moved to fit those before.
+3. `fuse_views` (`multiview/fusion`, `multiview/projection`): points on which pairs agree move along their rays to the
+   mean by inverse variance. Of points that sample the same spot one is kept, and points are dropped where a pair of
+   larger weight observes a farther surface.
+4. `point_sigma` (`point_sigma`): sigma of the fused points, as above.
+
+No stage changes its arguments, and the mapper has no state but its rig and its parameters. Elevation and hazard grids
+are made of a cloud by `terrain`, not by the mapper.
 """
 
 from __future__ import annotations

@@ -32,8 +32,7 @@ def findings_of_pair(
 ) -> Findings:
     """Return the findings of a pair's map with so many points, given the configured uncertainty of the calibration.
 
-    The disparity map is the estimated one, whose correction and valid pixels are those of the images; points are
-    counted after the filling of holes.
+    The disparity map is the one before holes are filled; the points include those of filled pixels.
     """
     correction = disparity.correction
     statistics = {
@@ -54,6 +53,11 @@ def findings_of_pair(
     return Findings(statistics, warnings)
 
 
+def vertical_warning_px(configured: CalibrationUncertainty) -> float:
+    """Return the vertical disparity beyond which a warning is given, pixels."""
+    return max(MIN_VERTICAL_WARNING_PX, VERTICAL_WARNING_FACTOR * configured.distortion_px)
+
+
 def _warnings_of_images(disparity: DisparityMap, configured: CalibrationUncertainty) -> tuple[str, ...]:
     """Return warnings about matches, rectification, exposure and saturation."""
     fraction = disparity.measured_textured_fraction
@@ -64,7 +68,7 @@ def _warnings_of_images(disparity: DisparityMap, configured: CalibrationUncertai
         warnings.append("too few pixels have texture above the noise: whether the images match is unknown")
     if fraction < LOW_VALID_TEXTURED_FRACTION:
         warnings.append(f"only {100 * fraction:.0f} % of the textured pixels have a valid disparity")
-    if correction.vertical.max_px > max(MIN_VERTICAL_WARNING_PX, VERTICAL_WARNING_FACTOR * configured.distortion_px):
+    if correction.vertical.max_px > vertical_warning_px(configured):
         warnings.append(
             f"vertical disparity of up to {correction.vertical.max_px:.2f} px between left and right (compensated): "
             "check the rectification"

@@ -26,16 +26,18 @@ total_sigma                            variance sigma^2 + r^2 (a^2 (fx / d)^2 + 
                                        of the uncertainty of `calibration_sigma`
 =====================================  =================================================================================
 
-A significant yaw and a pitch are added to the configured ones as squares; a set of pairs has the largest calibration of
-its pairs. Compensating a roll and registering poses add nothing: sigma is given the pose.
+A significant yaw and a pitch are added to the configured ones as squares. A set of pairs has the largest calibration
+sigma of its pairs. Compensating a roll and registering poses add nothing: sigma is conditional on the pose.
 
 A new source of error that differs from pixel to pixel is a term in `uncertainty`. One that all points share has a
 parameter (`CalibrationUncertainty`), a field of `CalibrationSigma`, its value in `calibration_sigma` and a term in
 `_total_sigma`.
 
-Saturation and calibration are no weights of the fusion. The error of the calibration is common to all pairs, so that
-averaging does not reduce it. Saturation widens sigma by a chosen factor, which is an allowance and no measured noise:
-it is applied to the sigma of the fused points, and the agreement of views is judged without it.
+Three standard deviations of a point are told apart. Its `fusion_sigma` (`ViewPoints`), down to the row of the fusion,
+is that by which views are compared and weighted. The random part (`PointSigma.random`) is that one widened by
+saturation. The total one (`PointSigma.total`, `PointCloud.sigma`) includes the calibration. Saturation and calibration
+do not enter the weights of the fusion. The error of the calibration is common to all pairs, so that averaging does not
+reduce it. The factor of saturation is an allowance and not a measured noise.
 """
 
 from __future__ import annotations
@@ -88,7 +90,12 @@ class PointSigma(NamedTuple):
 
 
 def is_yaw_significant(rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty) -> bool:
-    """Return whether the measured yaw exceeds what noise and the configured uncertainty of the calibration explain.
+    """Return whether the measured yaw exceeds what noise and the configured uncertainty of the calibration explain."""
+    return abs(rotation.yaw_rad) > yaw_threshold_rad(rotation, rig, configured)
+
+
+def yaw_threshold_rad(rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty) -> float:
+    """Return the largest yaw that is not significant, rad.
 
     Residual distortion causes the saddle of a yaw as well. Its configured root mean square, taken as the value of such
     a saddle in the corners, limits the accuracy of the yaw.
@@ -96,15 +103,19 @@ def is_yaw_significant(rotation: CameraRotation, rig: StereoRig, configured: Cal
     corner_saddle = 0.25 * rig.width * rig.height / (rig.fx * rig.fy)  # x y in the corner, normalised coordinates
     distortion_rad = configured.distortion_px / (rig.fy * corner_saddle)
     sigma_rad = math.hypot(rotation.yaw_sigma_rad, distortion_rad, math.radians(configured.yaw_deg))
-    threshold_rad = max(SIGNIFICANT_SIGMAS * sigma_rad, math.radians(MIN_SIGNIFICANT_YAW_DEG))
-    return abs(rotation.yaw_rad) > threshold_rad
+    return max(SIGNIFICANT_SIGMAS * sigma_rad, math.radians(MIN_SIGNIFICANT_YAW_DEG))
+
+
+def pitch_threshold_px(configured: CalibrationUncertainty) -> float:
+    """Return the largest vertical offset that residual distortion explains, pixels; a larger one may be a pitch."""
+    return max(configured.distortion_px, MIN_ROTATION_PX)
 
 
 def calibration_sigma(rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty) -> CalibrationSigma:
     """Return the uncertainty of the calibration given what a pair shows of the right camera.
 
-    A significant yaw is added to the configured uncertainty; it is not compensated. A vertical offset larger than the
-    configured distortion may be a pitch and is added as one. Roll is compensated (`without_roll`).
+    A significant yaw is added to the configured uncertainty; it is not compensated. A vertical offset beyond
+    `pitch_threshold_px` is added as a pitch and not reported. Roll is compensated (`without_roll`).
 
     Residual distortion causes an error along rows of the size of the vertical disparity. An offset and a roll may have
     other causes. With the root mean squares over the image of all vertical disparity and of its rest without offset and
@@ -118,7 +129,7 @@ def calibration_sigma(rotation: CameraRotation, rig: StereoRig, configured: Cali
     if is_yaw_significant(rotation, rig, configured):
         yaw_rad = math.hypot(yaw_rad, rotation.yaw_rad)
     pitch_rad = math.radians(configured.pitch_deg)
-    if abs(rotation.pitch_rad) * rig.fy > max(configured.distortion_px, MIN_ROTATION_PX):
+    if abs(rotation.pitch_rad) * rig.fy > pitch_threshold_px(configured):
         pitch_rad = math.hypot(pitch_rad, rotation.pitch_rad)
     distortion_px = 0.0
     if configured.distortion_px > 0.0:

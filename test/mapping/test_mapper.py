@@ -1,5 +1,7 @@
 """The mapper against worlds whose disparity is known, against faults, and against the development data."""
 
+import inspect
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +20,7 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import panorama_of
+from sfr_loc_map.mapping import mapper as mapper_module
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper, PairMap
 
@@ -34,6 +37,15 @@ def mapped(made: Any, **change: Any) -> PairMap:
 def errors(made: Any, result: PairMap) -> np.ndarray:
     difference = (result.disparity_px - made.disparity)[INNER]
     return difference[np.isfinite(difference)]
+
+
+def test_the_stages_are_told_in_the_same_words_in_the_documentation() -> None:
+    _, of_process, of_fuse = re.split(r"The stages of .*:\n\n", inspect.getdoc(mapper_module) or "")
+    documentation = (SAMPLE.parent / "docs" / "mapping.md").read_text(encoding="utf-8")
+    assert of_process.startswith("1. `check_images`")
+    assert of_process.strip() in documentation.replace(" in `sfr_loc_map/mapping`", "")
+    stages_of_fuse = of_fuse.partition("\n\n")[0]
+    assert stages_of_fuse in documentation
 
 
 def test_plane_is_unbiased_and_dense_without_pixel_locking() -> None:

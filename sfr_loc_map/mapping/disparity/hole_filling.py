@@ -109,8 +109,8 @@ def fill_holes(disparity: DisparityMap) -> DisparityMap:
         filled = _filled(scene, max_cost, min_margin)
         beside_filled = dilated(filled.accepted, REACH)
         scene = _scene(disparity, filled.px, scene.valid | filled.accepted, unsaturated & beside_filled)
-    is_near_enough = depth_ratio(np.where(scene.valid, scene.disparity, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
-    is_filled = scene.valid & ~measured & is_near_enough
+    has_similar_depth = depth_ratio(np.where(scene.valid, scene.disparity, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
+    is_filled = scene.valid & ~measured & has_similar_depth
     return replace(
         disparity,
         px=np.where(is_filled, scene.disparity, disparity.px),

@@ -7,7 +7,7 @@ equal weights that of the earlier pair counts as the larger one. A weight is `1 
 
 The points are samples of the ground. All others are kept, each on the ray of its own pixel: where the ground is seen at
 a grazing angle, the rows of one image are centimetres apart, and those of another pair are between them. Of two points
-that are the same sample, the one with the larger weight is kept.
+that sample the same spot, the one with the larger weight is kept.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ COMMON_VARIANCE = 0.5
 """Fraction of a point's variance that all pairs have in common (smoothing of the same shape), which averaging does not
 reduce."""
 SAME_SAMPLE_PX = F(0.02)
-"""Points closer than this in an image are one sample, pixels: the images have the same pose, and rounding moves points
-by less."""
+"""Points closer than this in an image sample the same spot, pixels: the images have the same pose, and rounding moves
+points by less."""
 AGREEMENT_STRIDE = 4  #: The agreement of poses is measured by every fourth point: medians need fewer samples.
 MAX_RANGE_RATIO = 1.8
-"""Measured over expected range differences above which poses disagree; correct poses have 1 or less
-(docs/mapping.md)."""
+"""Measured over expected range differences above which poses disagree: nearly twice that of correct poses, which have 1
+or less (docs/mapping.md)."""
 MAX_GREY_RATIO = 0.45
 """Grey level differences over those at `SHIFT_PX` above which poses disagree; correct poses have 0.1 to 0.3, poses that
 are wrong by 0.3 deg have 0.45 (docs/mapping.md)."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MappingError
-from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
+from sfr_loc_map.geometry.arrays import F, FloatArray, FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 
@@ -65,7 +65,7 @@ class CellGrid:
                     f"the cloud has no points within {within.half_side_m} m of the cameras: raise terrain.range_m"
                 )
         if not (np.isfinite((low, high)).all() and np.isfinite(xyz[:, 2]).all()):
-            raise MappingError("the cloud has points that are not finite: leave them out")
+            raise MappingError("the cloud has points that are not finite: remove them")
         first = np.floor(low / cell_m)
         columns, rows = np.floor(high / cell_m) - first + 1
         if rows * columns > MAX_CELLS:
@@ -104,7 +104,7 @@ class ElevationModel:
     cell_m: float  #: Side of a cell.
 
 
-def elevation_of_cells(
+def elevation_model(
     cloud: PointCloud,
     poses: Sequence[Transform] | None,
     grid: CellGrid,
@@ -145,15 +145,15 @@ def elevation_of_cells(
         count = np.bincount(cell_of_point, minlength=cell_count)
         weights = sums(weight)
         mean = sums(weight * height) / weights
-        squares = sums(np.square(height - mean[cell_of_point]) / (ratio * random))
+        squares = sums(weight * np.square(height - mean[cell_of_point]))
         point_variance = count / weights
         mean_variance = squares / weights / count
         common_variance = sums(weight * (ratio * np.maximum(total - random, 0.0))) / weights
         sigma = np.sqrt(point_variance + mean_variance + common_variance)
     shape = (grid.rows, grid.columns)
     return ElevationModel(
-        height_m=mean.astype(np.float32).reshape(shape),
-        sigma_m=sigma.astype(np.float32).reshape(shape),
+        height_m=mean.astype(F).reshape(shape),
+        sigma_m=sigma.astype(F).reshape(shape),
         count=count.astype(np.int32).reshape(shape),
         origin_m=grid.origin_m,
         cell_m=grid.cell_m,

@@ -22,7 +22,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.config import TerrainConfig
-from sfr_loc_map.mapping.terrain.elevation import CellGrid, ElevationModel, Square, elevation_of_cells
+from sfr_loc_map.mapping.terrain.elevation import CellGrid, ElevationModel, Square, elevation_model
 
 MIN_POINTS = 3  #: Cells with fewer points have no height: two points may both be outliers.
 OUTLIER_FRACTION = 0.15  #: Fraction of a cell's points above its high height, and below its low height.
@@ -40,7 +40,7 @@ UNKNOWN = -1  #: Value of a cell that is not known, as in nav_msgs/OccupancyGrid
 
 
 class Planes(NamedTuple):
-    """Least-squares planes around each cell, `(R, C)` each; NaN where there is none."""
+    """Least-squares planes around each cell, `(R, C)` each; NaN where a plane is missing."""
 
     slope_x: FloatArray  #: Rise along x, metres per metre.
     slope_y: FloatArray  #: Rise along y, metres per metre.
@@ -87,9 +87,10 @@ def elevation_grid(
     these planes, and the hazard by the ratios of all three to the rover's limits.
     """
     cell_m = config.cell_m
-    grid = CellGrid.over(cloud.xyz, cell_m, _mapped_square(T_lm_left, config) if T_lm_left else None)
+    poses = T_lm_left or None  # an empty sequence is no poses
+    grid = CellGrid.over(cloud.xyz, cell_m, None if poses is None else _mapped_square(poses, config))
     cell = grid.cell_of(cloud.xyz)
-    model = _without_sparse_cells(elevation_of_cells(cloud, T_lm_left or None, grid, cell, random_sigma))
+    model = _without_sparse_cells(elevation_model(cloud, poses, grid, cell, random_sigma))
     outer = outer_heights(cell, cloud.xyz[:, 2], model.count.reshape(-1))
     footprint_cells = config.footprint_radius_m / cell_m
     planes = fit_planes(model.height_m.astype(np.float64), disc(max(footprint_cells, MIN_RADIUS_CELLS)), cell_m)

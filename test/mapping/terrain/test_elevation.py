@@ -14,7 +14,7 @@ from sfr_loc_map.mapping.terrain.elevation import (
     CellGrid,
     ElevationModel,
     Square,
-    elevation_of_cells,
+    elevation_model,
 )
 
 CENTRES = [np.array([0.0, 0.0, 2.0]), np.array([1.0, 0.0, 2.0])]
@@ -31,7 +31,7 @@ def elevation_from_cloud(
     cloud: PointCloud, poses: list[Transform], cell_m: float, random: np.ndarray | None = None
 ) -> ElevationModel:
     grid = CellGrid.over(cloud.xyz, cell_m)
-    return elevation_of_cells(cloud, poses, grid, grid.cell_of(cloud.xyz), random)
+    return elevation_model(cloud, poses, grid, grid.cell_of(cloud.xyz), random)
 
 
 def points(*xy: tuple[float, float]) -> np.ndarray:
