@@ -18,30 +18,20 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import F, FloatImage
+from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
-from sfr_loc_map.mapping.disparity.right_image_correction import (
-    MIN_RESIDUAL_SIGMA,
-    ROBUST_SIGMAS,
-    SAMPLING_STRIDE,
-    residual_and_mean,
-)
-from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
+from sfr_loc_map.mapping.disparity.vertical_disparity import fit_vertical_disparity
 
-MIN_PIXELS = 5000
+MIN_ROTATION_PIXELS = 5000
 """Valid samples that a measurement of the rotation requires: five times those of the correction, for five coefficients
 of which the saddle is weakest."""
 MIN_ROTATION_PX = 0.05
 """Smallest vertical disparity, at the image's edge, that counts as a rotation, pixels; less is noise of the measurement
 (about 0.02 pixels) and of residual distortion."""
 GRID_POINTS = 16  #: The vertical disparity is averaged over a grid of this many rows and columns: it is a parabola.
-DAMPING = 1e-12  #: Added to the diagonal of the normal equations, as a fraction of their trace: they may be singular.
-SOBEL_DIFFERENCE = np.array([[-1.0, 0.0, 1.0]], F)  #: Taps of the Sobel operator along the derivative.
-SOBEL_SMOOTHING = np.array([[0.125, 0.25, 0.125]], F)  #: Taps across it, scaled so that slopes are per pixel.
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +64,7 @@ class VerticalPolynomial(NamedTuple):
     square: float
 
 
-class VerticalFit(NamedTuple):
+class RemainingDisparity(NamedTuple):
     """The vertical disparity that the correction of the right image has left."""
 
     polynomial: VerticalPolynomial  #: Fitted polynomial; 0 if too few pixels are valid.
@@ -88,50 +78,40 @@ def measure_right_camera(disparity: DisparityMap, rig: StereoRig) -> CameraRotat
     both axes, `edge_x` and `edge_y`), and of what it has left, a polynomial of normalised coordinates (x, y).
     """
     removed = disparity.correction.vertical
-    fit = _fit_vertical_disparity(disparity, rig)
-    remaining = fit.polynomial
+    remaining, saddle_sigma_px = _remaining_disparity(disparity, rig)
     side = GRID_POINTS * 1j
     edge_y, edge_x = np.mgrid[-1.0:1.0:side, -1.0:1.0:side]
-    x = 0.5 * rig.width * edge_x / rig.fx
-    y = 0.5 * rig.height * edge_y / rig.fy
+    x = (0.5 * (edge_x + 1.0) * (rig.width - 1) - rig.cx) / rig.fx
+    y = (0.5 * (edge_y + 1.0) * (rig.height - 1) - rig.cy) / rig.fy
     distortion = remaining.along_y * y + remaining.saddle * x * y + remaining.square * y * y
     distortion = distortion + removed.stretch_px * edge_y
     vertical = remaining.constant + remaining.along_x * x + removed.offset_px + removed.tilt_px * edge_x + distortion
     return CameraRotation(
         yaw_rad=-remaining.saddle / rig.fy,
-        yaw_sigma_rad=fit.saddle_sigma_px / rig.fy,
-        roll_rad=-2.0 * removed.tilt_px / rig.width * (rig.fx / rig.fy) - remaining.along_x / rig.fy,
+        yaw_sigma_rad=saddle_sigma_px / rig.fy,
+        roll_rad=-2.0 * removed.tilt_px / (rig.width - 1) * (rig.fx / rig.fy) - remaining.along_x / rig.fy,
         pitch_rad=(removed.offset_px + remaining.constant) / rig.fy,
         vertical_rms_px=float(np.sqrt(np.mean(np.square(vertical)))),
         distortion_rms_px=float(np.std(distortion)),
     )
 
 
-def _fit_vertical_disparity(disparity: DisparityMap, rig: StereoRig) -> VerticalFit:
-    """Return the vertical disparity of the corrected images: one step of robustly weighted least squares."""
-    compared = residual_and_mean(disparity.left, disparity.right, disparity.px)
-    slope_rows = cv2.filter2D(compared.mean, -1, SOBEL_DIFFERENCE.T)[::SAMPLING_STRIDE]
-    slope = cv2.filter2D(slope_rows, -1, SOBEL_SMOOTHING)[:, ::SAMPLING_STRIDE]
-    sampled = np.s_[::SAMPLING_STRIDE, ::SAMPLING_STRIDE]
-    residual = compared.residual[sampled]
-    usable = np.isfinite(residual) & disparity.valid[sampled]
-    row, column = np.nonzero(usable)
-    if len(row) < MIN_PIXELS:
-        return VerticalFit(VerticalPolynomial(0.0, 0.0, 0.0, 0.0, 0.0), np.inf)
-    r = residual[usable].astype(np.float64)
-    g = slope[usable].astype(np.float64)
-    x = (column * SAMPLING_STRIDE - disparity.px[sampled][usable] - rig.cx) / rig.fx
-    y = (row * SAMPLING_STRIDE - rig.cy) / rig.fy
-    sigma = mad_sigma(r) + MIN_RESIDUAL_SIGMA
-    weight = cauchy_weight(r, ROBUST_SIGMAS * sigma)
-    terms = np.column_stack((np.ones(len(x)), x, y, x * y, y * y))  # in the order of `VerticalPolynomial`
-    design = terms * g[:, None]
-    weighted = design * weight[:, None]
-    normal = weighted.T @ design
-    covariance = np.linalg.inv(normal + DAMPING * (np.trace(normal) + 1.0) * np.eye(terms.shape[1]))
-    coefficients = -(covariance @ (weighted.T @ r))
-    sigmas = VerticalPolynomial(*(sigma * np.sqrt(np.diag(covariance))).tolist())
-    return VerticalFit(VerticalPolynomial(*coefficients.tolist()), sigmas.saddle)
+def _remaining_disparity(disparity: DisparityMap, rig: StereoRig) -> RemainingDisparity:
+    """Return the vertical disparity of the corrected images, measured by valid pixels."""
+
+    def shapes(column: FloatArray, row: FloatArray) -> tuple[FloatArray, ...]:
+        """Return the terms of a `VerticalPolynomial`."""
+        x = (column - rig.cx) / rig.fx
+        y = (row - rig.cy) / rig.fy
+        return np.ones(len(x)), x, y, x * y, y * y
+
+    fit = fit_vertical_disparity(
+        disparity.left, disparity.right, disparity.px, shapes, MIN_ROTATION_PIXELS, disparity.valid
+    )
+    if fit is None:
+        return RemainingDisparity(VerticalPolynomial(0.0, 0.0, 0.0, 0.0, 0.0), math.inf)
+    sigmas = VerticalPolynomial(*fit.sigmas_px.tolist())
+    return RemainingDisparity(VerticalPolynomial(*fit.coefficients_px.tolist()), sigmas.saddle)
 
 
 def without_roll(disparity_px: FloatImage, rotation: CameraRotation, rig: StereoRig) -> FloatImage:

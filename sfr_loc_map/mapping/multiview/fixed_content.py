@@ -92,7 +92,7 @@ def _same_disparity(first: PairView, second: PairView, rig: StereoRig) -> Mask:
     rays = np.stack((x, y, np.ones(len(x))))
     moved = T_second_first.rotation @ rays + T_second_first.translation[:, None] * inverse_depth
     with np.errstate(divide="ignore", invalid="ignore"):
-        motion_px = rig.fx * np.hypot(moved[0] / moved[2] - x, moved[1] / moved[2] - y)
+        motion_px = np.hypot(rig.fx * (moved[0] / moved[2] - x), rig.fy * (moved[1] / moved[2] - y))
     is_behind = ~(moved[2] > 0.0)
     same[row, column] = is_behind | (motion_px > MIN_MOTION_PX)
     return same
