@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 @app.command(epilog=examples("sfr doctor", "sfr doctor --namespace rover1 --seconds 5"))
 def doctor(
     former: Annotated[list[Path] | None, Argument(hidden=True)] = None,
-    graph: Annotated[bool, Option(hidden=True)] = True,
     namespace: NamespaceOption = "",
     seconds: Annotated[
         float, Option(min=0.1, max=600.0, metavar="S", help="How long messages are watched, after the first.")

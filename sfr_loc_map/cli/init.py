@@ -67,7 +67,7 @@ def _init_from(
 ) -> None:
     """Write the configuration that is inferred from a source, and limits; report what is missing."""
     from sfr_loc_map.io.source_config import NAME
-    from sfr_loc_map.metrics.limits_template import CONDITION, POSES, POSITIONS, is_edited, limits_text
+    from sfr_loc_map.metrics.limits_template import CONDITION, active_limits, is_edited, limits_text
     from sfr_loc_map.source_setup.proposal import propose_config
 
     path, limits = folder / NAME, folder / "limits.yaml"
@@ -81,7 +81,10 @@ def _init_from(
         found.reasons["limits"] = "it was there, and is kept" if kept else "placeholders: write those of your document"
         if not kept:
             conditions = found.sections.get("conditions") or [CONDITION]
-            write_text(limits_text(conditions[0], POSITIONS if found.has_attitude is False else POSES), limits)
+            active = active_limits(
+                has_attitude=found.has_attitude is not False, has_height=found.has_height, has_tilt=found.has_tilt
+            )
+            write_text(limits_text(conditions[0], active), limits)
         say(f"limits: {limits} ({found.reasons['limits']})")
     write_text(found.text(), path)
     say(f"configuration: {path}")

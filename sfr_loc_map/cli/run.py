@@ -73,9 +73,6 @@ def run(
     with TemporaryDirectory(prefix="sfr-run-") as scratch:
         if config is not None:
             arguments[1:1] = run_arguments(config, Path(scratch) / "parameters.yaml")
-            for item in arguments if "monitor_node" in nodes else ():
-                if item.startswith("ground_truth/odometry:="):
-                    say(f"sfr run: {item}: it must be nav_msgs/Odometry; others are scored from a recording", err=True)
         topics = [rule for word, rule in pairwise([*arguments, *more]) if word == "-r" and not rule.startswith("__")]
         with live_beside(live, live_port, namespace, topics):
             run_nodes(nodes, [*arguments, *more], lambda text: say(f"sfr run: {text}", err=True), respawn=respawn)

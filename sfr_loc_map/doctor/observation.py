@@ -15,20 +15,10 @@ from sfr_loc_map.doctor.silence import Publisher, Reliability
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.inputs import SIDES
-from sfr_loc_map.io.bag.bag import (
-    CAMERA_INFO,
-    COMPRESSED,
-    IMAGE,
-    ODOMETRY,
-    POINTS,
-    POSE,
-    TYPESTORE,
-    Bag,
-    Topic,
-    read_extrinsics,
-)
+from sfr_loc_map.io.bag.bag import CAMERA_INFO, COMPRESSED, IMAGE, POINTS, POSE, TYPESTORE, Bag, Topic, read_extrinsics
 from sfr_loc_map.io.bag.message_stream import messages_of
 from sfr_loc_map.io.bag.sequence import RAW, RECTIFIED
+from sfr_loc_map.io.bag.true_poses import FIX, POINT, TYPES
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
 
@@ -40,7 +30,7 @@ EXPECTED: Mapping[str, tuple[str, ...]] = {
     **{f"{camera}/{image}/compressed": (COMPRESSED,) for camera in CAMERAS for image in (RECTIFIED, RAW)},
     **{f"{camera}/camera_info": (CAMERA_INFO,) for camera in CAMERAS},
     "nav/pose": (POSE,),
-    "ground_truth/odometry": (ODOMETRY,),
+    "ground_truth/odometry": tuple(TYPES),
     "ground_truth/points": (POINTS,),
 }
 """Types of the topics that are observed, by their names in the suite."""
@@ -206,7 +196,8 @@ def observe_bag(path: Path, config: SourceConfig) -> Observation:
         others={name: (kind,) for name, kind in bag.topics.items()},
         extrinsics_given=config.extrinsics.transform() is not None,
         extrinsics_in_tf=in_tf,
-        truth_has_attitude=bool(read.get("ground_truth/odometry")),
+        truth_has_attitude="ground_truth/odometry" in read
+        and not {FIX, POINT} & set(read["ground_truth/odometry"].types),
         broken=broken,
         unfinished=bag.unfinished,
     )

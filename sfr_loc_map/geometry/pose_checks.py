@@ -1,7 +1,8 @@
-"""Checks of trajectories that were read: stray stamps, positions that no speed explains, constant attitudes.
+"""Checks of trajectories that were read: stray stamps, positions that no speed explains, constant components.
 
 They apply to every file and topic. A pose that cannot be true is ignored and counted. An attitude that never changes
-along a path that turns is the placeholder of a position tracker (GNSS, prism), so that only positions are kept.
+along a path that turns is the placeholder of a position tracker (GNSS, prism), so that only positions are kept. A
+height that never changes, or a roll and pitch of zero, along such a path are placeholders of a planar source.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ STRAY_S = 86_400.0  #: A stamp is stray if it is a day or more from the median s
 SAME_ATTITUDE = 1e-6  #: Largest change of a component of a quaternion that never changes; files round to 1e-6.
 TURN_DEG = 20.0  #: A path turns if the lines along two of its parts differ by more than this, deg.
 PARTS = 12  #: Parts of equal length by which a path is compared: long enough that noise of positions hardly turns them.
+SAME_HEIGHT_M = 1e-6  #: Largest change of a height that never changes, m; a floor that was measured varies by more.
 SHORTEST_M = 0.5  #: A shorter path, metres, may be noise alone.
 
 
@@ -75,6 +77,19 @@ def has_constant_attitude(poses: Trajectory) -> bool:
     quats = poses.quats_xyzw
     signs = np.where(quats @ quats[0] < 0.0, -1.0, 1.0)
     return bool(np.abs(quats * signs[:, None] - quats[0]).max() <= SAME_ATTITUDE) and path_turns(poses.positions)
+
+
+def has_constant_height(poses: Trajectory) -> bool:
+    """Return whether every height is the same although the path turns."""
+    heights = poses.positions[:, 2]
+    return len(heights) > 2 and float(np.ptp(heights)) <= SAME_HEIGHT_M and path_turns(poses.positions)
+
+
+def has_no_tilt(poses: Trajectory) -> bool:
+    """Return whether roll and pitch of every attitude are zero although the path turns."""
+    if len(poses) < 3 or not poses.has_attitude:
+        return False
+    return float(np.abs(poses.quats_xyzw[:, :2]).max()) <= SAME_ATTITUDE and path_turns(poses.positions)
 
 
 def path_turns(positions: FloatArray) -> bool:

@@ -205,4 +205,6 @@ class Truth(Trajectory):
     sigma_m: float = 0.0  #: Standard deviation of a position along each axis; 0: exact, or not known.
     sigma_deg: float = 0.0  #: Standard deviation of an attitude about each axis, likewise.
     lever_arm_m: tuple[float, ...] = (0.0, 0.0, 0.0)  #: The point in RB whose positions these are.
+    has_height: bool = True  #: Whether z is known; otherwise z is a placeholder and horizontal errors alone are known.
+    has_tilt: bool = True  #: Whether roll and pitch are known; otherwise of the attitudes the heading alone is known.
     read_from: str = ""  #: What it was read from.

@@ -19,14 +19,20 @@ import numpy as np
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
-from sfr_loc_map.geometry.pose_checks import has_constant_attitude, possible_poses, rows_of
+from sfr_loc_map.geometry.pose_checks import (
+    has_constant_attitude,
+    has_constant_height,
+    has_no_tilt,
+    possible_poses,
+    rows_of,
+)
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_rotate
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, refusing
 from sfr_loc_map.io.bag.files import is_bag
-from sfr_loc_map.io.bag.frames import chain_above, pose_row, read_frames, sampled, trajectory_of
+from sfr_loc_map.io.bag.frames import chain_above, chain_poses, pose_row, read_frames, trajectory_of
 from sfr_loc_map.io.bag.topic_guess import is_own
-from sfr_loc_map.io.bag.true_poses import FIX, ODOMETRY, POINT, POSE, TRANSFORM, WITH_COVARIANCE, TruePoses
+from sfr_loc_map.io.bag.true_poses import FIX, ODOMETRY, PATH, POINT, POSE, TRANSFORM, WITH_COVARIANCE, TruePoses
 from sfr_loc_map.io.tables.text_table import check_order
 from sfr_loc_map.io.tables.trajectory_file import CONFIGURED, read_trajectory_file
 
@@ -36,7 +42,6 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 NO_LEVER = (0.0, 0.0, 0.0)
 NO_TURN = (0.0, 0.0, 0.0, 1.0)
-PATH = "nav_msgs/msg/Path"
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +68,12 @@ class TrackedBody:
     attitude: str = param(
         "auto", doc="Whether the truth has attitudes: as it says (auto), yes or no.", choices=("auto", "yes", "no")
     )
+    unknown: str = param(
+        "auto",
+        doc="Unknown components of the truth: none, its height, its roll and pitch (tilt), or both (planar). auto: "
+        "what its variances mark as unknown, or what never changes along its path.",
+        choices=("auto", "none", "height", "tilt", "planar"),
+    )
 
     def __post_init__(self) -> None:
         if len(self.lever_arm_m) != 3 or len(self.lever_quat_xyzw) != 4:
@@ -79,7 +90,7 @@ class TrackedBody:
             return replace(poses, sigma_m=self.sigma_m or poses.sigma_m, sigma_deg=self.sigma_deg or poses.sigma_deg)
         if variances is None:
             variances = np.full((len(poses), 6), np.nan)
-        kept, poses = possible_truth(poses, read_from, attitude=self.attitude)
+        kept, poses = possible_truth(poses, read_from, self.attitude, self.unknown, variances)
         variances = variances[kept]
         known = (variances[:, 3:] < LOST_VARIANCE).any(axis=1) & (variances[:, 3:] >= 0.0).all(axis=1)
         told = poses.has_attitude and bool(known.any() or np.isnan(variances[:, 3:]).any())
@@ -99,27 +110,64 @@ class TrackedBody:
             sigma_m=self.sigma_m or sigmas[0],
             sigma_deg=self.sigma_deg or float(sigmas[1]),
             lever_arm_m=tuple(lever.tolist()),
+            has_height=getattr(poses, "has_height", True),
+            has_tilt=getattr(poses, "has_tilt", True) or not has_attitude,
             read_from=read_from,
         )
 
 
-def possible_truth(poses: Trajectory, read_from: str, attitude: str = "auto") -> tuple[Mask, Trajectory]:
+def possible_truth(
+    poses: Trajectory,
+    read_from: str,
+    attitude: str = "auto",
+    unknown: str = "auto",
+    variances: FloatArray | None = None,
+) -> tuple[Mask, Trajectory]:
     """Return which poses of a truth can be true, and these poses; what is wrong with the others is reported once.
 
     An attitude that never changes along a path that turns is invalid. Positions alone are then kept, unless `attitude`
-    is yes.
+    is yes. If height or tilt is unknown, the poses are a `Truth` that says so.
     """
     if not len(poses):
         return np.zeros(0, np.bool_), poses
     kept, findings = possible_poses(poses)
+    without_height = np.zeros(len(poses), np.bool_) if variances is None else variances[:, 2] >= LOST_VARIANCE
+    if 0.0 < without_height.mean() <= 0.5:
+        kept &= ~without_height
+        findings = (*findings, f"{int(without_height.sum())} of {len(poses)} positions have no height: ignored")
     poses = poses if kept.all() else rows_of(poses, kept)
     if attitude == "auto" and has_constant_attitude(poses):
         poses = replace(poses, quats_xyzw=np.zeros_like(poses.quats_xyzw))
         same = "all poses have the same attitude although the path turns: positions alone are used"
         findings = (*findings, f"{same} (truth.attitude=yes keeps the attitudes)")
+    has_height, has_tilt = unknown in ("none", "tilt"), unknown in ("none", "height")
+    if unknown == "auto":
+        no_height, no_tilt = marked_as_unknown(variances[kept]) if variances is not None else (False, False)
+        has_height = not no_height and not has_constant_height(poses)
+        has_tilt = not poses.has_attitude or not (no_tilt or has_no_tilt(poses))
+        names = [name for name, is_known in (("height", has_height), ("roll and pitch", has_tilt)) if not is_known]
+        if names:
+            text = f"{', '.join(names)}: the same although the path turns, or marked as unknown: not judged"
+            findings = (*findings, f"{text} (truth.unknown=none keeps them)")
     for text in findings:
         _warn_once(f"truth {read_from}: {text}")
+    if not (has_height and has_tilt):
+        values = poses.stamps_ns, poses.positions, poses.quats_xyzw
+        poses = Truth(*values, has_height=has_height, has_tilt=has_tilt)
     return kept, poses
+
+
+def marked_as_unknown(variances: FloatArray) -> tuple[bool, bool]:
+    """Return whether variances `(N, 6)` mark the height, and roll and pitch, as unknown.
+
+    Unknown components have the variance of a lost pose or a negative variance. Tools that estimate poses on a plane
+    send zeros for z, roll and pitch beside positive variances of x, y and yaw.
+    """
+    if not len(variances):
+        return False, False
+    is_lost = (variances >= LOST_VARIANCE) | (variances < 0.0)
+    is_planar = bool((variances[:, 2:5] == 0.0).all() and (variances[:, [0, 1, 5]] > 0.0).all())
+    return is_planar or bool(is_lost[:, 2].mean() > 0.5), is_planar or bool(is_lost[:, 3:5].all())
 
 
 @cache
@@ -131,13 +179,21 @@ RB_ITSELF = TrackedBody()  #: The truth is of RB, as exact as its messages say.
 
 
 @dataclass(frozen=True, slots=True)
-class TruthConfig(TrackedBody):
+class LiveTruth(TrackedBody):
+    """What the truth of a graph is of, and whether it is on /tf."""
+
+    frame: str = param(
+        "",
+        doc="Frame whose poses on /tf are the truth, as PARENT:CHILD, of a recording also as CHILD (in the root of its "
+        "tree); empty: the truth is a topic or file.",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class TruthConfig(LiveTruth):
     """Where the truth is and what it is of."""
 
     source: str = param("", doc="Topic of the bag, or file, with the truth; empty: as the source has it.")
-    frame: str = param(
-        "", doc="Frame whose poses on /tf are the truth, as CHILD (in the root of its tree) or PARENT:CHILD."
-    )
     stamps: str = param(
         "header",
         doc="Stamps of the messages of a bag: of their headers, or the times of recording.",
@@ -238,15 +294,10 @@ def _last_path(bag: Bag, topic: Topic) -> Poses:
 def _single_poses(bag: Bag, topic: Topic) -> Poses:
     """Return the poses or positions of messages that have one each."""
     reader = TruePoses(topic.msgtype)
-    found = [row for _, _, message in bag.messages([topic]) if (row := reader.row(message)) is not None]
-    if reader.heightless > len(found):
-        raise ValueError(
-            f"{reader.heightless} of {reader.heightless + len(found)} fixes have no altitude (NaN): the positions are "
-            "horizontal alone, but errors are measured in three dimensions; give a truth with heights"
-        )
-    if reader.invalid or reader.heightless:
-        text = f"{reader.invalid} fixes at 0, 0 or without numbers and {reader.heightless} without an altitude"
-        _warn_once(f"truth '{topic.bag_name}' of bag '{bag.path}': {text} are left out, {len(found)} are used")
+    found = [row for _, _, message in bag.messages([topic]) for row in reader.rows(message)]
+    if reader.invalid:
+        text = f"{reader.invalid} fixes at 0, 0 or without numbers are left out, {len(found)} are used"
+        _warn_once(f"truth '{topic.bag_name}' of bag '{bag.path}': {text}")
     variances = np.reshape([variance for _, _, variance in found], (-1, 6))
     return trajectory_of([(stamp_ns, pose) for stamp_ns, pose, _ in found]), variances
 
@@ -277,14 +328,6 @@ def _tf_poses(bag: Bag, frame: str) -> Trajectory:
         known = ", ".join(sorted(f"{item.parent}:{name}" for name, item in frames.items())) or "none"
         raise InputError(f"bag '{bag.path}' has no moving transform '{frame}' on /tf: it has {known}")
     with refusing(f"/tf of bag '{bag.path}'", "record it again"):
-        series = {name: frames[name].poses for name in chain}
-        stamps = series[max(moving, key=lambda name: len(series[name]))].stamps_ns
         for name in moving:
-            check_order(series[name].stamps_ns, f"/tf of bag '{bag.path}', '{name}'", strict=False)
-            first, last = series[name].stamps_ns[[0, -1]]
-            stamps = stamps[(stamps >= first) & (stamps <= last)]
-        positions, quats = np.zeros((len(stamps), 3)), np.tile(NO_TURN, (len(stamps), 1))
-        for name in chain:
-            place, turn = sampled(series[name], stamps)
-            positions, quats = place + quat_rotate(turn, positions), quat_multiply(turn, quats)
-        return Trajectory(stamps, positions, quats)
+            check_order(frames[name].poses.stamps_ns, f"/tf of bag '{bag.path}', '{name}'", strict=False)
+        return chain_poses(frames, chain, max(moving, key=lambda name: len(frames[name].rows)))

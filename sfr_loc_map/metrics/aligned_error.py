@@ -62,6 +62,9 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
 
     MetricsError if no stamps are near enough, or the positions allow no alignment.
     """
+    if isinstance(truth, Truth) and not truth.has_height:
+        raise MetricsError("'--align': the truth has no heights, which APE and RPE need: leave --align out")
+    has_tilt = not isinstance(truth, Truth) or truth.has_tilt
     poses = aligned_poses(estimate, truth, config)
     delta = Condition.parse(config.rpe_delta)
     # relative: E = inv(inv(Q_i) Q_j) inv(P_i) P_j, Q the truth, P the estimate; the next motion begins at j
@@ -74,7 +77,7 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
         ("rpe", np.linalg.norm(move - true_move, axis=1), true_turn, turn),
     ):
         errors_deg = np.degrees(quat_angle(quat_multiply(quat_conjugate(true_quats), quats)))
-        known_deg = errors_deg if truth.has_attitude else errors_deg[:0]
+        known_deg = errors_deg if truth.has_attitude and has_tilt else errors_deg[:0]
         figures.append(figure_row(name, part="translation", statistics=statistics(errors_m)))
         figures.append(figure_row(name, part="rotation", unit="deg", statistics=statistics(known_deg)))
     similarity = poses.similarity or Similarity(1.0, np.eye(3), np.zeros(3))

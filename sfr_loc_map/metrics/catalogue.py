@@ -52,6 +52,7 @@ CATALOGUE = (
         "attitude", Subject.TRAJECTORY, "4.2.3.2", "deg", "attitude error", OF_ERRORS, (TOTAL,), "attitude", True
     ),
     FigureKind("heading", Subject.TRAJECTORY, "4.2.3.3", "deg", "heading error", OF_ERRORS, (TOTAL,), "heading"),
+    FigureKind("horizontal", Subject.TRAJECTORY, "", "m", "horizontal position error"),
     FigureKind("chord", Subject.TRAJECTORY, "", "m", "chord error"),
     FigureKind("ape", Subject.TRAJECTORY, "", "m", "absolute pose error (APE)"),
     FigureKind("rpe", Subject.TRAJECTORY, "", "m", "relative pose error (RPE)"),

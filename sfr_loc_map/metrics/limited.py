@@ -55,6 +55,6 @@ def truth_error_of(limit: Limit, score: Score) -> float:
     limited = limit.limited
     if limit.part is not LimitPart.TRAJECTORY:
         return 0.0
-    part = None if limited.figure in ("position", "chord") else ATTITUDE
+    part = None if limited.figure in ("position", "horizontal", "chord") else ATTITUDE
     sigma = score.number("truth_error", part=part) or 0.0
     return COVERAGE_FACTORS.get(limited.statistic, 1.0) * float(np.sqrt(2.0)) * sigma

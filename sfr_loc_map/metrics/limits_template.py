@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import product
 
 from sfr_loc_map.metrics.limits import MINIMUM_COUNT, MINIMUM_INDEPENDENT, PLACES, LimitPart
 
@@ -26,6 +27,8 @@ trajectory:
 CONDITION = "distance=5"
 POSES = "position_mean_plus_3sigma_m", "attitude_mean_plus_3sigma_deg", "heading_mean_plus_3sigma_deg"
 POSITIONS = "position_mean_plus_3sigma_m", "chord_mean_plus_3sigma_m"  #: What can be judged by a truth of positions.
+HORIZONTAL = ("horizontal_mean_plus_3sigma_m",)  #: What can be judged by a truth of positions without heights.
+TRUTHS = tuple(product((True, False), repeat=3))  #: What a truth may know: attitudes, heights, roll and pitch.
 LIMITS_MEANINGS = {
     "completeness": "Shares: what the estimate or the cloud leaves out, or cannot be judged",
     "map": "Of a map; a score without one then says: not enough data",
@@ -33,6 +36,14 @@ LIMITS_MEANINGS = {
     "memory": "Resident memory of the process during a call, on this host",
     "target": "Calls that were measured on the target (--target, --target-timing)",
 }
+
+
+def active_limits(*, has_attitude: bool, has_height: bool, has_tilt: bool) -> tuple[str, ...]:
+    """Return the limits that can be judged by a truth, by what it knows."""
+    if not has_attitude:
+        return POSITIONS if has_height else HORIZONTAL
+    position, attitude, heading = POSES
+    return (position if has_height else HORIZONTAL[0], *((attitude,) if has_tilt else ()), heading)
 
 
 def limits_text(condition: str = CONDITION, active: tuple[str, ...] = POSES) -> str:
@@ -53,4 +64,5 @@ def is_edited(text: str) -> bool:
     condition = re.search("- condition: (.*)", text)
     if condition is None:
         return True
-    return text not in (limits_text(condition[1], POSES), limits_text(condition[1], POSITIONS))
+    known = (dict(zip(("has_attitude", "has_height", "has_tilt"), each, strict=True)) for each in TRUTHS)
+    return text not in {limits_text(condition[1], active_limits(**each)) for each in known}

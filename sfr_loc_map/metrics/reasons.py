@@ -25,7 +25,7 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
     if (drive := score.association) is not None:
         extent = drive.matched, drive.path_length_m, drive.duration_s or 0.0
         for row in score.rows("position", part=str(drive.rebase)):
-            if row.condition is not None and not row.n:
+            if row.condition is not None and not row.n and not row.unknown:
                 condition = Condition.parse(row.condition)
                 if not asked or condition in asked:
                     unmet[row.condition] = _reason(condition, *extent)
@@ -58,6 +58,8 @@ def few_words(item: Verdict, score: Score) -> str:
             return f"its margin of {item.margin:.3g} is within the error of the truth, {error:.3g}"
     row = score.figure(item.figure or "", condition=item.condition, part=item.part)
     if not item.n:
+        if (unknown := unknown_of_truth(item.figure or "", score)) is not None:
+            return unknown
         return "no data" if row is None or not row.unknown else f"all {row.unknown} values are unknown"
     independent = None if row is None else row.independent
     if item.n >= rules.minimum_count and independent is not None and independent < rules.minimum_independent:
@@ -65,6 +67,18 @@ def few_words(item: Verdict, score: Score) -> str:
     if row is not None and row.unknown:
         return f"{row.unknown} of {item.n + row.unknown} values are unknown"
     return f"only {item.n} values"
+
+
+def unknown_of_truth(figure: str, score: Score) -> str | None:
+    """Return why a truth cannot judge a figure; None if it can."""
+    truth = score.truth
+    if truth is None:
+        return None
+    if figure in ("position", "chord") and not truth.height:
+        return "the truth has no heights: limit the figure horizontal in its place"
+    if figure == "attitude" and truth.attitude and not truth.tilt:
+        return "the truth has no roll and pitch: limit the figure heading in its place"
+    return None
 
 
 def conditions_beyond(truth: Trajectory, conditions: Collection[Condition]) -> tuple[str, ...]:

@@ -242,6 +242,8 @@ class TruthRecord(Record, frozen=True, kw_only=True, omit_defaults=False):
     """What is known of the ground truth."""
 
     attitude: bool  #: Whether it has attitudes; without them attitude and heading errors are unknown.
+    height: bool = True  #: Whether its heights are known; without them position errors are horizontal alone.
+    tilt: bool = True  #: Whether its roll and pitch are known; without them attitude errors are unknown.
     sigma_m: float | None = None  #: Standard deviation of its positions along each axis; null: taken as exact.
     sigma_deg: float | None = None  #: Standard deviation of its attitudes about each axis; null: taken as exact.
     path_excess: float | None = None  #: Fraction by which its noise lengthens its path, `2 (sigma / step)^2`.
@@ -252,8 +254,9 @@ class TruthRecord(Record, frozen=True, kw_only=True, omit_defaults=False):
 
     @property
     def is_exact(self) -> bool:
-        """Whether it has attitudes and is taken as exact."""
-        return self.attitude and self.sigma_m is None and self.sigma_deg is None
+        """Whether all its components are known and taken as exact."""
+        is_complete = self.attitude and self.height and self.tilt
+        return is_complete and self.sigma_m is None and self.sigma_deg is None
 
 
 class Alignment(Record, frozen=True, kw_only=True):

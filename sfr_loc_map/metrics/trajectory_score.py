@@ -105,6 +105,8 @@ ERRORS_OF_ALL_READINGS = [
     ErrorFigure("chord", lambda pieces: formulas.chord_error(pieces.poses, pieces.starts, pieces.ends))
 ]
 """Errors that are the same by each reading."""
+HORIZONTAL = ErrorFigure("horizontal", lambda pieces: pieces.errors.position_m[:, :2])
+"""Errors that a truth without heights has in place of the position errors."""
 NAMED_COLUMNS = ("position", "attitude", "heading", "chord")
 """Figures whose errors have columns of their own in `SubTrajectoryRows`."""
 
@@ -142,7 +144,7 @@ def score_trajectory(
     frames, association = placed.frames, placed.association
     if not association.matched and not under_way:
         raise MetricsError(nothing_matched(estimates.trajectory, truth))
-    poses = Poses(frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat)
+    known, poses = known_of(truth), placed.poses
     length_m = formulas.path_length_m(frames.gt_pos)
     association, covered = completeness(
         estimates.trajectory, truth, association, frames.stamps_ns, conditions, image_stamps_ns, in_flight_ns
@@ -158,13 +160,18 @@ def score_trajectory(
         pieces = Pieces(starts, ends, poses, placed.reading(poses, starts, ends))
         overlap = overlap_of(starts, ends, config.spacing)
         figures += condition_rows(condition.setting, str(association.rebase), pieces, overlap)
+        if not known.has_height:
+            figures.append(error_row(HORIZONTAL, condition.setting, str(association.rebase), pieces, overlap))
         for name, reading in READINGS.items() if truth.has_attitude else ():
             if name is not association.rebase:
-                other = pieces._replace(errors=reading(poses, starts, ends))
+                other = pieces._replace(errors=of_known(known, reading)(poses, starts, ends))
                 figures += [error_row(kind, condition.setting, str(name), other) for kind in ERRORS]
         errors += error_columns(condition.setting, pieces, bounded)
-        figures += evidence_rows(condition.setting, pieces.errors.position_m, overlap)
-        figures += nees_rows(condition.setting, placed.estimates, frames, sums, starts, ends, noise_of(truth))
+        if known.has_height:
+            figures += evidence_rows(condition.setting, pieces.errors.position_m, overlap)
+        if known.has_height and known.has_tilt:
+            noise = noise_of(truth)
+            figures += nees_rows(condition.setting, placed.estimates, frames, sums, starts, ends, noise)
         rows.append(sub_trajectory_rows(condition.setting, pieces, frames.stamps_ns, length_m))
     figures += growth_rows(poses, length_m, config.spacing, placed.reading)
     association = msgspec.structs.replace(
@@ -198,6 +205,7 @@ class PlacedFrames(NamedTuple):
     estimates: Estimates
     reading: Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors]
     placement: Placement | None
+    poses: Poses  #: Of all frames, true heights NaN where they are unknown.
 
 
 def parsed_conditions(config: TrajectoryScoreConfig) -> list[Condition]:
@@ -211,16 +219,24 @@ def placed_frames(
     estimates: Estimates, truth: Trajectory, conditions: Sequence[Condition], config: TrajectoryScoreConfig
 ) -> PlacedFrames:
     """Return the frames of an estimate and a truth; a truth without attitudes has the estimate fitted to it."""
+    known = known_of(truth)
     if truth.has_attitude:
         rebase, placement = Rebase(config.rebase), None
         frames, association = associate(estimates.trajectory, truth, config.association)
-        reading = READINGS[rebase]
+        if not known.has_tilt:
+            frames = with_estimated_tilt(frames)
+        reading = of_known(known, READINGS[rebase])
     else:
         estimates, frames, association, placement = associate_positions(
             estimates, truth, conditions, config.association
         )
         rebase = Rebase.YAW_ALIGNED if placement.tilt_deg is None else Rebase.ROTATION_ALIGNED
         reading = formulas.position_reading
+    true_position = frames.gt_pos
+    if not known.has_height:
+        true_position = true_position.copy()
+        true_position[:, 2] = np.nan
+    poses = Poses(true_position, frames.gt_quat, frames.est_pos, frames.est_quat)
     association = msgspec.structs.replace(
         association,
         lost=int(np.count_nonzero(estimates.lost[frames.est_rows])),
@@ -228,7 +244,38 @@ def placed_frames(
         spacing_frames=config.spacing,
         rebase=rebase,
     )
-    return PlacedFrames(frames, association, estimates, reading, placement)
+    return PlacedFrames(frames, association, estimates, reading, placement, poses)
+
+
+Reading = Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors]
+
+
+def known_of(truth: Trajectory) -> Truth:
+    """Return a truth with what is known of it; other trajectories are known completely."""
+    return truth if isinstance(truth, Truth) else Truth(truth.stamps_ns, truth.positions, truth.quats_xyzw)
+
+
+def of_known(truth: Truth, reading: Reading) -> Reading:
+    """Return a reading whose attitude errors are unknown (NaN) if roll and pitch of the truth are."""
+    if truth.has_tilt:
+        return reading
+
+    def without_attitude(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajectoryErrors:
+        errors = reading(poses, starts, ends)
+        return errors._replace(attitude_deg=np.full_like(errors.attitude_deg, np.nan))
+
+    return without_attitude
+
+
+def with_estimated_tilt(frames: Frames) -> Frames:
+    """Return frames whose true attitudes have the true heading, and the roll and pitch of the estimate.
+
+    The estimate is re-based at N by the difference of the headings alone: unknown roll and pitch turn nothing.
+    """
+    half_turn = 0.5 * (formulas.heading(frames.gt_quat) - formulas.heading(frames.est_quat))
+    zeros = np.zeros_like(half_turn)
+    about_z = np.column_stack((zeros, zeros, np.sin(half_turn), np.cos(half_turn)))
+    return frames._replace(gt_quat=quat_multiply(about_z, frames.est_quat))
 
 
 def nothing_matched(estimate: Trajectory, truth: Trajectory) -> str:
@@ -264,7 +311,7 @@ def associate_positions(
     if len(frames.stamps_ns):
         middle, true_middle = frames.est_pos.mean(axis=0), frames.gt_pos.mean(axis=0)
         estimated, true = frames.est_pos - middle, frames.gt_pos - true_middle
-        turn, tilt_deg = fitted_rotation(frames, estimated, true)
+        turn, tilt_deg = fitted_rotation(frames, estimated, true, has_height=known_of(truth).has_height)
         translation = true_middle - turn @ middle
         est_quat = quat_multiply(quat_from_matrix(turn), frames.est_quat)
         frames = frames._replace(est_pos=frames.est_pos @ turn.T + translation, est_quat=est_quat)
@@ -273,11 +320,18 @@ def associate_positions(
     return known, frames, association, Placement(yaw_deg, tilt_deg, tuple(translation.tolist()))
 
 
-def fitted_rotation(frames: Frames, estimated: FloatArray, true: FloatArray) -> tuple[FloatArray, float | None]:
-    """Return the rotation that takes centred estimates `(F, 3)` to the truth, and the tilt of z, None for a yaw."""
+def fitted_rotation(
+    frames: Frames, estimated: FloatArray, true: FloatArray, *, has_height: bool
+) -> tuple[FloatArray, float | None]:
+    """Return the rotation that takes centred estimates `(F, 3)` to the truth, and the tilt of z, None for a yaw.
+
+    Without true heights it is a yaw.
+    """
     (x, y), (u, v) = estimated.T[:2], true.T[:2]
     yaw = float(np.arctan2((x * v - y * u).sum(), (x * u + y * v).sum()))
     upright = matrix_from_rotvec(np.array([0.0, 0.0, yaw]))
+    if not has_height:
+        return upright, None
     to, _, of = np.linalg.svd(true.T @ estimated @ upright.T)  # the least rotation that lays one line on the other
     across, cosine = np.cross(of[0], to[:, 0]), float(of[0] @ to[:, 0])
     sine = float(np.linalg.norm(across))
@@ -391,11 +445,13 @@ def step_sums(estimates: Estimates, frames: Frames, chosen: Sequence[tuple[IntAr
 
 def truth_record(truth: Trajectory, frames: Frames, placement: Placement | None) -> TruthRecord:
     """Return what is known of the ground truth."""
-    known = truth if isinstance(truth, Truth) else Truth(truth.stamps_ns, truth.positions, truth.quats_xyzw)
+    known = known_of(truth)
     steps = np.linalg.norm(np.diff(frames.gt_pos, axis=0), axis=1)
     step = float(np.median(steps)) if len(steps) else 0.0
     return TruthRecord(
         attitude=truth.has_attitude,
+        height=known.has_height,
+        tilt=known.has_tilt,
         sigma_m=known.sigma_m or None,
         sigma_deg=known.sigma_deg or None,
         path_excess=2.0 * (known.sigma_m / step) ** 2 if known.sigma_m and step else None,
@@ -417,14 +473,15 @@ def pieces_table(estimates: Estimates, truth: Trajectory, config: TrajectoryScor
     """
     conditions = parsed_conditions(config)
     placed = placed_frames(estimates, truth, conditions, config)
-    frames, judged = placed.frames, placed.association.rebase
-    poses = Poses(frames.gt_pos, frames.gt_quat, frames.est_pos, frames.est_quat)
+    frames, judged, poses = placed.frames, placed.association.rebase, placed.poses
     length_m = formulas.path_length_m(frames.gt_pos)
-    readings = {judged: placed.reading} | (READINGS if truth.has_attitude else {})
+    readings = {judged: placed.reading}
+    if truth.has_attitude:
+        readings |= {name: of_known(known_of(truth), reading) for name, reading in READINGS.items()}
     parts: list[dict[str, NDArray[Any]]] = []
     for condition in conditions:
         starts, ends = select(condition, config.spacing, frames, length_m)
-        true_move = formulas.displacement(frames.gt_pos, starts, ends)
+        true_move = formulas.displacement(poses.true_position, starts, ends)
         for name, reading in readings.items():
             errors = reading(poses, starts, ends)
             part: dict[str, NDArray[Any]] = {

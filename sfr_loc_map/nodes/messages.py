@@ -169,16 +169,13 @@ OdometryRow = tuple[int, tuple[float, float, float], tuple[float, float, float, 
 """Stamp (ns), position (m) and quaternion (x, y, z, w) of odometry, numbers as sent."""
 
 
-def odometry_row(message: Odometry, *, positions_alone: bool = False) -> OdometryRow:
-    """Return stamp and pose of odometry.
-
-    A quaternion of zeros, which says that there is no attitude, is refused unless `positions_alone`.
-    """
+def odometry_row(message: Odometry) -> OdometryRow:
+    """Return stamp and pose of odometry; InputError if it has no attitude."""
     stamp = stamp_of(message)
     p, q = message.pose.pose.position, message.pose.pose.orientation
     place, quat = (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
     with refusing(f"odometry of stamp {stamp}", "correct the publisher"):
-        Transform.from_quat(place, quat if any(quat) or not positions_alone else (0.0, 0.0, 0.0, 1.0))
+        Transform.from_quat(place, quat)
     return stamp, place, quat
 
 

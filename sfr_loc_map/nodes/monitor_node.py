@@ -25,12 +25,12 @@ from std_msgs.msg import Float64, String
 from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.doctor.silence import Reliability, silence_of
-from sfr_loc_map.errors import InputError, MetricsError, SfrError
+from sfr_loc_map.errors import ConfigError, InputError, MetricsError, SfrError
 from sfr_loc_map.geometry.rectification import rig_of_rectified
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, Side, Task, parse_json, stamp_of
-from sfr_loc_map.io.bag.true_poses import ODOMETRY, TYPES, TruePoses
+from sfr_loc_map.io.bag.true_poses import TYPES, TruePoses, TrueRow
 from sfr_loc_map.io.images.codec import points_image
-from sfr_loc_map.io.truth import TrackedBody
+from sfr_loc_map.io.truth import LiveTruth
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.catalogue import KINDS
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
@@ -38,6 +38,7 @@ from sfr_loc_map.metrics.limits import load_limits
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.nodes.diagnostics import Level, Value, status_msg
+from sfr_loc_map.nodes.extrinsics import TF_STATIC
 from sfr_loc_map.nodes.graph.publishers import publishers_of
 from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED, RELIABILITIES, profile
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
@@ -50,9 +51,11 @@ from sfr_loc_map.nodes.messages import (
     header_msg,
     message_type,
     odometry_row,
+    tf_message_type,
     transform_from_pose,
 )
 from sfr_loc_map.nodes.reception import AnyOrder, TransportGaps
+from sfr_loc_map.nodes.truth_input import TruthFrame, TruthTopic
 from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.scoring.monitor_score import MonitorScore, ReportFile
 
@@ -101,7 +104,7 @@ class MonitorNodeConfig(NodeConfig):
     )
     input_depth: int = param(1000, unit="messages", doc="Depth of the queues of poses and calls.", low=1, high=100000)
     score: ScoreConfig = field(default_factory=ScoreConfig)
-    truth: TrackedBody = field(default_factory=TrackedBody)
+    truth: LiveTruth = field(default_factory=LiveTruth)
 
     def queue(self) -> tuple[Overload, int]:
         """Return that every message counts, as far as there is room."""
@@ -112,12 +115,16 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     """Receives estimates, truth, clouds and calls and publishes the score."""
 
     task, config_type = "monitor", MonitorNodeConfig
+    _truth_topic: TruthTopic | None
+    _truth_frame: TruthFrame | None
 
     def setup(self) -> None:
         """Read the limits, create publishers."""
         config = self.config
         limits = load_limits(Path(config.limits_file)) if config.limits_file else None
         self._score = MonitorScore(config.score, limits, config.truth)
+        if config.truth.frame:
+            self._truth_frame = TruthFrame(config.truth.frame)
         self._report_file = ReportFile(Path(config.save_file)) if config.save_file else None
         if self._report_file is not None:
             self._report_file.check()
@@ -132,9 +139,10 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         deep, shallow = QoSProfile(depth=config.input_depth), QoSProfile(depth=10)
         of_rover, info = (profile(config.input_reliability, depth) for depth in (config.input_depth, 10))
         self._receive(Odometry, "localisation/odometry", self._on_estimate, deep)
-        self._truth_qos = of_rover
-        self._forget_truth: Callable[[], object] | None = None
-        self._receive_truth(ODOMETRY)
+        if self._truth_frame is not None:
+            self._receive_transforms(self._truth_frame, of_rover)
+        else:
+            self._truth_topic = TruthTopic(self._receive_truth)
         self._receive(PoseStamped, "nav/pose", self._on_pose, of_rover)
         for side in SIDES:
             self._receive(CameraInfo, f"nav/{side}/camera_info", partial(self._on_camera_info, side), info)
@@ -159,6 +167,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._orders: dict[str, AnyOrder[tuple[int, Callable[[], None]]]] = {
             kind: AnyOrder() for kind in ("estimate", "truth")
         }
+        self._truth_topic = self._truth_frame = None
         self._has_truth = False
         self._contradiction: str | None = None  # of the convention of estimate and truth
         self._diagnosed_poses = 0  # poses when it was looked for
@@ -172,42 +181,60 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         """Return what was dropped since the start, by name."""
         dropped = {
             "dropped_in_transport": sum(gaps.lost for gaps in self._gaps),
-            "dropped_stray": sum(order.strays for order in self._orders.values()),
+            "dropped_stray": sum(order.strays for order in self._orders.values()) + self._stray_transforms(),
         }
         return dropped | super().counts()
+
+    def _stray_transforms(self) -> int:
+        return 0 if self._truth_frame is None else self._truth_frame.strays
 
     def look_around(self) -> None:
         """Log what was dropped, take a truth of another type, and say why nothing is scored."""
         super().look_around()
         if self._has_truth:
             return
+        is_waiting = self._orders["estimate"].has_items
+        if self._truth_topic is None:
+            if is_waiting:
+                frame = self.config.truth.frame
+                self.status.warn(f"nothing is scored without the transforms {frame} on /tf: publish them", "truth")
+            return
         topic = self.resolve_topic_name(TRUTH)
         publishers = publishers_of(self, topic)
-        published = [publisher.msgtype for publisher in publishers if publisher.msgtype in TYPES]
-        if published and self._truth_type not in published:
-            self._receive_truth(published[0])
-            return
-        if self._orders["estimate"].has_items:
+        if self._truth_topic.follow([publisher.msgtype for publisher in publishers]):
+            self.get_logger().info(f"{TRUTH} is {self._truth_topic.msgtype}: true poses are read from it")
+        elif is_waiting:
             found = silence_of(topic, TYPES, publishers, Reliability(self.config.input_reliability))
             text = f"nothing is scored without true poses on {topic}: {found.text}; {found.fix}"
             self.status.warn(text, "truth")
 
-    def _receive_truth(self, msgtype: str) -> None:
-        """Subscribe to true poses of a type in place of another one: a topic has one type in a process."""
-        if self._forget_truth is not None:
-            self._forget_truth()
-            self.get_logger().info(f"{TRUTH} is {msgtype}: true poses are read from it")
-        reader = TruePoses(msgtype)
-        self._truth_type = msgtype
-        self._forget_truth = self._receive(
-            message_type(msgtype), TRUTH, partial(self._on_truth, reader), self._truth_qos
-        )
+    def _receive_truth(self, msgtype: str) -> Callable[[], object]:
+        """Subscribe to true poses of a type; return what ends that."""
+        on_truth = partial(self._on_truth, TruePoses(msgtype))
+        qos = profile(self.config.input_reliability, self.config.input_depth)
+        return self._receive(message_type(msgtype), TRUTH, on_truth, qos)
+
+    def _receive_transforms(self, reader: TruthFrame, qos: QoSProfile) -> None:
+        """Subscribe to /tf and /tf_static, which have several publishers each."""
+        kind = tf_message_type()
+        if kind is None:
+            raise ConfigError("truth.frame: tf2_msgs for /tf is not installed: install ros-jazzy-tf2-msgs")
+        for topic, wanted in (("/tf_static", TF_STATIC), ("/tf", qos)):
+            on_transforms = partial(self._on_transforms, reader, is_static=topic == "/tf_static")
+            self._receive(kind, topic, on_transforms, wanted, has_several_publishers=True)
 
     def _receive(
-        self, kind: type[Any], topic: str, callback: Callable[[Any], None], qos: QoSProfile
+        self,
+        kind: type[Any],
+        topic: str,
+        callback: Callable[[Any], None],
+        qos: QoSProfile,
+        *,
+        has_several_publishers: bool = False,
     ) -> Callable[[], object]:
         """Subscribe with a callback that is called in the worker's thread; return what ends that."""
         gaps = TransportGaps()
+        gaps.set_several(has_several_publishers)
         self._gaps.append(gaps)
 
         def received(message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401 - any message
@@ -225,12 +252,15 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._add_in_order("estimate", stamp_ns, lambda: self._score.add_estimate(stamp_ns, position, quat, covariance))
 
     def _on_truth(self, reader: TruePoses, message: Any) -> None:  # noqa: ANN401 - of one of TYPES
-        row = reader.row(message)
-        if row is None:
-            return
-        stamp_ns, pose, variances = row
-        add = partial(self._score.add_truth, stamp_ns, pose[:3], pose[3:], np.array(variances))
-        self._add_in_order("truth", stamp_ns, add)
+        self._add_truth(reader.rows(message))
+
+    def _on_transforms(self, reader: TruthFrame, message: Any, *, is_static: bool) -> None:  # noqa: ANN401 - of tf2_msgs
+        self._add_truth(reader.rows(message, is_static=is_static))
+
+    def _add_truth(self, rows: list[TrueRow]) -> None:
+        for stamp_ns, pose, variances in rows:
+            add = partial(self._score.add_truth, stamp_ns, pose[:3], pose[3:], np.array(variances))
+            self._add_in_order("truth", stamp_ns, add)
 
     def _add_in_order(self, kind: str, stamp_ns: int, add: Callable[[], None]) -> None:
         """Add a pose once its run is known; strays and results of the run before are dropped."""

@@ -56,13 +56,15 @@ def run_arguments(config: Path, written: Path) -> list[str]:
             f"'{config}': calibration and sync.right_offset_s are for recordings: publish camera_info and images of "
             f"both sides by one clock, or convert the recording (sfr convert)"
         )
+    if "record" in (how.sync.stamps, how.truth.stamps):
+        raise ConfigError(
+            f"'{config}': sync.stamps and truth.stamps of record are for recordings, whose times they take: stamp the "
+            "messages when they are published"
+        )
     values: dict[str, dict[str, Any]] = {
         "localisation": changed(read_config(LocalisationConfig, config, "localisation"), "localisation."),
         "mapping": changed(read_config(MappingConfig, config, "mapping"), "mapping."),
-        "monitor": {
-            **section(config, "monitor"),
-            **changed(replace(how.truth, source="", frame="", columns=""), "truth."),
-        },
+        "monitor": {**section(config, "monitor"), **changed(replace(how.truth, source="", columns=""), "truth.")},
     }
     values["localisation"] |= changed(how.extrinsics, "T_rb_locsb.")
     if how.frames.base:

@@ -255,6 +255,11 @@ def truth_warnings(about: TruthRecord) -> Iterator[str]:
             f"{about.yaw_deg or 0.0:.3g} deg about z{tilt} and moved to fit it over the drive, so that attitude errors "
             "from before a sub-trajectory count in its position error (chord errors need no fit)"
         )
+    if not (about.height and about.tilt):
+        names = [name for name, is_known in (("height", about.height), ("roll and pitch", about.tilt)) if not is_known]
+        judged = [] if about.height else ["horizontal position errors are judged in place of position errors"]
+        judged += [] if about.tilt else ["attitude errors are unknown, and roll and pitch are those of the estimate"]
+        yield f"the truth does not know {' and '.join(names)}: {'; '.join(judged)}"
     if about.path_excess is not None and about.path_excess > MAX_EXCESS:
         yield (
             f"the noise of the truth ({about.sigma_m:.3g} m) lengthens its path by about "

@@ -41,6 +41,8 @@ class Proposal:
     missing: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
     has_attitude: bool | None = None  #: Whether its truth has attitudes; None without a truth.
+    has_height: bool = True  #: Whether its truth knows heights.
+    has_tilt: bool = True  #: Whether its truth knows roll and pitch.
 
     def set(self, section: str, name: str, value: object, reason: str) -> None:
         """Propose a value, unless it is given."""
@@ -205,6 +207,7 @@ def _mounting_and_truth(found: Proposal, *, is_bag: bool) -> None:
     given = found.sections.get("truth", {})
     name = str(given.get("source") or given.get("frame") or "of the source")
     found.has_attitude = getattr(truth, "has_attitude", True)
+    found.has_height, found.has_tilt = getattr(truth, "has_height", True), getattr(truth, "has_tilt", True)
     if "lever_arm_m" not in given and (is_tracker(name) or not found.has_attitude):
         text = f"the truth {name} is taken as RB itself: lever arm 0; give --set 'truth.lever_arm_m=[X, Y, Z]'"
         found.remarks.append(text)

@@ -14,6 +14,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped, TransformStamped
 from nav_msgs.msg import Odometry
+from nav_msgs.msg import Path as PathMessage
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import NavSatFix
 from std_msgs.msg import Float64, String
@@ -190,7 +191,7 @@ def truth_message(kind: type[Any], stamp_ns: int, position: np.ndarray, quat: np
 
 @pytest.mark.parametrize(
     "kind",
-    [PoseStamped, TransformStamped, PoseWithCovarianceStamped, PointStamped, NavSatFix],
+    [PoseStamped, TransformStamped, PoseWithCovarianceStamped, PointStamped, NavSatFix, PathMessage],
     ids=lambda k: k.__name__,
 )
 def test_the_truth_may_have_each_type_that_is_scored_of_files(ros: None, capfd: Capture, kind: type[Any]) -> None:
@@ -217,8 +218,13 @@ def test_the_truth_may_have_each_type_that_is_scored_of_files(ros: None, capfd: 
         for k in range(40):
             if k:
                 send_estimate(k)
-            truth.publish(truth_message(kind, stamps[k], positions[k], quats[k]))
+            if kind is PathMessage:  # each path repeats the poses before
+                known = [truth_message(PoseStamped, stamps[n], positions[n], quats[n]) for n in range(k + 1)]
+                truth.publish(PathMessage(header=known[-1].header, poses=known))
+            else:
+                truth.publish(truth_message(kind, stamps[k], positions[k], quats[k]))
         peer.until(lambda: association_of(report).get("matched") == 40, "the report of the whole drive")
+        assert association_of(report)["truth_poses"] == 40
         score = json.loads(report[-1].data)
         errors = [item for item in score["figures"] if item["figure"] == "position" and item.get("part") != "growth"]
         error = next(item for item in errors if item.get("condition") == "distance=1")

@@ -37,7 +37,8 @@ def small_drive(seed: int) -> Drive:
     stamps = np.cumsum(rng.integers(50_000_000, 150_000_000, COUNT)) + 1_700_000_000_000_000_000
     positions = np.cumsum(rng.normal([0.1, 0, 0], 0.02, (COUNT, 3)), axis=0)
     half = 0.02 * np.cumsum(rng.normal(size=COUNT))
-    quats = np.column_stack((0 * half, 0 * half, np.sin(half), np.cos(half)))
+    quats = np.column_stack((0.01 + 0 * half, 0 * half, np.sin(half), np.cos(half)))
+    quats /= np.linalg.norm(quats, axis=1)[:, None]
     roots = rng.normal(0, 0.01, (COUNT, 6, 6))
     covariance = np.cumsum(roots @ roots.transpose(0, 2, 1), axis=0)
     upper = (roots @ roots.transpose(0, 2, 1))[:, *UPPER]

@@ -1,15 +1,15 @@
-"""Frames of a bag as series of poses, by /tf and /tf_static."""
+"""Frames as series of poses, by /tf and /tf_static of a bag or of a graph."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
-from sfr_loc_map.geometry.rotation import slerp, unit_quats
+from sfr_loc_map.geometry.rotation import quat_multiply, quat_rotate, slerp, unit_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, stamp_of
 
@@ -34,28 +34,43 @@ class Frame:
         return trajectory_of(self.rows[-1 if self.is_static else 0 :])
 
 
-def read_frames(bag: Any, child: str = "", parent: str = "") -> dict[str, Frame]:  # noqa: ANN401 - an opened `bag.Bag`
-    """Return the frames of a bag that have a parent, by their names without a slash at the ends.
+class FrameSeries:
+    """The frames of transforms that come one by one, each in every parent that it has."""
 
-    Transforms of one frame in several parents are never mixed: those on the way from `child` up to `parent` are
-    taken, else the first parent, and `Frame.other_parents` has the others.
-    """
-    series: dict[str, dict[str, Frame]] = {}
+    def __init__(self) -> None:
+        self._by_child: dict[str, dict[str, Frame]] = {}
+
+    def frame_of(self, item: Any, *, is_static: bool) -> Frame:  # noqa: ANN401 - a TransformStamped of any library
+        """Return the frame that a transform is about, in the parent of this transform."""
+        parent = item.header.frame_id.strip("/")
+        by_parent = self._by_child.setdefault(item.child_frame_id.strip("/"), {})
+        return by_parent.setdefault(parent, Frame(parent, is_static))
+
+    def chosen(self, child: str = "", parent: str = "") -> dict[str, Frame]:
+        """Return the frames that have a parent, by their names without a slash at the ends.
+
+        Transforms of one frame in several parents are never mixed: those on the way from `child` up to `parent` are
+        taken, else the first parent, and `Frame.other_parents` has the others.
+        """
+        way = _way(self._by_child, child, parent) if parent else {}
+        frames = {}
+        for name, by_parent in self._by_child.items():
+            taken = way.get(name, next(iter(by_parent)))
+            others = () if name in way else tuple(above for above in by_parent if above != taken)
+            frames[name] = replace(by_parent[taken], other_parents=others)
+        return frames
+
+
+def read_frames(bag: Any, child: str = "", parent: str = "") -> dict[str, Frame]:  # noqa: ANN401 - an opened `bag.Bag`
+    """Return the frames of a bag that have a parent; see `FrameSeries.chosen`."""
+    series = FrameSeries()
     for name in ("tf_static", "tf"):
         topic = bag.find(name, TF)
         for _, _, message in () if topic is None else bag.messages([topic]):
             for item in message.transforms:
-                above = item.header.frame_id.strip("/")
-                by_parent = series.setdefault(item.child_frame_id.strip("/"), {})
-                frame = by_parent.setdefault(above, Frame(above, name == "tf_static"))
+                frame = series.frame_of(item, is_static=name == "tf_static")
                 frame.rows.append(pose_row(item, item.transform))
-    way = _way(series, child, parent) if parent else {}
-    frames = {}
-    for name, by_parent in series.items():
-        taken = way.get(name, next(iter(by_parent)))
-        others = () if name in way else tuple(above for above in by_parent if above != taken)
-        frames[name] = replace(by_parent[taken], other_parents=others)
-    return frames
+    return series.chosen(child, parent)
 
 
 def _way(series: Mapping[str, Mapping[str, Frame]], child: str, parent: str) -> dict[str, str]:
@@ -87,6 +102,25 @@ def chain_above(frames: Mapping[str, Frame], name: str, end: str = "") -> list[s
             raise ValueError(f"frame '{name}' has the parents {parents}, which are never mixed")
         name = frames[name].parent
     return chain
+
+
+def chain_poses(frames: Mapping[str, Frame], chain: Sequence[str], stamps_of: str) -> Trajectory:
+    """Return the poses of the first frame of a chain in the parent of the last one.
+
+    They are at the stamps of the moving frame `stamps_of` within the time of all moving frames of the chain.
+    """
+    series = {name: frames[name].poses for name in chain}
+    stamps = series[stamps_of].stamps_ns
+    for name in chain:
+        if not frames[name].is_static:
+            first, last = series[name].stamps_ns[[0, -1]]
+            stamps = stamps[(stamps >= first) & (stamps <= last)]
+    positions = np.zeros((len(stamps), 3))
+    quats = np.tile([0.0, 0.0, 0.0, 1.0], (len(stamps), 1))
+    for name in chain:
+        place, turn = sampled(series[name], stamps)
+        positions, quats = place + quat_rotate(turn, positions), quat_multiply(turn, quats)
+    return Trajectory(stamps, positions, quats)
 
 
 def pose_row(message: Any, pose: Any) -> PoseRow:  # noqa: ANN401 - messages

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.inputs import stamp_of
+from sfr_loc_map.inputs import LOST_VARIANCE, jumped_back, stamp_of
 from sfr_loc_map.io.bag.frames import pose_row
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 POSE, TRANSFORM = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped"
 POINT, FIX = "geometry_msgs/msg/PointStamped", "sensor_msgs/msg/NavSatFix"
+PATH = "nav_msgs/msg/Path"
 NO_FIX = -1  #: `NavSatStatus.STATUS_NO_FIX`.
 WGS84_M, WGS84_FLATTENING = 6_378_137.0, 1.0 / 298.257223563
 UNKNOWN = (np.nan,) * 6
@@ -24,58 +26,83 @@ unknown)."""
 
 
 class TruePoses:
-    """Makes true poses of the messages of one topic; `invalid` and `heightless` count fixes that are none."""
+    """Makes true poses of the messages of one topic; `invalid` counts fixes without a position.
+
+    A fix without an altitude has the variance of what is unknown in z.
+    """
 
     def __init__(self, msgtype: str) -> None:
         """Read messages of one of `TYPES`; positions of fixes are east, north, up of the first one."""
-        self.invalid = self.heightless = 0
+        self.invalid = 0
         self._first: tuple[float, float, float] | None = None
-        self._row: Callable[[Any], TrueRow | None] = {
+        self._path_end_ns: int | None = None
+        self._rows: Callable[[Any], Iterator[TrueRow]] = {
             ODOMETRY: self._with_covariance,
             WITH_COVARIANCE: self._with_covariance,
             POSE: self._plain,
             TRANSFORM: self._plain,
             POINT: self._point,
             FIX: self._fix,
+            PATH: self._path,
         }[msgtype]
 
-    def row(self, message: Any) -> TrueRow | None:  # noqa: ANN401 - a message of any library
-        """Return the true pose of a message; None if it is a fix without a position."""
-        return self._row(message)
+    def rows(self, message: Any) -> list[TrueRow]:  # noqa: ANN401 - a message of any library
+        """Return the true poses of a message: one, several new ones of a path, none of a fix without a position."""
+        return list(self._rows(message))
 
-    def _with_covariance(self, message: Any) -> TrueRow:  # noqa: ANN401
+    def _with_covariance(self, message: Any) -> Iterator[TrueRow]:  # noqa: ANN401
         stamp_ns, pose = pose_row(message, message.pose.pose)
-        return stamp_ns, pose, tuple(np.asarray(message.pose.covariance, np.float64)[::7].tolist())
+        yield stamp_ns, pose, tuple(np.asarray(message.pose.covariance, np.float64)[::7].tolist())
 
-    def _plain(self, message: Any) -> TrueRow:  # noqa: ANN401
+    def _plain(self, message: Any) -> Iterator[TrueRow]:  # noqa: ANN401
         stamp_ns, pose = pose_row(message, getattr(message, "pose", None) or message.transform)
-        return stamp_ns, pose, UNKNOWN
+        yield stamp_ns, pose, UNKNOWN
 
-    def _point(self, message: Any) -> TrueRow:  # noqa: ANN401
+    def _path(self, message: Any) -> Iterator[TrueRow]:  # noqa: ANN401
+        """Yield the poses after the last pose of the message before: each path repeats the poses before.
+
+        A path that ends a second or more before the last one is of a new run.
+        """
+        if not message.poses:
+            return
+        first_ns, last_ns = stamp_of(message.poses[0]), stamp_of(message.poses[-1])
+        if len(message.poses) > 1 and not last_ns > first_ns:
+            raise InputError(f"the path of stamp {stamp_of(message)} has poses of one stamp: give each its own stamp")
+        known_ns = self._path_end_ns
+        if known_ns is not None and jumped_back(known_ns, last_ns):
+            known_ns = None
+        for item in message.poses:
+            if known_ns is None or stamp_of(item) > known_ns:
+                stamp_ns, pose = pose_row(item, item.pose)
+                yield stamp_ns, pose, UNKNOWN
+        self._path_end_ns = last_ns if known_ns is None else max(known_ns, last_ns)
+
+    def _point(self, message: Any) -> Iterator[TrueRow]:  # noqa: ANN401
         point = message.point
-        return stamp_of(message), (point.x, point.y, point.z, 0.0, 0.0, 0.0, 0.0), UNKNOWN
+        yield stamp_of(message), (point.x, point.y, point.z, 0.0, 0.0, 0.0, 0.0), UNKNOWN
 
-    def _fix(self, message: Any) -> TrueRow | None:  # noqa: ANN401
-        """Return the position of a fix; a receiver without one may write 0, 0 or NaN with the status of a fix."""
+    def _fix(self, message: Any) -> Iterator[TrueRow]:  # noqa: ANN401
+        """Yield the position of a fix; a receiver without one may write 0, 0 or NaN with the status of a fix."""
         if message.status.status == NO_FIX:  # an unknown status (-2) is that of drivers which do not set it
-            return None
+            return
         if not _is_place(message.latitude, message.longitude):
             self.invalid += 1
-            return None
-        if not np.isfinite(message.altitude):
-            self.heightless += 1
-            return None
-        place = (message.latitude, message.longitude, message.altitude)
+            return
+        has_height = bool(np.isfinite(message.altitude))
+        height = message.altitude if has_height else 0.0 if self._first is None else self._first[2]
+        place = (message.latitude, message.longitude, height)
         self._first = self._first or place
         known = np.nan if message.position_covariance_type == 0 else 1.0
         variances = known * np.asarray(message.position_covariance, np.float64)[[0, 4, 8]]
+        if not has_height:
+            variances[2] = LOST_VARIANCE
         position = enu_m(np.array([self._first, place], np.float64))[1]
         pose = (*position.tolist(), 0.0, 0.0, 0.0, 0.0)
-        return stamp_of(message), pose, (*variances.tolist(), np.nan, np.nan, np.nan)
+        yield stamp_of(message), pose, (*variances.tolist(), np.nan, np.nan, np.nan)
 
 
-TYPES: Sequence[str] = (ODOMETRY, WITH_COVARIANCE, POSE, TRANSFORM, POINT, FIX)
-"""Types of messages with one true pose each."""
+TYPES: Sequence[str] = (ODOMETRY, WITH_COVARIANCE, POSE, TRANSFORM, POINT, FIX, PATH)
+"""Types of messages that true poses are read from, live and of a bag."""
 
 
 def _is_place(latitude: float, longitude: float) -> bool:

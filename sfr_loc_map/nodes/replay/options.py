@@ -84,7 +84,14 @@ def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict
     truth = None if source.loc is None else source.loc.ground_truth
     if isinstance(truth, Truth):  # it comes as poses of RB, or positions of a point of it
         attitude = "auto" if truth.has_attitude else "no"
-        body = TrackedBody(truth.lever_arm_m, sigma_m=truth.sigma_m, sigma_deg=truth.sigma_deg, attitude=attitude)
+        unknown = {(True, True): "none", (False, True): "height", (True, False): "tilt", (False, False): "planar"}
+        body = TrackedBody(
+            truth.lever_arm_m,
+            sigma_m=truth.sigma_m,
+            sigma_deg=truth.sigma_deg,
+            attitude=attitude,
+            unknown=unknown[truth.has_height, truth.has_tilt],
+        )
         monitor |= changed(body, "truth.")
     if options.limits is not None:
         monitor["limits_file"] = str(options.limits.resolve())

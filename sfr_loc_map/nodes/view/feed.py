@@ -23,7 +23,9 @@ from sensor_msgs.msg import CompressedImage, Image, PointCloud2
 from std_msgs.msg import String
 
 from sfr_loc_map.errors import SfrError
-from sfr_loc_map.inputs import NS_PER_S, SIDES, Task, serialised_stamp
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import NS_PER_S, SIDES, Task, refusing, serialised_stamp
+from sfr_loc_map.io.bag.true_poses import TruePoses
 from sfr_loc_map.io.images.codec import SampleDepth, samples_of
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.state import LiveState
@@ -35,6 +37,7 @@ from sfr_loc_map.nodes.launch.processes import SUITE_NODES, page_node_name
 from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED
 from sfr_loc_map.nodes.lifecycle.worker import Overload, Worker
 from sfr_loc_map.nodes.reception import TransportGaps
+from sfr_loc_map.nodes.truth_input import TruthTopic
 from sfr_loc_map.nodes.view.maps import MapFeed
 from sfr_loc_map.nodes.view.operator import NodeOperator
 from sfr_loc_map.runs.calls import decode_call
@@ -98,13 +101,21 @@ class RosFeed(Peer):
 
     def _subscribe_to_figures(self) -> None:
         """Subscribe to what is always received; true points, too, because they are published only once."""
-        self._receive(Odometry, updates.LOCALISATION, partial(self._on_odometry, updates.Track.ESTIMATE), BEST_EFFORT)
-        self._receive(Odometry, updates.TRUTH, partial(self._on_odometry, updates.Track.TRUTH), BEST_EFFORT)
+        self._receive(Odometry, updates.LOCALISATION, self._on_odometry, BEST_EFFORT)
+        self._truth = TruthTopic(self._receive_truth)
         self._receive_map(updates.TRUE_POINTS, PointCloud2, self._maps.add_true_points, TRUTH_QOS)
         for task in Task:
             self.subscribe(String, f"{task}_node/call", partial(self._on_call, task), BEST_EFFORT)
         self.subscribe(DiagnosticArray, TOPIC, self._on_diagnostics, BEST_EFFORT)
         self.subscribe(String, updates.REPORT, self._on_report, LATCHED)
+
+    def _receive_truth(self, msgtype: str) -> Callable[[], object]:
+        """Subscribe to true poses of a type; return what ends that."""
+        kind = messages.message_type(msgtype)
+        subscription = self._receive(
+            kind, updates.TRUTH, partial(self._on_truth, TruePoses(msgtype), kind), BEST_EFFORT
+        )
+        return partial(self.node.destroy_subscription, subscription)
 
     def _follow_viewers(self, wanted: frozenset[updates.View]) -> None:
         """Subscribe to the media that are shown, and to no others; a map without a grid is made of the cloud."""
@@ -180,11 +191,19 @@ class RosFeed(Peer):
     def _on_report(self, message: String, _: dict[str, Any]) -> None:
         self._state.put(updates.Report(message.data, time.time()))
 
-    def _on_odometry(self, track: updates.Track, raw: bytes, _: float) -> None:
+    def _on_odometry(self, raw: bytes, _: float) -> None:
         message = deserialize_message(raw, Odometry)
-        stamp_ns, position, quat = messages.odometry_row(message, positions_alone=track is updates.Track.TRUTH)
-        covariance = messages.covariance_of(message) if track is updates.Track.ESTIMATE else None
-        self._state.put(updates.PoseSample(track, stamp_ns, position, quat, time.time(), covariance))
+        stamp_ns, position, quat = messages.odometry_row(message)
+        covariance = messages.covariance_of(message)
+        self._state.put(updates.PoseSample(updates.Track.ESTIMATE, stamp_ns, position, quat, time.time(), covariance))
+
+    def _on_truth(self, reader: TruePoses, kind: type[Any], raw: bytes, _: float) -> None:
+        for stamp_ns, pose, _variances in reader.rows(deserialize_message(raw, kind)):
+            x, y, z, *rotation = pose
+            position, quat = (x, y, z), (rotation[0], rotation[1], rotation[2], rotation[3])
+            with refusing(f"true pose of stamp {stamp_ns}", "correct the publisher"):
+                Transform.from_quat(position, quat if any(quat) else (0.0, 0.0, 0.0, 1.0))
+            self._state.put(updates.PoseSample(updates.Track.TRUTH, stamp_ns, position, quat, time.time()))
 
     def _on_diagnostics(self, message: DiagnosticArray, _: dict[str, Any]) -> None:
         for status in message.status:
@@ -236,6 +255,8 @@ class RosFeed(Peer):
     def _examine_graph(self) -> None:
         """Find out which nodes are there, and receive images and maps as the viewers want."""
         self._follow_viewers(self._state.wanted)
+        published = self.node.get_publishers_info_by_topic(self.node.resolve_topic_name(updates.TRUTH))
+        self._truth.follow([str(info.topic_type) for info in published])
         names = self.node.get_node_names_and_namespaces()
         nodes = frozenset(name for name, space in names if space.strip("/") == self._space) & frozenset(SUITE_NODES)
         lost = {topic: gaps.lost for topic, gaps in self._gaps.items()}

@@ -19,6 +19,7 @@ from sfr_loc_map.io.images.codec import samples_of
 from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
 from sfr_loc_map.io.truth import TruthConfig
+from sfr_loc_map.metrics.score_json import from_json
 from test.io.tables.test_foreign_tables import COUNT, drive
 from test.io.test_truth import write_bag
 
@@ -52,11 +53,24 @@ def test_single_fixes_that_are_none_are_left_out(tmp_path: Path, wrong: str, cou
     assert np.abs(found.positions - found.positions[0]).max() < 15.0
 
 
-def test_fixes_without_any_altitude_are_refused(tmp_path: Path) -> None:
-    entries = [("/fix", k * 10**9, fix(k * 10**9, 48.0 + 1e-5 * k, 11.0, np.nan)) for k in range(10)]
+def test_fixes_without_any_altitude_give_horizontal_errors_alone(tmp_path: Path, sfr: Sfr) -> None:
+    poses = drive()
+    places = np.degrees(poses.positions[:, [1, 0]] / [6_356_752.3**2 / 6_378_137.0, 6_378_137.0])
+    entries = [
+        ("/fix", stamp, fix(stamp, place[0], 11.0 + place[1], np.nan))
+        for stamp, place in zip(poses.stamps_ns.tolist(), places.tolist(), strict=True)
+    ]
     place = write_bag(tmp_path / "x", iter(entries))
-    with pytest.raises(InputError, match="10 of 10 fixes have no altitude"):
-        read_truth(place, TruthConfig(source="/fix"))
+    found = read_truth(place, TruthConfig(source="/fix"))
+    assert (len(found), found.has_height, found.has_attitude) == (COUNT, False, False)
+    save_trajectory(tmp_path / "e.csv", poses)
+    words = ("score", tmp_path / "e.csv", place, "--set", "truth.source=/fix", "--condition", "distance=2")
+    done = sfr(*words, "--lenient", "--json", "-")
+    assert done.code == 0, done.err
+    assert "the truth does not know height: horizontal position errors are judged" in done.err
+    score = from_json(done.out, "score")
+    assert score.number("position", "mean", condition="distance=2", part="yaw_aligned") is None
+    assert score.number("horizontal", "max", condition="distance=2") < 1e-3  # type: ignore[operator]
 
 
 def test_points_of_a_prism_are_positions(tmp_path: Path) -> None:

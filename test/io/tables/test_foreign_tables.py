@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -294,3 +295,41 @@ def test_few_poses_that_cannot_be_true_are_left_out_and_counted(
     done = sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--condition", "distance=2", "--partial")
     assert done.code == 0, done.err
     assert f"{len(rows_wrong)} of 60 poses" in caplog.text
+
+
+PLANAR = {
+    "height, roll and pitch of zero": ((0.0, 0.0, 0.0), (0, 0), ("horizontal", "heading")),
+    "a height of a floor": ((0.0, 0.0, 0.35), (0, 0), ("horizontal", "heading")),
+    "roll and pitch of zero on a slope": ((0.0, 0.0, 0.0), (0, 1), ("position", "heading")),
+    "a height of zero beside attitudes": ((0.0, 0.0, 0.0), (1, 0), ("horizontal", "attitude", "heading")),
+}
+
+
+@pytest.mark.parametrize("case", PLANAR)
+def test_what_a_planar_truth_does_not_know_is_said_and_not_judged(
+    tmp_path: Path, sfr: Sfr, caplog: pytest.LogCaptureFixture, case: str
+) -> None:
+    """The estimate is right, on a slope: 1.2 m of height, 6 deg of roll and 11 deg of pitch."""
+    poses, ((x, y, z), (has_tilt, has_height), judged) = drive(), PLANAR[case]
+    positions = poses.positions if has_height else poses.positions * [1.0, 1.0, 0.0] + [x, y, z]
+    headings = np.arctan2(*matrix_from_quat(poses.quats_xyzw)[:, [1, 0], 0].T)
+    level = np.column_stack((0 * headings, 0 * headings, np.sin(headings / 2), np.cos(headings / 2)))
+    save_trajectory(tmp_path / "e.csv", poses)
+    save_trajectory(tmp_path / "t.csv", Trajectory(poses.stamps_ns, positions, poses.quats_xyzw if has_tilt else level))
+    limits = tmp_path / "limits.yaml"
+    keys = ("position_max_m", "horizontal_max_m", "attitude_max_deg", "heading_max_deg")
+    limits.write_text(
+        "minimum_independent: 2\ntrajectory:\n  - condition: distance=2\n"
+        + "".join(f"    {key}: 0.000001\n" for key in keys)
+    )
+    words = ("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", limits, "--json", "-")
+    done = sfr(*words)
+    assert done.code == 3, done.err
+    verdicts = {item["figure"]: item["verdict"] for item in json.loads(done.out)["verdicts"]}
+    assert {name for name, verdict in verdicts.items() if verdict == "pass"} == {*judged}, done.err
+    assert "fail" not in verdicts.values()
+    assert caplog.text.count("truth.unknown=none") == 1
+    assert "the truth does not know" in done.err
+    if "position" not in judged:
+        assert "the truth has no heights: limit the figure horizontal in its place" in done.err
+    assert sfr(*words, "--set", "truth.unknown=none").code == 1

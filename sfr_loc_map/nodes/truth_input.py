@@ -1,0 +1,106 @@
+"""True poses of a graph: of a topic, whichever type it has, or of a frame on /tf."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.inputs import jumped_back, refusing
+from sfr_loc_map.io.bag.frames import FrameSeries, PoseRow, chain_above, chain_poses, pose_row
+from sfr_loc_map.io.bag.true_poses import ODOMETRY, TYPES, UNKNOWN, TrueRow
+from sfr_loc_map.nodes.reception import RunOrder
+
+MAX_WAITING = 1000  #: Transforms of a frame that wait for those of the other frames; the oldest are dropped.
+
+
+class TruthTopic:
+    """Subscribes to true poses by the type that is published: a topic has one type in a process."""
+
+    def __init__(self, subscribe: Callable[[str], Callable[[], object]]) -> None:
+        """Begin with odometry; `subscribe` receives messages of a type until what it returns is called."""
+        self.msgtype = ODOMETRY
+        self._subscribe = subscribe
+        self._unsubscribe = subscribe(ODOMETRY)
+
+    def follow(self, published: Sequence[str]) -> bool:
+        """Change to a published type of true poses if the present type is not published; return whether it changed."""
+        usable = [msgtype for msgtype in published if msgtype in TYPES]
+        if not usable or self.msgtype in usable:
+            return False
+        self._unsubscribe()
+        self.msgtype = usable[0]
+        self._unsubscribe = self._subscribe(self.msgtype)
+        return True
+
+
+class TruthFrame:
+    """Makes true poses of the messages of /tf and /tf_static: those of a frame in a frame above it.
+
+    Poses are at the stamps of the transform that comes most often, as those of a bag, and are made once the other
+    transforms of the chain are known there.
+    """
+
+    def __init__(self, frame: str) -> None:
+        """Take `PARENT:CHILD`; ConfigError for another text."""
+        self._parent, _, self._child = (name.strip("/") for name in frame.rpartition(":"))
+        if not self._parent or not self._child:
+            raise ConfigError(f"truth.frame is '{frame}': a node needs both frames, PARENT:CHILD")
+        self._series = FrameSeries()
+        self._orders: dict[tuple[str, str], RunOrder[PoseRow]] = {}
+        self._received = Counter[str]()  # transforms of each frame in its parent on the chain
+        self._last_ns = 0  # stamp of the last pose that was made
+
+    @property
+    def strays(self) -> int:
+        """Number of transforms that were dropped because of their stamps."""
+        return sum(order.strays for order in self._orders.values())
+
+    def rows(self, message: Any, *, is_static: bool) -> list[TrueRow]:  # noqa: ANN401 - tf2_msgs need not be there
+        """Return the true poses that a message completes, in the order of their stamps."""
+        for item in message.transforms:
+            self._add(item, is_static=is_static)
+        frames = self._series.chosen(self._child, self._parent)
+        with refusing("/tf", "choose one by truth.frame=PARENT:CHILD"):
+            chain = chain_above(frames, self._child, self._parent)
+        moving = [name for name in chain if not frames[name].is_static]
+        if not moving or frames[chain[-1]].parent != self._parent or not all(frames[name].rows for name in chain):
+            return []
+        stamps_of = max(moving, key=lambda name: self._received[name])
+        if jumped_back(self._last_ns, frames[stamps_of].rows[-1][0]):  # a new run
+            self._last_ns = 0
+        with refusing("/tf", "correct the publisher"):
+            poses = chain_poses(frames, chain, stamps_of)
+        found: list[TrueRow] = []
+        for stamp_ns, position, quat in zip(
+            poses.stamps_ns.tolist(), poses.positions.tolist(), poses.quats_xyzw.tolist(), strict=True
+        ):
+            if stamp_ns > self._last_ns:
+                found.append((stamp_ns, (*position, *quat), UNKNOWN))
+        if found:
+            self._last_ns = found[-1][0]
+            for name in moving:
+                _forget_before(frames[name].rows, self._last_ns)
+        return found
+
+    def _add(self, item: Any, *, is_static: bool) -> None:  # noqa: ANN401 - a geometry_msgs/TransformStamped
+        frame = self._series.frame_of(item, is_static=is_static)
+        row = pose_row(item, item.transform)
+        if frame.is_static:
+            frame.rows[:] = [row]
+            return
+        name = item.child_frame_id.strip("/")
+        accepted, begins_run = self._orders.setdefault((name, frame.parent), RunOrder()).add(row[0], row)
+        if begins_run:
+            frame.rows.clear()
+            self._received[name] = 0
+        frame.rows += accepted
+        self._received[name] += len(accepted)
+        del frame.rows[:-MAX_WAITING]
+
+
+def _forget_before(rows: list[PoseRow], stamp_ns: int) -> None:
+    """Drop the rows that no later stamp is interpolated from."""
+    while len(rows) > 1 and rows[1][0] <= stamp_ns:
+        rows.pop(0)
