@@ -110,11 +110,12 @@ class Page:
             self._path_version = path.version
             first = 0 if is_whole else bisect_left(path.rows, self._next_row, key=attrgetter("n"))
             rows = path.rows[first:]
+            before_m = path.before_m
         if not rows and not is_whole:
             return []
         self._next_row = rows[-1].n + 1 if rows else 0
         plain = [row.to_plain() for row in rows]
-        return [text_message("path", {"whole": is_whole, "rows": plain})]
+        return [text_message("path", {"whole": is_whole, "rows": plain, "before_m": before_m})]
 
     def _new_calls(self) -> list[str]:
         with self._state.lock:

@@ -56,11 +56,13 @@ class LivePath:
 
     def __init__(self) -> None:
         self.version = -1  # changes whenever rows that were given out do not hold any more
+        self._may_be_late = True  # whether the run may have begun before the first pose here
         self.restart()
 
     def restart(self) -> None:
         """Forget all poses: a new run begins."""
         self.version += 1
+        self.before_m = 0.0  # distance travelled before the first pose here
         self.rows: list[PathRow] = []
         self._count = 0
         self._every = 1
@@ -75,6 +77,7 @@ class LivePath:
         """Add a pose, and when its image was published; a stamp far behind the latest one begins a new run."""
         stamp_ns = sample.stamp_ns
         if jumped_back(self._latest_ns.get(sample.track, stamp_ns), stamp_ns):
+            self._may_be_late = False
             self.restart()
         latest_ns = self._latest_ns.get(sample.track, -1)
         self._latest_ns[sample.track] = max(latest_ns, stamp_ns)
@@ -91,6 +94,14 @@ class LivePath:
                 return  # its truth may be on its way
             self._pending.popleft()
             self._add_row(estimate, published_s, pose_at(self._truths, estimate.stamp_ns, MAX_GAP_NS))
+
+    def note_length(self, length_m: float) -> None:
+        """Note the length of the true path of the run by its score, which knows what was driven before the first pose.
+
+        A viewer that sees a run begin knows all of it.
+        """
+        if self._may_be_late and self._last is not None:
+            self.before_m = max(length_m - self._last[2], 0.0)
 
     def _add_row(self, sample: PoseSample, published_s: float | None, truth: Transform | None) -> None:
         estimate, covariance = Transform.from_quat(sample.position, sample.quat_xyzw), sample.covariance

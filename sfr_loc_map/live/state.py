@@ -242,6 +242,7 @@ class LiveState:
                 node = self.nodes.get(LOCALISATION_NODE)
                 localisation = dict(zip(ROW_FIELDS, rows[-1].to_plain(), strict=True))
                 localisation |= _state_to_plain(None if node is None else node.call)
+                localisation["distance_m"] += self.path.before_m
             topics = {name: view.to_plain(now_s, self.lost.get(name, 0)) for name, view in sorted(self.topics.items())}
             return {
                 "schema": "sfr-live/1",
@@ -321,6 +322,8 @@ class LiveState:
         states = self.report.score.verdicts
         texts = ((item, judged[k].text) for k, item in enumerate(states) if k in judged)
         self.timeline.judge(texts, update.received_s)
+        if (drive := self.report.score.association) is not None:
+            self.path.note_length(drive.path_length_m)
 
     def _take_pose(self, update: updates.PoseSample) -> None:
         """Add a pose to the path of its track."""

@@ -10,7 +10,7 @@ import pytest
 
 from helpers.cli_result import Sfr
 from sfr_loc_map.errors import ExitCode
-from sfr_loc_map.geometry.rotation import quat_conjugate
+from sfr_loc_map.geometry.rotation import quat_conjugate, quat_normalised
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 
@@ -21,7 +21,8 @@ CODES = Path(__file__).parents[2] / "docs" / "operating.md"
 def drive(count: int = 25, *, offset_m: float = 0.0) -> Trajectory:
     """A curved drive of half a metre a second; the estimate of it errs by little."""
     turn = 0.05 * np.arange(count)
-    heading = np.column_stack((np.zeros((count, 2)), np.sin(turn / 2), np.cos(turn / 2)))
+    tilt = np.full(count, 0.02)
+    heading = quat_normalised(np.column_stack((tilt, tilt, np.sin(turn / 2), np.cos(turn / 2))))
     steps = 0.5 * np.column_stack((np.cos(turn), np.sin(turn), 0.1 * np.sin(3 * turn)))
     positions = np.cumsum(np.vstack((np.zeros(3), steps[:-1])), axis=0)
     noise = offset_m * np.random.default_rng(3).normal(size=(count, 3))

@@ -11,7 +11,10 @@ import pytest
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.path import LivePath
-from sfr_loc_map.live.updates import PoseSample, Track
+from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.live.updates import PoseSample, Report, Track
+from sfr_loc_map.metrics.score import Association, Score
+from sfr_loc_map.metrics.score_json import to_json
 
 
 def pose(track: Track, number: float, transform: Transform, variance: float = 1e-4) -> PoseSample:
@@ -49,3 +52,23 @@ def test_the_distance_travelled_has_no_step_from_one_frame_to_the_other(known: I
             path.add(pose(Track.TRUTH, number, drive(number)))
         path.add(pose(Track.ESTIMATE, number, other_frame @ drive(number)))
     assert path.rows[-1].distance_m == pytest.approx(path.rows[-1].n * math.hypot(0.1, 0.02))
+
+
+@pytest.mark.parametrize("joined", [0, 12])
+def test_a_viewer_that_joins_late_shows_the_distance_of_the_run(joined: int) -> None:
+    """The length before comes with the score; a run that begins while the viewer is there has nothing before it."""
+    state, step_m = LiveState(), math.hypot(0.1, 0.02)
+    for number in range(joined, 20):
+        for track in Track:
+            state.put(pose(track, number, drive(number)))
+    score = Score(association=Association(matched=20, estimate_poses=20, truth_poses=20, path_length_m=19 * step_m))
+    state.put(Report(to_json(score), 1.0))
+    assert state.live_to_plain(1.0)["localisation"]["distance_m"] == pytest.approx(19 * step_m)
+    state.put(pose(Track.TRUTH, 20, drive(20)))
+    state.put(pose(Track.ESTIMATE, 20, drive(20)))
+    assert state.live_to_plain(1.0)["localisation"]["distance_m"] == pytest.approx(20 * step_m)
+    for number in range(3):
+        for track in Track:
+            state.put(pose(track, number, drive(number)))
+    state.put(Report(to_json(score), 2.0))  # of the run before
+    assert state.live_to_plain(2.0)["localisation"]["distance_m"] == pytest.approx(2 * step_m)

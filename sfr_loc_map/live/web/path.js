@@ -91,7 +91,7 @@ function showFacts(run) {
   const last = run.lastPose;
   const facts = !last ? [] : [
     ["poses", String(last.n + 1)],
-    ["path travelled", `${last.distance_m.toFixed(2)} m`],
+    ["path travelled", `${(run.beforeM + last.distance_m).toFixed(2)} m`],
     ["position", `${last.position_m.map((value) => value.toFixed(2)).join(", ")} m`],
     ["error now", last.error_m ? length(Math.hypot(...last.error_m)) : "no truth"],
     ["sigma (x, y)", last.covariance_xy_m2 ? length(Math.sqrt(last.covariance_xy_m2[0] + last.covariance_xy_m2[1])) : "unknown"],

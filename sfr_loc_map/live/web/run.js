@@ -6,6 +6,7 @@ export class Run {
   constructor() {
     this.title = "";
     this.poses = [];
+    this.beforeM = 0; // distance travelled before the first pose
     this.calls = [];
     this.report = null;
     this.nodes = null;
@@ -44,6 +45,7 @@ export class Run {
   takePath(message) {
     const poses = message.rows.map((row) => Object.fromEntries(this.rowFields.map((name, place) => [name, row[place]])));
     this.poses = message.whole ? poses : this.poses.concat(poses);
+    this.beforeM = message.before_m;
   }
 
   /** Take an image or a map from above in. */
