@@ -52,7 +52,9 @@ def localise(
     output: Annotated[
         Path, Option("-o", "--output", metavar="T.csv", help="Trajectory: *.csv, *.txt or *.tum, *.kitti, *.euroc.csv.")
     ],
-    stats: Annotated[Path | None, Option(metavar="S.csv", help="A row for each call: time, memory, state, ...")] = None,
+    stats: Annotated[
+        Path | None, Option(metavar="S.csv", help="A row for each call: time, state, ...; by default T.stats.csv.")
+    ] = None,
     video: Annotated[Path | None, Option(metavar="V.avi", help="Feature-track video, .avi or .mp4.")] = None,
     start: StartOption = "identity",
     config: ConfigOption = None,
@@ -67,9 +69,10 @@ def localise(
     from sfr_loc_map.io.tables.trajectory_file import FILE_SUFFIXES, files_written, save_trajectory
     from sfr_loc_map.methods.registry import record_of_ours
     from sfr_loc_map.runs import offline
-    from sfr_loc_map.runs.calls import save_stats
+    from sfr_loc_map.runs.calls import save_stats, stats_beside
 
     check_suffix(output, FILE_SUFFIXES)
+    stats = stats_beside(output) if stats is None else stats
     check_outputs(*files_written(output), stats, video, inputs=(source, config), overwrite=overwrite)
     theirs, limits = method_under_test(method, Task.LOCALISATION, config), method_limits(call_timeout, memory_limit)
     if theirs is not None and video is not None:
@@ -92,9 +95,8 @@ def localise(
         save_trajectory(output, offline.trajectory_of(estimate for estimate, _ in done))
         with beside():
             film.close()
-    if stats is not None:
-        with beside():
-            save_stats(stats, records, about)
+    with beside():
+        save_stats(stats, records, about)
     say(f"{len(done)} poses, {offline.states_text(records)}: {output}", err=True)
     more = (("--stats", stats), ("--config", config if theirs is None else None))
     again = [word for option, file in more if file is not None for word in (option, file)]

@@ -57,7 +57,9 @@ def map_cloud(
     refine_poses: Annotated[
         bool, Option("--refine-poses", help="Correct the poses of later pairs by registration of the overlaps.")
     ] = False,
-    stats: Annotated[Path | None, Option(metavar="S.csv", help="A row for each call: time, memory, ...")] = None,
+    stats: Annotated[
+        Path | None, Option(metavar="S.csv", help="A row for each call: time, memory, ...; by default C.stats.csv.")
+    ] = None,
     config: ConfigOption = None,
     remap: RemapOption = None,
     overwrite: OverwriteOption = False,
@@ -69,11 +71,12 @@ def map_cloud(
     from sfr_loc_map.io.clouds.cloud_file import SUFFIXES
     from sfr_loc_map.io.sequence import panorama_of
     from sfr_loc_map.methods.registry import record_of_ours
-    from sfr_loc_map.runs.calls import save_stats
+    from sfr_loc_map.runs.calls import save_stats, stats_beside
     from sfr_loc_map.runs.map_files import MapOutputs, check_dems, save_map
     from sfr_loc_map.runs.offline import map_pairs, map_pairs_with
 
     check_suffix(output, SUFFIXES)
+    stats = stats_beside(output) if stats is None else stats
     theirs, limits = method_under_test(method, Task.MAPPING, config), method_limits(call_timeout, memory_limit)
     opened, read_from = open_as(source, remap, config if theirs is None else None)
     parameters = read_config(MappingConfig, read_from, "mapping")
@@ -103,9 +106,8 @@ def map_cloud(
             run, about = map_pairs_with(theirs, sequence, limits, progress, ended, [source])
         hold()
     cloud = save_map(run, sequence.rig.fx, outputs, beside)
-    if stats is not None:
-        with beside():
-            save_stats(stats, run.records, about)
+    with beside():
+        save_stats(stats, run.records, about)
     for line in run.warnings:
         warn(line)
     say(f"{len(cloud)} points of {len(run.maps)} pairs: {output}", err=True)

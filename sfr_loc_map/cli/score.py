@@ -72,7 +72,11 @@ def score(
     limits: LimitsOption = None,
     condition: ConditionOption = None,
     stats: Annotated[
-        list[Path] | None, Option(metavar="S.csv", help="Calls (time, memory, state, covariance); repeatable.")
+        list[Path] | None,
+        Option(
+            metavar="S.csv",
+            help="Calls (time, state, covariance, ...); repeatable; by default EST.stats.csv if it exists.",
+        ),
     ] = None,
     align: Annotated[
         Align | None, Option(help="Also APE (ATE) and RPE after this alignment; other figures stay unaligned.")
@@ -172,11 +176,14 @@ def score(
     ] = None,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
+    from sfr_loc_map.runs.calls import stats_beside
     from sfr_loc_map.scoring.load import load_run
     from sfr_loc_map.scoring.run import ScoreInputs
     from sfr_loc_map.scoring.score_run import converted_run, score_run
     from sfr_loc_map.scoring.settings import score_settings
 
+    if stats is None and (own := stats_beside(estimate)).is_file():
+        stats = [own]
     read = (estimate, truth, limits, *(stats or ()), target_timing, config_file)
     check_suffix(html, HTML_SUFFIXES)
     for table in (points, pieces):

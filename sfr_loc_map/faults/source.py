@@ -27,7 +27,7 @@ def faulty(source: Source, faults: Sequence[Fault], seed: int = 0) -> Source:
     for part in (loc, nav):
         if part is not None and len(part) == 0:
             raise InputError(f"the faults leave no pair of '{source.path}': give a smaller share of 'dropped'")
-    return Source(source.path, source.format, loc, nav)
+    return Source(source.path, source.format, loc, nav, source.missing_loc_ns, source.missing_nav_ns)
 
 
 class _Faulty(Generic[S]):

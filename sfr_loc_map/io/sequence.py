@@ -7,8 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
 from sfr_loc_map.display import Shown
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 
@@ -57,9 +60,25 @@ class Source(Shown):
     format: str  #: `sfr`, `bag`, `kitti`, ...
     loc: LocSequence | None
     nav: NavSequence | None
-    left_out: int = 0  #: Pairs of files that are listed but not there.
+    missing_loc_ns: tuple[int, ...] = ()  #: Stamps of localisation pairs that are listed without their images.
+    missing_nav_ns: tuple[int, ...] = ()  #: Stamps of mapping pairs that are listed without their images.
     configuration: Path | None = None  #: Configuration by which it is read.
     remap: Mapping[str, str] = field(default_factory=dict)  #: Of a bag, names of the suite by those in the bag.
+
+    @property
+    def left_out(self) -> int:
+        """Number of pairs that are listed without their images."""
+        return len(self.missing_loc_ns) + len(self.missing_nav_ns)
+
+    def expected_loc_ns(self) -> IntArray:
+        """Return the ascending stamps of the localisation pairs that the source lists, with and without images."""
+        stamps_ns = () if self.loc is None else self.loc.stamps_ns
+        return np.union1d(np.array(stamps_ns, np.int64), np.array(self.missing_loc_ns, np.int64))
+
+    def expected_nav_ns(self) -> IntArray:
+        """Return the ascending stamps of the mapping pairs that the source lists, with and without images."""
+        stamps_ns = () if self.nav is None else [item.pair.stamp_ns for item in self.nav.pairs()]
+        return np.union1d(np.array(stamps_ns, np.int64), np.array(self.missing_nav_ns, np.int64))
 
     @property
     def truth(self) -> Trajectory | None:

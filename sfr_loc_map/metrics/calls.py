@@ -25,8 +25,8 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.inputs import NS_PER_S, Task
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.catalogue import CALLS, MEMORY, TARGET, Subject, clause_of
-from sfr_loc_map.metrics.completeness import calls_completeness
+from sfr_loc_map.metrics.catalogue import CALLS, MEMORY, STATED, TARGET, Subject, clause_of
+from sfr_loc_map.metrics.completeness import calls_completeness, expected_row, share_of
 from sfr_loc_map.metrics.config import CallKind, MappingState
 from sfr_loc_map.metrics.score import (
     CallHistogram,
@@ -43,7 +43,6 @@ from sfr_loc_map.metrics.score import (
 UNKNOWN = "unknown"
 HOST_CLOCK = "host monotonic"
 OUTSIDE_CLOCK = "host monotonic, from publishing a pair to the answer"
-STATED = "stated"  #: Part of what an external node states of its own calls.
 METHOD = "kernel high-water mark of resident memory (VmHWM), set back before each call"
 METHOD_UNAVAILABLE = "not measured: this system has no resettable high-water mark (/proc/self/clear_refs)"
 KINDS: dict[str, CallKind] = {
@@ -52,6 +51,8 @@ KINDS: dict[str, CallKind] = {
     MappingState.MAPPED_SET: CallKind.MAPPING_CALL,
 }
 """Kind of call by its state; all other states are those of the localiser."""
+KINDS_OF = {Task.LOCALISATION: (CallKind.LOCALISATION,), Task.MAPPING: tuple(KINDS.values())}
+"""Kinds of calls by their task."""
 HISTOGRAM_BINS = 40
 SERIES_ROWS = 2000  #: Calls of each kind that are kept for plots.
 FIRST = "first call"  #: Part of the row of the first call that was measured.
@@ -335,24 +336,38 @@ def stage_of(figure: str) -> str | None:
 def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
     """Return scored calls with time and memory of an external node as measured from outside.
 
-    What the node states of itself has the part `stated`, which no limit is on.
+    What the node states of itself, of whatever kind of call, has the part `stated`, which no limit is on.
     """
-    kind, records, figures = CallKind(node.task), scored.records, list[Figure]()
+    kind, records = CallKind(node.task), scored.records
+    kinds = KINDS_OF[Task(node.task)]
+    figures = [stated_row(row) if row.figure in kinds or row.part in kinds else row for row in scored.figures]
     measured = list[Figure]()
-    for row in scored.figures:
-        is_time = row.figure == kind
-        is_memory = row.subject is Subject.MEMORY and row.part == kind
-        figures.append(
-            replace_row(row, part=" ".join(filter(None, (STATED, row.part)))) if is_time or is_memory else row
-        )
-    clocks = {name: clock for name, clock in records.clocks.items() if name != kind}
+    clocks = {name: clock for name, clock in records.clocks.items() if name not in kinds}
     if node.latency_s is not None:
         measured.append(figure_row(kind, **asdict(node.latency_s)))
         clocks[kind.value] = OUTSIDE_CLOCK
     method = records.memory_method
     if node.process is not None:
         measured.append(figure_row("peak", part=kind, value=node.process.peak_rss_bytes or None))
-        others = any(row.figure == "peak" and row.part != kind and row.value is not None for row in scored.figures)
+        others = any(row.figure == "peak" and row.part not in kinds and row.value is not None for row in scored.figures)
         method = f"{kind}: {node.process.method}{f'; others: {records.memory_method or UNKNOWN}' if others else ''}"
     records = replace_row(records, clocks=clocks, memory_method=method)
     return scored._replace(figures=(*measured, *figures), records=records)
+
+
+def stated_row(row: Figure) -> Figure:
+    """Return a row of calls as what an external node states of itself."""
+    part = STATED if row.part is None else f"{STATED} {row.part}"
+    return replace_row(row, part=part, clause=clause_of(row.figure, part))
+
+
+def completeness_of_answers(node: ExternalScore) -> Iterator[Figure]:
+    """Yield the rows of the calls of an external node: its answers against the pairs that were published to it."""
+    kind, answers = CallKind(node.task), node.answers
+    received = answers.answered + answers.doubled + answers.other_stamp
+    yield expected_row(f"{CALLS} {kind}", answers.answered, answers.pairs)
+    yield figure_row("calls_missing", part=kind, n=answers.pairs, value=share_of(answers.missing, answers.pairs))
+    yield figure_row("calls_other", part=kind, n=received, value=share_of(answers.other_stamp, received))
+    yield figure_row("calls_doubled", part=kind, n=received, value=share_of(answers.doubled, received))
+    if node.process is not None:
+        yield expected_row(f"{MEMORY} {kind}", 1, 1)  # of its processes over the whole run

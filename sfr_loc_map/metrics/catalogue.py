@@ -91,7 +91,7 @@ CATALOGUE = (
     FigureKind("longest_gap", Subject.COMPLETENESS, "", "m", "longest gap"),
     FigureKind("points_without_truth", Subject.COMPLETENESS, "", "1", "map points without ground truth"),
     FigureKind("pairs_without_cloud", Subject.COMPLETENESS, "", "1", "mapping pairs without points"),
-    FigureKind("points_repeated", Subject.COMPLETENESS, "", "1", "map points at a pixel that another point has"),
+    FigureKind("points_repeated", Subject.COMPLETENESS, "", "1", "map points at the pixel or place of another point"),
     FigureKind("points_not_finite", Subject.COMPLETENESS, "", "1", "map points that are not finite"),
     FigureKind("pixels_without_point", Subject.COMPLETENESS, "", "1", "true pixels without a map point, worst pair"),
     FigureKind("calls_missing", Subject.COMPLETENESS, "", "1", "pairs without a measured call"),
@@ -125,6 +125,7 @@ ANY = "*"  #: In a look-up: whatever the rows have there.
 DRIVE, MAP, LIVE, SUITE, CALLS, MEMORY = "drive", "map", "live", "suite", "calls", "memory"
 """Parts of the rows `judged`; those of calls and of their memory are followed by the kind of call."""
 TARGET = "target"  #: First word of the part of a row of calls that were measured on a target.
+STATED = "stated"  #: First word of the part of a row of what an external node states of its own calls.
 MAPPING_MEMORY = "4.3.2"
 DIRECTIONS = ("x", "y", "z", "along", "cross", "vertical")  #: Parts of the position errors along one direction.
 DEFINED = {Subject.TRAJECTORY: OF_ERRORS, Subject.MAP: ()}
@@ -136,9 +137,10 @@ def clause_of(figure: str, part: str | None) -> str:
     """Return the clause that defines a figure of a part; empty if the specification does not define the figure.
 
     4.2.1 and 4.3.1 define the time of a call on the target, not of a stage of a call and not on another host. The
-    memory of a call that maps is 4.3.2. Errors along one direction are not in the specification.
+    memory of a call that maps is 4.3.2. Errors along one direction, and what an external node states of its own calls,
+    are not in the specification.
     """
-    if figure not in KINDS or part in DIRECTIONS:
+    if figure not in KINDS or part in DIRECTIONS or (part or "").partition(" ")[0] == STATED:
         return ""
     kind = KINDS[figure]
     if kind.subject is Subject.TIMING:

@@ -254,7 +254,10 @@ def score_nearest(
     expected_pairs: int | None = None,
     not_finite: int = 0,
 ) -> ScoredMap:
-    """Return the score of points whose pixels are not known: by the nearest true point, seldom the one seen."""
+    """Return the score of points whose pixels are not known: by the nearest true point, seldom the one seen.
+
+    Points at the place of an earlier point are repeated, and so are points beyond the number of pixels of all pairs.
+    """
     from scipy.spatial import cKDTree  # slow to import, and seldom needed by a node
 
     true = [truth.points[np.isfinite(truth.points).all(axis=2)] for truth in truths]
@@ -267,13 +270,15 @@ def score_nearest(
     bare = [bare_share(image, far, *scored) for image, far in zip(covered, ranges, strict=True)]
     is_mapped = [share is not None and share < 1.0 for share in bare]  # no point names its pair
     near_pairs = np.flatnonzero(is_mapped)
+    pixels = sum(truth.rig.height * truth.rig.width for truth in truths)
+    repeated = max(len(xyz) - len(np.unique(xyz, axis=0)), len(xyz) - pixels, 0)
     many = len(truths) if expected_pairs is None else expected_pairs
     figures = (
         figure_row("nearest_distance", statistics=formulas.statistics(distance)),
         coverage_row(None, covered, ranges, *scored),
         figure_row("points", value=len(xyz)),
         figure_row("pairs", value=len(truths)),
-        *map_completeness(len(xyz), not_finite, 0, near_pairs, many, bare),
+        *map_completeness(len(xyz), not_finite, 0, near_pairs, many, bare, repeated),
     )
     return ScoredMap(figures, CloudRecord(nearest_only=True, scored_range_m=scored), None)
 

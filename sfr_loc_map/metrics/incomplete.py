@@ -5,15 +5,20 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
-from sfr_loc_map.metrics.catalogue import CALLS, KINDS, MAP, MEMORY, Subject
+from sfr_loc_map.metrics.catalogue import CALLS, KINDS, MAP, MEMORY, TARGET, Subject
 from sfr_loc_map.metrics.config import CallKind, VerdictState
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, LimitPart, margin_of
 from sfr_loc_map.metrics.rules import limits_of, parts_of
-from sfr_loc_map.metrics.score import Score, Verdict
+from sfr_loc_map.metrics.score import Figure, Score, Verdict
 from sfr_loc_map.metrics.shortfalls import SHORTFALLS
 
 NOT_DUE = "nothing of the {part} is due yet"
 UNKNOWN = "what was expected of the {part} is unknown: score against the source"
+NO_CALL = "no {part} call was measured: give the calls of the run (--stats)"
+NO_STAMP = "the {part} calls have no stamps, so that their pairs are unknown"
+NO_STATE = "which poses are {figure} is unknown: give the calls of the run (--stats)"
+OF_STATES = ("lost", "degraded")  #: Figures that need the state of each pose.
+STATES = "states"  #: Part of what is unknown of the states of poses.
 
 
 class Shortfall(NamedTuple):
@@ -56,6 +61,11 @@ def shortfalls(score: Score) -> list[Shortfall]:
         allowed.add("pixels_without_point")
     for part in parts_of(limits, score):
         found += _shortfalls_of(score, part, allowed)
+    for limit in limits.limits:
+        figure = limit.limited.figure
+        row = score.figure(figure, part=None) if figure in OF_STATES else None
+        if row is not None and row.n and row.value is None:
+            found.append(Shortfall(STATES, figure, limit.limit, None, NO_STATE.format(figure=figure)))
     return found
 
 
@@ -64,8 +74,7 @@ def _shortfalls_of(score: Score, part: str, allowed: Collection[str]) -> Iterato
     is_partial = score.rules is not None and score.rules.partial
     if row is None or row.value is None:
         if not is_partial:
-            text = NOT_DUE if row is not None and row.n == 0 else UNKNOWN
-            yield Shortfall(part, "judged", 1.0, None, text.format(part=part))
+            yield Shortfall(part, "judged", 1.0, None, why_unknown(part, row))
         return
     words = part.split()
     if MEMORY in words:
@@ -82,6 +91,18 @@ def _shortfalls_of(score: Score, part: str, allowed: Collection[str]) -> Iterato
             continue
         said = text.format(percent=f"{100.0 * value:.4g}", value=f"{value:g}", part=kind)
         yield Shortfall(part, figure, most, value, missing_text(score) if figure == "missing" else said)
+
+
+def why_unknown(part: str, row: Figure | None) -> str:
+    """Return why it is unknown what of a part is judged."""
+    words = part.split()
+    kind = " ".join(word for word in words if word not in (CALLS, MEMORY))
+    if row is None and kind != part:
+        return NO_CALL.format(part=kind)
+    if row is not None and TARGET in words:
+        return NO_STAMP.format(part=kind)
+    text = NOT_DUE if row is not None and row.n == 0 else UNKNOWN
+    return text.format(part=part)
 
 
 def missing_text(score: Score) -> str:

@@ -63,6 +63,16 @@ def parts_of(limits: Limits, score: Score) -> list[str]:
     found += [MAP] if score.has(Subject.MAP) or score.figure("judged", part=MAP) else []
     found += [LIVE] if score.figure("judged", part=LIVE) else []
     for limit in limits.limits:
-        if (part := part_of(limit)) not in found and part is not None and figure_of(limit, score).value is not None:
+        part = part_of(limit)
+        if part is None or part in found:
+            continue
+        if figure_of(limit, score).value is not None or lacks_calls(limit, part, score):
             found.append(part)
     return found
+
+
+def lacks_calls(limit: Limit, part: str, score: Score) -> bool:
+    """Tell whether a limit is on time or memory of calls that a drive or a map must have and of which none is known."""
+    if limit.part not in (LimitPart.TIMING, LimitPart.MEMORY, LimitPart.TARGET) or about(limit) not in what_of(score):
+        return False
+    return score.figure("judged", part=part.replace(MEMORY, CALLS)) is None

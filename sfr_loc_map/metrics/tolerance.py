@@ -105,13 +105,6 @@ def _least(holds: Callable[[int], bool], start: int) -> int | None:
 # ---- normal errors
 
 
-def gaussian_factor(count: float, prob: float, confidence: float) -> float:
-    """Return k so that `mean + k sigma` of independent normal values exceeds a share of all: noncentral t."""
-    from scipy.special import nctdtrit, ndtri
-
-    return float(nctdtrit(count - 1.0, ndtri(prob) * math.sqrt(count), confidence) / math.sqrt(count))
-
-
 def _spread_evenly(count: int, columns: int) -> FloatArray:
     """Return points `(count, columns)` of the unit cube with low discrepancy (additive recurrence, Roberts 2018)."""
     root = 2.0

@@ -22,7 +22,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, Task, read_table_text, refusing
 from sfr_loc_map.io.tables.text_table import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
-from sfr_loc_map.metrics.association import UPPER, Estimates
+from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.metrics.calls import METHOD, Calls, CallUsage, concatenated, stacked, stage_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.consistency import STEP_SIZE, WITHOUT_NOISE
@@ -46,9 +46,10 @@ ADAPTER_S = 0.015  #: Processor time that the adapter of a method may take for a
 TREE = "of the method's processes and all that they started, at each call, from outside (psutil)"
 STATES = (*TrackingState, *MappingState)
 WORST_LAST = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}  #: Order of states; others are 0.
-DEFAULT_STATE = {Task.LOCALISATION: TrackingState.TRACKING.value, Task.MAPPING: MappingState.MAPPED.value}
-"""State of a call by its task, where an external node reports none."""
+DEFAULT_STATE = {Task.LOCALISATION: "", Task.MAPPING: MappingState.MAPPED.value}
+"""State of a call by its task, where an external node reports none: that of a localiser is unknown."""
 MAX_CALL_S = 1e6
+STATS_SUFFIX = ".stats.csv"  #: Of the calls of a result, in place of the suffix of the result.
 Bytes = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 MAX_NUMBER = 1e18  #: Of times, sizes and covariances in a file; squares of it are finite.
 
@@ -125,9 +126,13 @@ class CallStats:
             between = np.diff(np.searchsorted(told, own, "right")) > np.isin(own[1:], told)
             steps[np.isin(trajectory.stamps_ns, own[1:][between])] = np.nan
         lost, degraded = states == TrackingState.LOST, states == TrackingState.DEGRADED
-        estimates = Estimates.of(trajectory, lost, degraded, covariance, steps)
         is_known = np.asarray(states != "", np.bool_)
-        return replace(estimates, is_lost_known=is_known, is_degraded_known=is_known)
+        is_lost_known = is_known
+        if covariance is not None:  # without a state, a covariance says whether the pose is lost
+            lost = lost | lost_by_covariance(covariance)
+            is_lost_known = is_known | np.isfinite(covariance).all(axis=1)
+        estimates = Estimates.of(trajectory, lost, degraded, covariance, steps)
+        return replace(estimates, is_lost_known=is_lost_known, is_degraded_known=is_known)
 
 
 def united(parts: Sequence[CallStats]) -> CallStats:
@@ -208,6 +213,11 @@ def call_of_fusion(fused: FusedMap, stamps_ns: Sequence[int], usage: CallUsage, 
     """Return the call of a mapper that made one cloud of the pairs of these stamps, in the order of its `pair`."""
     call = CallRecord(stamps_ns[-1], *usage.cost(state), fused.statistics)
     return replace(call, pair_stamps_ns=tuple(stamps_ns), fused=fused.cloud.fused)
+
+
+def stats_beside(result: Path) -> Path:
+    """Return the file of the calls that gave a result, which is written beside it unless another file is named."""
+    return result.with_suffix(STATS_SUFFIX)
 
 
 def save_stats(path: Path, records: Sequence[CallRecord], method: MethodRecord | None = None) -> None:

@@ -172,7 +172,7 @@ def _images_of(source: Source | None) -> tuple[StereoRig | None, IntArray | None
     if source is None or source.loc is None:
         return None, None
     with suppress(InputError):  # it has no complete pair
-        return source.loc.rig, np.asarray(source.loc.stamps_ns, np.int64)
+        return source.loc.rig, source.expected_loc_ns()
     return source.loc.rig, None
 
 
@@ -183,8 +183,7 @@ def _with_nav_stamps(run: Run, source: Source | None) -> Run:
         return run
     if not any(state in KINDS for item in stats for state in item.calls.states):
         return run
-    stamps = np.array([item.pair.stamp_ns for item in source.nav.pairs()], np.int64)
-    return replace(run, nav_stamps_ns=stamps)
+    return replace(run, nav_stamps_ns=source.expected_nav_ns())
 
 
 def load_target(path: Path) -> TargetRecord:
@@ -231,12 +230,13 @@ def load_map_truth(
     path: Path, stamps_ns: Sequence[int] | None = None, config: SourceConfig | None = None
 ) -> tuple[list[PairTruth], IntArray]:
     """Read the truth of the mapping pairs of a source, all or those of some stamps in their order; and all stamps."""
-    nav = io.open_source(path, config).nav
+    source = io.open_source(path, config)
+    nav = source.nav
     if nav is None:
         raise InputError(f"'{path}' has no mapping pairs: a cloud is scored against a source with nav pairs and truth")
     wanted = None if stamps_ns is None else set(stamps_ns)
     pairs: dict[int, PosedStereoPair] = {}
-    every: list[int] = []
+    every = list(source.missing_nav_ns)
     for item in nav.pairs():
         every.append(item.pair.stamp_ns)
         if wanted is None or item.pair.stamp_ns in wanted:

@@ -22,7 +22,7 @@ from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.metrics.cloud_error import truths_of
-from sfr_loc_map.metrics.config import CallKind, ScoreConfig
+from sfr_loc_map.metrics.config import CallKind, MappingState, ScoreConfig
 from sfr_loc_map.metrics.convention import converted_estimates
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, FindingRecord, MethodRecord, Score
@@ -64,7 +64,7 @@ class ReplayResult:
         if run is None or run.score.task != CallKind.LOCALISATION or loc is None or not len(published):
             return self
         rig, truth = loc.rig, loc.ground_truth
-        told = {item.stamp_ns: item for item in self.records if item.state in set(TrackingState)}
+        told = {item.stamp_ns: item for item in self.records if item.state not in set(MappingState)}
         covariance = np.full((len(published), COVARIANCE_SIZE), np.nan)
         for row, stamp_ns in enumerate(published.stamps_ns.tolist()):
             known = told.get(stamp_ns)
@@ -81,15 +81,15 @@ class ReplayResult:
             convention = ConventionRecord(declared=declared.settings)
         records = []
         stamps = zip(published.stamps_ns.tolist(), found.trajectory.stamps_ns.tolist(), strict=True)
-        for row, (before, stamp_ns) in enumerate(stamps):  # the time is NaN where the node told none
-            record = told.get(before) or CallRecord(stamp_ns, float("nan"), TrackingState.TRACKING)
+        for row, (before, stamp_ns) in enumerate(stamps):  # time and state are unknown where the node reports none
+            record = told.get(before) or CallRecord(stamp_ns, float("nan"))
             full = None
             if found.covariance is not None and np.isfinite(found.covariance[row]).all():
                 full = np.zeros((6, 6))
                 full[UPPER] = full[UPPER[1], UPPER[0]] = found.covariance[row]
             state = TrackingState.LOST.value if lost[row] else record.state
             records.append(replace(record, stamp_ns=stamp_ns, state=state, covariance=full, step=None))
-        records += [item for item in self.records if item.state not in set(TrackingState)]
+        records += [item for item in self.records if item.state in set(MappingState)]
         external = replace(run, as_published=published, convention=convention)
         return replace(self, estimate=found.trajectory, records=records, external=external)
 
@@ -158,11 +158,11 @@ def score_replay(
     if files is not None and stats:
         inputs = replace(inputs, stats=(files.stats,))
     drive = None
-    truth, images = (None, None) if source.loc is None else (source.loc.ground_truth, source.loc.stamps_ns)
+    truth, images = (None, None) if source.loc is None else (source.loc.ground_truth, source.expected_loc_ns())
     if source.loc is not None and truth is not None and len(result.estimate):
         estimate = result.estimate
         estimates = estimates_of(estimate, stats)
-        drive = DriveToScore(estimates, truth, source.loc.rig, np.asarray(images, np.int64))
+        drive = DriveToScore(estimates, truth, source.loc.rig, images)
         inputs = replace(inputs, truth=source.path, configuration=source.configuration)
         if files is not None:
             inputs = replace(inputs, estimate=files.estimate)
@@ -171,7 +171,7 @@ def score_replay(
     unposed = len(images) if images is not None and not len(result.estimate) else 0
     nav_stamps_ns, unmapped = None, 0
     if source.nav is not None:
-        nav_stamps_ns = np.array([pair.pair.stamp_ns for pair in source.nav.pairs()], np.int64)
+        nav_stamps_ns = source.expected_nav_ns()
         unmapped = 0 if len(result.mapped_ns) == len(nav_stamps_ns) else len(nav_stamps_ns)
     if (cloud := _scored_cloud(source, result)) is not None:
         inputs = replace(inputs, map_truth=source.path, configuration=source.configuration)

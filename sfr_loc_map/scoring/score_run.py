@@ -14,16 +14,16 @@ from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.inputs import Task, hash_arrays
 from sfr_loc_map.metrics.aligned_error import aligned_errors
 from sfr_loc_map.metrics.calls import (
-    KINDS,
-    Calls,
+    KINDS_OF,
     ScoredCalls,
+    completeness_of_answers,
     completeness_rows,
     concatenated,
     score_calls,
     score_target,
     with_external,
 )
-from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, MAP, MEMORY, TARGET
+from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, MAP, MEMORY, TARGET, Subject
 from sfr_loc_map.metrics.cloud_error import score_map, score_nearest
 from sfr_loc_map.metrics.completeness import expected_row, share_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, Condition, ScoreConfig, label_of
@@ -300,18 +300,18 @@ def _calls_part(run: Run) -> _CallsPart:
         of_host = with_external(of_host, run.external)
     records = of_host.records if run.stats or run.external is not None else None
     expected = _expected_calls(run)
-    stamped = [concatenated([_stamped(item, expected) for item in run.stats])] if run.stats else []
-    figures = [*of_host.figures, *completeness_rows(stamped, expected)]
+    every = [concatenated([item.calls for item in run.stats])] if run.stats else []
+    figures = [*of_host.figures, *completeness_rows(every, expected)]
     if (node := run.external) is not None:
-        figures = [row for row in figures if row.part not in (f"{CALLS} {node.task}", f"{MEMORY} {node.task}")]
-        answers = node.answers
-        figures.append(expected_row(f"{CALLS} {node.task}", answers.answered, answers.pairs))
-        if node.process is not None:
-            figures.append(expected_row(f"{MEMORY} {node.task}", 1, 1))  # of its processes over the whole run
+        kinds, places = KINDS_OF[Task(node.task)], ("", f"{CALLS} ", f"{MEMORY} ")
+        of_node = {f"{place}{kind}" for kind in kinds for place in places}
+        of_calls = [row for row in figures if row.subject is not Subject.COMPLETENESS or row.part not in of_node]
+        figures = [*of_calls, *completeness_of_answers(node)]
     if run.target is None:
         return _CallsPart(figures=tuple(figures), records=records, plots=of_host.plots)
     of_target, target = _scored_target(run, run.target)
-    figures += [*of_target, *completeness_rows([_stamped(run.target, expected)], expected, f"{TARGET} ")]
+    expected = expected if run.target.has_stamps else {}  # calls without stamps are of no known pair
+    figures += [*of_target, *completeness_rows([run.target.calls], expected, f"{TARGET} ")]
     warnings = tuple(_target_warnings(target))
     return _CallsPart(figures=tuple(figures), records=records, plots=of_host.plots, target=target, warnings=warnings)
 
@@ -322,21 +322,6 @@ def _expected_calls(run: Run) -> dict[Task, IntArray | None]:
     if images is None and run.drive is not None:
         images = run.drive.truth.stamps_ns
     return {Task.LOCALISATION: images, Task.MAPPING: run.nav_stamps_ns}
-
-
-def _stamped(stats: CallStats, expected: Mapping[Task, IntArray | None]) -> Calls:
-    """Return calls with stamps; calls that are only numbered are those of the expected pairs in their order."""
-    if stats.has_stamps:
-        return stats.calls
-    stamps = -1 - stats.calls.stamps_ns
-    for task in Task:
-        is_localisation = task is Task.LOCALISATION
-        mine = np.flatnonzero([(state not in KINDS) == is_localisation for state in stats.calls.states])
-        known = expected.get(task)
-        of_drive = mine[: 0 if known is None else len(np.unique(known))]
-        if known is not None:
-            stamps[of_drive] = np.unique(known)[: len(of_drive)]
-    return replace(stats.calls, stamps_ns=stamps)
 
 
 def _scored_target(run: Run, calls: CallStats) -> tuple[tuple[Figure, ...], TargetRun]:

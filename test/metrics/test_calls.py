@@ -15,6 +15,7 @@ from sfr_loc_map.metrics.calls import (
     TARGET,
     CallMeter,
     Calls,
+    completeness_of_answers,
     score_calls,
     score_target,
     with_external,
@@ -172,3 +173,19 @@ def test_what_an_external_node_states_of_its_time_is_beside_what_was_measured() 
     score = Score(figures=with_external(own, node).figures)
     assert score.number("localisation", "p95", part=None) == 0.4
     assert score.number("localisation", "p95", part=STATED) == 0.001
+
+
+def test_no_kind_of_mapping_call_that_an_external_node_states_is_one_that_was_measured() -> None:
+    """A node that says that its stage, its fusion and its mapping call took 1 ms and 1 MB."""
+    states = ["mapped", "fused", "mapped_set"]
+    answers = AnswerCounts(pairs=4, answered=3, missing=1, doubled=1, other_stamp=1)
+    node = ExternalScore(task="mapping", topic="t", frames="map", answers=answers, latency_s=None)
+    score = Score(figures=with_external(score_calls(calls(states, [0.001] * 3, [1e6] * 3)), node).figures)
+    for kind in ("mapping", "fusion", "mapping_call"):
+        assert score.judged_row(kind) is None
+        assert score.figure("peak", part=kind) is None
+        assert score.number("peak", part=f"{STATED} {kind}") == 1e6
+    assert not any(row.clause for row in score.figures)
+    rows = Score(figures=tuple(completeness_of_answers(node)))
+    found = [rows.number(name) for name in ("judged", "calls_missing", "calls_other", "calls_doubled")]
+    assert found == [0.75, 0.25, 0.2, 0.2]

@@ -22,13 +22,14 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.metrics.config import ScoreConfig, score_config
 from sfr_loc_map.metrics.limits import OF_MAP, parse_limits
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, MethodKind, MethodRecord, Score
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.report.page import overall_of
+from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.runs.offline import MapRun, map_pairs
 from sfr_loc_map.scoring.monitor_score import MonitorScore
-from sfr_loc_map.scoring.replay_result import ReplayFiles, ReplayResult, save_replay, score_replay
-from sfr_loc_map.scoring.run import ScoreInputs
+from sfr_loc_map.scoring.replay_result import ExternalRun, ReplayFiles, ReplayResult, save_replay, score_replay
+from sfr_loc_map.scoring.run import Correction, ScoreInputs
 from sfr_loc_map.scoring.score_run import score_files
 
 SAMPLE = Path(__file__).parents[2] / "sample" / "sample.mcap"
@@ -145,3 +146,21 @@ def test_a_replay_says_that_pairs_have_no_cloud_and_that_truth_is_sparse(tmp_pat
     score = score_replay(source, result, score_config(["frames=2"], {}), None)
     assert score.incomplete == "the map holds 0 of 3 pairs"
     assert any("the truth has 3 poses for 12 images" in text for text in score.warnings)
+
+
+@pytest.mark.parametrize("state", [None, "", "tracking"])
+def test_the_states_of_an_external_node_that_reports_none_are_unknown(tmp_path: Path, state: str | None) -> None:
+    source = open_source(write_folder(tmp_path / "source", 12, 0))
+    truth = source.loc.ground_truth
+    estimate = Trajectory(truth.stamps_ns, 0.999 * truth.positions, truth.quats_xyzw)
+    calls = [] if state is None else [CallRecord(int(stamp), 0.1, state) for stamp in truth.stamps_ns]
+    answers = AnswerCounts(pairs=12, answered=12)
+    node = ExternalScore(task="localisation", topic="t", frames="odom", answers=answers, latency_s=None)
+    run = ExternalRun(MethodRecord(name="n", version=None, kind=MethodKind.EXTERNAL), node, ())
+    config = score_config(("frames=2",), {})
+    result = ReplayResult(estimate, None, calls, (), run).with_converted_poses(source, config, Correction())
+    limits = parse_limits({"trajectory": [{"condition": "frames=2", "lost_max_share": 0.0}]}, "limits")
+    score = score_replay(source, result, config, limits)
+    found = [score.number(name) for name in ("lost", "degraded")]
+    assert (found, score.verdict) == (([0.0, 0.0], "pass") if state == "tracking" else ([None, None], "incomplete"))
+    assert len(result.records) == 12

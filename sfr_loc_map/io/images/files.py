@@ -40,8 +40,8 @@ class ImagePair:
     truth: Path | None = None
 
 
-def whole_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImagePair], int]:
-    """Return the pairs both images of which are there, and how many are not; warn of those in one line."""
+def whole_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImagePair], tuple[int, ...]]:
+    """Return the pairs that have both images, and the stamps of the others, which one line warns of."""
     for earlier, later in pairwise(entries):
         if later.stamp_ns <= earlier.stamp_ns:
             raise InputError(
@@ -49,16 +49,16 @@ def whole_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImagePair
             )
     missing = [file for entry in entries for file in (entry.left, entry.right) if not file.is_file()]
     if not missing:
-        return list(entries), 0
+        return list(entries), ()
     gone = set(missing)
     whole = [entry for entry in entries if entry.left not in gone and entry.right not in gone]
     rest = f" and {len(missing) - NAMED_FILES} more" if len(missing) > NAMED_FILES else ""
     files = f"{', '.join(map(str, missing[:NAMED_FILES]))}{rest}"
     if not whole:
         raise InputError(f"{name} names images that are not there: {files}; restore them")
-    left_out = len(entries) - len(whole)
-    _log.warning("%s: %d of %d pairs left out, images are not there: %s", name, left_out, len(entries), files)
-    return whole, left_out
+    missing_ns = tuple(entry.stamp_ns for entry in entries if entry.left in gone or entry.right in gone)
+    _log.warning("%s: %d of %d pairs left out, images are not there: %s", name, len(missing_ns), len(entries), files)
+    return whole, missing_ns
 
 
 def check_size(image: GreyImage, rig: StereoRig, name: str) -> None:

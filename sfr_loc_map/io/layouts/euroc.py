@@ -57,9 +57,9 @@ def open_euroc(path: Path) -> Source:
             f"'{folder}': none of {len(left)} left and {len(right)} right images have stamps within "
             f"{STAMP_TOLERANCE_S} s: give data.csv of both cameras by one clock"
         )
-    entries, left_out = whole_pairs(pairs, f"'{folder}'")
+    entries, missing_ns = whole_pairs(pairs, f"'{folder}'")
     truth = _load_truth(folder)
-    return Source(path, "euroc", ImageFileSequence(rig, entries, truth, rectify), None, left_out)
+    return Source(path, "euroc", ImageFileSequence(rig, entries, truth, rectify), None, missing_ns)
 
 
 def _load_truth(folder: Path) -> Trajectory | None:

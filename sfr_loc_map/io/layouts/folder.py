@@ -62,7 +62,9 @@ def open_folder(path: Path) -> Source:
     """Open a data set folder: of either task, or of both as `loc/` and `nav/`."""
     loc: ImageFileSequence | None = None
     nav: FolderNavSequence | None = None
-    left_out, is_whole = 0, (path / "pairs.csv").exists() or (path / "rig.json").exists()
+    missing_loc_ns: tuple[int, ...] = ()
+    missing_nav_ns: tuple[int, ...] = ()
+    is_whole = (path / "pairs.csv").exists() or (path / "rig.json").exists()
     for folder in [path] if is_whole else [path / part for part in ("loc", "nav") if (path / part).is_dir()]:
         file, table, truth_file = folder / "rig.json", folder / "pairs.csv", folder / "groundtruth.csv"
         with refusing(f"cannot read '{table}'", advice := "a data set folder needs its pairs.csv"):
@@ -91,11 +93,10 @@ def open_folder(path: Path) -> Source:
             pairs.append(ImagePair(stamp, folder / row[1], folder / row[2], T_lm_navsb, points))
         if not pairs:
             raise InputError(f"'{table}' lists no pair: at least one is needed")
-        whole, missing = whole_pairs(pairs, f"'{table}'")
-        left_out += missing
+        whole, missing_ns = whole_pairs(pairs, f"'{table}'")
 
         if folder.name == "nav" if not is_whole else len(header) > len(LOC_COLUMNS):
-            nav = FolderNavSequence(rig, whole)
+            nav, missing_nav_ns = FolderNavSequence(rig, whole), missing_ns
             continue
         truth = None
         if truth_file.exists():
@@ -108,8 +109,8 @@ def open_folder(path: Path) -> Source:
             if len(back := np.flatnonzero(np.diff(truth.stamps_ns) < 0)):
                 before, after = truth.stamps_ns[back[0] : back[0] + 2].tolist()
                 raise InputError(f"'{truth_file}': stamp {after} goes back behind {before}: stamps must be in order")
-        loc = ImageFileSequence(rig, whole, truth)
-    return Source(path, "sfr", loc, nav, left_out)
+        loc, missing_loc_ns = ImageFileSequence(rig, whole, truth), missing_ns
+    return Source(path, "sfr", loc, nav, missing_loc_ns, missing_nav_ns)
 
 
 def _load_point_image(path: Path, rig: StereoRig) -> NDArray[np.float32]:

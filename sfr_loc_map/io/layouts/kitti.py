@@ -49,7 +49,7 @@ def open_kitti(path: Path) -> Source:
         ImagePair(stamp, path / f"image_{left}" / f"{i:06d}.png", path / f"image_{right}" / f"{i:06d}.png")
         for i, stamp in enumerate(stamps)
     ]
-    whole, left_out = whole_pairs(entries, f"'{times}'")
+    whole, missing_ns = whole_pairs(entries, f"'{times}'")
     height, width = read_grey(whole[0].left).shape
     cameras = {}
     for line in read_lines(calibration):
@@ -64,7 +64,7 @@ def open_kitti(path: Path) -> Source:
     rig = rig_from_projections(cameras[left], cameras[right], size, where, names)
     rig = replace(rig, T_rb_sb=Transform.identity())
     truth = _load_poses(path, stamps, rig, -cameras[left][3] / cameras[left][0])
-    return Source(path, "kitti", ImageFileSequence(rig, whole, truth), None, left_out)
+    return Source(path, "kitti", ImageFileSequence(rig, whole, truth), None, missing_ns)
 
 
 def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) -> Trajectory | None:

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import cv2
 import numba
-import numpy as np
 import yaml
 from msgspec.structs import replace as struct_replace
 
@@ -86,8 +85,8 @@ def _localise(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
     save_stats(stats, [record for _, record in results], about)
     run = load_run(ScoreInputs(estimate=estimate, truth=truth, stats=(stats,)))
     assert run.drive is not None  # estimate and truth are there
-    given = np.array(source.loc.stamps_ns, np.int64)  # images that a fault has dropped cannot be covered
-    return replace(run, drive=replace(run.drive, image_stamps_ns=given))
+    expected_ns = source.expected_loc_ns()  # images that a fault has dropped cannot be covered
+    return replace(run, drive=replace(run.drive, image_stamps_ns=expected_ns))
 
 
 def _map(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
@@ -104,7 +103,7 @@ def _map(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
     save_stats(stats, run.records, about)
     scored = CloudToScore(load_cloud(cloud), truths_of(list(source.nav.pairs()), source.nav.rig))
     inputs = ScoreInputs(cloud=cloud, map_truth=truth, stats=(stats,))
-    return Run(inputs, [load_call_stats(stats)], cloud=scored)
+    return Run(inputs, [load_call_stats(stats)], cloud=scored, nav_stamps_ns=source.expected_nav_ns())
 
 
 def _replay(job: Job, path: Path, scratch: Path, limits: Limits | None) -> Score:

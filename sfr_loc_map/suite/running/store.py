@@ -127,7 +127,9 @@ class Store:
         path = self.results / f"{job.key}.json"
         score = from_dict(_read(path), f"'{path}'")
         about = {} if score.provenance is None else score.provenance.configuration
-        if about.get("suite.key", job.key) != job.key:
+        if "suite.key" not in about:
+            raise InputError(f"'{path}' does not name its job (suite.key in its provenance): {ADVICE}")
+        if about["suite.key"] != job.key:
             raise InputError(f"'{path}' is the result of '{about.get('suite.source')}', not of '{job.label}': {ADVICE}")
         return score
 
