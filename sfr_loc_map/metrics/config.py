@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -73,6 +73,26 @@ class VerdictState(StrEnum):
     NOT_ENOUGH_DATA = "not enough data"
     INCOMPLETE = "incomplete"  #: The estimate covers a part of the drive only.
     NOT_JUDGED = "not judged"  #: Estimate and truth contradict each other, so that no figure of them judges.
+
+    @property
+    def severity(self) -> int:
+        """The rank of the verdict, 0 for the worst: the one order in which verdicts are combined and listed."""
+        return SEVERITY.index(self)
+
+
+SEVERITY = (
+    VerdictState.FAIL,
+    VerdictState.NOT_JUDGED,
+    VerdictState.INCOMPLETE,
+    VerdictState.NOT_ENOUGH_DATA,
+    VerdictState.PASS,
+)
+"""Verdicts from the worst to the best."""
+
+
+def worst_of(states: Iterable[VerdictState]) -> VerdictState | None:
+    """Return the worst of some verdicts, None without any."""
+    return min(states, key=lambda state: state.severity, default=None)
 
 
 class ConditionKind(StrEnum):

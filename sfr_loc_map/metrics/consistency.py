@@ -28,6 +28,7 @@ from sfr_loc_map.inputs import LOST_VARIANCE
 from sfr_loc_map.metrics.association import UPPER, Estimates, Frames, unique_rows
 from sfr_loc_map.metrics.score import Figure, figure_row
 from sfr_loc_map.metrics.statistics import chi2_interval95
+from sfr_loc_map.metrics.truth_error import truth_noise
 
 PARTS = {"pose": slice(0, 6), "position": slice(0, 3), "attitude": slice(3, 6)}
 """Components of a pose's error, in ROS order."""
@@ -161,14 +162,6 @@ def published_growth(before: FloatArray, after: FloatArray, move: FloatArray) ->
     """Return by how much a published covariance grew over a displacement: `P_end - F P_start F^T`."""
     growth = after - propagated_covariance(before, move)
     return np.asarray(0.5 * (growth + growth.T))
-
-
-def truth_noise(sigmas: tuple[float, float], move: FloatArray) -> FloatArray:
-    """Return the covariance that the noise of the truth at both ends adds, sigmas in m and deg."""
-    of_position, of_attitude = sigmas[0] ** 2, np.radians(sigmas[1]) ** 2
-    at_ends = np.diag([2.0 * of_position] * 3 + [of_attitude] * 3)
-    at_start = np.diag([0.0] * 3 + [of_attitude] * 3)
-    return np.asarray(at_ends + propagated_covariance(at_start, move))
 
 
 def normalised_square(error: FloatArray, covariance: FloatArray) -> float:

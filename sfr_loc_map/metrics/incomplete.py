@@ -29,6 +29,7 @@ class Shortfall(NamedTuple):
     most: float  #: That fraction.
     value: float | None
     text: str
+    row: int | None = None  #: Place of the figure in the table.
 
     @property
     def verdict(self) -> Verdict:
@@ -39,6 +40,7 @@ class Shortfall(NamedTuple):
             name = f"{self.figure}_max"
         return Verdict(
             name=name,
+            row=self.row,
             subject=Subject.COMPLETENESS,
             part=self.part if is_lower_bound else None,
             figure=self.figure,
@@ -74,23 +76,25 @@ def _shortfalls_of(score: Score, part: str, allowed: Collection[str]) -> Iterato
     is_partial = score.rules is not None and score.rules.partial
     if row is None or row.value is None:
         if not is_partial:
-            yield Shortfall(part, "judged", 1.0, None, why_unknown(part, row))
+            yield Shortfall(part, "judged", 1.0, None, why_unknown(part, row), score.place_of(row))
         return
     words = part.split()
     if MEMORY in words:
         if row.value < 1.0 and not is_partial and "calls_missing" not in allowed:
             text = f"the memory of {100.0 * (1.0 - row.value):.4g} % of the {words[-1]} calls was not measured"
-            yield Shortfall(part, "judged", 1.0, row.value, text)
+            yield Shortfall(part, "judged", 1.0, row.value, text, score.place_of(row))
         return
     of_calls = CALLS in words
     kind = part.replace(f"{CALLS} ", "") if of_calls else None
     for figure, _, most, text in (each for each in SHORTFALLS if each.part == (CALLS if of_calls else part)):
         asked = is_partial and figure not in ("calls_other", "calls_doubled")
-        value = score.number(figure, subject=Subject.COMPLETENESS, part=kind)
+        found = score.figure(figure, subject=Subject.COMPLETENESS, part=kind)
+        value = None if found is None else found.value
         if figure in allowed or asked or most is None or value is None or value <= most:
             continue
         said = text.format(percent=f"{100.0 * value:.4g}", value=f"{value:g}", part=kind)
-        yield Shortfall(part, figure, most, value, missing_text(score) if figure == "missing" else said)
+        said = missing_text(score) if figure == "missing" else said
+        yield Shortfall(part, figure, most, value, said, score.place_of(found))
 
 
 def why_unknown(part: str, row: Figure | None) -> str:

@@ -8,15 +8,15 @@ not follow from its figures. docs/metrics.md, "Verdicts".
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.metrics.catalogue import DRIVE, KINDS, LIVE
-from sfr_loc_map.metrics.config import Rebase, VerdictState
+from sfr_loc_map.metrics.config import Rebase, VerdictState, worst_of
 from sfr_loc_map.metrics.incomplete import shortfalls, why_incomplete
-from sfr_loc_map.metrics.limited import LimitedFigure, figure_of
+from sfr_loc_map.metrics.limited import LimitedFigure, figure_of, truth_error_of
 from sfr_loc_map.metrics.limits import Limit, LimitPart, Limits, Rules, margin_of, meets
 from sfr_loc_map.metrics.proof import Proof, bound_row, prove, sample_of
 from sfr_loc_map.metrics.rules import about, limits_of, part_of, what_of
@@ -31,10 +31,11 @@ def judged(score: Score, limits: Limits | None, *, partial: bool = False) -> Sco
 
 def judged_again(score: Score) -> Score:
     """Return a score with the verdicts that follow from its figures and rules; tolerance bounds are rows as well."""
-    score = struct_replace(score, incomplete=why_incomplete(score))
-    score = struct_replace(score, verdicts=verdicts(score))
     others = tuple(row for row in score.figures if row.figure != BOUND)
-    score = struct_replace(score, figures=(*others, *bound_rows(score.verdicts)))
+    proofs = proofs_of(score)
+    score = struct_replace(score, figures=(*others, *bound_rows(proofs)))
+    score = struct_replace(score, incomplete=why_incomplete(score))
+    score = struct_replace(score, verdicts=verdicts(score, proofs))
     return struct_replace(score, verdict=overall_verdict(score))
 
 
@@ -64,16 +65,10 @@ def overall_verdict(score: Score) -> VerdictState | None:
     if score.contradiction is not None:
         return None
     states = [item.state for item in score.verdicts]
-    if VerdictState.FAIL in states:
-        return VerdictState.FAIL
-    if score.incomplete is not None or VerdictState.INCOMPLETE in states:
-        return VerdictState.INCOMPLETE
-    if not states:
-        return None
-    return VerdictState.PASS if set(states) == {VerdictState.PASS} else VerdictState.NOT_ENOUGH_DATA
+    return worst_of(states if score.incomplete is None else [*states, VerdictState.INCOMPLETE])
 
 
-def verdicts(score: Score) -> tuple[Verdict, ...]:
+def verdicts(score: Score, proofs: Mapping[Limit, Proof]) -> tuple[Verdict, ...]:
     """Return the verdict on each limit of a score: pass, fail, incomplete, not enough data or not judged.
 
     First of all the verdicts that need no limit: on what the method did wrong, and, where there are limits, on what
@@ -92,12 +87,12 @@ def verdicts(score: Score) -> tuple[Verdict, ...]:
     if score.incomplete is not None and not short:
         parts.add(DRIVE)
     for limit in limits.limits:
-        if limit.terms is None:
+        if (proof := proofs.get(limit)) is not None:
+            place = len(score.figures) - len(proofs) + list(proofs).index(limit)
+            verdict = proof_verdict(limit, proof, place, truth_error_of(limit, score, score.reading))
+        else:
             verdict = verdict_on(limit, figure_of(limit, score), limits)
             verdict = struct_replace(verdict, by_reading=_by_reading(limit, score, limits))
-        else:
-            sample = sample_of(score, limit.limited.figure, limit.condition)
-            verdict = proof_verdict(limit, prove(limit.terms, limit.limit, {"": [sample]} if sample else {}))
         if score.contradiction is not None:
             verdict = struct_replace(verdict, state=VerdictState.NOT_JUDGED, by_reading={})
         elif verdict.state is VerdictState.PASS and (LIVE in parts or part_of(limit) in parts):
@@ -133,25 +128,39 @@ def is_enough(limit: Limit, figure: LimitedFigure, limits: Limits) -> bool:
 
 def verdict_on(limit: Limit, figure: LimitedFigure, limits: Limits) -> Verdict:
     """Return the verdict on a number; without a count it is not made of many values."""
-    value, interval, certain = figure.value, figure.interval, None
-    state = VerdictState.NOT_ENOUGH_DATA
-    if value is not None and is_enough(limit, figure, limits):
-        certain = None if interval is None else not interval[0] <= limit.limit < interval[1]
-        counted = limit.part is LimitPart.COMPLETENESS  # not estimated: there is nothing uncertain
-        if figure.truth_error and abs(margin_of(limit.name, limit.limit, value)) <= figure.truth_error:
-            state = VerdictState.NOT_ENOUGH_DATA
-        elif not meets(limit, value):
-            state = VerdictState.FAIL
-        elif certain or counted or not limit.certain:
-            state = VerdictState.PASS
-    limited, row = limit.limited, figure.row
+    verdict = open_verdict(limit, figure)
+    if figure.value is None or not is_enough(limit, figure, limits):
+        return verdict
+    interval = figure.interval
+    certain = None if interval is None else not interval[0] <= limit.limit < interval[1]
+    verdict = struct_replace(verdict, certain=certain)
+    is_counted = limit.part is LimitPart.COMPLETENESS  # not estimated: there is nothing uncertain
+    if verdict.is_within_truth_error:
+        return verdict
+    if not meets(limit, figure.value):
+        return struct_replace(verdict, state=VerdictState.FAIL)
+    is_pass = certain or is_counted or not limit.certain
+    return struct_replace(verdict, state=VerdictState.PASS) if is_pass else verdict
+
+
+def proof_verdict(limit: Limit, proof: Proof, place: int | None, truth_error: float) -> Verdict:
+    """Return the verdict on a limit with a share and a confidence, whose bound is the row at a place."""
+    verdict = open_verdict(limit, LimitedFigure(proof.bound, proof.n, place=place, truth_error=truth_error))
+    state = verdict.state if verdict.is_within_truth_error else proof.state
+    return struct_replace(verdict, state=state, proof=proof.record)
+
+
+def open_verdict(limit: Limit, figure: LimitedFigure) -> Verdict:
+    """Return the verdict on a number before anything is decided."""
+    limited, value, interval = limit.limited, figure.value, figure.interval
     return Verdict(
         id=limit.id,
         text=limit.text,
         name=limit.shown_name,
+        row=figure.place,
         subject=limited.subject,
         condition=limit.condition,
-        part=None if row is None else row.part,
+        part=None if figure.row is None else figure.row.part,
         figure=limited.figure,
         statistic=limited.statistic,
         limit=limit.limit,
@@ -160,24 +169,28 @@ def verdict_on(limit: Limit, figure: LimitedFigure, limits: Limits) -> Verdict:
         high95=None if interval is None else interval[1],
         margin=None if value is None else margin_of(limit.name, limit.limit, value),
         n=figure.n,
-        state=state,
-        certain=certain,
+        truth_error=figure.truth_error or None,
+        state=VerdictState.NOT_ENOUGH_DATA,
         needs_certainty=limit.certain,
     )
 
 
-def proof_verdict(limit: Limit, proof: Proof) -> Verdict:
-    """Return the verdict on a limit with a share and a confidence."""
-    verdict = verdict_on(limit, LimitedFigure(proof.bound), Limits())
-    return struct_replace(verdict, state=proof.state, n=proof.n, proof=proof.record)
+def proofs_of(score: Score) -> dict[Limit, Proof]:
+    """Return what the errors of a score prove about each limit with a share and a confidence."""
+    found = {}
+    limits = limits_of(score)
+    for limit in () if limits is None else limits.limits:
+        if limit.terms is not None:
+            sample = sample_of(score, limit.limited.figure, limit.condition)
+            found[limit] = prove(limit.terms, limit.limit, {"": [sample]} if sample else {})
+    return found
 
 
-def bound_rows(found: Iterable[Verdict]) -> Iterator[Figure]:
-    """Yield the tolerance bounds of verdicts as rows of the table of figures."""
-    for item in found:
-        if item.proof is not None and item.figure is not None:
-            proof = Proof(item.state, item.value, item.proof, item.n or 0)
-            yield bound_row(item.figure, KINDS[item.figure].unit, item.condition, proof)
+def bound_rows(proofs: Mapping[Limit, Proof]) -> Iterator[Figure]:
+    """Yield the tolerance bounds as rows of the table of figures."""
+    for limit, proof in proofs.items():
+        figure = limit.limited.figure
+        yield bound_row(figure, KINDS[figure].unit, limit.condition, proof)
 
 
 def _by_reading(limit: Limit, score: Score, limits: Limits) -> dict[str, VerdictState]:
@@ -203,20 +216,12 @@ class Common(NamedTuple):
     text: str = ""
 
 
-WORST_FIRST = (
-    VerdictState.FAIL,
-    VerdictState.NOT_JUDGED,
-    VerdictState.INCOMPLETE,
-    VerdictState.NOT_ENOUGH_DATA,
-    None,
-    VerdictState.PASS,
-)
-
-
 def common_verdict(scores: Sequence[Score]) -> Common:
     """Return the verdict over scores: the worst, and a pass only if all are of one item under test, which is named."""
     states = [score.verdict for score in scores]
-    worst = min(states, key=WORST_FIRST.index, default=None)
+    worst = worst_of(state for state in states if state is not None)
+    if worst is VerdictState.PASS and None in states:
+        worst = None
     items = {None if score.method is None else (score.method.name, score.method.version, score.method.sha256)
              for score in scores}  # fmt: skip
     if worst is None and any(states):

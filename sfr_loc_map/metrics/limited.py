@@ -8,14 +8,18 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.metrics.catalogue import ANY
+from sfr_loc_map.metrics.config import Rebase
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.limits import WORST, Limit, LimitPart
 from sfr_loc_map.metrics.score import Figure, Score
-from sfr_loc_map.metrics.statistics import Interval
-from sfr_loc_map.metrics.truth_error import ATTITUDE
+from sfr_loc_map.metrics.statistics import Interval, normal_quantile
+from sfr_loc_map.metrics.truth_error import ATTITUDE, TURN
 
-COVERAGE_FACTORS = {"mean_plus_3sigma": 3.0, "max": 3.0, "p99": 3.0, "p95": 2.0}
-"""Standard deviations of the truth's error that a statistic may be off by, 1 for others."""
+EXPANSION = {
+    **{"mean": 1.0, "sigma": 1.0, "rmse": 1.0, "p50": 1.0},
+    **{"mean_plus_3sigma": 3.0, "max": 3.0, "p99": 3.0, "p95": 2.0},
+}
+"""Standard deviations of the truth's error that each statistic may be off by."""
 
 
 class LimitedFigure(NamedTuple):
@@ -25,6 +29,7 @@ class LimitedFigure(NamedTuple):
     n: int | None = None
     interval: Interval | None = None
     row: Figure | None = None
+    place: int | None = None  #: Of the row in the table of figures.
     independent: float | None = None  #: How many of the values are independent, None where that is not defined.
     truth_error: float = 0.0  #: What the error of the truth may change the number by.
 
@@ -46,15 +51,34 @@ def figure_of(limit: Limit, score: Score, part: str | None = ANY) -> LimitedFigu
     is_counted = limited.statistic in STATISTICS and not limit.is_on_one_call
     interval = row.interval if limited.statistic == "mean_plus_3sigma" else None
     count = row.n if is_counted else None
-    error = truth_error_of(limit, score)
-    return LimitedFigure(row.statistic(limited.statistic), count, interval, row, row.independent, error)
+    return LimitedFigure(
+        value=row.statistic(limited.statistic),
+        n=count,
+        interval=interval,
+        row=row,
+        place=score.place_of(row),
+        independent=row.independent,
+        truth_error=truth_error_of(limit, score, row.part),
+    )
 
 
-def truth_error_of(limit: Limit, score: Score) -> float:
-    """Return what the error of the truth may change a limited number by: that of both ends of a sub-trajectory."""
+def truth_error_of(limit: Limit, score: Score, reading: str | None = None) -> float:
+    """Return what the error of the truth may change a limited number by: that of both ends of a sub-trajectory.
+
+    The reading `pose` turns the estimate by the true attitude at the start, whose error moves the end as well.
+    """
     limited = limit.limited
     if limit.part is not LimitPart.TRAJECTORY:
         return 0.0
     part = None if limited.figure in ("position", "horizontal", "chord") else ATTITUDE
-    sigma = score.number("truth_error", part=part) or 0.0
-    return COVERAGE_FACTORS.get(limited.statistic, 1.0) * float(np.sqrt(2.0)) * sigma
+    of_ends = float(np.sqrt(2.0)) * (score.number("truth_error", condition=None, part=part) or 0.0)
+    turned = limited.figure in ("position", "horizontal") and reading == Rebase.POSE
+    of_turn = score.number("truth_error", condition=limit.condition, part=TURN) if turned else None
+    return expansion_of(limit) * float(np.hypot(of_ends, of_turn or 0.0))
+
+
+def expansion_of(limit: Limit) -> float:
+    """Return how many standard deviations of the truth's error a limited statistic may be off by."""
+    if limit.terms is None:
+        return EXPANSION[limit.limited.statistic]
+    return normal_quantile(0.5 * (1.0 + limit.terms.prob))

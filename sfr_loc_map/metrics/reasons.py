@@ -9,10 +9,8 @@ import numpy as np
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.config import Condition, ConditionKind, VerdictState, label_of
-from sfr_loc_map.metrics.limited import truth_error_of
-from sfr_loc_map.metrics.limits import Limits, Rules
+from sfr_loc_map.metrics.limits import Rules
 from sfr_loc_map.metrics.proof import words_of
-from sfr_loc_map.metrics.rules import limits_of
 from sfr_loc_map.metrics.score import Score, Verdict
 
 
@@ -36,37 +34,30 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
     for item in score.verdicts:
         if item.state is VerdictState.NOT_ENOUGH_DATA and item.condition not in unmet:
             over = "" if item.condition is None else f" over {label_of(item.condition)}"
-            few = few_words(item, score)
-            interval = item.interval
-            if item.proof is not None:
-                few = words_of(item.proof, item.state)
-            if item.needs_certainty and item.value is not None and (interval is None or item.certain is not None):
-                few = f"'certain' needs its 95 % interval {'' if interval is None else 'within the limit'}".rstrip()
-                few += ", which it does not have" if interval is None else ""
-            reasons.append(f"limit {item.name}{over}: {few}")
+            reasons.append(f"limit {item.name}{over}: {why_open(item, score)}")
     return tuple(reasons)
 
 
-def few_words(item: Verdict, score: Score) -> str:
-    """Return why a limited number is not made of enough data."""
-    rules = score.rules or Rules()
-    limits = limits_of(score) or Limits()
-    for limit in limits.limits:
-        same = (limit.shown_name, limit.limit, limit.condition) == (item.name, item.limit, item.condition)
-        error = truth_error_of(limit, score) if same else 0.0
-        if error and item.margin is not None and abs(item.margin) <= error:
-            return f"its margin of {item.margin:.3g} is within the error of the truth, {error:.3g}"
-    row = score.figure(item.figure or "", condition=item.condition, part=item.part)
-    if not item.n:
+def why_open(item: Verdict, score: Score) -> str:
+    """Return why there is not enough data for the verdict on a limit."""
+    if item.is_within_truth_error:
+        return f"its margin of {item.margin:.3g} is within the error of the truth, {item.truth_error:.3g}"
+    if item.proof is not None:
+        return words_of(item.proof, item.state)
+    rules, row = score.rules or Rules(), score.row_of(item)
+    if item.value is None and not item.n:
         if (unknown := unknown_of_truth(item.figure or "", score)) is not None:
             return unknown
         return "no data" if row is None or not row.unknown else f"all {row.unknown} values are unknown"
+    if item.n is not None and item.n < rules.minimum_count:
+        return f"only {item.n} values"
     independent = None if row is None else row.independent
-    if item.n >= rules.minimum_count and independent is not None and independent < rules.minimum_independent:
+    if independent is not None and independent < rules.minimum_independent:
         return f"{item.n} values, of which {independent:.3g} are independent ({rules.minimum_independent:g} are needed)"
     if row is not None and row.unknown:
-        return f"{row.unknown} of {item.n + row.unknown} values are unknown"
-    return f"only {item.n} values"
+        return f"{row.unknown} of {(item.n or 0) + row.unknown} values are unknown"
+    within = ", which it does not have" if item.interval is None else " within the limit"
+    return f"'certain' needs its 95 % interval{within}"
 
 
 def unknown_of_truth(figure: str, score: Score) -> str | None:

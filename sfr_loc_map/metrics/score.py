@@ -174,17 +174,21 @@ class Verdict(Record, frozen=True, kw_only=True):
     id: str | None = None  #: Number of the requirement, as the limits file gives it.
     text: str | None = None  #: Text of the requirement, likewise.
     name: str  #: Name of the limit as in the limits file, after `target ` for one of the target.
-    subject: Subject | None = None  #: Subject, condition, part, figure and statistic say which number is limited.
+    #: Place of the row that is limited in the table of figures, for a group of a suite in the figures of the group;
+    #: null where there is no such row. A tolerance bound is the `value` of its row.
+    row: int | None = None
+    subject: Subject | None = None  #: Subject of the figure.
     condition: str | None = None  #: Condition of the sub-trajectories, null outside the trajectory.
     part: str | None = None  #: Part of the figure.
     figure: str | None = None  #: Figure.
-    statistic: str | None = None  #: Column of the table of figures.
+    statistic: str | None = None  #: Column of the row; `bound` for a tolerance bound.
     limit: float  #: Upper bound, of `coverage_min` the lower one, in the unit of the name.
     value: float | None  #: The number, null where it is undefined.
     low95: float | None = None  #: Lower bound of its 95 % interval.
     high95: float | None = None  #: Upper bound of its 95 % interval.
     margin: float | None = None  #: From the value to the limit in the same unit, negative where the limit is missed.
     n: int | None = None  #: Number of values it is made of, null where it is not made of many.
+    truth_error: float | None = None  #: What the error of the ground truth may change the value by; null for nothing.
     #: Pass if `|value| <= limit` (`coverage_min`: `>=`); where certainty is required, if the whole interval is within.
     state: VerdictState = msgspec.field(name="verdict")
     certain: bool | None = None  #: Whether the interval lies on one side of the limit, null where there is no interval.
@@ -201,6 +205,11 @@ class Verdict(Record, frozen=True, kw_only=True):
     def is_lower_bound(self) -> bool:
         """Whether the figure must not be below the limit, as the name of the limit says."""
         return is_lower_bound(self.name)
+
+    @property
+    def is_within_truth_error(self) -> bool:
+        """Whether the error of the ground truth exceeds the margin, so that nothing is decided."""
+        return self.truth_error is not None and self.margin is not None and abs(self.margin) <= self.truth_error
 
 
 # ---- how estimates were compared with the ground truth
@@ -642,7 +651,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         Errors of sub-trajectories are judged by one reading of the document (`association.rebase`), those of a suite
         over all drives (`pooled`). Of every other figure the row without a part is judged.
         """
-        reading = None if self.association is None else str(self.association.rebase)
+        reading = self.reading
         for row in self.rows(figure, subject=subject, condition=condition):
             is_of_pieces = row.subject is Subject.TRAJECTORY and row.condition is not None
             if row.part in ((reading, POOLED) if is_of_pieces else (None,)):
@@ -662,6 +671,14 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         row = self.figure(figure, subject=subject, condition=condition, part=part)
         return None if row is None else row.statistic(statistic)
 
+    def place_of(self, row: Figure | None) -> int | None:
+        """Return the place of a row of this score in its table of figures, None for no row."""
+        return next((place for place, each in enumerate(self.figures) if each is row), None)
+
+    def row_of(self, verdict: Verdict) -> Figure | None:
+        """Return the row that a verdict of this score is on, None where it is on none."""
+        return None if verdict.row is None else self.figures[verdict.row]
+
     def has(self, subject: str) -> bool:
         """Tell whether there is a figure about a subject."""
         return any(row.subject == subject for row in self.figures)
@@ -670,6 +687,11 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     def conditions(self) -> tuple[str, ...]:
         """The conditions of sub-trajectories, in their order."""
         return tuple(dict.fromkeys(row.condition for row in self.rows("position") if row.condition is not None))
+
+    @property
+    def reading(self) -> str | None:
+        """The reading of the document that is judged, None without a trajectory."""
+        return None if self.association is None else str(self.association.rebase)
 
     @property
     def failures(self) -> tuple[FindingRecord, ...]:

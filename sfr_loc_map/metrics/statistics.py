@@ -175,6 +175,13 @@ def chi2_quantile(share: float, freedom: float) -> float:
     return float(2.0 * gammaincinv(freedom / 2.0, share))
 
 
+def normal_quantile(share: float) -> float:
+    """Return the value that a standard normal variable stays below with this probability."""
+    from scipy.special import ndtri
+
+    return float(ndtri(share))
+
+
 def student_quantile(share: float, freedom: float) -> float:
     """Return the value that a Student t variable stays below with this probability."""
     from scipy.special import stdtrit

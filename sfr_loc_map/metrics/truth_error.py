@@ -11,10 +11,12 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.geometry.transform import propagated_covariance
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.score import Figure, figure_row
 
 ATTITUDE = "attitude"  #: Part of the row of the attitude.
+TURN = "attitude at the start"  #: Part of the rows of what the true attitude at N moves N+x by.
 
 
 def truth_error_rows(truth: Trajectory, frames_ns: IntArray) -> Iterator[Figure]:
@@ -33,6 +35,30 @@ def truth_error_rows(truth: Trajectory, frames_ns: IntArray) -> Iterator[Figure]
     for name, value in parts.items():
         yield figure_row("truth_error", part=name, value=value)
     yield figure_row("truth_error", part=ATTITUDE, unit="deg", value=float(np.sqrt(3.0)) * known.sigma_deg)
+
+
+def turn_rows(condition: str, sigma_deg: float, moves: FloatArray) -> Iterator[Figure]:
+    """Yield what the error of the true attitude at N moves N+x by, where the estimate is turned by this attitude.
+
+    The standard deviation, m, is that of a vector, over sub-trajectories with these true displacements `(M, 3)`;
+    unknown heights do not count.
+    """
+    if not sigma_deg or not len(moves):
+        return
+    length_m = float(np.sqrt(np.mean(np.nansum(np.square(moves), axis=1))))
+    covariance = truth_noise((0.0, sigma_deg), np.array([length_m, 0.0, 0.0]))
+    yield figure_row("truth_error", condition, TURN, value=float(np.sqrt(np.trace(covariance[:3, :3]))))
+
+
+def truth_noise(sigmas: tuple[float, float], move: FloatArray) -> FloatArray:
+    """Return the covariance of position and attitude at N+x by the noise of the truth at both ends, sigmas in m, deg.
+
+    The noise of the attitude at N turns the displacement `move`.
+    """
+    of_position, of_attitude = sigmas[0] ** 2, np.radians(sigmas[1]) ** 2
+    at_ends = np.diag([2.0 * of_position] * 3 + [of_attitude] * 3)
+    at_start = np.diag([0.0] * 3 + [of_attitude] * 3)
+    return np.asarray(at_ends + propagated_covariance(at_start, move))
 
 
 def interpolation_errors(truth: Trajectory, frames_ns: IntArray) -> FloatArray:

@@ -19,7 +19,7 @@ from sfr_loc_map.metrics.catalogue import Subject, clause_of, defines
 from sfr_loc_map.metrics.config import CallKind, Rebase, VerdictState, label_of
 from sfr_loc_map.metrics.judge import common_verdict, each_by_its_limits
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
-from sfr_loc_map.metrics.reasons import few_words
+from sfr_loc_map.metrics.reasons import why_open
 from sfr_loc_map.metrics.score import Figure, Score, TargetRecord, Verdict
 from sfr_loc_map.metrics.shortfalls import SHORTFALLS
 from sfr_loc_map.report.page import NO_VERDICT, Overall, from_template, overall_of
@@ -301,7 +301,7 @@ def _anomalies(score: Score) -> Iterator[str]:
 def _open_points(score: Score) -> Iterator[str]:
     for item in score.verdicts:
         if item.state is VerdictState.NOT_ENOUGH_DATA:
-            yield f"{_name(item)}: not enough data ({few_words(item, score)})."
+            yield f"{_name(item)}: not enough data ({why_open(item, score)})."
         elif item.certain is False:
             yield f"{_name(item)}: the 95 % interval spans the limit; more data may change the verdict."
     if score.provenance is None or score.provenance.commit is None:

@@ -12,7 +12,7 @@ from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics import judge, limits, reasons, rules, tolerance
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score import Score, figure_row
 from sfr_loc_map.metrics.tolerance import Sample
 
 SHAPES = (1.0, 1.0, 1.0), (1.0, 0.3, 0.3), (1.0, 0.0, 0.0)
@@ -116,14 +116,26 @@ def test_a_limit_with_a_share_passes_fails_or_says_how_many_drives_are_missing()
     assert judged(score, limit=0.0, prob=0.95, confidence=0.95)[1].state == "fail"
     _, ensemble = judged(score, limit=10.0, prob=0.95, confidence=0.95, interpretation="ensemble")
     assert (ensemble.state, ensemble.proof.more) == ("not enough data", 58)
-    assert (
-        "58 more drives"
-        in reasons.reasons_not_judged(judged(score, limit=10.0, interpretation="mixed", prob=0.95, confidence=0.95)[0])[
-            0
-        ]
-    )
+    of_drives = judged(score, limit=10.0, interpretation="mixed", prob=0.95, confidence=0.95)[0]
+    assert "58 more drives" in reasons.reasons_not_judged(of_drives)[0]
     without = judged(replace(score, details=None), limit=10.0)[1]
     assert (without.state, without.value) == ("not enough data", None)
+
+
+def test_a_tolerance_bound_within_the_error_of_the_truth_decides_nothing() -> None:
+    score = long_score()
+    bound = judged(score, limit=10.0, prob=0.95, confidence=0.95)[1].value
+    exact = tuple(row for row in score.figures if row.figure != "truth_error")
+    noisy = replace(score, figures=(*exact, figure_row("truth_error", value=0.01)))
+    error = 1.96 * np.sqrt(2.0) * 0.01  # 95 % of the errors
+    for beyond, state in ((0.99, "not enough data"), (1.01, "pass")):
+        terms = {"limit": bound + beyond * error, "prob": 0.95, "confidence": 0.95}
+        found, verdict = judged(noisy, **terms)
+        assert (verdict.state, verdict.truth_error) == (state, pytest.approx(error, rel=1e-4))
+        assert found.row_of(verdict) is found.figure("bound")
+        assert judged(replace(score, figures=exact), **terms)[1].state == "pass"
+        if state != "pass":
+            assert "within the error of the truth" in reasons.why_open(verdict, found)
 
 
 @pytest.mark.parametrize(

@@ -174,3 +174,22 @@ def test_the_noise_of_the_truth_is_in_the_consistency() -> None:
     assert exact.truth.is_exact
     assert (stated.truth.sigma_m, stated.truth.sigma_deg, stated.truth.attitude) == (sigma_m, sigma_deg, True)
     assert stated.truth.path_excess > 0.1
+
+
+def test_the_truth_error_of_a_position_has_the_attitude_by_which_the_estimate_is_turned() -> None:
+    """0.1 deg of the true attitude at N moves the end of 2 m by 5 mm; re-based by displacements, it moves nothing."""
+    truth, estimate = drive()
+    turned = Truth(truth.stamps_ns, truth.positions, truth.quats_xyzw, sigma_deg=0.1)
+    exact, noisy = scored(estimate, truth), scored(estimate, turned)
+    value = noisy.number("position", "sigma", condition="distance=2")
+    assert value == exact.number("position", "sigma", condition="distance=2")
+    expected = np.sqrt(2.0) * np.radians(0.1) * 2.0  # two axes turn the end
+    found = noisy.number("truth_error", condition="distance=2", part="attitude at the start")
+    assert found == pytest.approx(expected, rel=0.05)
+    for beyond, state in ((0.9, "not enough data"), (1.1, "pass")):
+        entry = {"condition": "distance=2", "position_sigma_m": value + beyond * found}
+        limits = parse_limits({"minimum_independent": 1, "trajectory": [entry]}, "limits")
+        verdict = judged(noisy, limits).on_limits[0]
+        assert (verdict.state, verdict.truth_error) == (state, pytest.approx(found))
+        assert verdict.by_reading == {"pose": state, "displacement": "pass", "position": "pass"}
+        assert judged(exact, limits).on_limits[0].state == "pass"

@@ -30,7 +30,7 @@ from sfr_loc_map.metrics.judge import (
     proof_verdict,
     verdict_on,
 )
-from sfr_loc_map.metrics.limited import LimitedFigure, figure_of
+from sfr_loc_map.metrics.limited import LimitedFigure, figure_of, truth_error_of
 from sfr_loc_map.metrics.limits import Limit, Limits, meets, parse_limits
 from sfr_loc_map.metrics.proof import SEQUENTIAL, prove, sample_of
 from sfr_loc_map.metrics.rules import about, limits_about, what_of
@@ -301,19 +301,20 @@ def verdicts_over(
             yield proof_over_drives(limit, limit.terms, results)
             continue
         own = [score for score in scores if about(limit) in what_of(score)]
-        values = [found for score in own if (found := figure_of(limit, score).value) is not None]
-        over, count = "worst drive", len(values)
+        of_each = [figure_of(limit, score) for score in own]
+        values = [each.value for each in of_each if each.value is not None]
+        worst_value = min(values, default=None) if limit.is_lower_bound else max(values, key=abs, default=None)
+        over, count, figure = "worst drive", len(values), LimitedFigure(worst_value)  # drives need no least number
         if limit.condition is not None:
-            figure = figure_of(limit, Score(figures=pooled))
-            of_each = [figure_of(limit, score) for score in own]
-            figure = figure._replace(
+            of_all = figure_of(limit, Score(figures=pooled))
+            over, count = "pooled", of_all.n or 0
+            if of_all.value is None and worst_value is not None:  # quantiles of drives give no quantile of all
+                over = "worst drive"
+                of_all = of_all._replace(value=worst_value, interval=None, place=None)
+            figure = of_all._replace(
                 independent=independent_of_drives(limit, results),
                 truth_error=max((each.truth_error for each in of_each), default=0.0),
             )
-            over, count = "pooled", figure.n or 0
-        else:  # drives need no least number
-            worst_value = min(values, default=None) if limit.is_lower_bound else max(values, key=abs, default=None)
-            figure = LimitedFigure(worst_value)
         verdict = replace(verdict_on(limit, figure, limits or Limits()), n=count)
         has_value = [bool(_count_of(limit, score)) for score in own]
         if verdict.state is VerdictState.PASS and not all(has_value):
@@ -343,7 +344,8 @@ def samples_by_drive(limit: Limit, results: Sequence[tuple[str, Score]]) -> dict
 def proof_over_drives(limit: Limit, terms: Terms, results: Sequence[tuple[str, Score]]) -> GroupVerdict:
     """Return the verdict on a limit with a share and a confidence over drives."""
     samples = samples_by_drive(limit, results)
-    verdict = proof_verdict(limit, prove(terms, limit.limit, samples))
+    truth_error = max((truth_error_of(limit, score, score.reading) for _, score in results), default=0.0)
+    verdict = proof_verdict(limit, prove(terms, limit.limit, samples), None, truth_error)
     exceeding = sum(any(not (run.sizes <= limit.limit).all() for run in runs) for runs in samples.values())
     over = "worst drive" if terms.interpretation is Interpretation.TEMPORAL else "all drives"
     return _of_group(verdict, over, exceeding)
@@ -406,6 +408,8 @@ def pooled_row(figure: str, condition: str, used: Sequence[tuple[str, Sequence[F
     squares = np.square(sigmas) * (count[:, None] - 1.0)
     mean, sigma = (float(values[0]) for values in _pooled(count, means, squares, np.ones((1, len(count)))))
     found: dict[str, Any] = {"mean": mean, "sigma": sigma, "mean_plus_3sigma": mean + 3.0 * sigma}
+    if means.shape[1] == 1:  # of a figure that is no vector, with its sign
+        found["mean"] = float(count @ means[:, 0]) / total
     if many >= MIN_DRIVES and found["mean_plus_3sigma"] > 0.0:
         weights = drawn_weights(many)[:, [numbers[drive] for drive, _ in used]]
         drawn_means, drawn_sigmas = _pooled(count, means, squares, weights)

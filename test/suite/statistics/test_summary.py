@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
@@ -42,7 +43,8 @@ def test_pooled_is_the_statistic_of_all_values(sizes: list[int], axes: int, seed
     found = pooled(drives, [*map(str, range(len(drives)))])
     every = np.concatenate(drives)
     mean, sigma = np.linalg.norm(every.mean(axis=0)), np.linalg.norm(every.std(axis=0, ddof=1))
-    assert found.mean == pytest.approx(mean, rel=1e-9, abs=1e-9)
+    assert found.mean == pytest.approx(every.mean() if axes == 1 else mean, rel=1e-9, abs=1e-9)
+    assert abs(found.mean) == pytest.approx(mean, rel=1e-9, abs=1e-9)
     assert found.sigma == pytest.approx(sigma, rel=1e-9)
     assert found.mean_plus_3sigma == pytest.approx(mean + 3 * sigma, rel=1e-9)
     assert (found.n, found.independent) == (len(every), len(drives))
@@ -93,3 +95,51 @@ def test_a_limit_with_a_share_over_drives_by_each_interpretation() -> None:
     repeats = verdict("ensemble", [*results[:40], *[("0", score) for _, score in results[40:]]])
     assert (repeats.state, repeats.n) == ("not enough data", 40), "repeats are one drive"
     assert verdict("temporal", results).state == "not enough data"
+
+
+def group_of(limit: str, bound: object, results: list[tuple[str, Score]]) -> GroupVerdict:
+    """The verdict on one limit over drives."""
+    content = {"trajectory": [{"condition": "distance=5", limit: bound}]}
+    rows = tuple(row for row in pool(results, "distance=5"))
+    (found,) = verdicts_over(parse_limits(content, "limits"), results, rows)
+    return found
+
+
+@pytest.mark.parametrize("statistic", ["rmse", "p50", "p95", "p99", "max"])
+def test_a_limit_on_a_statistic_that_drives_do_not_pool_is_that_of_the_worst_drive(statistic: str) -> None:
+    results = []
+    for number in range(6):
+        truth, estimate = drive(number, count=200)
+        results.append((str(number), score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))))
+    values = [score.number("position", statistic, condition="distance=5") for _, score in results]
+    for factor, state in ((1.01, "pass"), (0.99, "fail")):
+        found = group_of(f"position_{statistic}_m", factor * max(values), results)
+        assert (found.state, found.over, found.value, found.row) == (state, "worst drive", max(values), None)
+        missed = sum(value > factor * max(values) for value in values)
+        assert (found.missed_by, found.n) == (missed, sum(score.figure("position").n for _, score in results))
+    truth, estimate = drive(0, count=80)
+    short = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
+    few = group_of(f"position_{statistic}_m", 10.0, [("short", short)])
+    assert (few.state, few.over) == ("not enough data", "worst drive"), short.figure("position").independent
+
+
+def test_the_mean_of_a_signed_figure_over_drives_keeps_its_sign() -> None:
+    left, right = (figure_row("heading", "distance=5", "pose", n=10, mean=mean, sigma=0.1) for mean in (-0.4, 0.2))
+    row = pooled_row("heading", "distance=5", [("a", [left]), ("b", [right])])
+    assert row.mean == pytest.approx(-0.1)
+    assert row.mean_plus_3sigma == pytest.approx(0.1 + 3.0 * row.sigma)
+
+
+def test_a_bound_over_drives_within_the_error_of_the_truth_decides_nothing() -> None:
+    results = []
+    for number in range(60):
+        truth, estimate = drive(number, count=60)
+        score = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
+        exact = tuple(row for row in score.figures if row.figure != "truth_error")
+        noisy = replace(score, figures=(*exact, figure_row("truth_error", value=0.01)))
+        results.append((str(number), noisy))
+    terms = {"prob": 0.95, "confidence": 0.95, "interpretation": "ensemble"}
+    bound = group_of("position_bound_m", {**terms, "limit": 10.0}, results).value
+    for beyond, state in ((0.02, "not enough data"), (0.04, "pass")):  # 1.96 sqrt(2) 0.01 m
+        found = group_of("position_bound_m", {**terms, "limit": bound + beyond}, results)
+        assert (found.state, found.over) == (state, "all drives")
