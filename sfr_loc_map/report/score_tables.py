@@ -121,12 +121,7 @@ def is_headline(score: Score, row: Figure) -> bool:
 def is_limited(score: Score, row: Figure) -> bool:
     """Tell whether a limit is on a row."""
     return any(
-        item.subject is row.subject
-        and item.figure == row.figure
-        and item.part == row.part
-        and (item.condition is None or item.condition == row.condition)
-        and item.subject is not Subject.COMPLETENESS
-        and item.value is not None
+        score.row_of(item) is row and item.subject is not Subject.COMPLETENESS and item.value is not None
         for item in score.verdicts
     )
 

@@ -20,7 +20,7 @@ from sfr_loc_map.metrics.config import CallKind, Rebase, VerdictState, label_of
 from sfr_loc_map.metrics.judge import common_verdict, each_by_its_limits
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.reasons import why_open
-from sfr_loc_map.metrics.score import Figure, Score, TargetRecord, Verdict
+from sfr_loc_map.metrics.score import Score, TargetRecord, Verdict
 from sfr_loc_map.metrics.shortfalls import SHORTFALLS
 from sfr_loc_map.report.page import NO_VERDICT, Overall, from_template, overall_of
 from sfr_loc_map.report.printed_figure import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, printed_figures
@@ -192,22 +192,16 @@ def count_cell(score: Score, item: Verdict, key: str) -> Cell:
     """Return the number of values that a limited figure is made of."""
     if item.n is not None:
         return Cell.number(item.n, f"{key}.n")
-    place, row = _row_of(score, item)
-    return Cell.number(None if row is None else row.n, f"figures.{place}.n", undefined=ABSENT)
+    row = score.row_of(item)
+    return Cell(ABSENT) if row is None or row.n is None else Cell.number(row.n, f"figures.{item.row}.n")
 
 
 def independent_cell(score: Score, item: Verdict) -> Cell:
     """Return how many of the values of a limited figure are independent."""
-    place, row = _row_of(score, item)
-    return Cell.number(None if row is None else row.independent, f"figures.{place}.independent", undefined=ABSENT)
-
-
-def _row_of(score: Score, item: Verdict) -> tuple[int, Figure | None]:
-    """Return the row of the table of figures that a limit is on, and its place."""
-    for place, row in enumerate(score.figures):
-        if (row.figure, row.condition, row.part) == (item.figure, item.condition, item.part):
-            return place, row
-    return 0, None
+    row = score.row_of(item)
+    if row is None or row.independent is None:
+        return Cell(ABSENT)
+    return Cell.number(row.independent, f"figures.{item.row}.independent")
 
 
 def _from_the_document(score: Score) -> Iterator[str]:
@@ -319,11 +313,12 @@ def _name(item: Verdict) -> str:
 
 JUNIT = {
     VerdictState.FAIL: ("failure", "failures"),
-    VerdictState.NOT_ENOUGH_DATA: ("skipped", "skipped"),
+    VerdictState.NOT_ENOUGH_DATA: ("error", "errors"),
     VerdictState.INCOMPLETE: ("error", "errors"),
     VerdictState.NOT_JUDGED: ("error", "errors"),
 }
-"""By what is no pass: the element of a test case, and the attribute of a suite that counts them."""
+"""By what is no pass: the element of a test case, and the attribute of a suite that counts them. What is not judged is
+an error, so that a pipeline is not green where the command ends with exit code 3."""
 
 
 def junit(scores: Mapping[str, Score], without: Mapping[str, str] | None = None) -> str:
@@ -336,7 +331,7 @@ def junit(scores: Mapping[str, Score], without: Mapping[str, str] | None = None)
         ET.SubElement(case, "error", message=printable(reason))
     for name, score in ((name, score) for name, score in scores.items() if name not in open_):
         states = [item.state for item in score.verdicts]
-        suite = ET.SubElement(root, "testsuite", name=printable(name), tests=str(len(states)))
+        suite = ET.SubElement(root, "testsuite", name=printable(name), tests=str(len(states)), skipped="0")
         for _, counted in JUNIT.values():
             suite.set(counted, str(sum(JUNIT.get(state, ("", ""))[1] == counted for state in states)))
         if score.provenance is not None and score.provenance.time:
@@ -351,8 +346,11 @@ def junit(scores: Mapping[str, Score], without: Mapping[str, str] | None = None)
                 if value is not None:
                     ET.SubElement(properties, "property", name=fact, value=printable(str(value)))
             if state in JUNIT:
-                why = score.contradiction or score.incomplete if JUNIT[state][0] == "error" else None
-                said = why or f"{item.name} {item.value} against {item.limit}"
+                said = f"{item.name} {item.value} against {item.limit}"
+                if state is VerdictState.NOT_ENOUGH_DATA:
+                    said = why_open(item, score)
+                elif state is not VerdictState.FAIL:
+                    said = score.contradiction or score.incomplete or said
                 ET.SubElement(case, JUNIT[state][0], message=printable(f"{state}: {said}"))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"

@@ -120,19 +120,13 @@ def test_every_limit_has_a_clause_of_the_list_or_none() -> None:
 
 
 def test_junit_says_every_state_in_its_own_word() -> None:
-    """pass: nothing; fail: failure; not enough data: skipped; incomplete, and what contradicts: error."""
+    """pass: nothing; fail: failure; what is not judged: error, because the command ends with exit code 3."""
     made = scores()
     made.append(judged_again(replace(made[0], contradiction="the quaternions are written the other way round")))
     part = junit({"part": judged(replace(made[2], association=replace(made[2].association, incomplete="half")), None)})
     assert [case.find("error") is not None for case in ET.fromstring(part).iter("testcase")] == [True]
     root = ET.fromstring(junit({str(n): score for n, score in enumerate(made)}))
-    words = {
-        "pass": None,
-        "fail": "failure",
-        "not enough data": "skipped",
-        "incomplete": "error",
-        "not judged": "error",
-    }
+    words = {"pass": None, "fail": "failure", "not enough data": "error", "incomplete": "error", "not judged": "error"}
     for score, suite in zip(made, root.iter("testsuite"), strict=True):
         cases = suite.findall("testcase")
         assert int(suite.attrib["tests"]) == len(cases) == len(score.verdicts)
@@ -148,6 +142,21 @@ def test_junit_says_every_state_in_its_own_word() -> None:
             assert properties.get("id") == item.id
     states = {item.state for score in made for item in score.verdicts}
     assert len(states) == 5
+
+
+def test_the_reason_of_an_open_bound_is_what_it_needs() -> None:
+    entry = {"limit": 10.0, "prob": 0.95, "confidence": 0.95, "interpretation": "ensemble"}
+    content = {"trajectory": [{"condition": "distance=5", "position_bound_m": entry}]}
+    score = judged(whole_score(), parse_limits(content, "test"))
+    item = score.on_limits[0]
+    assert item.state == "not enough data"
+    text = render_test_report([score])
+    assert "needed: 58 more drives" in text
+    assert "values)" not in text
+    place = next(place for place, row in enumerate(score.figures) if row.figure == "bound")
+    assert item.row == place
+    assert f'data-key="figures.{place}.independent"' in text
+    assert "58 more drives" in junit({"score 1": score})
 
 
 def test_a_verdict_that_depends_on_the_reading_is_named() -> None:
