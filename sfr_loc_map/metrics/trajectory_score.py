@@ -167,18 +167,13 @@ def score_trajectory(
                 other = pieces._replace(errors=of_known(known, reading)(poses, starts, ends))
                 figures += [error_row(kind, condition.setting, str(name), other) for kind in ERRORS]
         errors += error_columns(condition.setting, pieces, bounded)
-<<<<<<< HEAD
+        if association.rebase is Rebase.POSE:
+            figures += turn_rows(condition.setting, noise_of(truth)[1], pieces.true_displacement())
         if known.has_height:
             figures += evidence_rows(condition.setting, pieces.errors.position_m, overlap)
         if known.has_height and known.has_tilt:
             noise = noise_of(truth)
             figures += nees_rows(condition.setting, placed.estimates, frames, sums, starts, ends, noise)
-=======
-        figures += evidence_rows(condition.setting, pieces.errors.position_m, overlap)
-        if association.rebase is Rebase.POSE:
-            figures += turn_rows(condition.setting, noise_of(truth)[1], pieces.true_displacement())
-        figures += nees_rows(condition.setting, placed.estimates, frames, sums, starts, ends, noise_of(truth))
->>>>>>> 593d4a4c (Judge: the error of the true attitude counts in the reading by poses, the error of the truth in tolerance bounds; a suite judges quantiles by the worst drive)
         rows.append(sub_trajectory_rows(condition.setting, pieces, frames.stamps_ns, length_m))
     figures += growth_rows(poses, length_m, config.spacing, placed.reading)
     association = msgspec.structs.replace(

@@ -1,0 +1,20 @@
+"""The mutations of `make mutants`: each names a text that its file has once, so that none of them is out of date."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def test_each_mutation_changes_one_place_of_its_file() -> None:
+    spec = importlib.util.spec_from_file_location("mutants", ROOT / "tools" / "mutants.py")
+    mutants = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = mutants
+    spec.loader.exec_module(mutants)
+    wrong = []
+    for mutation in mutants.MUTATIONS:
+        text = (ROOT / "sfr_loc_map" / mutation.path).read_text(encoding="utf-8")
+        if text.count(mutation.text) != 1 or mutation.text == mutation.instead:
+            wrong.append(f"{mutation.path}: {mutation.text}")
+    assert not wrong
