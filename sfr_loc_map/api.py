@@ -17,7 +17,6 @@ import numpy as np
 from sfr_loc_map.config import build, read_config
 from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task, hash_arrays
@@ -31,6 +30,7 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.registry import OURS, MethodLimits, config_text, find_method, record_of_ours
 from sfr_loc_map.metrics.config import aligned_error_config
 from sfr_loc_map.metrics.limits import Limits, load_limits, parse_limits
+from sfr_loc_map.metrics.pose_convention import PoseConvention
 from sfr_loc_map.metrics.score import MethodRecord, Score
 from sfr_loc_map.runs import offline
 from sfr_loc_map.runs.calls import CallRecord, CallStats, stats_of

@@ -247,7 +247,7 @@ def judgement(limits_file: Path | None, conditions: list[str] | None, config: Pa
 
 def correction_of(settings: list[str] | None, apply_diagnosis: bool, *, has_poses: bool = True) -> Correction:
     """Return how an estimate is converted; raise ConfigError if a setting is invalid, or there are no poses."""
-    from sfr_loc_map.geometry.pose_convention import PoseConvention
+    from sfr_loc_map.metrics.pose_convention import PoseConvention
     from sfr_loc_map.scoring.run import Correction
 
     correction = Correction(PoseConvention.parse(settings or ()), apply_diagnosis)

@@ -13,7 +13,7 @@ Mask = NDArray[np.bool_]  #: True where something holds.
 GreyImage = NDArray[np.uint8]  #: Image `(H, W)`, 8 bits.
 ColourImage = NDArray[np.uint8]  #: Image `(H, W, 3)`, 8 bits a channel.
 FloatImage = NDArray[np.float32]  #: Image `(H, W)` of float32: intensity, disparity, weight.
-PointImage = NDArray[np.float32]  #: Points `(H, W, 3)` of the pixels of an image, metres; NaN where there is none.
+PointImage = NDArray[np.float32]  #: Points `(H, W, 3)` of the pixels of an image, metres; NaN where unknown.
 FloatArray32 = NDArray[np.float32]  #: Values of float32 that are not an image, where memory matters.
 F = np.float32
 """Scalar of the kernels on images: a constant `F(0.5)` keeps an expression in float32."""

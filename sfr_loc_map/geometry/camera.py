@@ -25,10 +25,10 @@ class StereoCamera(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """A transform T_a_b for kernels, which takes points in b to a; usually a is the world and b a camera."""
+    """A transform T_a_b for kernels, which takes points in b to a."""
 
-    rotation: FloatArray  #: `(3, 3)` takes directions in b to a, camera to world.
-    position: FloatArray  #: `(3,)` origin of b in a, metres: the camera in the world.
+    rotation: FloatArray  #: `(3, 3)`, takes directions in b to a.
+    position: FloatArray  #: `(3,)`, origin of b in a, metres: what is added to a rotated point.
 
     @classmethod
     def of(cls, T_a_b: Transform) -> Pose:

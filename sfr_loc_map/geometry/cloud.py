@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.display import Shown, data_frame
 from sfr_loc_map.errors import GeometryError, InputError
+from sfr_loc_map.geometry.arrays import FloatArray32, Mask
 
 if TYPE_CHECKING:
     import pandas
@@ -40,10 +41,10 @@ class PointCloud(Shown):
     and the stamps of the pairs are None if unknown.
     """
 
-    xyz: NDArray[np.float32]  #: `(N, 3)`, metres, LM.
+    xyz: FloatArray32  #: `(N, 3)`, metres, LM.
     #: Standard deviation along the ray, metres. All that the mapper makes it of is listed in `mapping.point_sigma`.
-    sigma: NDArray[np.float32]
-    intensity: NDArray[np.float32]  #: Grey level of the left pixel.
+    sigma: FloatArray32
+    intensity: FloatArray32  #: Grey level of the left pixel.
     u: NDArray[np.uint16]  #: Column of the left pixel.
     v: NDArray[np.uint16]  #: Row of the left pixel.
     pair: NDArray[np.uint8]  #: Index of the stereo pair within its set (0, 1, 2).
@@ -96,9 +97,9 @@ class PointCloud(Shown):
         rest: dict[str, Any] = {name: np.ascontiguousarray(records[name], FIELD_TYPES[name]) for name in COLUMNS[1:]}
         return cls(xyz, **rest, fused=fused, pair_stamps_ns=pair_stamps_ns)
 
-    def select(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> PointCloud:
+    def select(self, which: Mask | NDArray[np.intp]) -> PointCloud:
         """Return the chosen points."""
-        rows = np.flatnonzero(which) if which.dtype == np.bool_ else which  # found once, not once a column
+        rows = np.flatnonzero(which) if which.dtype == np.bool_ else which  # one search instead of one per column
         return replace(self, **{name: getattr(self, name).take(rows, axis=0) for name in COLUMNS})
 
     @classmethod

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sfr_loc_map.config import param
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
@@ -22,23 +21,6 @@ COULD_BE = "the rover's frame could also be"  #: Part of `RigInBody.text` if sev
 MAST_XY_RB_M = (0.451, 0.317)
 """Base of the mast (DMA) in RB, and position of the pan axis and, at pan 0, of the tilt axis [3.2.2, 3.2.6]."""
 TILT_AXIS_Z_RB_M = 0.594  #: Height of the tilt axis in RB [3.2.6].
-
-
-@dataclass(frozen=True, slots=True)
-class FramesConfig:
-    """The frames of a rover, and the joints of its head [3.2.6]."""
-
-    base: str = param(
-        "", doc="Frame of the rover; empty: the first of rb, base_link, base_footprint, base, body, chassis."
-    )
-    pan_joint: str = param("", doc="Joint that turns the head to the left; empty: the one whose name has 'pan'.")
-    tilt_joint: str = param("", doc="Joint that tilts the head down; empty: the one whose name has 'tilt'.")
-    head_to_navsb_m: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0), unit="m", doc="Position of NAVSB in the head that the joints move.", low=-10.0, high=10.0
-    )
-    head_to_navsb_quat_xyzw: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0, 0.0), doc="Orientation of NAVSB in the head; all zero: as the head.", low=-1.01, high=1.01
-    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -65,7 +65,7 @@ class Trajectory(Shown):
             raise GeometryError(
                 f"pose {first} (stamp {int(self.stamps_ns[first])}) is invalid: {self.positions[first].tolist()} m, "
                 f"{self.quats_xyzw[first].tolist()} ({int(bad.sum())} of {count} such poses): finite positions below "
-                f"{MAX_POSITION_M:g} m and unit quaternions are needed; correct or leave out these poses"
+                f"{MAX_POSITION_M:g} m and unit quaternions are needed; correct or remove these poses"
             )
 
     def __len__(self) -> int:

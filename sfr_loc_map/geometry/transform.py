@@ -30,8 +30,8 @@ class Transform:
 
     rotation: FloatArray  #: `(3, 3)` float64, det +1, turns components in b into components in a.
     translation: FloatArray  #: `(3,)` float64, metres, the origin of b in a.
-    #: `(4,)` float64, the quaternion that `from_quat` was given, None otherwise. Files are written with it, so that
-    #: what was read is written again to the last digit.
+    #: `(4,)` float64, the quaternion that `from_quat` was given, None otherwise. It is kept here because files must be
+    #: written with the digits that were read (`file_quat_xyzw`), and no calculation uses it.
     given_quat_xyzw: FloatArray | None = None
 
     def __post_init__(self) -> None:

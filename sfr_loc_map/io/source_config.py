@@ -10,7 +10,6 @@ from typing import Any, get_type_hints
 
 from sfr_loc_map.config import SECTIONS, build, param, read_sections, suggestion
 from sfr_loc_map.errors import ConfigError, GeometryError, SfrError
-from sfr_loc_map.geometry.extrinsics import FramesConfig
 from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.files import is_bag
@@ -18,6 +17,23 @@ from sfr_loc_map.io.truth import TruthConfig
 
 NAME = "sfr.yaml"
 TOPIC = re.compile(r"(/[A-Za-z_]\w*)+")  #: A name on a graph; that of a file has an ending.
+
+
+@dataclass(frozen=True, slots=True)
+class FramesConfig:
+    """The frames of a rover, and the joints of its head [3.2.6]."""
+
+    base: str = param(
+        "", doc="Frame of the rover; empty: the first of rb, base_link, base_footprint, base, body, chassis."
+    )
+    pan_joint: str = param("", doc="Joint that turns the head to the left; empty: the one whose name has 'pan'.")
+    tilt_joint: str = param("", doc="Joint that tilts the head down; empty: the one whose name has 'tilt'.")
+    head_to_navsb_m: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), unit="m", doc="Position of NAVSB in the head that the joints move.", low=-10.0, high=10.0
+    )
+    head_to_navsb_quat_xyzw: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0, 0.0), doc="Orientation of NAVSB in the head; all zero: as the head.", low=-1.01, high=1.01
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,13 +19,6 @@ import numpy as np
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
-from sfr_loc_map.geometry.pose_checks import (
-    has_constant_attitude,
-    has_constant_height,
-    has_no_tilt,
-    possible_poses,
-    rows_of,
-)
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_rotate
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, refusing
@@ -33,6 +26,7 @@ from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.bag.frames import chain_above, chain_poses, pose_row, read_frames, trajectory_of
 from sfr_loc_map.io.bag.topic_guess import is_own
 from sfr_loc_map.io.bag.true_poses import FIX, ODOMETRY, PATH, POINT, POSE, TRANSFORM, WITH_COVARIANCE, TruePoses
+from sfr_loc_map.io.pose_checks import has_constant_attitude, has_constant_height, has_no_tilt, possible_poses, rows_of
 from sfr_loc_map.io.tables.text_table import check_order
 from sfr_loc_map.io.tables.trajectory_file import CONFIGURED, read_trajectory_file
 

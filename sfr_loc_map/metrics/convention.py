@@ -19,7 +19,6 @@ import numpy as np
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
-from sfr_loc_map.geometry.pose_convention import FIRST_POSE, MIRROR, PoseConvention, aligned, converted
 from sfr_loc_map.geometry.rotation import (
     matrix_from_quat,
     quat_angle,
@@ -39,6 +38,7 @@ from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, associate, unique_rows
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.formulas import pose_reading
+from sfr_loc_map.metrics.pose_convention import FIRST_POSE, MIRROR, PoseConvention, aligned, converted
 from sfr_loc_map.metrics.record import Record
 
 GAIN, GAIN_FITTED = 2.0, 3.0

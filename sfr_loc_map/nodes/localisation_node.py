@@ -21,7 +21,6 @@ from std_msgs.msg import Header
 
 from sfr_loc_map.config import param
 from sfr_loc_map.geometry.extrinsics import RB_FRAME
-from sfr_loc_map.geometry.stamped_poses import ThinnedPath
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, stamp_of
@@ -39,6 +38,7 @@ from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.motion_prior import MotionPriorConfig, OdometryBuffer
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
 from sfr_loc_map.nodes.stereo_input import ReceivedPair
+from sfr_loc_map.nodes.thinned_path import ThinnedPath
 from sfr_loc_map.runs.calls import call_of_estimate
 from sfr_loc_map.runs.localisation_session import LocalisationSession, PoseFile
 

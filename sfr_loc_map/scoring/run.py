@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.clouds.cloud_file import SUFFIXES as CLOUD_SUFFIXES
@@ -16,6 +15,7 @@ from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.cloud_error import PairTruth
 from sfr_loc_map.metrics.convention import converted_estimates
+from sfr_loc_map.metrics.pose_convention import PoseConvention
 from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, FindingRecord, MethodRecord, TargetRecord
 from sfr_loc_map.runs.calls import CallStats
 

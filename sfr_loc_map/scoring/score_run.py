@@ -10,7 +10,6 @@ from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.inputs import Task, hash_arrays
 from sfr_loc_map.metrics.aligned_error import aligned_errors
 from sfr_loc_map.metrics.calls import (
@@ -31,6 +30,7 @@ from sfr_loc_map.metrics.convention import Diagnosis, diagnose
 from sfr_loc_map.metrics.incomplete import why_incomplete
 from sfr_loc_map.metrics.judge import judged
 from sfr_loc_map.metrics.limits import Limits
+from sfr_loc_map.metrics.pose_convention import PoseConvention
 from sfr_loc_map.metrics.score import (
     Alignment,
     Association,

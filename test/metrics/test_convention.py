@@ -9,13 +9,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from helpers.honest_drives import honest_drive
-from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics.association import UPPER, Estimates, associate
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.convention import converted_estimates, diagnose, disagreement
+from sfr_loc_map.metrics.pose_convention import PoseConvention
 
 TILTED = Rotation.from_euler("y", 20, degrees=True).as_matrix()
 CAMERA = Transform(TILTED @ OPTICAL_IN_BODY, np.array([0.45, 0.12, 0.30]))

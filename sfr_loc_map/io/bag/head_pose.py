@@ -9,11 +9,12 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.geometry.extrinsics import BASE_FRAMES, NAVSB_FRAME, FramesConfig, mast_head_in_rb, rig_in_body
+from sfr_loc_map.geometry.extrinsics import BASE_FRAMES, NAVSB_FRAME, mast_head_in_rb, rig_in_body
 from sfr_loc_map.geometry.transform import FrameTree, Transform
 from sfr_loc_map.inputs import refusing, stamp_of
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.frames import chain_above, covered, read_frames, sampled
+from sfr_loc_map.io.source_config import FramesConfig
 from sfr_loc_map.io.tables.text_table import check_order
 
 JOINT_STATE = "sensor_msgs/msg/JointState"

@@ -16,7 +16,6 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
-from sfr_loc_map.geometry.small_linalg import fill_inverse_3, retract
 from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
 from sfr_loc_map.localisation.frontend.projection import (
     Intrinsics,
@@ -28,6 +27,7 @@ from sfr_loc_map.localisation.frontend.projection import (
 )
 from sfr_loc_map.localisation.frontend.robust_weights import geman_mcclure_weight
 from sfr_loc_map.localisation.parallel import both
+from sfr_loc_map.localisation.small_linalg import fill_inverse_3, retract
 
 KERNEL_CHI2 = 6.0
 """Squared Mahalanobis residual of a position, which has two degrees of freedom, at which its Geman-McClure weight is a

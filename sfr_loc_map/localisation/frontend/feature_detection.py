@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import ConfigError, GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask, median
 from sfr_loc_map.geometry.plausibility import check_image_size
-from sfr_loc_map.geometry.small_linalg import copy_row
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import read_bytes
 from sfr_loc_map.jit import jit, jit_fast
 from sfr_loc_map.localisation.parallel import both
+from sfr_loc_map.localisation.small_linalg import copy_row
 
 BLOCK = 7  #: Side of the neighbourhood over which the gradient matrix of a corner is summed, pixels.
 MIN_CELL_PX = 8  #: Minimum side of a cell of the grid, pixels.

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
-from sfr_loc_map.geometry.small_linalg import reorder_to_rank
 from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
 from sfr_loc_map.localisation.frontend.landmarks import BORDER, MIN_INVERSE_DEPTH
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
@@ -30,6 +29,7 @@ from sfr_loc_map.localisation.frontend.projection import (
     rotated_ray,
     scaled_point,
 )
+from sfr_loc_map.localisation.small_linalg import reorder_to_rank
 
 LEVEL: Final = 1  #: Pyramid level that is compared: it has half the noise of the image but most of its texture.
 SIDE: Final = 8  #: Side of a cell, pixels of that level.

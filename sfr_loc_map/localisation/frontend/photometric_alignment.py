@@ -13,7 +13,6 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
-from sfr_loc_map.geometry.small_linalg import retract, solve
 from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
 from sfr_loc_map.localisation.frontend.patch import (
     MIN_POWER,
@@ -40,6 +39,7 @@ from sfr_loc_map.localisation.frontend.projection import (
     rotated_ray,
     scaled_point,
 )
+from sfr_loc_map.localisation.small_linalg import retract, solve
 
 MAX_DETERMINANT = 20.0  #: Maximum determinant of a warp: the area, px^2, that a pixel of the host covers.
 MIN_PATCHES = 8  #: Minimum number of patches in view.

@@ -14,7 +14,6 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
-from sfr_loc_map.geometry.small_linalg import fill_inverse_4, reorder_to_median, retract, solve
 from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
 from sfr_loc_map.localisation.frontend.projection import (
     Intrinsics,
@@ -24,6 +23,7 @@ from sfr_loc_map.localisation.frontend.projection import (
     new_projection,
 )
 from sfr_loc_map.localisation.frontend.robust_weights import geman_mcclure, geman_mcclure_weight
+from sfr_loc_map.localisation.small_linalg import fill_inverse_4, reorder_to_median, retract, solve
 
 MIN_LANDMARKS = 6  #: Minimum number of observed landmarks.
 UNOBSERVED_VARIANCE = 1e8  #: Variance of a position that was not observed, px^2.

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask
-from sfr_loc_map.geometry.small_linalg import copy_row, fill_inverse_4, solve
 from sfr_loc_map.jit import jit, jit_fast, jit_fast_inline
 from sfr_loc_map.localisation.frontend.patch import (
     HALF,
@@ -38,6 +37,7 @@ from sfr_loc_map.localisation.frontend.patch_tracking import (
     track_patches,
 )
 from sfr_loc_map.localisation.parallel import in_halves
+from sfr_loc_map.localisation.small_linalg import copy_row, fill_inverse_4, solve
 
 
 @jit

@@ -17,13 +17,13 @@ from sensor_msgs.msg import PointCloud2
 
 from sfr_loc_map.errors import ConfigError, GeometryError, InputError, MetricsError, NodeError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.pose_convention import FIRST_POSE, PoseConvention, aligned, converted
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.convention import world_at_first_pose
+from sfr_loc_map.metrics.pose_convention import FIRST_POSE, PoseConvention, aligned, converted
 from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, MethodKind, MethodRecord
 from sfr_loc_map.nodes import messages
 from sfr_loc_map.nodes.launch.processes import ChildProcess

@@ -10,7 +10,6 @@ from typing import Any
 import yaml
 
 from sfr_loc_map.config import changed, load_yaml
-from sfr_loc_map.geometry.pose_convention import PoseConvention
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.sequence import Source
@@ -19,6 +18,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.pose_convention import PoseConvention
 from sfr_loc_map.nodes.launch.processes import LivePage
 
 RESULT_TOPICS = {Task.LOCALISATION: "localisation/odometry", Task.MAPPING: "mapping/points"}

@@ -14,12 +14,12 @@ from campaigns.recordings.drive import BEGIN_NS, Drive
 from campaigns.recordings.rows import add_mapping
 from helpers.made_worlds import random_pair
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.extrinsics import FramesConfig
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.bag.head_pose import head_poses
+from sfr_loc_map.io.source_config import FramesConfig
 from sfr_loc_map.simulation.config import PanoramaConfig
 
 RIG = StereoRig(16, 12, 20.0, 20.0, 7.5, 5.5, 0.15)

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from sfr_loc_map.geometry.small_linalg import cholesky, fill_inverse_3, fill_inverse_4, retract, solve
+from sfr_loc_map.localisation.small_linalg import cholesky, fill_inverse_3, fill_inverse_4, retract, solve
 
 SEEDS = st.integers(0, 2**32 - 1)
 
