@@ -4,7 +4,7 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 
 from sfr_loc_map.nodes.launch.launch_parts import all_nodes, common_arguments, file_argument
-from sfr_loc_map.nodes.launch.processes import TASKS
+from sfr_loc_map.nodes.launch.processes import NODES
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -15,7 +15,7 @@ def generate_launch_description() -> LaunchDescription:
                 DeclareLaunchArgument(
                     file_argument(task), default_value="", description=f"Parameters of {task}_node; empty: defaults."
                 )
-                for task in TASKS
+                for task in NODES
             ),
             *common_arguments(),
             OpaqueFunction(function=all_nodes),

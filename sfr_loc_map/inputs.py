@@ -81,6 +81,15 @@ class Task(StrEnum):
         """Prefix of its image topics and name of its part of a data set: `loc` or `nav`."""
         return "loc" if self is Task.LOCALISATION else "nav"
 
+    @property
+    def node(self) -> str:
+        """Name of its node."""
+        return f"{self}_node"
+
+
+MONITOR_NODE = "monitor_node"
+SUITE_NODES = (*(task.node for task in Task), MONITOR_NODE)
+
 
 REFUSED: tuple[type[Exception], ...] = (OSError, ValueError, ArithmeticError, LookupError, TypeError, GeometryError)
 REFUSED += (yaml.YAMLError, csv.Error, SyntaxError)

@@ -8,7 +8,10 @@ import sfr_loc_map
 PACKAGE = Path(sfr_loc_map.__file__).parent
 NAME = PACKAGE.name
 FLOORS = (
-    {"__init__", "atomic", "display", "errors", "inputs", "config", "jit", "kernels", "child_process", "signals"},
+    {
+        *("__init__", "atomic", "display", "errors", "inputs", "config", "jit", "kernels", "child_process", "signals"),
+        *("message_types", "topics"),
+    },
     {"geometry"},
     {"io", "localisation", "mapping", "metrics"},
     {"faults", "methods", "report", "simulation"},

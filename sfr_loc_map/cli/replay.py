@@ -227,7 +227,8 @@ def _node_under_test(
     task: Task | None, given: Mapping[str, str], timeout_s: float, correction: Correction
 ) -> ExternalOptions | None:
     """Return the options of an external node, None if ours run; ConfigError if an option does not fit the task."""
-    from sfr_loc_map.nodes.replay.options import RESULT_TOPICS, ExternalOptions
+    from sfr_loc_map.nodes.replay.options import ExternalOptions
+    from sfr_loc_map.topics import RESULTS
 
     if task is None:
         needless = [f"--{option}" for option, value in given.items() if value]
@@ -239,7 +240,7 @@ def _node_under_test(
         raise ConfigError("'--apply-diagnosis' is for poses: leave it out with --external mapping")
     return ExternalOptions(
         task=task,
-        topic=given["answers"] or RESULT_TOPICS[task],
+        topic=given["answers"] or RESULTS[task],
         command=given["command"],
         watch=given["watch"],
         frames=" -> ".join(given["frames"].split(",")),

@@ -17,10 +17,10 @@ from sfr_loc_map.geometry.arrays import GreyImage, IntArray
 from sfr_loc_map.geometry.rectification import StereoRectifier, rectified_rig, rig_of_rectified
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import NS_PER_S, SIDES, stamp_of
-from sfr_loc_map.io.bag.bag import COMPRESSED, IMAGE
-from sfr_loc_map.io.bag.sequence import RAW, RECTIFIED
 from sfr_loc_map.io.images.codec import SampleDepth, samples_of
+from sfr_loc_map.message_types import COMPRESSED, IMAGE
 from sfr_loc_map.metrics.association import nearest_stamps
+from sfr_loc_map.topics import NAV_POSE, RAW, RECTIFIED, TRUE_POINTS, TRUE_POSES
 
 VIDEO = {
     "foxglove_msgs/msg/CompressedVideo",
@@ -53,10 +53,10 @@ def examine(seen: Observation) -> list[Finding]:
             fix = "start them, or name their topics (sfr run --config); else leave the node out"
             text = "none of its cameras is on the graph: it waits"
             found.append(Finding(Cause.NO_PUBLISHER, node.name, text, fix, False))
-        for task in seen.tasks:
-            found += _camera_topics(seen, task)
-            if seen.has_images(task):
-                found += [*_transport(seen, task), *_pairs(seen, task), *_stereo(seen, task)]
+        for rig in seen.rigs:
+            found += _camera_topics(seen, rig)
+            if seen.has_images(rig):
+                found += [*_transport(seen, rig), *_pairs(seen, rig), *_stereo(seen, rig)]
         for check in (_extrinsics, _order, _poses, _truth, _nodes, _host_clock):
             found += check(seen)
     return sorted(found, key=lambda finding: not finding.is_blocking)
@@ -81,7 +81,7 @@ def _names(seen: Observation) -> Findings:
     for name, found in seen.ambiguous.items():
         fix = "choose a rover by --namespace, or one topic by --remap FOUND:=EXPECTED"
         yield Finding(Cause.AMBIGUOUS, name, f"several topics could be it: {', '.join(found)}", fix)
-    if not seen.tasks and not seen.ambiguous:
+    if not seen.rigs and not seen.ambiguous:
         images = [name for name, types in sorted(seen.others.items()) if {IMAGE, COMPRESSED} & set(types)]
         videos = [f"{name} ({kind})" for name, types in sorted(seen.others.items()) for kind in set(types) & VIDEO]
         fix = "name them by --remap FOUND:=EXPECTED, or start the cameras" if seen.live else "--remap FOUND:=EXPECTED"
@@ -127,64 +127,64 @@ def _silence(seen: Observation, name: str, topic: ObservedTopic) -> Finding:
     return found
 
 
-def _camera_topics(seen: Observation, task: str) -> Findings:
+def _camera_topics(seen: Observation, rig: str) -> Findings:
     for side in SIDES:
-        yield from _topic(seen, f"{task}/{side}/{seen.image_name(task)}", seen.images(task, side))
-        name = f"{task}/{side}/camera_info"
+        yield from _topic(seen, f"{rig}/{side}/{seen.image_name(rig)}", seen.images(rig, side))
+        name = f"{rig}/{side}/camera_info"
         yield from _topic(seen, name, seen.topics.get(name))
-    node = seen.node(task)
-    if seen.is_idle(task) and not (node is not None and node.has_worked):
+    node = seen.node(rig)
+    if seen.is_idle(rig) and not (node is not None and node.has_worked):
         fix = "watch longer (--seconds), or record it again, if there should be pairs"
-        yield Finding(Cause.SILENT, seen.both_images(task), "no pair came meanwhile", fix, False)
+        yield Finding(Cause.SILENT, seen.both_images(rig), "no pair came meanwhile", fix, False)
 
 
 # ---- images of both sides
 
 
-def _transport(seen: Observation, task: str) -> Findings:
-    share = seen.lost_share(task)
+def _transport(seen: Observation, rig: str) -> Findings:
+    share = seen.lost_share(rig)
     if share > FEW_LOST:
         text = f"{share:.0%} of the images are lost between their publisher and this process"
         fix = loss_fix(seen.export_line)
-        yield Finding(Cause.TRANSPORT, seen.both_images(task), text, fix, share > MUCH_LOST)
+        yield Finding(Cause.TRANSPORT, seen.both_images(rig), text, fix, share > MUCH_LOST)
 
 
-def _pairs(seen: Observation, task: str) -> Findings:
-    node = seen.node(task)
+def _pairs(seen: Observation, rig: str) -> Findings:
+    node = seen.node(rig)
     tolerance_ns = node.stamp_tolerance_ns if node is not None else 0
-    left, right = (seen.image_stamps(task, side) for side in SIDES)
+    left, right = (seen.image_stamps(rig, side) for side in SIDES)
     if not len(left) or not len(right):  # they came, and could not be used
         return
     share, typical_ns = _paired(left, right, tolerance_ns)
-    share = min(share / (1.0 - seen.lost_share(task)), 1.0)  # of those whose partner was not lost in transport
+    share = min(share / (1.0 - seen.lost_share(rig)), 1.0)  # of those whose partner was not lost in transport
     text = f"{share:.0%} of the left images have a right one of their stamp"
     if PAIRED <= share < COMPLETE:
         fix = "check for lost images: transport, quality of service, load"
-        yield Finding(Cause.UNPAIRED, seen.both_images(task), text, fix, False)
+        yield Finding(Cause.UNPAIRED, seen.both_images(rig), text, fix, False)
     elif share < PAIRED:
         off_s = f"{typical_ns / NS_PER_S:.3g}"
         fix = "let one trigger stamp both"
         if typical_ns <= NS_PER_S // 2:
             fix += f"; or set input.stamp_tolerance_s above {off_s}, if so much motion may be neglected"
-        yield Finding(Cause.UNSYNCHRONISED, seen.both_images(task), f"{text}, typically {off_s} s off", fix)
+        yield Finding(Cause.UNSYNCHRONISED, seen.both_images(rig), f"{text}, typically {off_s} s off", fix)
 
 
-def _stereo(seen: Observation, task: str) -> Findings:
-    rig: StereoRig | None = None
+def _stereo(seen: Observation, rig: str) -> Findings:
+    cameras: StereoRig | None = None
     rectifier: StereoRectifier | None = None
-    infos = [topic for side in SIDES if (topic := seen.topics.get(f"{task}/{side}/camera_info")) and topic.messages]
+    infos = [topic for side in SIDES if (topic := seen.topics.get(f"{rig}/{side}/camera_info")) and topic.messages]
     if len(infos) == len(SIDES):
         messages = [topic.messages[0] for topic in infos]
         try:
-            describe = rectified_rig if seen.image_name(task) == RAW else rig_of_rectified
-            rig, rectifier = describe(messages, task)
+            describe = rectified_rig if seen.image_name(rig) == RAW else rig_of_rectified
+            cameras, rectifier = describe(messages, rig)
         except InputError as error:
             text, _, fix = str(error).partition(": ")
-            yield Finding(Cause.CAMERA_INFO, f"{task}/left/camera_info, {task}/right/camera_info", text, fix)
+            yield Finding(Cause.CAMERA_INFO, f"{rig}/left/camera_info, {rig}/right/camera_info", text, fix)
     images: list[list[tuple[int, GreyImage]]] = []
-    depth = SampleDepth(lambda _: None, task)
+    depth = SampleDepth(lambda _: None, rig)
     for side in SIDES:
-        if (topic := seen.images(task, side)) is None:
+        if (topic := seen.images(rig, side)) is None:
             return
         try:
             read = depth.grey(*map(samples_of, topic.messages))
@@ -193,8 +193,8 @@ def _stereo(seen: Observation, task: str) -> Findings:
             yield Finding(Cause.ENCODING, topic.found, str(error), fix)
             return
         height, width = read[0].shape
-        if rig is not None and (width, height) != (rig.width, rig.height):
-            text = f"its images are {width} x {height}, camera_info says {rig.width} x {rig.height}"
+        if cameras is not None and (width, height) != (cameras.width, cameras.height):
+            text = f"its images are {width} x {height}, camera_info states {cameras.width} x {cameras.height}"
             yield Finding(Cause.IMAGE_SIZE, topic.found, text, "publish the camera_info of these images")
             return
         images.append([(stamp_of(message), image) for message, image in zip(topic.messages, read, strict=True)])
@@ -206,7 +206,7 @@ def _stereo(seen: Observation, task: str) -> Findings:
         images = [[pair[0] for pair in pairs], [pair[1] for pair in pairs]]
     if _left_right_swapped(*images):
         text = "objects lie further right in the right images: left and right are swapped"
-        where = f"{task}/left/{seen.image_name(task)}"
+        where = f"{rig}/left/{seen.image_name(rig)}"
         yield Finding(Cause.SWAPPED, where, text, "swap the topics (cables, remaps)")
 
 
@@ -239,7 +239,7 @@ def _extrinsics(seen: Observation) -> Findings:
     node = seen.node("loc")
     given = seen.extrinsics_given or seen.extrinsics_in_tf or (node is not None and node.extrinsics_given)
     unknown = seen.broken or (node is not None and not node.state)  # who does not answer may have it
-    if "loc" not in seen.tasks or given or unknown:
+    if "loc" not in seen.rigs or given or unknown:
         return
     place = "rig.json" if seen.files else "/tf_static, rb to locsb"
     text = f"neither a parameter nor {place} has it"
@@ -251,8 +251,8 @@ def _extrinsics(seen: Observation) -> Findings:
 
 def _order(seen: Observation) -> Findings:
     # on a graph stamps that go back are a new run
-    topics = [(topic, 1) for task in seen.tasks for side in SIDES if (topic := seen.images(task, side)) is not None]
-    if (truth := seen.topics.get("ground_truth/odometry")) is not None:
+    topics = [(topic, 1) for rig in seen.rigs for side in SIDES if (topic := seen.images(rig, side)) is not None]
+    if (truth := seen.topics.get(TRUE_POSES)) is not None:
         topics.append((truth, 0))
     for topic, least_ns in [] if seen.live else topics:
         if back := int(np.sum(np.diff(topic.stamps_ns) < least_ns)):
@@ -262,10 +262,10 @@ def _order(seen: Observation) -> Findings:
 
 
 def _poses(seen: Observation) -> Findings:
-    if "nav" not in seen.tasks:
+    if "nav" not in seen.rigs:
         return
-    topic, images = seen.topics.get("nav/pose"), seen.image_stamps("nav")
-    yield from _topic(seen, "nav/pose", topic)
+    topic, images = seen.topics.get(NAV_POSE), seen.image_stamps("nav")
+    yield from _topic(seen, NAV_POSE, topic)
     if topic is None or not len(topic.stamps_ns) or not len(images):
         return
     share, typical_ns = _paired(images, topic.stamps_ns, 0)
@@ -276,15 +276,15 @@ def _poses(seen: Observation) -> Findings:
 
 
 def _truth(seen: Observation) -> Findings:
-    for task, name in (("loc", "ground_truth/odometry"), ("nav", "ground_truth/points")):
-        if task not in seen.tasks:
+    for rig, name in (("loc", TRUE_POSES), ("nav", TRUE_POINTS)):
+        if rig not in seen.rigs:
             continue
-        topic, images = seen.topics.get(name), seen.image_stamps(task)
+        topic, images = seen.topics.get(name), seen.image_stamps(rig)
         if topic is not None and set(topic.types) - set(EXPECTED[name]):
             yield from _topic(seen, name, topic)
         elif topic is None or not topic.publishers or not len(topic.stamps_ns):
-            comes_with_pairs = task == "nav" and topic is not None and topic.publishers
-            if not (comes_with_pairs and (seen.live or seen.is_idle(task))):
+            comes_with_pairs = rig == "nav" and topic is not None and topic.publishers
+            if not (comes_with_pairs and (seen.live or seen.is_idle(rig))):
                 fix = "add it" if seen.files else "record or publish it"
                 yield Finding(Cause.TRUTH, name, "there is no truth: nothing can be scored", fix, False)
         elif len(images) and (topic.stamps_ns.min() > images.max() or images.min() > topic.stamps_ns.max()):
@@ -311,14 +311,14 @@ def _nodes(seen: Observation) -> Findings:
 def _host_clock(seen: Observation) -> Findings:
     if seen.now_ns is None or seen.has_clock:
         return
-    for task in seen.tasks:
-        stamps = seen.image_stamps(task)
+    for rig in seen.rigs:
+        stamps = seen.image_stamps(rig)
         off_ns = int(stamps[-1]) - seen.now_ns if len(stamps) else 0
         if abs(off_ns) > CLOCKS_APART_NS:
             off_s = f"{off_ns / NS_PER_S:.6g}"
             text = f"stamps lie {off_s} s from the time of this host: latencies are unknown, tf may refuse them"
             fix = "set the clocks by one source (chrony, PTP); of a bag, play it with --clock and set use_sim_time"
-            yield Finding(Cause.CLOCKS_APART, f"{task}/left/{seen.image_name(task)}", text, fix, False)
+            yield Finding(Cause.CLOCKS_APART, f"{rig}/left/{seen.image_name(rig)}", text, fix, False)
 
 
 def _paired(first: IntArray, second: IntArray, tolerance_ns: int) -> tuple[float, int]:

@@ -14,24 +14,20 @@ import numpy as np
 from sfr_loc_map.doctor.silence import Publisher, Reliability
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
-from sfr_loc_map.inputs import SIDES
-from sfr_loc_map.io.bag.bag import CAMERA_INFO, COMPRESSED, IMAGE, POINTS, POSE, TYPESTORE, Bag, Topic, read_extrinsics
+from sfr_loc_map.inputs import SIDES, Task
+from sfr_loc_map.io.bag.bag import TYPESTORE, Bag, Topic, read_extrinsics
 from sfr_loc_map.io.bag.message_stream import messages_of
-from sfr_loc_map.io.bag.sequence import RAW, RECTIFIED
 from sfr_loc_map.io.bag.true_poses import FIX, POINT, TYPES
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.message_types import COMPRESSED
+from sfr_loc_map.topics import RAW, RECTIFIED, TOPICS, TRUE_POSES, Role, names
 
-TASKS = ("loc", "nav")
-TASK_OF_NODE = {"localisation_node": "loc", "mapping_node": "nav"}
-CAMERAS = tuple(f"{task}/{side}" for task in TASKS for side in SIDES)
+RIGS = tuple(task.rig for task in Task)
+RIG_OF_NODE = {task.node: task.rig for task in Task}
 EXPECTED: Mapping[str, tuple[str, ...]] = {
-    **{f"{camera}/{image}": (IMAGE,) for camera in CAMERAS for image in (RECTIFIED, RAW)},
-    **{f"{camera}/{image}/compressed": (COMPRESSED,) for camera in CAMERAS for image in (RECTIFIED, RAW)},
-    **{f"{camera}/camera_info": (CAMERA_INFO,) for camera in CAMERAS},
-    "nav/pose": (POSE,),
-    "ground_truth/odometry": tuple(TYPES),
-    "ground_truth/points": (POINTS,),
+    **{name: (TOPICS[name].msgtype,) for name in names(Role.INPUT, Role.TRUTH)},
+    TRUE_POSES: tuple(TYPES),
 }
 """Types of the topics that are observed, by their names in the suite."""
 MESSAGES_KEPT = 4  #: Messages of each topic that are kept.
@@ -60,7 +56,7 @@ class ObservedNode:
     """One node of the suite that runs; its name is with its namespace."""
 
     name: str
-    task: str  # `loc`, `nav`, or empty for the monitor
+    rig: str  # `loc`, `nav`, or empty for the monitor
     state: str = "active"  # of the managed node; empty where it did not answer
     use_sim_time: bool = False
     extrinsics_given: bool = False  # by its parameters
@@ -96,60 +92,60 @@ class Observation:
         return self.left_out is not None
 
     @property
-    def tasks(self) -> list[str]:
-        """The tasks that are meant: of nodes that run, those that wait apart, else those with a topic."""
-        running = [task for task in TASKS if self.node(task) is not None and self.node(task) not in self.waiting]
-        return running or [task for task in TASKS if any(name.startswith(f"{task}/") for name in self.topics)]
+    def rigs(self) -> list[str]:
+        """The rigs that are meant: of nodes that run, those that wait apart, else those with a topic."""
+        running = [rig for rig in RIGS if self.node(rig) is not None and self.node(rig) not in self.waiting]
+        return running or [rig for rig in RIGS if any(name.startswith(f"{rig}/") for name in self.topics)]
 
     @property
     def waiting(self) -> list[ObservedNode]:
         """The nodes without a camera on the graph, where another one has some."""
         fed = {name.partition("/")[0] for name, topic in self.topics.items() if topic.publishers}
-        return [node for node in self.nodes if {node.task} - fed - {""} and any(n.task in fed for n in self.nodes)]
+        return [node for node in self.nodes if {node.rig} - fed - {""} and any(n.rig in fed for n in self.nodes)]
 
-    def node(self, task: str) -> ObservedNode | None:
-        """Return the node of a task, None where it does not run."""
-        return next((node for node in self.nodes if node.task == task), None)
+    def node(self, rig: str) -> ObservedNode | None:
+        """Return the node of a rig, None where it does not run."""
+        return next((node for node in self.nodes if node.rig == rig), None)
 
-    def image_name(self, task: str) -> str:
-        """Return the last part of the names of a task's images: what its node takes, else rectified before raw ones."""
-        node = self.node(task)
+    def image_name(self, rig: str) -> str:
+        """Return the last part of the names of a rig's images: what its node takes, else rectified before raw ones."""
+        node = self.node(rig)
         if node is not None:
             return RAW if node.rectifies else RECTIFIED
-        names = [name for name in self.topics if name.startswith(f"{task}/")]
-        return next((kind for kind in (RECTIFIED, RAW) if any(f"/{kind}" in name for name in names)), RECTIFIED)
+        of_rig = [name for name in self.topics if name.startswith(f"{rig}/")]
+        return next((kind for kind in (RECTIFIED, RAW) if any(f"/{kind}" in name for name in of_rig)), RECTIFIED)
 
-    def both_images(self, task: str) -> str:
-        """Return the names of a task's images, for messages."""
-        return ", ".join(f"{task}/{side}/{self.image_name(task)}" for side in SIDES)
+    def both_images(self, rig: str) -> str:
+        """Return the names of a rig's images, for messages."""
+        return ", ".join(f"{rig}/{side}/{self.image_name(rig)}" for side in SIDES)
 
-    def images(self, task: str, side: str) -> ObservedTopic | None:
+    def images(self, rig: str, side: str) -> ObservedTopic | None:
         """Return the topic of the images of a side, raw or compressed: the one that has a publisher."""
-        plain = f"{task}/{side}/{self.image_name(task)}"
+        plain = f"{rig}/{side}/{self.image_name(rig)}"
         found = [self.topics[name] for name in (plain, f"{plain}/compressed") if name in self.topics]
         return max(found, key=lambda topic: bool(topic.publishers), default=None)
 
-    def image_stamps(self, task: str, side: str = "left") -> IntArray:
+    def image_stamps(self, rig: str, side: str = "left") -> IntArray:
         """Return the stamps of the images of a side, `(N,)`."""
-        topic = self.images(task, side)
+        topic = self.images(rig, side)
         return topic.stamps_ns if topic is not None else np.zeros(0, np.int64)
 
-    def lost_share(self, task: str) -> float:
-        """Return the share of the images of a task that were lost on the way from their publishers."""
-        topics = [topic for side in SIDES if (topic := self.images(task, side)) is not None]
+    def lost_share(self, rig: str) -> float:
+        """Return the share of the images of a rig that were lost on the way from their publishers."""
+        topics = [topic for side in SIDES if (topic := self.images(rig, side)) is not None]
         lost = sum(topic.lost for topic in topics)
         return lost / max(lost + sum(len(topic.stamps_ns) for topic in topics), 1)
 
-    def is_idle(self, task: str) -> bool:
-        """Tell whether a task has no pair for now, which is no fault."""
+    def is_idle(self, rig: str) -> bool:
+        """Tell whether a rig has no pair for now, which is no fault."""
         # maps are made now and then, so that silence is usual on a graph; a bag may have been recorded meanwhile
-        usual = task == "nav" if self.live else any(self.has_images(other) for other in TASKS if other != task)
-        topics = [self.images(task, side) for side in SIDES]
+        usual = rig == "nav" if self.live else any(self.has_images(other) for other in RIGS if other != rig)
+        topics = [self.images(rig, side) for side in SIDES]
         return usual and all(topic is not None and topic.publishers and not topic.messages for topic in topics)
 
-    def has_images(self, task: str) -> bool:
+    def has_images(self, rig: str) -> bool:
         """Tell whether there are images of both sides."""
-        return all((topic := self.images(task, side)) is not None and topic.messages for side in SIDES)
+        return all((topic := self.images(rig, side)) is not None and topic.messages for side in SIDES)
 
 
 def _collected(stream: Iterable[tuple[str, int, Callable[[], Any]]]) -> tuple[dict[str, ObservedTopic], str]:
@@ -175,8 +171,8 @@ def observe_bag(path: Path, config: SourceConfig) -> Observation:
         bag = Bag(path, config.remap)
     except InputError as error:
         return Observation(subject, broken=str(error))
-    names = {name: tuple(bag.matches(name)) for name in EXPECTED}
-    topics = {n: ObservedTopic(f[0], (bag.topics[f[0]],)) for n, f in names.items() if len(f) == 1}
+    matches = {name: tuple(bag.matches(name)) for name in EXPECTED}
+    topics = {n: ObservedTopic(f[0], (bag.topics[f[0]],)) for n, f in matches.items() if len(f) == 1}
     readable = [Topic(n, t.found, t.types[0]) for n, t in topics.items() if t.types[0] in allowed_types(n)]
     stream = ((topic.name, stamp, partial(bag.deserialise, topic, raw)) for topic, stamp, raw in bag.stream(readable))
     (read, broken), in_tf = _collected(stream), False
@@ -192,12 +188,11 @@ def observe_bag(path: Path, config: SourceConfig) -> Observation:
     return Observation(
         subject,
         topics=topics,
-        ambiguous={name: found for name, found in names.items() if len(found) > 1},
+        ambiguous={name: found for name, found in matches.items() if len(found) > 1},
         others={name: (kind,) for name, kind in bag.topics.items()},
         extrinsics_given=config.extrinsics.transform() is not None,
         extrinsics_in_tf=in_tf,
-        truth_has_attitude="ground_truth/odometry" in read
-        and not {FIX, POINT} & set(read["ground_truth/odometry"].types),
+        truth_has_attitude=TRUE_POSES in read and not {FIX, POINT} & set(read[TRUE_POSES].types),
         broken=broken,
         unfinished=bag.unfinished,
     )

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from sfr_loc_map.doctor.findings import Cause, Finding
-
-IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+from sfr_loc_map.message_types import COMPRESSED, IMAGE
 
 
 class Reliability(StrEnum):

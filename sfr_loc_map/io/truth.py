@@ -29,6 +29,7 @@ from sfr_loc_map.io.bag.true_poses import FIX, ODOMETRY, PATH, POINT, POSE, TRAN
 from sfr_loc_map.io.pose_checks import has_constant_attitude, has_constant_height, has_no_tilt, possible_poses, rows_of
 from sfr_loc_map.io.tables.text_table import check_order
 from sfr_loc_map.io.tables.trajectory_file import CONFIGURED, read_trajectory_file
+from sfr_loc_map.topics import TRUE_POSES
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.bag.bag import Bag, Topic
@@ -231,15 +232,13 @@ def truth_of_file(place: Path, config: TruthConfig = TruthConfig(), remap: Mappi
 
 def truth_of_bag(bag: Bag, config: TruthConfig = TruthConfig()) -> Truth:
     """Read the truth of an opened bag; InputError if it has none."""
-    from sfr_loc_map.io.bag.bag import GROUND_TRUTH
-
     if config.frame:
         return config.applied(_tf_poses(bag, config.frame), None, f"{bag.path}, frame {config.frame} on /tf")
     if config.stamps == "record":
         bag = bag.by_record()
-    topic = bag.find(config.source.strip("/") or GROUND_TRUTH, *TRUTH_TYPES)
+    topic = bag.find(config.source.strip("/") or TRUE_POSES, *TRUTH_TYPES)
     if topic is None:
-        text = f"bag '{bag.path}' has no true poses on '{GROUND_TRUTH}'"
+        text = f"bag '{bag.path}' has no true poses on '{TRUE_POSES}'"
         raise InputError(f"{text}: name their topic by --set truth.source=TOPIC{could_be_truth(bag)}")
     with refusing(f"'{topic.bag_name}' of bag '{bag.path}'", "record it again"):
         poses, variances = TRUTH_TYPES[topic.msgtype](bag, topic)

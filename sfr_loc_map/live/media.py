@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray32, PointImage
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.live.updates import ELEVATION, POINTS, CloudSample, ElevationSample, ImageSample
+from sfr_loc_map.live.updates import CloudSample, ElevationSample, ImageSample
 from sfr_loc_map.mapping.config import MAX_PAIRS
+from sfr_loc_map.topics import CLOUD, ELEVATION
 
 IMAGE_WIDTH = 640  #: Maximum width of a shown image, px.
 JPEG_QUALITY = 75  #: Of 100; artefacts are not visible at this size.
@@ -92,7 +93,7 @@ def cloud_samples(
     if len(points) > MAX_POINTS:
         shown = np.linspace(0, len(points) - 1, MAX_POINTS).astype(np.intp)
     columns = np.column_stack([points, deviation])[shown]
-    cloud = CloudSample(POINTS, stamp_ns, columns, len(points), published_s, None if error is None else distance[shown])
+    cloud = CloudSample(CLOUD, stamp_ns, columns, len(points), published_s, None if error is None else distance[shown])
     if not len(points) or not with_grid:
         return cloud, None
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)

@@ -16,7 +16,6 @@ from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.path import ROW_FIELDS, LivePath
 from sfr_loc_map.live.timeline import LOCALISATION_NODE, EventKind, Timeline, TopicView
-from sfr_loc_map.live.updates import LOCALISATION, REPORT
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.judge import judged_at_the_end
 from sfr_loc_map.metrics.score import SCHEMA, Score
@@ -27,6 +26,7 @@ from sfr_loc_map.report.score_figures import error_sizes
 from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.report.tables import Cell, Table
 from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.topics import ESTIMATE, REPORT, TRUE_POSES
 
 MAX_NODES, MAX_TOPICS, MAX_STAMPS, MAX_PROBLEMS, MAX_CALLS = 32, 32, 2000, 20, 600
 MAX_VALUES, MAX_LETTERS = 100, 300  #: Values of a node's health that are kept, and letters of each.
@@ -247,7 +247,7 @@ class LiveState:
             return {
                 "schema": "sfr-live/1",
                 "time_s": now_s,
-                "stale": LOCALISATION in topics and topics[LOCALISATION]["stale"],
+                "stale": ESTIMATE in topics and topics[ESTIMATE]["stale"],
                 "age_s": None if report is None else round(now_s - min(report.received_s, self._result_s), 3),
                 "stale_reasons": self._stale_reasons(topics, silent, now_s),
                 "ended": self.ended,
@@ -273,7 +273,7 @@ class LiveState:
         """Return why the shown data is stale; empty for a run that is over."""
         if self.ended:
             return []
-        words = ((LOCALISATION, "pose"), (REPORT, "figures"))
+        words = ((ESTIMATE, "pose"), (REPORT, "figures"))
         stopped = [(text, topics[name]) for name, text in words if name in topics and topics[name]["stale"]]
         return [
             *(f"no {text} for {topic['age_s']:.1f} s" for text, topic in stopped),
@@ -327,7 +327,7 @@ class LiveState:
 
     def _take_pose(self, update: updates.PoseSample) -> None:
         """Add a pose to the path of its track."""
-        topic = LOCALISATION if update.track is updates.Track.ESTIMATE else updates.TRUTH
+        topic = ESTIMATE if update.track is updates.Track.ESTIMATE else TRUE_POSES
         self._note_topic(topic, update.stamp_ns, update.received_s)
         if update.track is updates.Track.ESTIMATE:
             self._result_s = update.received_s

@@ -19,9 +19,6 @@ from sfr_loc_map.inputs import one_line
 from sfr_loc_map.metrics.association import UPPER, lost_by_covariance
 from sfr_loc_map.runs.calls import CallRecord
 
-LOCALISATION, TRUTH, REPORT = "localisation/odometry", "ground_truth/odometry", "metrics/report"
-POINTS, TRUE_POINTS, TRACKS = "mapping/points", "ground_truth/points", "localisation/tracks"
-ELEVATION, HAZARD = "mapping/elevation", "mapping/hazard"
 MAX_TEXT = 200  #: Maximum letters of a command's texts.
 
 

@@ -8,16 +8,14 @@ from functools import partial
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME, rig_in_body
 from sfr_loc_map.geometry.transform import FrameTree, Transform
 from sfr_loc_map.io.source_config import ExtrinsicsConfig
-from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
+from sfr_loc_map.nodes.lifecycle.endpoints import TF_STATIC_QOS, Endpoints
 from sfr_loc_map.nodes.messages import header_msg, pose_msg, tf_message_type, transform_msg
-
-TF_STATIC = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+from sfr_loc_map.topics import TF_STATIC
 
 
 def add_static_transforms(message: Any, tree: FrameTree) -> None:  # noqa: ANN401 - tf2_msgs need not be there
@@ -46,7 +44,7 @@ class Extrinsics:
             return
         kind = tf_message_type()
         if kind is not None:
-            endpoints.add_subscription(kind, "/tf_static", partial(add_static_transforms, tree=self._tree), TF_STATIC)
+            endpoints.add_subscription(kind, TF_STATIC, partial(add_static_transforms, tree=self._tree), TF_STATIC_QOS)
         source = "/tf_static is awaited" if kind else "tf2_msgs for /tf_static is not installed"
         say(f"the extrinsics of the stereo rig (parameters T_rb_locsb) are not given: {source}")
 
@@ -65,4 +63,4 @@ def publish_extrinsics(node: Node, T_rb_sb: Transform) -> None:
     if kind is not None:
         pose = pose_msg(T_rb_sb, T_rb_sb.file_quat_xyzw)
         transform = transform_msg(header_msg(0, RB_FRAME), LOCSB_FRAME, pose)
-        node.create_publisher(kind, "/tf_static", TF_STATIC).publish(kind(transforms=[transform]))
+        node.create_publisher(kind, TF_STATIC, TF_STATIC_QOS).publish(kind(transforms=[transform]))

@@ -41,6 +41,16 @@ from sfr_loc_map.nodes.stereo_input import ReceivedPair
 from sfr_loc_map.nodes.thinned_path import ThinnedPath
 from sfr_loc_map.runs.calls import call_of_estimate
 from sfr_loc_map.runs.localisation_session import LocalisationSession, PoseFile
+from sfr_loc_map.topics import (
+    DEBUG_IMAGE,
+    ESTIMATE,
+    ESTIMATED_PATH,
+    INITIAL_POSE,
+    INITIAL_POSE_SET,
+    MOTION_PRIOR,
+    TF,
+    TRACKS,
+)
 
 MAX_POSE_AGE_NS = 600 * NS_PER_S  #: Of an initialpose; an older one says nothing of where the rover is now.
 OUTPUT_DEPTH = 1000  #: Odometry messages that are kept for a slow subscriber.
@@ -107,23 +117,23 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         self._extrinsics = Extrinsics(config.T_rb_locsb, base, config.frame(config.locsb_frame))
         self._motion_prior = OdometryBuffer()
         self.status.meter.mark_idle()
-        self._odometry = add_publisher(Odometry, "localisation/odometry", OUTPUT_DEPTH)
-        self._path_publisher = add_publisher(PathMsg, "localisation/path", 1, latched=True)
+        self._odometry = add_publisher(Odometry, ESTIMATE, OUTPUT_DEPTH)
+        self._path_publisher = add_publisher(PathMsg, ESTIMATED_PATH, 1, latched=True)
         self._path: ThinnedPath[PoseStamped] = ThinnedPath()
         self._path_ns: int | None = None  # stamp at which it was published last
-        self._pose_set = add_publisher(PoseWithCovarianceStamped, "localisation/initialpose_set", 1, latched=True)
-        self._tracks = add_publisher(PointCloud2, "localisation/tracks", 2)
-        self._image = add_publisher(Image, "localisation/debug_image", 2)
+        self._pose_set = add_publisher(PoseWithCovarianceStamped, INITIAL_POSE_SET, 1, latched=True)
+        self._tracks = add_publisher(PointCloud2, TRACKS, 2)
+        self._image = add_publisher(Image, DEBUG_IMAGE, 2)
         tf_type = messages.tf_message_type() if config.publish_tf else None
-        self._tf = add_publisher(tf_type, "/tf", 100) if tf_type else None
+        self._tf = add_publisher(tf_type, TF, 100) if tf_type else None
 
     def subscribe(self) -> None:
         """Subscribe and offer services."""
         add_subscription, depth = self.endpoints.add_subscription, self.config.input.queue_depth
         # First, so that a pose sent before the first pair is handled before it.
-        add_subscription(PoseWithCovarianceStamped, "initialpose", self._on_initial_pose, QoSProfile(depth=1))
+        add_subscription(PoseWithCovarianceStamped, INITIAL_POSE, self._on_initial_pose, QoSProfile(depth=1))
         self._extrinsics.subscribe(self.endpoints, self.get_logger().info)
-        add_subscription(Odometry, "motion_prior", self._on_wheel_odometry, profile("best_effort", depth))
+        add_subscription(Odometry, MOTION_PRIOR, self._on_wheel_odometry, profile("best_effort", depth))
         super().subscribe()
         self.add_service("~/reset", self._reset, first=self.forget_waiting)
 
@@ -170,7 +180,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         with self.ignoring_broken():
-            self.config.check_frame("initialpose", message.header.frame_id, "ds_frame")
+            self.config.check_frame(INITIAL_POSE, message.header.frame_id, "ds_frame")
             pose, last_ns = messages.start_pose_of(message), self._stereo.last_ns
             if pose.stamp_ns is not None and last_ns is not None and last_ns - pose.stamp_ns > MAX_POSE_AGE_NS:
                 self.worker.enqueue(partial(self._session.set_first, pose))  # a run that begins again may be near it
@@ -183,8 +193,8 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
 
     def _on_wheel_odometry(self, message: Odometry) -> None:
         with self.ignoring_broken():
-            self.config.check_frame("motion_prior", message.child_frame_id, "rb_frame")
-            self._motion_prior.add(stamp_of(message), messages.transform_from_pose(message.pose.pose, "motion_prior"))
+            self.config.check_frame(MOTION_PRIOR, message.child_frame_id, "rb_frame")
+            self._motion_prior.add(stamp_of(message), messages.transform_from_pose(message.pose.pose, MOTION_PRIOR))
 
     # ---- in the worker's thread
 

@@ -37,6 +37,7 @@ from sfr_loc_map.nodes.pose_matching import PoseMatching
 from sfr_loc_map.nodes.reception import AGREEING
 from sfr_loc_map.nodes.stereo_input import ReceivedPair
 from sfr_loc_map.runs.calls import CallRecord, call_of_fusion, call_of_stages
+from sfr_loc_map.topics import CLOUD, DISPARITY, ELEVATION, HAZARD, NAV_POSE
 
 POSE_DEPTH, OUTPUT_DEPTH = 100, 10  #: Queues of nav/pose and of the disparity; clouds and grids are latched.
 OVERDUE_S = 0.2  #: Period at which pairs are dropped whose pose did not come.
@@ -75,15 +76,15 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self._stages: deque[CallUsage] = deque(maxlen=MAX_PAIRS)  # what mapping the last pairs took
         self.status.meter.mark_idle()
         self._lm_frame, add_publisher = self.config.frame(self.config.lm_frame), self.endpoints.add_publisher
-        self._cloud = add_publisher(PointCloud2, "mapping/points", 1, latched=True)
-        self._elevation = add_publisher(PointCloud2, "mapping/elevation", 1, latched=True)
-        self._hazard = add_publisher(OccupancyGrid, "mapping/hazard", 1, latched=True)
-        self._disparity = self.endpoints.add_publisher(DisparityImage, "mapping/disparity", OUTPUT_DEPTH)
+        self._cloud = add_publisher(PointCloud2, CLOUD, 1, latched=True)
+        self._elevation = add_publisher(PointCloud2, ELEVATION, 1, latched=True)
+        self._hazard = add_publisher(OccupancyGrid, HAZARD, 1, latched=True)
+        self._disparity = self.endpoints.add_publisher(DisparityImage, DISPARITY, OUTPUT_DEPTH)
 
     def subscribe(self) -> None:
         """Subscribe and offer services."""
         poses = profile(self.config.input.reliability, POSE_DEPTH)
-        self.endpoints.add_subscription(PoseStamped, "nav/pose", self._on_pose, poses)
+        self.endpoints.add_subscription(PoseStamped, NAV_POSE, self._on_pose, poses)
         super().subscribe()
         self.add_service("~/finish", self._finish)
         self.add_service("~/reset", self._reset, first=self.forget_waiting)
@@ -120,10 +121,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def inputs(self) -> list[Input]:
         """Return what the node receives pairs from, poses too."""
-        return [
-            *super().inputs(),
-            Input({"nav/pose": PoseStamped}, self._poses_received, self.config.input.reliability),
-        ]
+        return [*super().inputs(), Input({NAV_POSE: PoseStamped}, self._poses_received, self.config.input.reliability)]
 
     def counts(self) -> dict[str, int]:
         """Return what was dropped since the start, by name."""
@@ -165,7 +163,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         stamp_ns = stamp_of(message)
         self._poses_received += 1
         with self.ignoring_broken():
-            self.config.check_frame("nav/pose", message.header.frame_id, "lm_frame")
+            self.config.check_frame(NAV_POSE, message.header.frame_id, "lm_frame")
             pose = messages.transform_from_pose(message.pose, f"nav/pose of stamp {stamp_ns}")
             self._enqueue(self._matching.add_pose(stamp_ns, pose))
 

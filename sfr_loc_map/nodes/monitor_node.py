@@ -9,7 +9,7 @@ import json
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -38,9 +38,8 @@ from sfr_loc_map.metrics.limits import load_limits
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.nodes.diagnostics import Level, Value, status_msg
-from sfr_loc_map.nodes.extrinsics import TF_STATIC
 from sfr_loc_map.nodes.graph.publishers import publishers_of
-from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED, RELIABILITIES, profile
+from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED, RELIABILITIES, TF_STATIC_QOS, profile
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.runner import run
@@ -55,11 +54,24 @@ from sfr_loc_map.nodes.messages import (
     transform_from_pose,
 )
 from sfr_loc_map.nodes.reception import AnyOrder, TransportGaps
+from sfr_loc_map.nodes.stereo_input import StereoInputConfig
 from sfr_loc_map.nodes.truth_input import TruthFrame, TruthTopic
 from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.scoring.monitor_score import MonitorScore, ReportFile
+from sfr_loc_map.topics import (
+    CLOUD,
+    ESTIMATE,
+    METRICS,
+    NAV_POSE,
+    REPORT,
+    TF,
+    TF_STATIC,
+    TRUE_POINTS,
+    TRUE_POSES,
+    call_topic,
+    configuration_topic,
+)
 
-TRUTH = "ground_truth/odometry"  #: Topic of true poses, of any of `TYPES`.
 DIAGNOSED_GROWTH = 1.2  #: A convention mismatch is looked for again once there are so many times the poses.
 RESTS = 9.0  #: Time without scoring after each score, as a multiple of the processor time that it took.
 IN_FLIGHT_S = 5.0  #: While a run goes on, results of pairs that are younger than this do not count as missing.
@@ -70,6 +82,19 @@ VERDICT_LEVELS = {
     VerdictState.INCOMPLETE: Level.WARN,
     VerdictState.NOT_JUDGED: Level.WARN,
 }
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorInputConfig:
+    """How the monitor receives."""
+
+    reliability: str = param(
+        "best_effort",
+        doc="Reliability requested from the publishers of ground_truth/odometry, nav/pose and camera_info; best_effort "
+        "matches both kinds. Results and clouds are requested reliably.",
+        choices=RELIABILITIES,
+    )
+    queue_depth: int = param(1000, unit="messages", doc="Depth of the queues of poses and calls.", low=1, high=100000)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,25 +121,20 @@ class MonitorNodeConfig(NodeConfig):
         low=0.0,
         high=3600.0,
     )
-    input_reliability: str = param(
-        "best_effort",
-        doc="Reliability requested from the publishers of ground_truth/odometry, nav/pose and camera_info; best_effort "
-        "matches both kinds. Results and clouds are requested reliably.",
-        choices=RELIABILITIES,
-    )
-    input_depth: int = param(1000, unit="messages", doc="Depth of the queues of poses and calls.", low=1, high=100000)
+    input: MonitorInputConfig = field(default_factory=MonitorInputConfig)
     score: ScoreConfig = field(default_factory=ScoreConfig)
     truth: LiveTruth = field(default_factory=LiveTruth)
 
     def queue(self) -> tuple[Overload, int]:
         """Return that every message counts, as far as there is room."""
-        return Overload.EVERY_PAIR, self.input_depth
+        return Overload.EVERY_PAIR, self.input.queue_depth
 
 
 class MonitorNode(ManagedNode[MonitorNodeConfig]):
     """Receives estimates, truth, clouds and calls and publishes the score."""
 
     task, config_type = "monitor", MonitorNodeConfig
+    names_of_others = tuple(f"input.{item.name}" for item in fields(StereoInputConfig))
     _truth_topic: TruthTopic | None
     _truth_frame: TruthFrame | None
 
@@ -129,28 +149,28 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         if self._report_file is not None:
             self._report_file.check()
         add_publisher = self.endpoints.add_publisher
-        self._metrics = add_publisher(DiagnosticArray, "metrics", 10)
-        self._report = add_publisher(String, "metrics/report", 1, latched=True)
+        self._metrics = add_publisher(DiagnosticArray, METRICS, 10)
+        self._report = add_publisher(String, REPORT, 1, latched=True)
         self._figures = {topic: add_publisher(Float64, topic, 10) for topic in figure_topics()}
 
     def subscribe(self) -> None:
         """Subscribe and offer services."""
         config = self.config
-        deep, shallow = QoSProfile(depth=config.input_depth), QoSProfile(depth=10)
-        of_rover, info = (profile(config.input_reliability, depth) for depth in (config.input_depth, 10))
-        self._receive(Odometry, "localisation/odometry", self._on_estimate, deep)
+        deep, shallow = QoSProfile(depth=config.input.queue_depth), QoSProfile(depth=10)
+        of_rover, info = (profile(config.input.reliability, depth) for depth in (config.input.queue_depth, 10))
+        self._receive(Odometry, ESTIMATE, self._on_estimate, deep)
         if self._truth_frame is not None:
             self._receive_transforms(self._truth_frame, of_rover)
         else:
             self._truth_topic = TruthTopic(self._receive_truth)
-        self._receive(PoseStamped, "nav/pose", self._on_pose, of_rover)
+        self._receive(PoseStamped, NAV_POSE, self._on_pose, of_rover)
         for side in SIDES:
             self._receive(CameraInfo, f"nav/{side}/camera_info", partial(self._on_camera_info, side), info)
-        self._receive(PointCloud2, "ground_truth/points", self._on_true_points, shallow)
-        self._receive(PointCloud2, "mapping/points", self._on_cloud, shallow)
+        self._receive(PointCloud2, TRUE_POINTS, self._on_true_points, shallow)
+        self._receive(PointCloud2, CLOUD, self._on_cloud, shallow)
         for task in Task:
-            self._receive(String, f"{task}_node/call", partial(self._on_call, task), deep)
-            self._receive(String, f"{task}/configuration", partial(self._on_configuration, task), LATCHED)
+            self._receive(String, call_topic(task), partial(self._on_call, task), deep)
+            self._receive(String, configuration_topic(task), partial(self._on_configuration, task), LATCHED)
         self.add_service("~/save", self._save)
         self.add_service("~/finish", self._finish)
         self.add_service("~/reset", self._reset)
@@ -199,28 +219,28 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
                 frame = self.config.truth.frame
                 self.status.warn(f"nothing is scored without the transforms {frame} on /tf: publish them", "truth")
             return
-        topic = self.resolve_topic_name(TRUTH)
+        topic = self.resolve_topic_name(TRUE_POSES)
         publishers = publishers_of(self, topic)
         if self._truth_topic.follow([publisher.msgtype for publisher in publishers]):
-            self.get_logger().info(f"{TRUTH} is {self._truth_topic.msgtype}: true poses are read from it")
+            self.get_logger().info(f"{TRUE_POSES} is {self._truth_topic.msgtype}: true poses are read from it")
         elif is_waiting:
-            found = silence_of(topic, TYPES, publishers, Reliability(self.config.input_reliability))
+            found = silence_of(topic, TYPES, publishers, Reliability(self.config.input.reliability))
             text = f"nothing is scored without true poses on {topic}: {found.text}; {found.fix}"
             self.status.warn(text, "truth")
 
     def _receive_truth(self, msgtype: str) -> Callable[[], object]:
         """Subscribe to true poses of a type; return what ends that."""
         on_truth = partial(self._on_truth, TruePoses(msgtype))
-        qos = profile(self.config.input_reliability, self.config.input_depth)
-        return self._receive(message_type(msgtype), TRUTH, on_truth, qos)
+        qos = profile(self.config.input.reliability, self.config.input.queue_depth)
+        return self._receive(message_type(msgtype), TRUE_POSES, on_truth, qos)
 
     def _receive_transforms(self, reader: TruthFrame, qos: QoSProfile) -> None:
         """Subscribe to /tf and /tf_static, which have several publishers each."""
         kind = tf_message_type()
         if kind is None:
             raise ConfigError("truth.frame: tf2_msgs for /tf is not installed: install ros-jazzy-tf2-msgs")
-        for topic, wanted in (("/tf_static", TF_STATIC), ("/tf", qos)):
-            on_transforms = partial(self._on_transforms, reader, is_static=topic == "/tf_static")
+        for topic, wanted in ((TF_STATIC, TF_STATIC_QOS), (TF, qos)):
+            on_transforms = partial(self._on_transforms, reader, is_static=topic == TF_STATIC)
             self._receive(kind, topic, on_transforms, wanted, has_several_publishers=True)
 
     def _receive(

@@ -9,20 +9,22 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.inputs import Task
-from sfr_loc_map.io.bag.bag import ODOMETRY, STRING, Bag, Topic, read_odometry
+from sfr_loc_map.io.bag.bag import Bag, Topic, read_odometry
 from sfr_loc_map.io.bag.frames import TF
+from sfr_loc_map.message_types import ODOMETRY, STRING
 from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.runs.calls import CallRecord, decode_call, stats_of
+from sfr_loc_map.topics import ESTIMATE, TRUE_POSES, call_topic
 
-CALLS = "localisation_node/call"
+CALLS = call_topic(Task.LOCALISATION)
 
 
 def bag_estimates(path: Path) -> Estimates:
     """Read estimated poses of a bag, with lost flags, covariances and steps."""
     bag = Bag(path)
-    topic = bag.find("localisation/odometry", ODOMETRY)
+    topic = bag.find(ESTIMATE, ODOMETRY)
     if topic is None and set(bag.topics.values()) <= {ODOMETRY, TF}:  # a trajectory that was converted, no drive
-        topic = bag.find("ground_truth/odometry", ODOMETRY)
+        topic = bag.find(TRUE_POSES, ODOMETRY)
     if topic is None:
         raise InputError(
             f"bag '{path}' has no topic localisation/odometry: it has {', '.join(list(bag.topics)[:8])}; give a bag "

@@ -9,6 +9,7 @@ from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.scoring.load import load_drive, load_estimates
+from sfr_loc_map.topics import ESTIMATE
 
 
 def load_trajectories(paths: list[Path], truth: Path | None) -> tuple[dict[str, Trajectory], Trajectory | None]:
@@ -23,7 +24,7 @@ def load_trajectories(paths: list[Path], truth: Path | None) -> tuple[dict[str, 
         name = path.name if file_names.count(path.name) == 1 else str(path)
         is_source = path.is_dir()
         if is_bag(path):
-            is_source = truth is None and not Bag(path).matches("localisation/odometry")
+            is_source = truth is None and not Bag(path).matches(ESTIMATE)
         if is_source:
             poses[name] = read_truth(path)
         elif truth is None:

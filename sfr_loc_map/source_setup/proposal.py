@@ -15,14 +15,16 @@ from sfr_loc_map.geometry.extrinsics import COULD_BE
 from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S, below_half_period
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, SIDES
-from sfr_loc_map.io.bag.bag import CAMERA_INFO, COMPRESSED, IMAGE, Bag, Topic, read_frame_tree
+from sfr_loc_map.io.bag.bag import Bag, Topic, read_frame_tree
 from sfr_loc_map.io.bag.sequence import image_name
 from sfr_loc_map.io.bag.topic_guess import SeenTopic, guess_topics, is_tracker
 from sfr_loc_map.io.images.codec import claimed_size
 from sfr_loc_map.io.registry import format_of, open_source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.truth import could_be_truth
+from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE
 from sfr_loc_map.metrics.association import nearest_stamps
+from sfr_loc_map.topics import TRUE_POSES
 
 SHORT_M = 12.0  #: A drive below this has too few sub-trajectories of 5 m: they are 1 m long.
 SPACING = 10  #: Pairs from the start of a sub-trajectory to that of the next, as `sfr score` has it.
@@ -126,7 +128,7 @@ def _topics(found: Proposal, bag: Bag) -> None:
     if guess.layout:
         found.set("calibration", "stereo_layout", guess.layout, "by the width and height of its images; sure")
     truth = found.sections.get("truth", {})
-    if guess.truth and not bag.matches("ground_truth/odometry") and not {"source", "frame"} & truth.keys():
+    if guess.truth and not bag.matches(TRUE_POSES) and not {"source", "frame"} & truth.keys():
         found.set("truth", "source", guess.truth, guess.truth_reason)
     found.remarks += guess.remarks
 

@@ -20,7 +20,7 @@ from sfr_loc_map.doctor.examination import examine
 from sfr_loc_map.doctor.observation import Observation, ObservedTopic
 from sfr_loc_map.doctor.silence import Publisher, Reliability
 from sfr_loc_map.io.bag import messages as bag_messages
-from sfr_loc_map.io.bag.bag import CAMERA_INFO, IMAGE
+from sfr_loc_map.message_types import CAMERA_INFO, IMAGE
 
 Edit = broken.Edit
 RIGHT_INFO = "/loc/right/camera_info"

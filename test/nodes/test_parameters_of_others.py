@@ -20,8 +20,7 @@ SHARED = """
     localisation: {max_features: 300}
     mapping: {min_range_m: 1.5}
     score: {trajectory: {spacing: 7}}
-    input: {queue_depth: 40}
-    input_reliability: reliable
+    input: {queue_depth: 40, reliability: reliable, rectify: true}
 """
 
 
@@ -32,7 +31,7 @@ SHARED = """
         (LocalisationNode, "input.queue_depth", 40),
         (MappingNode, "mapping.min_range_m", 1.5),
         (MonitorNode, "score.trajectory.spacing", 7),
-        (MonitorNode, "input_reliability", "reliable"),
+        (MonitorNode, "input.reliability", "reliable"),
     ],
 )
 def test_each_node_takes_its_own_parameters(

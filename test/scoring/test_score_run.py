@@ -18,10 +18,11 @@ from helpers.made_scene import NAV_RIG, nav_pair, write_folder
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.io.bag.bag import STRING, TYPESTORE
+from sfr_loc_map.io.bag.bag import TYPESTORE
 from sfr_loc_map.io.bag.messages import odometry
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.message_types import STRING
 from sfr_loc_map.runs.calls import CallRecord, encode_call, load_call_stats, save_stats
 from sfr_loc_map.scoring.load import estimates_of, load_estimates
 

@@ -23,30 +23,19 @@ from sfr_loc_map.geometry.extrinsics import RigInBody, rig_in_body
 from sfr_loc_map.geometry.plausibility import check_extrinsics, plausible_positions, plausible_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import FrameTree, Transform
-from sfr_loc_map.inputs import NS_PER_S, SIDES, parse_json, refusing, serialised_stamp
+from sfr_loc_map.inputs import NS_PER_S, Task, parse_json, refusing, serialised_stamp
 from sfr_loc_map.io.bag.encoding import readable
 from sfr_loc_map.io.bag.files import is_unfinished, reader_paths
 from sfr_loc_map.io.bag.frames import TF, pose_row, trajectory_of
 from sfr_loc_map.io.bag.readers import BagReader, reader_of
 from sfr_loc_map.io.tables.text_table import check_order
+from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, DISPARITY, IMAGE, ODOMETRY, POINTS, POSE, STRING
+from sfr_loc_map.topics import RECTIFIED, configuration_topic, names
 
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
-IMAGE = "sensor_msgs/msg/Image"
-COMPRESSED = "sensor_msgs/msg/CompressedImage"
-CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
-POSE = "geometry_msgs/msg/PoseStamped"
-ODOMETRY = "nav_msgs/msg/Odometry"
-POINTS = "sensor_msgs/msg/PointCloud2"
-STRING = "std_msgs/msg/String"
-GROUND_TRUTH = "ground_truth/odometry"
-CONFIGURATION = "localisation/configuration"
-_OF_CAMERA = ("image_rect", "image_rect/compressed", "image_raw", "image_raw/compressed", "camera_info")
-TOPICS_READ = (
-    *(f"{task}/{side}/{name}" for task in ("loc", "nav") for side in SIDES for name in _OF_CAMERA),
-    *("nav/pose", "joint_states", "localisation/odometry", GROUND_TRUTH, "ground_truth/points", "tf", "tf_static"),
-)
+TOPICS_READ = tuple(name.strip("/") for name in names(read=True))
 """Names of the topics that are read from a bag, within any one namespace."""
-STAMPED = {IMAGE, COMPRESSED, CAMERA_INFO, POSE, ODOMETRY, POINTS, "stereo_msgs/msg/DisparityImage"}
+STAMPED = {IMAGE, COMPRESSED, CAMERA_INFO, POSE, ODOMETRY, POINTS, DISPARITY}
 """Types whose first field is a header."""
 HEADER_FIRST = STAMPED | {
     *(f"geometry_msgs/msg/{name}Stamped" for name in ("Pose", "PoseWithCovariance", "Point", "Transform")),
@@ -125,7 +114,7 @@ class Bag:
 
     def raw_messages(self, names: Collection[str]) -> Iterator[tuple[str, str, int, bytes]]:
         """Yield relative name, type, stamp and bytes on topics that are there; images also as `.../compressed`."""
-        found = [self.find(name, *((IMAGE, COMPRESSED) if name.endswith("image_rect") else ())) for name in names]
+        found = [self.find(name, *((IMAGE, COMPRESSED) if name.endswith(RECTIFIED) else ())) for name in names]
         for topic, stamp_ns, raw in self.stream([topic for topic in found if topic is not None]):
             yield topic.name, topic.msgtype, stamp_ns, raw
 
@@ -273,13 +262,14 @@ def read_extrinsics(bag: Bag, camera_frame: str, baseline_m: float, base_frame: 
     """Return the pose of the rig by /tf_static, else by a recorded localisation node's parameters, or None."""
     if (found := rig_in_body(read_frame_tree(bag), camera_frame, baseline_m, base_frame)) is not None:
         return RigInBody(found.T_rb_sb, f"/tf_static, {found.text}")
-    names = [name for name in bag.matches(CONFIGURATION) if bag.topics[name] == STRING]
-    if len(names) != 1:  # none, or of several rovers
+    configuration = configuration_topic(Task.LOCALISATION)
+    found_in = [name for name in bag.matches(configuration) if bag.topics[name] == STRING]
+    if len(found_in) != 1:  # none, or of several rovers
         return None
-    message = bag.first([Topic(CONFIGURATION, names[0], STRING)]).get(CONFIGURATION)
+    message = bag.first([Topic(configuration, found_in[0], STRING)]).get(configuration)
     if message is None:
         return None
-    with refusing(f"'{names[0]}' of bag '{bag.path}': T_rb_locsb cannot be read", "leave the topic out"):
+    with refusing(f"'{found_in[0]}' of bag '{bag.path}': T_rb_locsb cannot be read", "leave the topic out"):
         values = parse_json(message.data)
         if not isinstance(values, dict):
             raise TypeError("an object is needed")
@@ -288,4 +278,4 @@ def read_extrinsics(bag: Bag, camera_frame: str, baseline_m: float, base_frame: 
             return None
         transform = Transform.from_quat(np.array(translation, np.float64), np.array(quat, np.float64))
         check_extrinsics(transform.translation)
-    return RigInBody(transform, names[0])
+    return RigInBody(transform, found_in[0])

@@ -15,13 +15,10 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag import messages as bag_messages
-from sfr_loc_map.io.bag.bag import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE, TYPESTORE, Bag
+from sfr_loc_map.io.bag.bag import TYPESTORE, Bag
 from sfr_loc_map.io.sequence import Source
-
-POSE_TOPIC = "nav/pose"
-TRUTH_TOPIC = "ground_truth/odometry"
-POINTS_TOPIC = "ground_truth/points"
-TRUTH_TOPICS = (TRUTH_TOPIC, POINTS_TOPIC)
+from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE
+from sfr_loc_map.topics import NAV_POSE, RECTIFIED, TRUE_POINTS, TRUE_POSES
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,22 +31,22 @@ class Message:
     raw: bytes
 
     @property
-    def task(self) -> str:
+    def rig(self) -> str:
         """Stereo rig whose clock it follows: `loc` or `nav`."""
-        return "nav" if self.topic.startswith("nav/") or self.topic == POINTS_TOPIC else "loc"
+        return "nav" if self.topic.startswith("nav/") or self.topic == TRUE_POINTS else "loc"
 
 
 def topics_of(source: Source) -> dict[str, str]:
     """Return the topics that `messages_of` publishes: types by relative name; camera_info first."""
-    tasks = [name for name, part in (("loc", source.loc), ("nav", source.nav)) if part is not None]
-    cameras = [f"{task}/{side}" for task in tasks for side in SIDES]
+    rigs = [name for name, part in (("loc", source.loc), ("nav", source.nav)) if part is not None]
+    cameras = [f"{rig}/{side}" for rig in rigs for side in SIDES]
     topics = {f"{camera}/camera_info": CAMERA_INFO for camera in cameras}
-    topics |= {f"{camera}/image_rect": IMAGE for camera in cameras}
+    topics |= {f"{camera}/{RECTIFIED}": IMAGE for camera in cameras}
     is_bag = source.format == "bag"
     if source.loc is not None and (is_bag or source.loc.ground_truth is not None):
-        topics[TRUTH_TOPIC] = ODOMETRY
+        topics[TRUE_POSES] = ODOMETRY
     if source.nav is not None:
-        topics |= {POSE_TOPIC: POSE, POINTS_TOPIC: POINTS}
+        topics |= {NAV_POSE: POSE, TRUE_POINTS: POINTS}
     if not is_bag:
         return topics
     bag = Bag(source.path, source.remap)
@@ -75,27 +72,27 @@ def messages_of(source: Source) -> Iterator[Message]:
     if (loc := source.loc) is not None:
         truth = loc.ground_truth or Trajectory.empty()
         rows = zip(truth.stamps_ns.tolist(), truth.positions, truth.quats_xyzw, strict=True)
-        poses = ((row[0], [_message(TRUTH_TOPIC, row[0], bag_messages.odometry(*row))]) for row in rows)
+        poses = ((row[0], [_message(TRUE_POSES, row[0], bag_messages.odometry(*row))]) for row in rows)
         pairs = ((pair.stamp_ns, _pair_messages("loc", loc.rig, pair)) for pair in loc.pairs())
         for _, messages in heapq.merge(poses, pairs, key=itemgetter(0)):
             yield from messages
     if (nav := source.nav) is not None:
         for item in nav.pairs():
             stamp_ns = item.pair.stamp_ns
-            yield _message(POSE_TOPIC, stamp_ns, bag_messages.pose(stamp_ns, item.T_lm_navsb))
+            yield _message(NAV_POSE, stamp_ns, bag_messages.pose(stamp_ns, item.T_lm_navsb))
             if item.truth is not None:
-                yield _message(POINTS_TOPIC, stamp_ns, bag_messages.points(stamp_ns, item.truth, None))
+                yield _message(TRUE_POINTS, stamp_ns, bag_messages.points(stamp_ns, item.truth, None))
             yield from _pair_messages("nav", nav.rig, item.pair)
 
 
-def _pair_messages(task: str, rig: StereoRig, pair: StereoPair) -> Iterator[Message]:
+def _pair_messages(name: str, rig: StereoRig, pair: StereoPair) -> Iterator[Message]:
     stamp_ns = pair.stamp_ns
     for side in SIDES:
-        info = bag_messages.camera_info(stamp_ns, rig, task, side)
-        yield _message(f"{task}/{side}/camera_info", stamp_ns, info)
+        info = bag_messages.camera_info(stamp_ns, rig, name, side)
+        yield _message(f"{name}/{side}/camera_info", stamp_ns, info)
     for side in SIDES:
-        image = bag_messages.image(stamp_ns, getattr(pair, side), task, side)
-        yield _message(f"{task}/{side}/image_rect", stamp_ns, image)
+        image = bag_messages.image(stamp_ns, getattr(pair, side), name, side)
+        yield _message(f"{name}/{side}/{RECTIFIED}", stamp_ns, image)
 
 
 def _message(topic: str, stamp_ns: int, message: Any) -> Message:  # noqa: ANN401 - types are made at run time
@@ -104,14 +101,14 @@ def _message(topic: str, stamp_ns: int, message: Any) -> Message:  # noqa: ANN40
 
 
 def between(messages: Iterator[Message], begin_s: float, end_s: float) -> Iterator[Message]:
-    """Yield the messages from one position to another, in seconds after the first message of each task.
+    """Yield the messages from one position to another, in seconds after the first message of each rig.
 
     The first camera_info of each camera stays, whatever its stamp.
     """
     first: dict[str, int] = {}
     infos: set[str] = set()
     for message in messages:
-        position_s = (message.stamp_ns - first.setdefault(message.task, message.stamp_ns)) * 1e-9
+        position_s = (message.stamp_ns - first.setdefault(message.rig, message.stamp_ns)) * 1e-9
         is_first_info = message.topic.endswith("camera_info") and message.topic not in infos
         if is_first_info:
             infos.add(message.topic)
@@ -120,15 +117,15 @@ def between(messages: Iterator[Message], begin_s: float, end_s: float) -> Iterat
 
 
 def end_of(source: Source) -> float:
-    """Return the position of the last pair of a source, seconds after the first message of its task."""
-    tasks = [(part, stamps) for part in (source.loc, source.nav) if (stamps := getattr(part, "stamps_ns", ()))]
-    return max([0.0, *(float(stamps[-1] - begin_of(source, part)) * 1e-9 for part, stamps in tasks)])
+    """Return the position of the last pair of a source, seconds after the first message of its rig."""
+    parts = [(part, stamps) for part in (source.loc, source.nav) if (stamps := getattr(part, "stamps_ns", ()))]
+    return max([0.0, *(float(stamps[-1] - begin_of(source, part)) * 1e-9 for part, stamps in parts)])
 
 
 def begin_of(source: Source, part: Any) -> int:  # noqa: ANN401 - the drive of a source, or its mapping pairs
-    """Return the stamp of the first message of a task, from which positions count: of a pair, or of the truth."""
+    """Return the stamp of the first message of a rig, from which positions count: of a pair, or of the truth."""
     if source.format == "bag":  # a camera_info comes first
-        task = "loc" if part is source.loc else "nav"
-        return next(message.stamp_ns for message in messages_of(source) if message.task == task)
+        rig = "loc" if part is source.loc else "nav"
+        return next(message.stamp_ns for message in messages_of(source) if message.rig == rig)
     truth, first = getattr(part, "ground_truth", None), int(part.stamps_ns[0])
     return first if truth is None or not len(truth) else min(first, int(truth.stamps_ns[0]))

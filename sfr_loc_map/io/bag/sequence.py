@@ -21,20 +21,7 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Task, refusing
-from sfr_loc_map.io.bag.bag import (
-    CAMERA_INFO,
-    COMPRESSED,
-    GROUND_TRUTH,
-    IMAGE,
-    ODOMETRY,
-    POINTS,
-    POSE,
-    Bag,
-    Topic,
-    pose_of,
-    read_extrinsics,
-    read_trajectory,
-)
+from sfr_loc_map.io.bag.bag import Bag, Topic, pose_of, read_extrinsics, read_trajectory
 from sfr_loc_map.io.bag.head_pose import head_poses
 from sfr_loc_map.io.calibration.files import Calibration, read_calibration
 from sfr_loc_map.io.images.codec import SampleDepth, Samples, points_image, samples_of
@@ -43,10 +30,11 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
 from sfr_loc_map.io.tables.text_table import check_order
 from sfr_loc_map.io.truth import TruthConfig, possible_truth, truth_of_file
+from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE
+from sfr_loc_map.topics import NAV_POSE, RAW, RECTIFIED, TRUE_POINTS, TRUE_POSES
 
 LOOK_AHEAD = 32
 """Most stamps whose messages are waited for at a time: bounds the memory whatever the order in the bag."""
-RECTIFIED, RAW = "image_rect", "image_raw"
 NS_PER_MS = 1_000_000
 
 _log = logging.getLogger(__name__)
@@ -74,7 +62,7 @@ class _BagPairs:
         kind = image_name(bag, rig)
         sides = SIDES[:1] if self._layout else SIDES
         self._sides = [_require(bag, f"{rig}/{side}/{kind}", IMAGE, COMPRESSED) for side in sides]
-        self._points = bag.find("ground_truth/points", POINTS) if self.task is Task.MAPPING else None
+        self._points = bag.find(TRUE_POINTS, POINTS) if self.task is Task.MAPPING else None
         self._topics = [*self._sides, *([self._points] if self._points else [])]
         found, self.frame = self._calibrated(calibration, kind == RECTIFIED)
         left, right = found.infos
@@ -211,10 +199,10 @@ class BagLocSequence(_BagPairs):
     def ground_truth(self) -> Trajectory | None:
         """True poses as configured, else on `ground_truth/odometry`, or None; read at the first use."""
         config = self._config.truth
-        if config == TruthConfig() and not self._bag.matches(GROUND_TRUTH):
+        if config == TruthConfig() and not self._bag.matches(TRUE_POSES):
             return None
-        if config == TruthConfig() and self._bag.topics[self._bag.matches(GROUND_TRUTH)[0]] == ODOMETRY:
-            poses = read_trajectory(self._bag, GROUND_TRUTH)
+        if config == TruthConfig() and self._bag.topics[self._bag.matches(TRUE_POSES)[0]] == ODOMETRY:
+            poses = read_trajectory(self._bag, TRUE_POSES)
             return None if poses is None else possible_truth(poses, f"of '{self._bag.path}'")[1]
         return truth_of_file(self._bag.path, config, self._config.remap)
 
@@ -231,12 +219,12 @@ class BagNavSequence(_BagPairs):
     def __init__(self, bag: Bag, config: SourceConfig) -> None:
         super().__init__(bag, config)
         self._poses: dict[int, Transform] = {}
-        if not bag.matches("nav/pose"):
+        if not bag.matches(NAV_POSE):
             stamps = self.stamps_ns
             poses = head_poses(bag, self.frame, self.rig.baseline_m, stamps, config.frames)
             self._poses, self.is_adapted = dict(zip(stamps, poses, strict=True)), True
             return
-        topic = _require(bag, "nav/pose", POSE)
+        topic = _require(bag, NAV_POSE, POSE)
         for _, stamp_ns, message in bag.messages([topic]):
             where = f"bag '{bag.path}', '{topic.bag_name}', stamp {stamp_ns}"
             with refusing(where, "correct or leave out the pair"):

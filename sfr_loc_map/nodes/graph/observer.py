@@ -20,8 +20,7 @@ from std_msgs.msg import String
 from sfr_loc_map.doctor.observation import (
     EXPECTED,
     MESSAGES_KEPT,
-    TASK_OF_NODE,
-    TASKS,
+    RIG_OF_NODE,
     Observation,
     ObservedNode,
     ObservedTopic,
@@ -29,18 +28,17 @@ from sfr_loc_map.doctor.observation import (
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME
 from sfr_loc_map.geometry.transform import FrameTree
-from sfr_loc_map.inputs import NS_PER_S, stamp_of
-from sfr_loc_map.io.bag.sequence import RAW, RECTIFIED
-from sfr_loc_map.nodes.extrinsics import TF_STATIC, add_static_transforms
+from sfr_loc_map.inputs import NS_PER_S, SUITE_NODES, Task, stamp_of
+from sfr_loc_map.nodes.extrinsics import add_static_transforms
 from sfr_loc_map.nodes.graph.peer import POLL_S, Peer
 from sfr_loc_map.nodes.graph.publishers import node_of, publishers_of, reliability_of
 from sfr_loc_map.nodes.graph.services import call_service
 from sfr_loc_map.nodes.launch import environment
-from sfr_loc_map.nodes.launch.processes import SUITE_NODES
-from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED
+from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED, TF_STATIC_QOS
 from sfr_loc_map.nodes.messages import message_type, tf_message_type
 from sfr_loc_map.nodes.reception import TransportGaps
 from sfr_loc_map.nodes.replay import graph_node
+from sfr_loc_map.topics import IMAGES, TF_STATIC, call_topic, rectified_beside
 
 QUIET_S = 1.5  #: Discovery counts as complete when there are images and the graph has not changed for so long,
 DISCOVERY_S = 8.0  #: or after so long.
@@ -48,9 +46,7 @@ FIRST_MESSAGE_S = 4.0
 """How long a topic with a publisher may take to bring its first message before the observation begins."""
 ANSWER_S = 10.0  #: How long a node may take to answer: a second, or several on a busy host.
 DEPTH = 100
-IMAGE_NAMES = tuple(
-    f"/{task}/left/{image}{end}" for task in TASKS for image in (RECTIFIED, RAW) for end in ("", "/compressed")
-)
+LEFT_IMAGES = tuple(f"/{task.rig}/left/{image}" for task in Task for image in IMAGES)
 PARAMETERS = ("use_sim_time", "input.stamp_tolerance_s", "input.rectify", "T_rb_locsb.quat_xyzw")
 
 
@@ -82,10 +78,10 @@ class GraphObserver(Peer):
         tf_type = tf_message_type()
         if tf_type is not None:
             take = partial(add_static_transforms, tree=self._frames)
-            self.node.create_subscription(tf_type, "/tf_static", take, TF_STATIC)
-        for name in TASK_OF_NODE:
-            full_name = self._full_name(name)
-            self.node.create_subscription(String, f"{full_name}/call", partial(self._note_call, full_name), LATCHED)
+            self.node.create_subscription(tf_type, TF_STATIC, take, TF_STATIC_QOS)
+        for task in Task:
+            note = partial(self._note_call, self._full_name(task.node))
+            self.node.create_subscription(String, self._full_name(call_topic(task)), note, LATCHED)
 
         def all_heard() -> bool:
             # on a busy machine the first message takes seconds
@@ -104,7 +100,7 @@ class GraphObserver(Peer):
             topics={name: self._topic(name, full_name, others[full_name]) for name, full_name in found.items()},
             others={name: tuple(types) for name, types in others.items()},
             extrinsics_given=extrinsics_given,
-            extrinsics_in_tf=in_tf if tf_type is not None or "/tf_static" not in others else None,
+            extrinsics_in_tf=in_tf if tf_type is not None or TF_STATIC not in others else None,
             nodes=nodes,
             has_clock=bool(self.node.get_publishers_info_by_topic("/clock")),
             now_ns=None if is_played else time.time_ns(),
@@ -116,10 +112,9 @@ class GraphObserver(Peer):
 
     def _is_superseded(self, name: str, full_name: str) -> bool:
         """Tell whether it has raw images that are also there rectified, and that no node of the suite takes."""
-        stem, raw, _ = name.partition(f"/{RAW}")
         takers = {info.node_name for info in self.node.get_subscriptions_info_by_topic(full_name)}
-        rectified = [self._full_name(f"{stem}/{RECTIFIED}{end}") for end in ("", "/compressed")]
-        return bool(raw) and not takers & set(SUITE_NODES) and any(map(self.node.count_publishers, rectified))
+        rectified = [self._full_name(beside) for beside in rectified_beside(name)]
+        return not takers & set(SUITE_NODES) and any(map(self.node.count_publishers, rectified))
 
     def _suite_nodes(self) -> list[tuple[str, str]]:
         return [(name, space) for name, space in self.node.get_node_names_and_namespaces() if name in SUITE_NODES]
@@ -162,7 +157,7 @@ class GraphObserver(Peer):
         sim_time, tolerance_s, rectify, quat = (*values, None, None, None, None)[:4]
         return ObservedNode(
             full_name,
-            TASK_OF_NODE.get(name, ""),
+            RIG_OF_NODE.get(name, ""),
             state=str(state.current_state.label) if state is not None and answer is not None else "",
             use_sim_time=bool(sim_time),
             extrinsics_given=any(quat) if quat is not None else False,
@@ -191,7 +186,7 @@ class GraphObserver(Peer):
             graph = (topics, sorted(self.node.get_node_names()))
             if graph != before:
                 before, changed = graph, now
-            images = [name for name, _ in topics if self._renamed.get(name, name).endswith(IMAGE_NAMES)]
+            images = [name for name, _ in topics if self._renamed.get(name, name).endswith(LEFT_IMAGES)]
             if now - changed > QUIET_S and any(map(self.node.count_publishers, images)):
                 return
             self.spin(POLL_S)

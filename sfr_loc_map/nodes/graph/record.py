@@ -15,7 +15,6 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 
 from sfr_loc_map.doctor.silence import silence_of
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag.bag import TYPESTORE
 from sfr_loc_map.io.bag.writer import BagRecorder
 from sfr_loc_map.nodes.graph.peer import Peer
@@ -23,19 +22,8 @@ from sfr_loc_map.nodes.graph.publishers import publishers_of
 from sfr_loc_map.nodes.messages import message_type
 from sfr_loc_map.nodes.reception import TransportGaps
 from sfr_loc_map.signals import hold, stopping
+from sfr_loc_map.topics import names, rectified_beside
 
-CAMERAS = tuple(f"{task}/{side}" for task in ("loc", "nav") for side in SIDES)
-IMAGES = ("image_rect", "image_rect/compressed", "image_raw", "image_raw/compressed", "camera_info")
-TOPICS = (
-    *(f"{camera}/{name}" for camera in CAMERAS for name in IMAGES),
-    *("nav/pose", "initialpose", "motion_prior", "ground_truth/odometry", "ground_truth/points"),
-    *("localisation/odometry", "localisation/path", "metrics", "metrics/report", "bookmark"),
-    *(f"mapping/{name}" for name in ("points", "disparity", "elevation", "hazard")),
-    *(f"{task}/call" for task in ("localisation_node", "mapping_node")),
-    *(f"{task}/configuration" for task in ("localisation", "mapping", "monitor")),
-    *("/diagnostics", "/tf", "/tf_static", "/clock"),
-)
-"""Inputs and outputs of the suite's nodes; single figures (`metrics/position/mean`) are in `metrics/report`."""
 DEPTH = 200
 DISCOVERY_S = 0.25
 FLUSH_S = 0.5
@@ -88,7 +76,8 @@ class _Recorder(Peer):
         self._options, self._say = options, say
         space = options.namespace.strip("/")
         prefix = f"/{space}/" if space else "/"
-        self._wanted = {name if name.startswith("/") else prefix + name for name in options.topics or TOPICS}
+        chosen = options.topics or names(recorded=True)
+        self._wanted = {name if name.startswith("/") else prefix + name for name in chosen}
         self._known: set[str] = set()
         self._types: dict[str, tuple[str, ...]] = {}
 
@@ -99,8 +88,7 @@ class _Recorder(Peer):
             wanted = name in self._wanted or (self._options.everything and "/_" not in name)
             if name in self._known or not wanted:
                 continue
-            stem, raw, _ = name.rpartition("/image_raw")
-            rectified = [f"{stem}/image_rect{end}" for end in ("", "/compressed")] if raw and not chosen else []
+            rectified = [] if chosen else rectified_beside(name)
             infos = self.node.get_publishers_info_by_topic(name)
             if infos and not any(map(self.node.count_publishers, rectified)):
                 self._known.add(name)

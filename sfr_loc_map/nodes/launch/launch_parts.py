@@ -13,7 +13,7 @@ from launch_ros.actions import Node
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.nodes.launch.environment import PROFILE, PROFILE_VARIABLES
-from sfr_loc_map.nodes.launch.processes import TASKS
+from sfr_loc_map.nodes.launch.processes import NODES
 
 PACKAGE = "sfr_loc_map"
 SWITCH = ["true", "false"]
@@ -51,7 +51,7 @@ def file_argument(task: str) -> str:
 
 def all_nodes(context: LaunchContext) -> list[Any]:
     """Return the three nodes with the values that the launch arguments have in a context."""
-    return [_node(context, task, file_argument(task)) for task in TASKS]
+    return [_node(context, task, file_argument(task)) for task in NODES]
 
 
 def one_node(context: LaunchContext) -> list[Any]:

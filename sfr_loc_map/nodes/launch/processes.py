@@ -19,11 +19,11 @@ from pathlib import Path
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.child_process import child_environment, end_with_parent
 from sfr_loc_map.errors import ConfigError, NodeError
+from sfr_loc_map.inputs import SUITE_NODES
 from sfr_loc_map.nodes.launch import environment
 from sfr_loc_map.signals import END_SIGNALS, hold, stopping
 
-TASKS = ("localisation", "mapping", "monitor")
-SUITE_NODES = tuple(f"{task}_node" for task in TASKS)
+NODES = tuple(node.removesuffix("_node") for node in SUITE_NODES)  #: Names by which a user starts nodes.
 EVERYTHING = "all"
 ESCALATION = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
 """Signals that end processes, and how many seconds each gets."""
@@ -220,15 +220,15 @@ def end_processes(processes: Sequence[ChildProcess]) -> None:
                 process.popen.wait(max(deadline - time.monotonic(), 0.01))
 
 
-def node_names(tasks: Sequence[str]) -> list[str]:
-    """Return the names of the nodes of tasks (`TASKS` or `all`; none stands for all), each once."""
-    for task in tasks:
-        if task not in (*TASKS, EVERYTHING):
+def node_names(chosen: Sequence[str]) -> list[str]:
+    """Return the full names of chosen nodes (of `NODES`, or `all`; none stands for all), each once."""
+    for name in chosen:
+        if name not in (*NODES, EVERYTHING):
             raise ConfigError(
-                f"'{task}' is not a node: give {EVERYTHING}, {', '.join(TASKS)}; for ROS after --ros-args"
+                f"'{name}' is not a node: give {EVERYTHING}, {', '.join(NODES)}; for ROS after --ros-args"
             )
-    everything = not tasks or EVERYTHING in tasks
-    return [f"{task}_node" for task in TASKS if everything or task in tasks]
+    everything = not chosen or EVERYTHING in chosen
+    return [f"{name}_node" for name in NODES if everything or name in chosen]
 
 
 def run_nodes(nodes: Sequence[str], arguments: Sequence[str], say: Callable[[str], None], *, respawn: bool) -> None:

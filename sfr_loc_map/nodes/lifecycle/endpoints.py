@@ -20,6 +20,7 @@ from sfr_loc_map.nodes.graph.publishers import node_of
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Of a topic that keeps its last message for subscribers that come later."""
+TF_STATIC_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 RELIABILITIES = ("reliable", "best_effort")
 
 

@@ -62,6 +62,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     task: str  #: What it does; its name is `TASK_node` unless another one is given.
     config_type: type[C]  #: Its parameters; a subclass may have more, by a dataclass that derives from this one.
+    names_of_others: tuple[str, ...] = ()  #: Parameters of other nodes in a section that this node has, too.
     live: tuple[str, ...] = ()  #: Beginnings of the names of parameters that may be set at any time.
     _worker: Worker | None = None
 
@@ -367,7 +368,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
             if name.startswith(BUILT_IN):
                 continue
             self.undeclare_parameter(name)
-            if name in self._infos or is_near_miss(name, self._infos):
+            if name in self._infos or (name not in self.names_of_others and is_near_miss(name, self._infos)):
                 given[name] = as_list(parameter.value)
             else:
                 self.get_logger().info(f"parameter '{name}' is not one of this node: ignored")

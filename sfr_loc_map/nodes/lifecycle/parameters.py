@@ -21,7 +21,6 @@ from sfr_loc_map.nodes.lifecycle.worker import Overload
 
 BUILT_IN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """Parameters that ROS itself declares on a node."""
-OF_OTHER_NODES = ("input_reliability",)  #: Parameters of a node of the suite that resemble those of another.
 ALIKE = 0.85  #: Ratio of equal characters (difflib) from which an unknown name counts as misspelt.
 FIXED = "autostart"  #: Is read once, when the node starts.
 
@@ -61,7 +60,7 @@ def is_near_miss(name: str, known: Collection[str]) -> bool:
     section, dot, _ = name.rpartition(".")
     if dot and any(other.startswith(f"{section}.") for other in known):
         return True
-    return name not in OF_OTHER_NODES and bool(difflib.get_close_matches(name, known, n=1, cutoff=ALIKE))
+    return bool(difflib.get_close_matches(name, known, n=1, cutoff=ALIKE))
 
 
 def as_list(value: Any) -> Any:  # noqa: ANN401 - any parameter type

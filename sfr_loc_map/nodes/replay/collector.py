@@ -21,9 +21,10 @@ from sfr_loc_map.nodes.replay.external import ExternalNode
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
 from sfr_loc_map.nodes.replay.received import Received
 from sfr_loc_map.runs.calls import decode_call
+from sfr_loc_map.topics import CLOUD, ESTIMATE, call_topic
 
 QUEUE_DEPTH = 1000
-NODE_OF_RIG = {task.rig: f"{task}_node" for task in Task}
+NODE_OF_RIG = {task.rig: task.node for task in Task}
 QUIET_S = 5.0  #: At a rate, results are awaited for so long after the last one.
 
 
@@ -40,11 +41,11 @@ class ResultCollector:
         self._input_error = ""  # what a node reports of input that it cannot use
         deep = QoSProfile(depth=QUEUE_DEPTH)
         if other is not Task.LOCALISATION:
-            subscribe(Odometry, "localisation/odometry", self._on_odometry, deep)
+            subscribe(Odometry, ESTIMATE, self._on_odometry, deep)
         if other is not Task.MAPPING:
-            subscribe(PointCloud2, "mapping/points", self._on_cloud, QoSProfile(depth=10))
+            subscribe(PointCloud2, CLOUD, self._on_cloud, QoSProfile(depth=10))
         for task in Task:
-            subscribe(String, f"{task}_node/call", partial(self._on_call, task), deep)
+            subscribe(String, call_topic(task), partial(self._on_call, task), deep)
         subscribe(DiagnosticArray, diagnostics.TOPIC, self._on_diagnostics, deep)
 
     def wait_for_pair(self, rig: str, stamp_ns: int) -> None:
@@ -67,12 +68,12 @@ class ResultCollector:
 
     def finish(self) -> None:
         """Wait for the results of all published pairs, as long as some are received; a map begun is finished."""
-        mapped, maps = self.received.published_stamps("nav"), 0
+        mapped, maps = self.received.published_stamps(Task.MAPPING.rig), 0
         if self._external is None or self._external.options.task is not Task.MAPPING:
             maps, left = divmod(len(mapped), max(self._pairs_per_map, 1))
             if left:
                 for stamp_ns in mapped:
-                    self.wait_for_pair("nav", stamp_ns)
+                    self.wait_for_pair(Task.MAPPING.rig, stamp_ns)
                 self._node.call("mapping_node/finish", "mapping_node did not finish its map")
                 maps += 1
         received, count, deadline = self.received, -1, 0.0

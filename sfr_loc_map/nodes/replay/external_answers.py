@@ -25,9 +25,9 @@ METHOD = f"sum over the process tree, sampled {1 / PERIOD_S:.0f} times a second 
 class AnswerBook:
     """Counts pairs and answers of one run."""
 
-    def __init__(self, task: str, timeout_s: float, frames: str) -> None:
-        """Begin; the task is `loc` or `nav`. Without frames the answers must name those of the first of them."""
-        self.task, self.frames, self.ended = task, frames, ""
+    def __init__(self, rig: str, timeout_s: float, frames: str) -> None:
+        """Begin; the rig is `loc` or `nav`. Without frames the answers must name those of the first of them."""
+        self.rig, self.frames, self.ended = rig, frames, ""
         self._timeout_s = timeout_s
         self._sent: dict[int, float] = {}
         self._latency_s: dict[int, float] = {}

@@ -12,16 +12,16 @@ from rclpy.client import Client
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.inputs import Task
+from sfr_loc_map.inputs import MONITOR_NODE, Task
 from sfr_loc_map.nodes.graph.peer import POLL_S, Peer
 from sfr_loc_map.nodes.launch.processes import LivePage, Supervisor
-from sfr_loc_map.nodes.replay.options import RESULT_TOPICS
+from sfr_loc_map.topics import ESTIMATE, REPORT, RESULTS, TRUE_POSES, call_topic
 
 NAME = "sfr_player"
 ANSWER_TIMEOUT_S = 120.0
 SETTLE_S = 0.3  #: Time for the nodes to discover each other once this node has discovered all of them.
 PAGE_TIMEOUT_S = 30.0
-PAGE_TOPICS = ("localisation/odometry", "ground_truth/odometry", "metrics/report")
+PAGE_TOPICS = (ESTIMATE, TRUE_POSES, REPORT)
 """Topics that a page receives whatever it shows."""
 
 
@@ -82,10 +82,10 @@ class ReplayNode(Peer):
             self.request(client, ListParameters.Request(), f"{name} did not answer")
 
         def monitor_listens() -> bool:
-            tasks = [task for task in Task if f"{task}_node" in self.supervisor.processes]
-            topics = [topic for task in tasks for topic in (RESULT_TOPICS[task], f"{task}_node/call")]
+            tasks = [task for task in Task if task.node in self.supervisor.processes]
+            topics = [topic for task in tasks for topic in (RESULTS[task], call_topic(task))]
             receivers = map(self.node.get_subscriptions_info_by_topic, topics)
-            return all(any(found.node_name == "monitor_node" for found in of_topic) for of_topic in receivers)
+            return all(any(found.node_name == MONITOR_NODE for found in of_topic) for of_topic in receivers)
 
         self.wait_for(monitor_listens, ANSWER_TIMEOUT_S, lambda: "monitor_node did not subscribe to the results")
         self.spin_for(SETTLE_S)

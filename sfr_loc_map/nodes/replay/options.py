@@ -11,7 +11,7 @@ import yaml
 
 from sfr_loc_map.config import changed, load_yaml
 from sfr_loc_map.geometry.trajectory import Truth
-from sfr_loc_map.inputs import Task
+from sfr_loc_map.inputs import MONITOR_NODE, SUITE_NODES, Task
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.truth import TrackedBody
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -20,17 +20,10 @@ from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.pose_convention import PoseConvention
 from sfr_loc_map.nodes.launch.processes import LivePage
+from sfr_loc_map.topics import RESULTS
 
-RESULT_TOPICS = {Task.LOCALISATION: "localisation/odometry", Task.MAPPING: "mapping/points"}
-"""Topics of the suite that carry the results of a task."""
 CONVERTED = "external/converted"
 """Topic of converted results, where an external node itself publishes on the suite's."""
-RELIABLE_INPUT = {
-    "localisation_node": "input.reliability",
-    "mapping_node": "input.reliability",
-    "monitor_node": "input_reliability",
-}
-"""Parameter of each node that a replay sets to reliable: in lock step each message is awaited."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +45,7 @@ class ExternalOptions:
     @property
     def converted_topic(self) -> str:
         """What the converted results are published on, for the monitor."""
-        own = RESULT_TOPICS[self.task]
+        own = RESULTS[self.task]
         return CONVERTED if self.topic == own else own
 
 
@@ -101,16 +94,17 @@ def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict
         localisation["T_rb_locsb.quat_xyzw"] = extrinsics.file_quat_xyzw.tolist()
     external = options.external
     found = {}
-    for node, parameters in (("localisation_node", localisation), ("mapping_node", mapping), ("monitor_node", monitor)):
-        if external is not None and node == f"{external.task}_node":
+    for node, parameters in zip(SUITE_NODES, (localisation, mapping, monitor), strict=True):
+        if external is not None and node == external.task.node:
             continue
-        parameters |= {"autostart": True, "output_reliability": "reliable", RELIABLE_INPUT[node]: "reliable"}
+        # in lock step each message is awaited
+        parameters |= {"autostart": True, "output_reliability": "reliable", "input.reliability": "reliable"}
         path = folder / f"{node}.yaml"
         path.write_text(yaml.safe_dump({f"/**/{node}": {"ros__parameters": parameters}}), encoding="utf-8")
         files = [file for file in (options.parameter_file, path) if file is not None]
         found[node] = ["--ros-args", *(word for file in files for word in ("--params-file", str(file)))]
-    if external is not None and external.converted_topic != RESULT_TOPICS[external.task]:
-        found["monitor_node"] += ["-r", f"{RESULT_TOPICS[external.task]}:={external.converted_topic}"]
+    if external is not None and external.converted_topic != RESULTS[external.task]:
+        found[MONITOR_NODE] += ["-r", f"{RESULTS[external.task]}:={external.converted_topic}"]
     return found
 
 

@@ -7,16 +7,17 @@ import time
 
 from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S, WAITING, StampPairing
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.io.bag.message_stream import POSE_TOPIC, Message
+from sfr_loc_map.inputs import NS_PER_S, Task
+from sfr_loc_map.io.bag.message_stream import Message
 from sfr_loc_map.nodes.pose_matching import PoseMatching
+from sfr_loc_map.topics import NAV_POSE
 
 
 class Pacer:
-    """Says when a message is due, by its stamp and a multiple of the recorded speed; each task has its own clock."""
+    """Says when a message is due, by its stamp and a multiple of the recorded speed; each rig has its own clock."""
 
     def __init__(self, rate: float) -> None:
-        """Start with the first message of each task; a rate of 0: every message is due at once."""
+        """Start with the first message of each rig; a rate of 0: every message is due at once."""
         self._rate = rate
         self._origins: dict[str, tuple[float, int]] = {}
 
@@ -28,7 +29,7 @@ class Pacer:
         """Return for how long a message has to wait, 0 if it is due."""
         if self._rate <= 0.0:
             return 0.0
-        begin_s, first_ns = self._origins.setdefault(message.task, (time.monotonic(), message.stamp_ns))
+        begin_s, first_ns = self._origins.setdefault(message.rig, (time.monotonic(), message.stamp_ns))
         return max(begin_s + (message.stamp_ns - first_ns) * 1e-9 / self._rate - time.monotonic(), 0.0)
 
 
@@ -37,18 +38,18 @@ class PairTracker:
 
     def __init__(self) -> None:
         tolerance_ns = round(STAMP_TOLERANCE_S * NS_PER_S)
-        self._images = {task: StampPairing[int](tolerance_ns, WAITING) for task in ("loc", "nav")}
+        self._images = {task.rig: StampPairing[int](tolerance_ns, WAITING) for task in Task}
         self._poses = PoseMatching[int](tolerance_ns, math.inf, lambda stamp_ns: None)
 
     def add(self, message: Message) -> list[tuple[str, int]]:
-        """Add a published message; return task and stamp, that of the left image, of the pairs that it completes."""
-        part, task, stamp_ns = message.topic.removesuffix("/compressed"), message.task, message.stamp_ns
-        if part == POSE_TOPIC:
-            return [(task, pair) for pair, _ in self._poses.add_pose(stamp_ns, Transform.identity())]
+        """Add a published message; return rig and stamp, that of the left image, of the pairs that it completes."""
+        part, rig, stamp_ns = message.topic.removesuffix("/compressed"), message.rig, message.stamp_ns
+        if part == NAV_POSE:
+            return [(rig, pair) for pair, _ in self._poses.add_pose(stamp_ns, Transform.identity())]
         if not part.endswith("image_rect"):
             return []
-        images = self._images[task]
+        images = self._images[rig]
         found = (images.add_left if "/left/" in part else images.add_right)(stamp_ns, stamp_ns)
-        if found is None or task == "loc":
-            return [] if found is None else [(task, found[0])]
-        return [(task, pair) for pair, _ in self._poses.add_pair(found[0], found[0])]
+        if found is None or rig == Task.LOCALISATION.rig:
+            return [] if found is None else [(rig, found[0])]
+        return [(rig, pair) for pair, _ in self._poses.add_pair(found[0], found[0])]

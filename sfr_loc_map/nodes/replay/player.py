@@ -11,12 +11,14 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.bag.message_stream import Message
 from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.nodes.graph.peer import POLL_S
 from sfr_loc_map.nodes.messages import header_msg, message_type, pose_msg
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
 from sfr_loc_map.nodes.replay.pacing import Pacer
+from sfr_loc_map.topics import INITIAL_POSE, INITIAL_POSE_SET
 
 START_TIMEOUT_S = 300.0  #: The first start after an installation compiles the kernels.
 SOURCE_DEPTH = 20
@@ -32,11 +34,9 @@ class Player:
         self._publishers = {
             name: node.node.create_publisher(message_type(kind), name, depth) for name, kind in topics.items()
         }
-        self._initial_pose = node.node.create_publisher(PoseWithCovarianceStamped, "initialpose", depth)
+        self._initial_pose = node.node.create_publisher(PoseWithCovarianceStamped, INITIAL_POSE, depth)
         self._poses_set: list[PoseWithCovarianceStamped] = []  # acknowledgements of Fast DDS come after up to 3 s
-        node.node.create_subscription(
-            PoseWithCovarianceStamped, "localisation/initialpose_set", self._poses_set.append, depth
-        )
+        node.node.create_subscription(PoseWithCovarianceStamped, INITIAL_POSE_SET, self._poses_set.append, depth)
         for name, is_pause in (("pause", True), ("resume", False)):
             node.node.create_service(Trigger, f"~/{name}", self._server(is_pause))
 
@@ -50,7 +50,7 @@ class Player:
         names = list(self._node.supervisor.processes)
         resets = [node.create_client(Trigger, f"{name}/reset") for name in names]
         publishers = [*self._publishers.values()]
-        if "localisation_node" in names:  # an external node may listen to it in any way
+        if Task.LOCALISATION.node in names:  # an external node may listen to it in any way
             publishers.append(self._initial_pose)
 
         def ready() -> bool:
@@ -66,7 +66,7 @@ class Player:
         message = PoseWithCovarianceStamped(header=header_msg(start.stamp_ns or 0, ""))
         message.pose.pose = pose_msg(start.T_ds_rb, start.T_ds_rb.file_quat_xyzw)
         self._initial_pose.publish(message)
-        if "localisation_node" not in self._node.supervisor.processes:
+        if Task.LOCALISATION.node not in self._node.supervisor.processes:
             return  # an external node may listen to it or not
         problem = "localisation_node did not receive initialpose"
         self._node.wait_for(lambda: bool(self._poses_set), ANSWER_TIMEOUT_S, lambda: problem)

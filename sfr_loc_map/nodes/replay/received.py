@@ -50,7 +50,7 @@ class Received:
         An external localiser has one for each covariance, reported or not.
         """
         calls = {stamp_ns: call for (_, stamp_ns), call in self.calls[Task.LOCALISATION].items()}
-        if self.answers is not None and self.answers.task == "loc":
+        if self.answers is not None and self.answers.rig == Task.LOCALISATION.rig:
             unreported = {s: CallRecord(s, float("nan"), TrackingState.TRACKING) for s in self.covariances}
             calls = unreported | calls
         localised = [replace(call, covariance=self.covariances.get(s)) for s, call in calls.items()]
@@ -81,7 +81,7 @@ class Received:
         Clouds of each played pair are taken together, each with the points of its pair; otherwise the last one is
         taken for the map of all of them.
         """
-        pairs = tuple(self.published_stamps("nav"))
+        pairs = tuple(self.published_stamps(Task.MAPPING.rig))
         points, clouds = dict(self.points), dict(self.clouds)
         if not points:
             return None, None, ()
@@ -109,8 +109,8 @@ class Received:
 
     def has_pair(self, rig: str, stamp_ns: int) -> bool:
         """Tell whether the results of a pair are complete; those of an external node are once nothing is awaited."""
-        if self.answers is not None and rig == self.answers.task:
+        if self.answers is not None and rig == self.answers.rig:
             return self.answers.is_settled(stamp_ns)
-        if rig == "loc":
+        if rig == Task.LOCALISATION.rig:
             return stamp_ns in self.covariances and ("", stamp_ns) in self.calls[Task.LOCALISATION]
         return (MappingState.MAPPED, stamp_ns) in self.calls[Task.MAPPING]

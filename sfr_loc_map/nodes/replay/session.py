@@ -25,6 +25,7 @@ from sfr_loc_map.nodes.replay.pacing import PairTracker
 from sfr_loc_map.nodes.replay.player import Player
 from sfr_loc_map.nodes.replay.received import Received
 from sfr_loc_map.runs.offline import check_count
+from sfr_loc_map.topics import RECTIFIED, Role, names
 
 Say = Callable[[str], None]
 
@@ -88,7 +89,7 @@ def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[Replay
     environment.prepare()
     topics = message_stream.topics_of(source)
     if options.external is not None:  # whoever is on the domain may listen: the score has the truth from the source
-        topics = {name: kind for name, kind in topics.items() if name not in message_stream.TRUTH_TOPICS}
+        topics = {name: kind for name, kind in topics.items() if name not in names(Role.TRUTH)}
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sfr-replay-")))
         os.environ.setdefault("ROS_LOG_DIR", str(folder / "log"))
@@ -110,7 +111,7 @@ def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[Replay
         player.wait_until_ready()
         if external is not None:
             rig = f"{external.options.task.rig}/"
-            external.wait_until_ready([name for name in topics if name.startswith(rig) and "image_rect" in name])
+            external.wait_until_ready([name for name in topics if name.startswith(rig) and RECTIFIED in name])
         yield ReplaySession(source, options, node, player, collector, external)
 
 

@@ -19,12 +19,12 @@ from nav_msgs.msg import OccupancyGrid, Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import CompressedImage, Image, PointCloud2
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S, SIDES, Task, refusing, serialised_stamp
+from sfr_loc_map.inputs import NS_PER_S, SUITE_NODES, Task, refusing, serialised_stamp
 from sfr_loc_map.io.bag.true_poses import TruePoses
 from sfr_loc_map.io.images.codec import SampleDepth, samples_of
 from sfr_loc_map.live import updates
@@ -33,7 +33,7 @@ from sfr_loc_map.live.tracked_images import TrackedImages
 from sfr_loc_map.nodes import messages
 from sfr_loc_map.nodes.diagnostics import TOPIC, level_of, values_of
 from sfr_loc_map.nodes.graph.peer import Peer
-from sfr_loc_map.nodes.launch.processes import SUITE_NODES, page_node_name
+from sfr_loc_map.nodes.launch.processes import page_node_name
 from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED
 from sfr_loc_map.nodes.lifecycle.worker import Overload, Worker
 from sfr_loc_map.nodes.reception import TransportGaps
@@ -41,6 +41,20 @@ from sfr_loc_map.nodes.truth_input import TruthTopic
 from sfr_loc_map.nodes.view.maps import MapFeed
 from sfr_loc_map.nodes.view.operator import NodeOperator
 from sfr_loc_map.runs.calls import decode_call
+from sfr_loc_map.topics import (
+    CAMERAS,
+    CLOUD,
+    ELEVATION,
+    ESTIMATE,
+    HAZARD,
+    IMAGES,
+    RECTIFIED,
+    REPORT,
+    TRACKS,
+    TRUE_POINTS,
+    TRUE_POSES,
+    call_topic,
+)
 
 DEPTH = 200  #: Messages of poses, calls and diagnostics that wait to be received.
 GRAPH_PERIOD_S = 0.5  #: Period at which the graph is examined and subscriptions follow the viewers.
@@ -48,8 +62,6 @@ SPIN_S = 0.1  #: Longest wait of the executor, and with it for the end of the th
 IMAGE_PERIOD_S = 0.15  #: Shortest time between two image pairs that are shown.
 MAX_MAPS = 8  #: Clouds, elevation and hazard grids that wait; the oldest are dropped.
 MAX_REASON_LETTERS = 300
-IMAGE_NAMES = tuple(f"{rig}/{side}" for rig in ("loc", "nav") for side in SIDES)
-IMAGE_KINDS = ((Image, "image_rect"), (CompressedImage, "image_rect/compressed"), (Image, "image_raw"))
 BEST_EFFORT = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 IMAGE_QOS = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
 TRUTH_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -69,7 +81,7 @@ class RosFeed(Peer):
         self._depths: dict[str, SampleDepth] = {}
         self._next_images: dict[str, tuple[float, int]] = {}  # by rig: when the next pair is due, stamp of the last
         self._images = TrackedImages(self._show_image)
-        self._maps = MapFeed(state, lambda: self._has_publisher(updates.ELEVATION))
+        self._maps = MapFeed(state, lambda: self._has_publisher(ELEVATION))
         self._map_worker = Worker("sfr-live-maps", Overload.EVERY_PAIR, MAX_MAPS, lambda error, was_message: None)
         self._closed = Event()
         self._thread = Thread(target=self._spin, name="sfr-live-ros", daemon=True)
@@ -101,20 +113,18 @@ class RosFeed(Peer):
 
     def _subscribe_to_figures(self) -> None:
         """Subscribe to what is always received; true points, too, because they are published only once."""
-        self._receive(Odometry, updates.LOCALISATION, self._on_odometry, BEST_EFFORT)
+        self._receive(Odometry, ESTIMATE, self._on_odometry, BEST_EFFORT)
         self._truth = TruthTopic(self._receive_truth)
-        self._receive_map(updates.TRUE_POINTS, PointCloud2, self._maps.add_true_points, TRUTH_QOS)
+        self._receive_map(TRUE_POINTS, PointCloud2, self._maps.add_true_points, TRUTH_QOS)
         for task in Task:
-            self.subscribe(String, f"{task}_node/call", partial(self._on_call, task), BEST_EFFORT)
+            self.subscribe(String, call_topic(task), partial(self._on_call, task), BEST_EFFORT)
         self.subscribe(DiagnosticArray, TOPIC, self._on_diagnostics, BEST_EFFORT)
-        self.subscribe(String, updates.REPORT, self._on_report, LATCHED)
+        self.subscribe(String, REPORT, self._on_report, LATCHED)
 
     def _receive_truth(self, msgtype: str) -> Callable[[], object]:
         """Subscribe to true poses of a type; return what ends that."""
         kind = messages.message_type(msgtype)
-        subscription = self._receive(
-            kind, updates.TRUTH, partial(self._on_truth, TruePoses(msgtype), kind), BEST_EFFORT
-        )
+        subscription = self._receive(kind, TRUE_POSES, partial(self._on_truth, TruePoses(msgtype), kind), BEST_EFFORT)
         return partial(self.node.destroy_subscription, subscription)
 
     def _follow_viewers(self, wanted: frozenset[updates.View]) -> None:
@@ -129,35 +139,36 @@ class RosFeed(Peer):
             if view is updates.View.IMAGES:
                 self._image_topics.clear()
         if updates.View.IMAGES in wanted:
-            for name in IMAGE_NAMES:
+            for name in CAMERAS:
                 self._find_image_topic(name)
 
     def _subscribe_to(self, view: updates.View) -> list[Subscription]:
         match view:
             case updates.View.IMAGES:  # the topics of the images follow once they have a publisher
-                return [self._receive(PointCloud2, updates.TRACKS, self._on_tracks, IMAGE_QOS)]
+                return [self._receive(PointCloud2, TRACKS, self._on_tracks, IMAGE_QOS)]
             case updates.View.CLOUDS:
-                return [self._receive_map(updates.POINTS, PointCloud2, self._maps.add_cloud, LATCHED)]
+                return [self._receive_map(CLOUD, PointCloud2, self._maps.add_cloud, LATCHED)]
             case updates.View.MAPS:
                 return [
-                    self._receive_map(updates.ELEVATION, PointCloud2, self._maps.add_elevation, LATCHED),
-                    self._receive_map(updates.HAZARD, OccupancyGrid, self._maps.add_hazard, LATCHED),
+                    self._receive_map(ELEVATION, PointCloud2, self._maps.add_elevation, LATCHED),
+                    self._receive_map(HAZARD, OccupancyGrid, self._maps.add_hazard, LATCHED),
                 ]
 
     def _find_image_topic(self, name: str) -> None:
         """Subscribe to the first of the topics of an image that has a publisher; otherwise report that none has."""
         if name in self._image_topics:
             return
-        for kind, ending in IMAGE_KINDS:
+        for ending, msgtype in IMAGES.items():
             topic = f"{name}/{ending}"
             if self._has_publisher(topic):
+                kind = messages.message_type(msgtype)
                 received = partial(self._on_image, name, kind)
                 self._subscriptions[updates.View.IMAGES].append(self._receive(kind, topic, received, IMAGE_QOS))
                 self._image_topics[name] = full_name = self.node.resolve_topic_name(topic)
                 self._state.put(updates.ImageProblem(name, f"{full_name} has a publisher; no image has arrived yet"))
                 return
-        topics = ", ".join(self.node.resolve_topic_name(f"{name}/{ending}") for _, ending in IMAGE_KINDS)
-        reason = f"no publisher of {topics}; other names are given by sfr live -r {name}/image_rect:=TOPIC"
+        topics = ", ".join(self.node.resolve_topic_name(f"{name}/{ending}") for ending in IMAGES)
+        reason = f"no publisher of {topics}; other names are given by sfr live -r {name}/{RECTIFIED}:=TOPIC"
         self._state.put(updates.ImageProblem(name, reason))
 
     def _has_publisher(self, topic: str) -> bool:
@@ -215,7 +226,7 @@ class RosFeed(Peer):
             self._state.put(updates.Status(name, what, level, status.message, values_of(status), time.time()))
 
     def _on_call(self, task: Task, message: String, _: dict[str, Any]) -> None:
-        self._state.put(updates.Call(f"{task}_node", decode_call(message.data, task), time.time()))
+        self._state.put(updates.Call(task.node, decode_call(message.data, task), time.time()))
 
     def _on_image(self, name: str, kind: type[Any], raw: bytes, published_s: float) -> None:
         stamp_ns, rig = serialised_stamp(raw), name.partition("/")[0]
@@ -255,7 +266,7 @@ class RosFeed(Peer):
     def _examine_graph(self) -> None:
         """Find out which nodes are there, and receive images and maps as the viewers want."""
         self._follow_viewers(self._state.wanted)
-        published = self.node.get_publishers_info_by_topic(self.node.resolve_topic_name(updates.TRUTH))
+        published = self.node.get_publishers_info_by_topic(self.node.resolve_topic_name(TRUE_POSES))
         self._truth.follow([str(info.topic_type) for info in published])
         names = self.node.get_node_names_and_namespaces()
         nodes = frozenset(name for name, space in names if space.strip("/") == self._space) & frozenset(SUITE_NODES)

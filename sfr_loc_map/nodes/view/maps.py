@@ -17,6 +17,7 @@ from sfr_loc_map.io.images.codec import points_image
 from sfr_loc_map.live import media, updates
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.nodes import messages
+from sfr_loc_map.topics import ELEVATION, TRUE_POINTS
 
 LAYERS = ("height", *messages.ELEVATION_FIELDS[3:])  #: Layers of an elevation message, after x and y.
 
@@ -38,7 +39,7 @@ class MapFeed:
     def add_true_points(self, message: PointCloud2, published_s: float) -> None:
         """Take the true points of a pair in."""
         size = int(message.width), int(message.height)
-        check_image_size(*size, updates.TRUE_POINTS)
+        check_image_size(*size, TRUE_POINTS)
         self._truth.add(stamp_of(message), points_image(message, size))
 
     def add_cloud(self, message: PointCloud2, published_s: float) -> None:
@@ -64,7 +65,7 @@ class MapFeed:
         origin = float(corner[0]), float(corner[1])
         if not (0.0 < cell_m < math.inf and all(map(math.isfinite, origin))):
             raise InputError(f"elevation with cells of {cell_m:g} m: x must grow along the columns, y along the rows")
-        grid = updates.ElevationSample(updates.ELEVATION, stamp_ns, origin, cell_m, LAYERS, cells[..., 2:], published_s)
+        grid = updates.ElevationSample(ELEVATION, stamp_ns, origin, cell_m, LAYERS, cells[..., 2:], published_s)
         if self._points is not None and self._points[0] == stamp_ns:
             _, xy, error = self._points
             means = media.means_of(media.cells_of(xy, origin, cell_m, (rows, columns)), error, rows * columns)

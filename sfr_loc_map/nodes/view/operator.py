@@ -16,9 +16,10 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import InputError, NodeError
+from sfr_loc_map.inputs import SUITE_NODES
 from sfr_loc_map.live.updates import Action, Command
 from sfr_loc_map.nodes.graph.services import call_service
-from sfr_loc_map.nodes.launch.processes import SUITE_NODES
+from sfr_loc_map.topics import BOOKMARK
 
 TRANSITIONS = {Action.ACTIVATE: Transition.TRANSITION_ACTIVATE, Action.DEACTIVATE: Transition.TRANSITION_DEACTIVATE}
 SERVICES = {Action.RESET: SUITE_NODES, Action.FINISH: ("mapping_node",), Action.SAVE: ("monitor_node",)}
@@ -37,7 +38,7 @@ class NodeOperator:
         self._closed = Event()
         # created here, so that a recording that is under way has found the publisher before the first bookmark
         events = PublisherEventCallbacks(use_default_callbacks=False)
-        self._bookmarks = node.create_publisher(String, "bookmark", QoSProfile(depth=100), event_callbacks=events)
+        self._bookmarks = node.create_publisher(String, BOOKMARK, QoSProfile(depth=100), event_callbacks=events)
 
     def run(self, command: Command) -> str:
         """Carry out a command and return what was done; in any thread but that of the executor."""

@@ -16,10 +16,10 @@ from campaigns.recordings.rows import ROWS, write_rig
 from helpers.cli_result import Sfr
 from helpers.score_rows import number
 from sfr_loc_map.doctor.examination import examine
-from sfr_loc_map.doctor.observation import EXPECTED, TASK_OF_NODE, Observation, ObservedNode, ObservedTopic
-from sfr_loc_map.io.bag.bag import IMAGE
+from sfr_loc_map.doctor.observation import EXPECTED, RIG_OF_NODE, Observation, ObservedNode, ObservedTopic
 from sfr_loc_map.io.bag.topic_guess import is_own
 from sfr_loc_map.io.source_config import NAME
+from sfr_loc_map.message_types import IMAGE
 from sfr_loc_map.metrics.config import Condition
 from sfr_loc_map.metrics.limits import load_limits
 
@@ -210,7 +210,7 @@ def test_wheel_odometry_is_not_named_as_a_truth() -> None:
 
 def test_a_node_without_its_cameras_waits() -> None:
     """A plain `sfr run` on a rover without mapping cameras is no fault."""
-    nodes = tuple(ObservedNode(name, task, extrinsics_given=True) for name, task in TASK_OF_NODE.items())
+    nodes = tuple(ObservedNode(name, rig, extrinsics_given=True) for name, rig in RIG_OF_NODE.items())
     topics = {
         f"loc/{side}/{what}": ObservedTopic(f"/loc/{side}/{what}", EXPECTED[f"loc/{side}/{what}"])
         for side in ("left", "right")

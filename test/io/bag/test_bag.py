@@ -16,12 +16,13 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rectification import rectified_rig
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag import messages
-from sfr_loc_map.io.bag.bag import ODOMETRY, TYPESTORE, Bag, read_odometry
+from sfr_loc_map.io.bag.bag import TYPESTORE, Bag, read_odometry
 from sfr_loc_map.io.bag.message_stream import messages_of
 from sfr_loc_map.io.bag.sequence import open_bag
 from sfr_loc_map.io.bag.writer import CheckedWriter
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.message_types import ODOMETRY
 
 Entry = tuple[str, int, Any]
 
