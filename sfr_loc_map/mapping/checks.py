@@ -15,8 +15,9 @@ MIN_CONTRAST = 2.0
 """Smallest standard deviation of an image's grey levels that can be matched, grey levels: a covered camera shows its
 noise alone."""
 MIN_VALID_TEXTURED_FRACTION = 0.3
-"""Fraction of valid pixels among the textured ones below which the matches are due to chance. Unrelated or swapped
-images of four data sets (rendered ground, KITTI, Middlebury, Mars) have 0.07 or less, matching ones 0.6 or more."""
+"""Fraction of measured pixels among the textured ones below which the matches are due to chance. Swapped images of four
+data sets (rendered ground, KITTI, Middlebury, Mars) have 0.07 or less, images of which one is upside down 0.01 or less,
+and matching ones 0.64 or more (measurements/mapper_trials.md)."""
 COARSE_FACTOR = 2
 """Images are reduced by this factor when the cause of a mismatch is searched: a match then costs an eighth. In images
 of 800 to 1599 columns, whose full match has half of the columns anyway, it costs a half."""
@@ -55,7 +56,7 @@ def check_images(pair: StereoPair, rig: StereoRig) -> None:
 
 
 def check_matches(pair: StereoPair, disparity: DisparityMap, disparity_count: int) -> None:
-    """Raise MappingError if so few textured pixels are valid that their matches are due to chance.
+    """Raise MappingError if so few textured pixels are measured that their matches are due to chance.
 
     If too few pixels are textured, the fraction is NaN and the pair passes, with a warning of `findings_of_pair`.
     """

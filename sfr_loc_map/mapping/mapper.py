@@ -38,8 +38,9 @@ The stages of `Mapper.fuse`:
    larger weight observes a farther surface.
 4. `point_sigma` (`point_sigma`): sigma of the fused points, as above.
 
-No stage changes its arguments, and the mapper has no state but its rig and its parameters. Elevation and hazard grids
-are made of a cloud by `terrain`, not by the mapper.
+No stage changes its arguments, and the mapper has no state but its rig and its parameters. Compiled kernels and the
+network beside jumps are loaded once for a process. Elevation and hazard grids are made of a cloud by `terrain`, not by
+the mapper.
 """
 
 from __future__ import annotations
@@ -148,7 +149,7 @@ class Mapper:
         """Return the map of the pair of an index, 0 to 2, within its set; the index is that of its points in `cloud`.
 
         Raises MappingError for another index, for images of another size than the rig's, for a textureless image, for
-        identical images, and for images that do not match (less than 30 % of the textured pixels are valid).
+        identical images, and for images that do not match (less than 30 % of the textured pixels are measured).
         """
         check_index(index)
         check_images(pair, self._rig)
@@ -161,12 +162,13 @@ class Mapper:
         T_lm_left = T_lm_navsb @ self._rig.T_sb_left
         view = view_of_pair(disparity_px, status, filled, self._rig, T_lm_left)
         calibration = calibration_sigma(rotation, self._rig, self._config.calibration)
-        first_pair = np.zeros(view.points.size, np.uint8)
-        sigma = point_sigma(view.points, first_pair, [T_lm_left], [filled.saturation], calibration, self._rig)
+        only_pair = np.zeros(view.points.size, np.uint8)
+        sigma = point_sigma(view.points, only_pair, [T_lm_left], [filled.saturation], calibration, self._rig)
         findings = findings_of_pair(estimated, rotation, view.points.size, self._rig, self._config.calibration)
+        pair_in_set = np.full(view.points.size, index, np.uint8)
         return PairMap(
             stamp_ns=pair.stamp_ns,
-            cloud=view.points.to_cloud(sigma.total, first_pair + np.uint8(index), fused=False),
+            cloud=view.points.to_cloud(sigma.total, pair_in_set, fused=False),
             random_sigma=sigma.random,
             T_lm_left=T_lm_left,
             disparity_px=view.disparity_px,
@@ -180,7 +182,7 @@ class Mapper:
         """Return one cloud of up to three pairs; the `pair` of its points is the position of their map in the order.
 
         Raises MappingError for no map or more than three, for a map that `process` did not make or whose points were
-        changed since, and for maps of other cameras than the mapper's.
+        changed since, and for maps of other cameras than those of the mapper.
         """
         if not 1 <= len(maps) <= MAX_PAIRS:
             raise MappingError(f"a map is fused from 1 to {MAX_PAIRS} pairs: got {len(maps)}")

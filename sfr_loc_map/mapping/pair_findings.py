@@ -12,7 +12,7 @@ from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.point_sigma import is_yaw_significant
 
 LOW_VALID_TEXTURED_FRACTION = 0.6
-"""Fraction of valid pixels among the textured ones below which a warning is given: twice
+"""Fraction of measured pixels among the textured ones below which a warning is given: twice
 `checks.MIN_VALID_TEXTURED_FRACTION`."""
 MIN_VERTICAL_WARNING_PX = 0.3
 """Smallest vertical disparity that causes a warning, pixels: the residual distortion of a usual calibration."""

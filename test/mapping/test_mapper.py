@@ -22,6 +22,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import panorama_of
 from sfr_loc_map.mapping import mapper as mapper_module
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus
 from sfr_loc_map.mapping.mapper import Mapper, PairMap
 
 T_LM_NAVSB = Transform(matrix_from_rotvec([0.1, 0.35, -0.4]), np.array([1.0, -2.0, 2.0]))
@@ -191,6 +192,25 @@ def test_points_lie_on_their_pixels_rays_at_the_depth_of_their_disparity() -> No
     assert len(result.cloud) == np.isfinite(result.disparity_px).sum()
     near = mapped(made, max_range_m=3.0)
     assert made.rig.fx * made.rig.baseline_m / np.nanmin(near.disparity_px) <= 3.0 + 1e-5
+
+
+def test_the_status_of_a_pixel_says_why_it_has_no_point() -> None:
+    """With a smaller range the same pixels are valid, but for those that are beyond it."""
+    made = make_world(slope)
+    result = mapped(made)
+    near = mapped(made, max_range_m=3.0)
+    assert result.pixel_status is not None
+    assert near.pixel_status is not None
+    is_valid = result.pixel_status <= PixelStatus.FILLED
+    np.testing.assert_array_equal(is_valid, np.isfinite(result.disparity_px))
+    is_beyond = near.pixel_status == PixelStatus.BEYOND_RANGE
+    np.testing.assert_array_equal(near.pixel_status[~is_beyond], result.pixel_status[~is_beyond])
+    assert is_valid[is_beyond].all()
+    assert (made.rig.fx * made.rig.baseline_m / result.disparity_px[is_beyond]).min() > 3.0
+    outside = np.arange(made.rig.width) < np.rint(made.disparity) - 1.0  # of the right image
+    hidden = (PixelStatus.UNMATCHED, PixelStatus.CHANGED, PixelStatus.OCCLUDED)
+    assert np.isin(result.pixel_status[outside], hidden).mean() > 0.98
+    assert result.statistics["density"] == pytest.approx(is_valid.mean())
 
 
 FAULTS: dict[str, tuple[Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]], str]] = {

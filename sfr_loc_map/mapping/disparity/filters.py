@@ -57,10 +57,9 @@ def local_variance(image: FloatImage) -> FloatImage:
 
 def dilated(pixels: Mask, reach: int) -> Mask:
     """Return which pixels are within `reach` rows and columns of one that is set."""
-    return np.asarray(cv2.dilate(pixels.astype(np.uint8), square_of_reach(reach))).astype(np.bool_)
+    return np.asarray(cv2.dilate(pixels.astype(np.uint8), square(2 * reach + 1))).astype(np.bool_)
 
 
-def square_of_reach(reach: int) -> GreyImage:
-    """Return the structuring element `(2 reach + 1, 2 reach + 1)` of a square."""
-    side = 2 * reach + 1
+def square(side: int) -> GreyImage:
+    """Return the structuring element of a square `(side, side)`."""
     return np.ones((side, side), np.uint8)

@@ -285,7 +285,10 @@ def _hypotheses(scene: HoleScene, y: int, x: int) -> Hypotheses:
 
 @jit_rows_inline
 def _surface_slope(scene: HoleScene, y: int, x: int, dy: int, dx: int) -> np.float32:
-    """Return the slope of a valid pixel's surface along an axis, from the valid pixels on either side."""
+    """Return the slope of a valid pixel's surface along an axis, from the valid pixels of that surface on either side.
+
+    Those of `surfaces` are of all pixels, so that they show jumps.
+    """
     rows, cols = scene.disparity.shape
     centre = scene.disparity[y, x]
     rise = F(0.0)

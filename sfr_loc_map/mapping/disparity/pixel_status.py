@@ -22,7 +22,7 @@ class PixelStatus(IntEnum):
     OCCLUDED = 4  #: Occluded in the right image, or outside it.
     MISMATCHED = 5  #: Residual larger than the noise and similar to the image's contrast.
     RAMP = 6  #: On a ramp that joins two surfaces.
-    SMALL_SEGMENT = 7  #: In a segment that is small or has no content in common with the right image.
+    NOT_A_SURFACE = 7  #: In a segment that is small or has no content in common with the right image.
     WRONG_SURFACE = 8  #: Beside a jump, and likely on its wrong side.
     SATURATED = 9  #: In a neighbourhood that is completely saturated.
     BEYOND_RANGE = 10  #: Farther than the largest range.

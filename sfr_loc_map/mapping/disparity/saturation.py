@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage, Mask
+from sfr_loc_map.mapping.disparity.filters import square
 
 SATURATED_SQUARE_PX = 5
 """A pixel is invalid if the square of this side around it is completely saturated, pixels: its slope, of five columns
@@ -35,8 +36,8 @@ def measure_saturation(left: GreyImage, right: GreyImage, disparity_px: FloatIma
     saturated_right = cv2.LUT(right, SATURATED_GREY_LEVELS)
     if saturated_right.any():
         saturated_right = _warped(saturated_right, disparity_px)
-    square = np.ones((SATURATED_SQUARE_PX, SATURATED_SQUARE_PX), np.uint8)
-    saturated = np.maximum(cv2.erode(saturated_left, square), cv2.erode(saturated_right, square)) > 0
+    around = square(SATURATED_SQUARE_PX)
+    saturated = np.maximum(cv2.erode(saturated_left, around), cv2.erode(saturated_right, around)) > 0
     either = np.maximum(saturated_left, saturated_right)
     neighbourhood = np.asarray(cv2.blur(either, (NEIGHBOURHOOD_PX, NEIGHBOURHOOD_PX)), np.uint8)
     return Saturation(saturated, neighbourhood, float(np.count_nonzero(either) / either.size))

@@ -52,7 +52,7 @@ def pixel_status(
     scene = EdgeScene(left, right, disparity, np.isfinite(initial_px), is_valid(status), sigma_px)
     status = with_reason(status, wrong_surface_mask(scene), PixelStatus.WRONG_SURFACE)
     # What the last test has left of a segment may be small.
-    status = with_reason(status, ~valid_segments(left, right, disparity, is_valid(status)), PixelStatus.SMALL_SEGMENT)
+    status = with_reason(status, ~valid_segments(left, right, disparity, is_valid(status)), PixelStatus.NOT_A_SURFACE)
     return with_reason(status, saturation.saturated, PixelStatus.SATURATED)
 
 
@@ -68,7 +68,7 @@ def status_before_edges(
     status = with_reason(status, occluded, PixelStatus.OCCLUDED)
     status = with_reason(status, mismatch_mask(left, refined), PixelStatus.MISMATCHED)
     status = with_reason(status, ramp_mask(disparity), PixelStatus.RAMP)
-    return with_reason(status, ~valid_segments(left, right, disparity, is_valid(status)), PixelStatus.SMALL_SEGMENT)
+    return with_reason(status, ~valid_segments(left, right, disparity, is_valid(status)), PixelStatus.NOT_A_SURFACE)
 
 
 def changed_mask(initial_px: FloatImage, disparity: FloatImage) -> Mask:

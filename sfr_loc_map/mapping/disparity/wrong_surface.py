@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage, IntArray, Mask, median
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
-from sfr_loc_map.mapping.disparity.filters import dilated, square_of_reach
+from sfr_loc_map.mapping.disparity.filters import dilated, square
 from sfr_loc_map.mapping.disparity.matching_cost import (
     DISTANCE_SCALE_PX,
     GREY_SCALE,
@@ -132,8 +132,8 @@ def wrong_surface_mask(scene: EdgeScene) -> Mask:
 
 def beside_jump(disparity: FloatImage) -> Mask:
     """Return which pixels `(H, W)` are at or near a jump of disparity."""
-    square = square_of_reach(1)
-    jump = np.asarray(cv2.dilate(disparity, square) - cv2.erode(disparity, square), F) > SMALL_JUMP_PX
+    neighbours = square(3)
+    jump = np.asarray(cv2.dilate(disparity, neighbours) - cv2.erode(disparity, neighbours), F) > SMALL_JUMP_PX
     return dilated(jump, SURFACE_RADIUS)
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.mapping.disparity.filters import square
 from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.multiview.projection import MIN_TEXTURE
 from sfr_loc_map.mapping.pair_view import MIN_COVERAGE, PairView
@@ -74,10 +75,10 @@ def _fixed_region(first: PairView, second: PairView, rig: StereoRig) -> Mask:
     first_grey = first.grey_image()[::STRIDE, ::STRIDE]
     second_grey = second.grey_image()[::STRIDE, ::STRIDE]
     is_fixed = same_disparity & (_similarity(first_grey, second_grey, noise) > MIN_SIMILARITY)
-    square = np.ones((REGION_SAMPLES, REGION_SAMPLES), np.uint8)
-    closed = cv2.morphologyEx(is_fixed.astype(np.uint8), cv2.MORPH_CLOSE, square)
-    opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, square)
-    return np.asarray(cv2.dilate(opened, square)).astype(np.bool_)
+    region = square(REGION_SAMPLES)
+    closed = cv2.morphologyEx(is_fixed.astype(np.uint8), cv2.MORPH_CLOSE, region)
+    opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, region)
+    return np.asarray(cv2.dilate(opened, region)).astype(np.bool_)
 
 
 def _same_disparity(first: PairView, second: PairView, rig: StereoRig) -> Mask:

@@ -5,9 +5,9 @@ point moves along its own ray to the mean weighted by inverse variance, so that 
 surface. If another pair with the larger weight observes a farther surface at that pixel, the point is dropped. Of two
 equal weights that of the earlier pair counts as the larger one. A weight is `1 / sigma^2`, reduced near the border.
 
-The points are samples of the ground. All others are kept, each on the ray of its own pixel: where the ground is seen at
-a grazing angle, the rows of one image are centimetres apart, and those of another pair are between them. Of two points
-that sample the same spot, the one with the larger weight is kept.
+The remaining points are samples of the ground and are kept, each on the ray of its own pixel. Where the ground is seen
+at a grazing angle, the rows of one image are centimetres apart, and those of another pair are between them. Of two
+points that sample the same spot, the one with the larger weight is kept.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ from sfr_loc_map.mapping.robust_statistics import mad_sigma
 AGREE_SIGMAS = 3.0  #: Differences up to this many standard deviations are consistent: 0.3 % exceed it by chance.
 COMMON_VARIANCE = 0.5
 """Fraction of a point's variance that all pairs have in common (smoothing of the same shape), which averaging does not
-reduce."""
+reduce. The errors of two rendered pairs at points on which they agree have a correlation of 0.49 to 0.59
+(measurements/mapper_trials.md)."""
 SAME_SAMPLE_PX = F(0.02)
 """Points closer than this in an image sample the same spot, pixels: the images have the same pose, and rounding moves
 points by less."""
