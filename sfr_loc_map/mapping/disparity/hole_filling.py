@@ -47,7 +47,9 @@ MIN_SAME_SURFACE = 5
 """Neighbours out of eight that must belong to the surface of a filled pixel: single pixels had a third of the squared
 error that filling added."""
 MIN_FILLED_SIGMA_PX = F(0.5)
-"""Smallest standard deviation of a filled disparity: the RMS error was 0.2 to 0.9 px on rendered ground."""
+"""Smallest standard deviation of a filled disparity, pixels: that of the refined field, which does not know the hole's
+surface, may be smaller. The RMS error of filled disparities within 3 px was 0.3 px on rendered ground and 0.8 to 1.0 px
+on real pairs, where the field states 1.2 px (measurements/mapper_trials.md)."""
 MAX_DEPTH_RATIO = F(4.0)
 """A hole takes no surface at this many times the depth of another one nearby, as behind the rim of a crater: one such
 pixel in ten thousand would be most of the error of a map."""
