@@ -34,6 +34,7 @@ PLOT = ["matplotlib>=3.8,<4"]
 NOTEBOOK = [*PLOT, "pandas>=2.2,<4"]
 DEM = ["rasterio>=1.3,<2"]
 SUITE = ["distributed>=2025.1,<2027", "pyarrow>=17,<27", "fsspec[http]>=2025.2,<2027"]
+SEARCH = [*SUITE, "optuna>=4,<6"]
 S3 = ["flask>=3,<4", "flask-cors>=5,<7", "moto>=5,<6", "s3fs>=2025.2,<2027"]
 MLFLOW = ["mlflow-skinny>=2.20,<4"]
 
@@ -125,6 +126,7 @@ setup(
         "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<7.2", "ros-jazzy-common-interfaces>=5.3,<5.4"],
         # BSD-3 and Apache-2.0; runs of suites, here or on a cluster, sources elsewhere, results as a table for pandas
         "suite": SUITE,
+        "search": SEARCH,  # MIT; sfr suite search
         "live": LIVE,  # Apache-2.0; the page of sfr live
         "foxglove": FOXGLOVE,  # MIT; the same by the protocol of Foxglove
         "docs": DOCS,  # the documentation site
@@ -136,7 +138,7 @@ setup(
         # cyclonedds: EPL-2.0 or BSD-3; a DDS client that is not ROS, for tests
         "dev": [
             *TEST,
-            *SUITE,
+            *SEARCH,
             *LIVE,
             *FOXGLOVE,
             *DEM,

@@ -20,6 +20,7 @@ from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, Inte
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.proof import words_of
+from sfr_loc_map.metrics.score_json import json_line
 from sfr_loc_map.signals import hold
 
 if TYPE_CHECKING:
@@ -74,8 +75,7 @@ def run(
             say(f"sfr: warning: left out: {refusal.reason}", err=True)
         wanted = ("waiting", "failed") if retry_failed else ("waiting",)
         jobs = [job for job in planned if store.state(job.key) in wanted]
-        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        places = min(workers or max(1, cores // settings.threads), max(1, len(jobs)))
+        places = min(workers or max(1, _cores() // settings.threads), max(1, len(jobs)))
         if dry_run:
             for job in jobs:
                 say(f"{job.key}  {job.label}")
@@ -100,6 +100,11 @@ def run(
     _present(summary, store, json_path, junit, mlflow, lenient=lenient)
 
 
+def _cores() -> int:
+    """Return the number of processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def _run_jobs(jobs: Sequence[Job], store: Store, settings: SuiteSettings, places: int, scheduler: str | None) -> None:
     """Run jobs and keep what comes of each; show a bar on a terminal, a line each elsewhere."""
     from sfr_loc_map.suite.running.cluster import SuiteWorkers, connected, run_jobs
@@ -122,6 +127,46 @@ def _run_jobs(jobs: Sequence[Job], store: Store, settings: SuiteSettings, places
             if settings.stop_when_decided and summarise(store).is_decided:
                 say(f"decided after {done} of {len(jobs)} tasks: the others are not needed", err=True)
                 break
+
+
+@app.command(epilog=examples("sfr suite search search.yaml --out runs/search --workers 2"))
+def search(
+    search: Annotated[Path, Argument(metavar="SEARCH.yaml", help="Scenario, ranges, figure with its limit.")],
+    out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; continued if it is there.")],
+    workers: Annotated[int | None, Option(min=1, metavar="N", help="Tasks at a time; one a core.")] = None,
+    scheduler: Annotated[str | None, Option(metavar="ADDR", help="Running Dask scheduler, as tcp://host:8786.")] = None,
+    at_random: Annotated[
+        bool, Option("--random", help="Choose uniform points, for a comparison.")
+    ] = False,
+    json_path: JsonOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Search the scenario with the least margin (extra search); exit code 1 if one misses the limit."""
+    from sfr_loc_map.suite.pages.search_page import render_search, search_tables
+    from sfr_loc_map.suite.running.store import Store
+    from sfr_loc_map.suite.search.run import CASE, case_file, run_search
+    from sfr_loc_map.suite.search.specification import load_search
+
+    propose("sfr", "suite", "run", out / "case.yaml", "--out", out / "case", why="the found case again")
+    check_outputs(json_path, inputs=(search,), overwrite=overwrite)
+    if scheduler is not None and workers is not None:
+        raise ConfigError("'--workers' and '--scheduler': give one of them; a running scheduler has its own workers")
+    specification, store = load_search(search), Store(out)
+    places = workers or max(1, _cores() // specification.running.threads)
+    with store.locked():
+        result = run_search(
+            specification,
+            store,
+            lambda jobs: _run_jobs(jobs, store, specification.running, min(places, len(jobs)), scheduler),
+            at_random=at_random,
+        )
+    write_text(json_line(result.to_dict()), store.folder / "search.json")
+    write_text(render_search(result), store.folder / "search.html")
+    write_text(case_file(result), store.folder / CASE)
+    show(result.to_dict(), json_path, search_tables(result))
+    say(f"report: {store.folder / 'search.html'}", err=True)
+    if result.found.fails:
+        raise FailedVerdictError(f"the worst case is {result.case.ratio:.3g} times the limit: {store.folder / CASE}")
 
 
 @app.command(epilog=examples("sfr suite report runs/today --json summary.json"))

@@ -222,3 +222,49 @@ def test_an_error_budget_states_the_shares_of_its_sources(sfr: Sfr, tmp_path: Pa
         refused = sfr("suite", "run", suite, "--out", tmp_path / "other")
         assert refused.code == 2
         assert "budget" in refused.err
+
+
+@pytest.mark.slow
+def test_a_search_finds_a_weakness_goes_on_and_leaves_a_case(sfr: Sfr, tmp_path: Path) -> None:
+    pytest.importorskip("optuna")
+    small = {"terrain.coarseness": 16, "rocks.cover": 0.01, "rocks.smallest_m": 0.3, "panorama.enabled": False}
+    small |= {"drive.pairs": 12, "drive.segments": ["straight 2"], "sensor.samples": 1}
+    small |= {"loc.width": 160, "loc.height": 160, "loc.focal_px": 130}
+    (tmp_path / "scenario.yaml").write_text("{}\n")
+    content = {
+        "scenario": "scenario.yaml",
+        "set": small,
+        "ranges": {
+            "baseline": {"fault": "baseline", "range": [0.8, 1.2]},
+            "shift": {"fault": "shift", "range": [-0.2, 0.2]},
+        },
+        "condition": "frames=4",
+        "limit": 0.05,
+        "runs": 8,
+        "slices": 2,
+        "running": {"spacing": 2},
+    }
+    search = tmp_path / "search.yaml"
+    search.write_text(yaml.safe_dump(content))
+    first = sfr("suite", "search", search, "--out", tmp_path / "out", "--workers", "2", "--json", "-")
+    assert first.code == 1, first.err
+    found = json.loads(first.out)
+    assert found["schema"] == "sfr-search/1"
+    assert found["case"]["ratio"] >= 1.0 > found["usual"]["ratio"]
+    assert abs(found["case"]["point"]["baseline"] - 1.0) > 0.02
+    assert "Worst case" in (tmp_path / "out/search.html").read_text()
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "out/results").iterdir()}
+
+    again = sfr("suite", "search", search, "--out", tmp_path / "out", "--workers", "2", "--json", "-")
+    assert json.loads(again.out) == found
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out/results").iterdir()} == before
+
+    case = sfr("suite", "run", tmp_path / "out/case.yaml", "--out", tmp_path / "case", "--workers", "1", "--json", "-")
+    assert case.code == 0, case.err
+    groups = json.loads(case.out)["groups"]
+    value = next(row["mean_plus_3sigma"] for row in groups[-1]["figures"] if row["figure"] == "position")
+    assert value / 0.05 == pytest.approx(found["case"]["ratio"], rel=1e-6)
+
+    for change in ({"ranges": {"sky": [0, 1]}}, {"figure": "speed"}, {"ranges": {"terrain.slope_deg": [9, 1]}}):
+        search.write_text(yaml.safe_dump(content | change))
+        assert sfr("suite", "search", search, "--out", tmp_path / "other").code == 2

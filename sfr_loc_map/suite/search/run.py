@@ -1,0 +1,143 @@
+"""A search on the workers of a suite: every point is a normal result of the suite's folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import yaml
+
+from sfr_loc_map import __version__
+from sfr_loc_map.config import build, flatten, load_yaml
+from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.store import Store
+from sfr_loc_map.suite.search.specification import NOT_JUDGED, Point, SearchSpecification
+from sfr_loc_map.suite.search.worst_case import (
+    Coverage,
+    RandomChooser,
+    Slice,
+    TreeChooser,
+    Tried,
+    coverage_of,
+    rank_correlations,
+    reduced,
+    search_worst,
+    slices_of,
+)
+
+SCHEMA = "sfr-search/1"
+CASE = "case.yaml"
+Run = Callable[[Sequence[Job]], None]
+"""Runs jobs and keeps what comes of each in the folder of the suite."""
+
+
+@dataclass(frozen=True, slots=True)
+class SearchResult:
+    """What a search found."""
+
+    specification: SearchSpecification
+    usual: Tried  #: The scenario as it is.
+    tried: tuple[Tried, ...]  #: The points of the search, in their order.
+    found: Tried  #: The one with the least margin.
+    case: Tried  #: The least change of the scenario that still fails; the found point if it does not fail.
+    slices: tuple[Slice, ...]
+    coverage: tuple[Coverage, ...]
+    correlations: tuple[float, ...]  #: Rank correlation of each parameter with the ratio.
+
+    @property
+    def until_first_miss(self) -> int | None:
+        """Points until the first that misses the limit, None if none does."""
+        return next((number for number, item in enumerate(self.tried, 1) if item.fails), None)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON values."""
+        specification = self.specification
+        chosen = specification.settings
+        head = {"schema": SCHEMA, "version": __version__, "search": str(specification.path)}
+        head |= {name: getattr(chosen, name) for name in ("figure", "statistic", "condition", "limit")}
+        points = [
+            {"ratio": item.ratio, "jobs": [job.key for job in specification.jobs_at(item.point)]}
+            | {"point": self.named(item.point)}
+            for item in self.tried
+        ]
+        of_cases = {
+            name: {"ratio": item.ratio, "point": self.named(item.point)}
+            for name, item in (("usual", self.usual), ("found", self.found), ("case", self.case))
+        }
+        parts = {name: to_plain(getattr(self, name)) for name in ("slices", "coverage", "correlations")}
+        return {**head, "parameters": to_plain(specification.parameters), "points": points, **of_cases, **parts}
+
+    def named(self, point: Point) -> dict[str, float]:
+        """Return a point by the names of its parameters."""
+        pairs = zip(self.specification.parameters, point, strict=True)
+        return {parameter.name: value for parameter, value in pairs}
+
+
+def run_search(specification: SearchSpecification, store: Store, run: Run, *, at_random: bool = False) -> SearchResult:
+    """Search, reduce the worst point and cut slices through it; points that have results are not run again."""
+    planned: dict[str, Job] = {}
+
+    def evaluate(points: Sequence[Point]) -> list[float]:
+        jobs = {point: specification.jobs_at(point) for point in points}
+        planned.update({job.key: job for of_point in jobs.values() for job in of_point})
+        store.plan(list(planned.values()), [])
+        waiting = [job for of_point in jobs.values() for job in of_point if store.state(job.key) == "waiting"]
+        if waiting:
+            run(list({job.key: job for job in waiting}.values()))
+        return [_worst_ratio(specification, store, jobs[point]) for point in points]
+
+    chosen, parameters = specification.settings, specification.parameters
+    chooser = RandomChooser(parameters, chosen.seed) if at_random else TreeChooser(parameters, chosen.seed)
+    usual = Tried(specification.usual, evaluate([specification.usual])[0])
+    tried = list(search_worst(chooser, evaluate, chosen.runs, chosen.batch))
+    found = max(tried, key=lambda item: item.ratio)
+    case = reduced(found, specification.usual, evaluate)
+    slices = slices_of(parameters, case, tried, chosen.slices, evaluate) if chosen.slices else []
+    return SearchResult(
+        specification=specification,
+        usual=usual,
+        tried=tuple(tried),
+        found=found,
+        case=case,
+        slices=tuple(slices),
+        coverage=tuple(coverage_of(parameters, [item.point for item in tried])),
+        correlations=tuple(rank_correlations(tried, len(parameters))),
+    )
+
+
+def _worst_ratio(specification: SearchSpecification, store: Store, jobs: Sequence[Job]) -> float:
+    """Return the largest ratio of the runs of a point; a run that failed counts as `NOT_JUDGED`."""
+    ratios = [
+        specification.ratio_of(store.score(job)) if store.state(job.key) == "done" else NOT_JUDGED for job in jobs
+    ]
+    return max(ratios)
+
+
+def case_file(result: SearchResult) -> str:
+    """Return the file of a suite that runs the found case again."""
+    specification, point = result.specification, result.case.point
+    changed = {
+        name: value for name, value in specification.base.items() if value != _scenario_of(specification).get(name)
+    }
+    settings = {**changed, **specification.settings_at(point)}
+    settings.pop("seed", None)
+    content: dict[str, Any] = {
+        "sources": [
+            {"simulate": str(specification.scenario), "seeds": list(specification.seeds), "set": to_plain(settings)}
+        ],
+        "tasks": ["localise"],
+        "conditions": list(specification.scoring.conditions),
+        "spacing": specification.scoring.spacing,
+    }
+    if faults := specification.faults_at(point):
+        content["perturb"] = [faults]
+    ratio = f"{result.case.ratio:.3g} times the limit of {specification.settings.limit:g}"
+    head = f"# Found by a search: {specification.settings.figure} {specification.settings.statistic} is {ratio}.\n"
+    return head + yaml.safe_dump(content, sort_keys=False)
+
+
+def _scenario_of(specification: SearchSpecification) -> Mapping[str, object]:
+    return flatten(build(SimulationConfig, load_yaml(specification.scenario), origin=str(specification.scenario)))

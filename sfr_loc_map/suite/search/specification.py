@@ -1,0 +1,202 @@
+"""The file of a search (docs/suites.md): a scenario, ranges of its parameters, and the figure with its limit."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sfr_loc_map.config import build, flatten, load_yaml, param
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.faults.kinds import FaultKind, parse_fault
+from sfr_loc_map.metrics.catalogue import KINDS
+from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.suite.running.digests import code_fingerprint
+from sfr_loc_map.suite.running.job import Job, JobKind, JobSource, SourceKind, digest
+from sfr_loc_map.suite.running.specification import SuiteSettings
+
+Point = tuple[float, ...]
+"""A value for each parameter of a search, in the order of the file."""
+NOT_JUDGED = 2.0
+"""Ratio of a drive without the figure, as one that was lost: the requirement is missed, by an unknown amount."""
+STATISTICS = ("mean_plus_3sigma", "mean", "sigma", "rmse", "p50", "p95", "p99", "max", "value")
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter of the scenario, or the amount of a fault, with its range."""
+
+    name: str  #: Dotted name of a setting, or a name for the fault.
+    low: float
+    high: float
+    usual: float  #: Value without a search: that of the scenario, or the amount at which the fault has no effect.
+    fault: str = ""  #: The fault without its amount; empty of a setting.
+    is_whole: bool = False  #: Whether values are whole numbers.
+
+    @property
+    def group(self) -> str:
+        """What the parameter is about: `faults`, or the section of the scenario."""
+        return "faults" if self.fault else self.name.partition(".")[0]
+
+    def within(self, value: float) -> float:
+        """Return a value as the scenario takes it."""
+        return float(round(value)) if self.is_whole else float(f"{value:.6g}")
+
+
+@dataclass(frozen=True, slots=True)
+class SearchSettings:
+    """Single values of a search."""
+
+    figure: str = param("position", doc="Figure of the score that is searched for (`figure` of its table).")
+    statistic: str = param("mean_plus_3sigma", doc="Statistic of the figure.", choices=STATISTICS)
+    condition: str = param("distance=5", doc="Condition of the sub-trajectories.")
+    limit: float = param(0.1, doc="Upper limit of the figure, in its unit.", low=1e-12, high=1e12)
+    runs: int = param(100, doc="Points that are searched, before the found one is reduced.", low=1, high=10**6)
+    batch: int = param(4, doc="Points that are chosen at a time.", low=1, high=1000)
+    seed: int = param(0, doc="Seed of the search.", low=0, high=2**31 - 1)
+    slices: int = param(5, doc="Points along each side of a slice; 0 for no slices.", low=0, high=50)
+
+
+@dataclass(frozen=True, slots=True)
+class SearchSpecification:
+    """What is searched, and how a point becomes runs."""
+
+    path: Path  #: The file.
+    scenario: Path
+    base: Mapping[str, object]  #: All settings of the scenario.
+    seeds: tuple[int, ...]  #: A point is as good as its worst seed.
+    parameters: tuple[Parameter, ...]
+    scoring: TrajectoryScoreConfig
+    settings: SearchSettings
+    running: SuiteSettings  #: Memory, time and threads of a run.
+
+    @property
+    def usual(self) -> Point:
+        """The scenario as it is."""
+        return tuple(parameter.usual for parameter in self.parameters)
+
+    def settings_at(self, point: Point) -> dict[str, object]:
+        """Return the settings of the scenario that a point changes."""
+        pairs = zip(self.parameters, point, strict=True)
+        return {
+            parameter.name: int(value) if parameter.is_whole else value
+            for parameter, value in pairs
+            if not parameter.fault
+        }
+
+    def faults_at(self, point: Point) -> str:
+        """Return the faults of a point, joined by `+`; a fault without effect is left out."""
+        texts = []
+        for parameter, value in zip(self.parameters, point, strict=True):
+            if parameter.fault and value != parameter.usual:
+                sign = "," if ":" in parameter.fault else ":"
+                texts.append(f"{parameter.fault}{sign}amount={value:.6g}")
+        return "+".join(texts)
+
+    def jobs_at(self, point: Point) -> list[Job]:
+        """Return the runs of a point, one for each seed."""
+        return [self._job(point, seed) for seed in self.seeds]
+
+    def _job(self, point: Point, seed: int) -> Job:
+        changed = {**self.base, **self.settings_at(point), "seed": seed}
+        settings = flatten(build(SimulationConfig, changed, origin=str(self.path)))
+        source = JobSource(
+            name=f"{self.scenario.stem}-{seed}",
+            kind=SourceKind.SIMULATED,
+            path=str(self.scenario),
+            settings=settings,
+            sha256=digest(settings),
+            seed=seed,
+        )
+        return Job(
+            kind=JobKind.LOCALISE,
+            source=source,
+            faults=self.faults_at(point),
+            fault_seed=seed,
+            configuration="default",
+            start=self.running.start,
+            scoring=self.scoring,
+            repeat=0,
+            threads=self.running.threads,
+            code=code_fingerprint(),
+        )
+
+    def ratio_of(self, score: Score | None) -> float:
+        """Return the figure over its limit: 1 and more is a miss; `NOT_JUDGED` without the figure."""
+        if score is None:
+            return NOT_JUDGED
+        chosen = self.settings
+        kind = KINDS[chosen.figure]
+        condition = self.scoring.conditions[0] if kind.name in ("position", "attitude", "heading", "chord") else None
+        value = (
+            score.number(chosen.figure, chosen.statistic)
+            if condition is None
+            else score.number(chosen.figure, chosen.statistic, condition=condition)
+        )
+        return NOT_JUDGED if value is None else abs(value) / chosen.limit
+
+
+def load_search(path: Path) -> SearchSpecification:
+    """Read the file of a search; raise ConfigError with what is wrong."""
+    content = load_yaml(path)
+    scenario_name, changes = content.pop("scenario", None), content.pop("set", None) or {}
+    ranges, seeds = content.pop("ranges", None), content.pop("seeds", [1])
+    running = build(SuiteSettings, content.pop("running", None) or {}, origin=f"{path}: running")
+    settings = build(SearchSettings, content, origin=str(path))
+    if settings.figure not in KINDS:
+        raise ConfigError(f"{path}: 'figure: {settings.figure}' is unknown; one of {', '.join(KINDS)} is needed")
+    if not isinstance(scenario_name, str):
+        raise ConfigError(f"{path}: 'scenario' must name the file of a scenario")
+    is_list = isinstance(seeds, list) and all(type(seed) is int for seed in seeds)
+    if not is_list or not seeds:
+        raise ConfigError(f"{path}: 'seeds' must be a list of whole numbers")
+    if not isinstance(ranges, Mapping) or not ranges or not isinstance(changes, Mapping):
+        raise ConfigError(f"{path}: 'ranges' must map parameters to [LOW, HIGH], and 'set' settings to values")
+    scenario = path.absolute().parent / scenario_name
+    start: Mapping[str, Any] = flatten(build(SimulationConfig, load_yaml(scenario), origin=str(scenario)))
+    base = flatten(build(SimulationConfig, {**start, **changes}, origin=f"{path}: 'set'"))
+    condition = Condition.parse(settings.condition).setting
+    return SearchSpecification(
+        path=path,
+        scenario=scenario,
+        base=base,
+        seeds=tuple(seeds),
+        parameters=tuple(_parameter(str(name), value, base, f"{path}: '{name}'") for name, value in ranges.items()),
+        scoring=TrajectoryScoreConfig((condition,), running.spacing, running.rebase, running.partial),
+        settings=settings,
+        running=running,
+    )
+
+
+def _parameter(name: str, value: object, base: Mapping[str, object], origin: str) -> Parameter:
+    if isinstance(value, Mapping):
+        if set(value) != {"fault", "range"}:
+            raise ConfigError(f"{origin} needs 'fault: KIND' and 'range: [LOW, HIGH]' of its amount")
+        if not re.fullmatch(r"[\w .-]+", name):
+            raise ConfigError(f"{origin}: the name of a fault must be of letters, digits, spaces, points and dashes")
+        low, high = _bounds(value["range"], origin)
+        fault = str(value["fault"])
+        kind: FaultKind = parse_fault(fault).kind
+        for amount in (low, high):
+            parse_fault(f"{fault}{',' if ':' in fault else ':'}amount={amount:g}")
+        return Parameter(name, low, high, kind.info.neutral, fault)
+    low, high = _bounds(value, origin)
+    usual = base.get(name)
+    if isinstance(usual, bool) or not isinstance(usual, int | float):
+        raise ConfigError(f"{origin} is no number of the scenario; give a setting as light.sun_elevation_deg")
+    for bound in (low, high):
+        whole = isinstance(usual, int)
+        build(SimulationConfig, {**base, name: int(bound) if whole else bound}, origin=origin)
+    return Parameter(name, low, high, float(usual), is_whole=isinstance(usual, int))
+
+
+def _bounds(value: object, origin: str) -> tuple[float, float]:
+    is_pair = isinstance(value, list) and len(value) == 2
+    numbers = [float(item) for item in value if type(item) in (int, float)] if isinstance(value, list) else []
+    if not is_pair or len(numbers) != 2 or not numbers[0] < numbers[1]:
+        raise ConfigError(f"{origin}: the range must be [LOW, HIGH] with LOW below HIGH; found {value}")
+    return numbers[0], numbers[1]

@@ -1,0 +1,246 @@
+"""From ranges to the worst case: points that are chosen, the case reduced to what it needs, slices through it.
+
+The search is deterministic: the same file, seed and results choose the same points. An interrupted search continues
+because points that have results are not run again.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+from typing import Protocol
+
+import numpy as np
+
+from sfr_loc_map.errors import MissingExtraError
+from sfr_loc_map.suite.search.specification import Parameter, Point
+
+BISECTIONS = 4  #: Halvings of the way from the usual value to the found one.
+CELLS = 3  #: Parts of a range in the coverage card.
+MAX_SLICED = 3  #: Parameters of the found case that slices are made of.
+Evaluate = Callable[[Sequence[Point]], list[float]]
+"""Runs points and returns the ratio of each: the figure over its limit, of the worst seed."""
+
+
+class Chooser(Protocol):
+    """Chooses points and learns their ratios."""
+
+    def ask(self, count: int) -> list[Point]:
+        """Return the next points."""
+
+    def tell(self, points: Sequence[Point], ratios: Sequence[float]) -> None:
+        """Take what the points gave, in the order in which they were asked for."""
+
+
+class RandomChooser:
+    """Uniform points: what a search is compared with."""
+
+    def __init__(self, parameters: Sequence[Parameter], seed: int) -> None:
+        self._parameters = parameters
+        self._rng = np.random.default_rng(seed)
+
+    def ask(self, count: int) -> list[Point]:
+        """Return uniform points."""
+        drawn = self._rng.random((count, len(self._parameters)))
+        return [
+            tuple(
+                parameter.within(parameter.low + share * (parameter.high - parameter.low))
+                for parameter, share in zip(self._parameters, row, strict=True)
+            )
+            for row in drawn
+        ]
+
+    def tell(self, points: Sequence[Point], ratios: Sequence[float]) -> None:
+        """Learn nothing."""
+
+
+class TreeChooser:
+    """The tree-structured Parzen estimator of optuna (Bergstra et al. 2011), with all parameters together.
+
+    The first point of each batch is uniform, so that the search does not stay at a local maximum.
+    """
+
+    def __init__(self, parameters: Sequence[Parameter], seed: int) -> None:
+        try:
+            import optuna
+        except ImportError as error:
+            raise MissingExtraError(f"the search needs optuna ({error}): pip install 'sfr_loc_map[search]'") from error
+        optuna.logging.set_verbosity(optuna.logging.ERROR)
+        self._uniform = RandomChooser(parameters, seed)
+        self._parameters = parameters
+        self._ranges: dict[str, optuna.distributions.BaseDistribution] = {
+            parameter.name: optuna.distributions.FloatDistribution(parameter.low, parameter.high)
+            for parameter in parameters
+        }
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            sampler = optuna.samplers.TPESampler(seed=seed, multivariate=True, constant_liar=True)
+        self._study = optuna.create_study(sampler=sampler, direction="maximize")
+        self._asked: list[optuna.trial.Trial] = []
+
+    def ask(self, count: int) -> list[Point]:
+        """Return the next points."""
+        self._study.enqueue_trial(self._named(self._uniform.ask(1)[0]))
+        trials = [self._study.ask(self._ranges) for _ in range(count)]
+        self._asked = trials
+        return [
+            tuple(parameter.within(trial.params[parameter.name]) for parameter in self._parameters) for trial in trials
+        ]
+
+    def tell(self, points: Sequence[Point], ratios: Sequence[float]) -> None:
+        """Take what the points gave."""
+        for trial, ratio in zip(self._asked, ratios, strict=True):
+            self._study.tell(trial, ratio)
+
+    def _named(self, point: Point) -> dict[str, float]:
+        return {parameter.name: value for parameter, value in zip(self._parameters, point, strict=True)}
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """A point and its ratio."""
+
+    point: Point
+    ratio: float
+
+    @property
+    def fails(self) -> bool:
+        """Whether the limit is missed."""
+        return self.ratio >= 1.0
+
+
+def search_worst(chooser: Chooser, evaluate: Evaluate, runs: int, batch: int) -> Iterator[Tried]:
+    """Yield the points of a search in the order in which they are chosen."""
+    for begin in range(0, runs, batch):
+        points = chooser.ask(min(batch, runs - begin))
+        ratios = evaluate(points)
+        chooser.tell(points, ratios)
+        for point, ratio in zip(points, ratios, strict=True):
+            yield Tried(point, ratio)
+
+
+def reduced(found: Tried, usual: Point, evaluate: Evaluate) -> Tried:
+    """Return the least change of the usual scenario that still fails; the found point unless it fails.
+
+    Each parameter in turn is set back to its usual value if the case still fails. Those that are left are moved as far
+    towards it as halving the way finds.
+    """
+    if not found.fails:
+        return found
+    case = found
+    for index, value in enumerate(usual):
+        if case.point[index] != value:
+            case = _still_failing(case, _with(case.point, index, value), evaluate)
+    for index, value in enumerate(usual):
+        holds, fails = value, case.point[index]
+        for _ in range(BISECTIONS if holds != fails else 0):
+            between = float(f"{0.5 * (holds + fails):.6g}")
+            tried = _still_failing(case, _with(case.point, index, between), evaluate)
+            if tried is case:
+                holds = between
+            else:
+                case, fails = tried, between
+    return case
+
+
+def _still_failing(case: Tried, point: Point, evaluate: Evaluate) -> Tried:
+    """Return a changed case if it fails, else the case itself."""
+    tried = Tried(point, evaluate([point])[0])
+    return tried if tried.fails else case
+
+
+def _with(point: Point, index: int, value: float) -> Point:
+    return (*point[:index], value, *point[index + 1 :])
+
+
+@dataclass(frozen=True, slots=True)
+class Slice:
+    """Ratios over a grid of two parameters, all others as in the found case."""
+
+    first: int  #: Index of the parameter along x.
+    second: int  #: Index of the parameter along y.
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    ratios: tuple[tuple[float, ...], ...]  #: A row for each y.
+
+
+def slices_of(
+    parameters: Sequence[Parameter], case: Tried, tried: Sequence[Tried], count: int, evaluate: Evaluate
+) -> list[Slice]:
+    """Return slices through a case for each two of the parameters that matter most."""
+    made = []
+    for first, second in combinations(most_important(parameters, case, tried), 2):
+        x, y = (_grid(parameters[index], count) for index in (first, second))
+        points = [_with(_with(case.point, first, at_x), second, at_y) for at_y, at_x in product(y, x)]
+        ratios = evaluate(points)
+        rows = tuple(tuple(ratios[begin : begin + len(x)]) for begin in range(0, len(ratios), len(x)))
+        made.append(Slice(first, second, x, y, rows))
+    return made
+
+
+def _grid(parameter: Parameter, count: int) -> tuple[float, ...]:
+    values = (parameter.within(value) for value in np.linspace(parameter.low, parameter.high, count))
+    return tuple(dict.fromkeys(values))
+
+
+def most_important(parameters: Sequence[Parameter], case: Tried, tried: Sequence[Tried]) -> list[int]:
+    """Return at most three parameters: those that a case changes first, then by their correlation with the ratio."""
+    usual = [parameter.usual for parameter in parameters]
+    correlations = rank_correlations(tried, len(parameters))
+    order = sorted(
+        range(len(parameters)), key=lambda index: (case.point[index] == usual[index], -abs(correlations[index]))
+    )
+    return sorted(order[:MAX_SLICED])
+
+
+def rank_correlations(tried: Sequence[Tried], count: int) -> list[float]:
+    """Return Spearman's rank correlation of each parameter with the ratio; 0 where it is not defined."""
+    from scipy.stats import rankdata
+
+    if len(tried) < 3:
+        return [0.0] * count
+    ratios = rankdata([item.ratio for item in tried])
+    found = []
+    for index in range(count):
+        ranks = rankdata([item.point[index] for item in tried])
+        is_constant = np.ptp(ranks) == 0.0 or np.ptp(ratios) == 0.0
+        found.append(0.0 if is_constant else float(np.corrcoef(ranks, ratios)[0, 1]))
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """Which combinations of thirds of ranges were run."""
+
+    parameters: tuple[str, ...]  #: One of each group: faults, terrain, light and so on.
+    cells: int
+    missing: tuple[tuple[tuple[float, float], ...], ...]  #: Range of each parameter of the cells that were never run.
+
+
+def coverage_of(parameters: Sequence[Parameter], points: Sequence[Point]) -> list[Coverage]:
+    """Return a card for each combination of one parameter from each of up to three groups."""
+    groups: dict[str, list[int]] = {}
+    for index, parameter in enumerate(parameters):
+        groups.setdefault(parameter.group, []).append(index)
+    chosen = list(groups.values())[:3]
+    return [_card([parameters[index] for index in indices], indices, points) for indices in product(*chosen)]
+
+
+def _card(parameters: Sequence[Parameter], indices: Sequence[int], points: Sequence[Point]) -> Coverage:
+    edges = [np.linspace(parameter.low, parameter.high, CELLS + 1) for parameter in parameters]
+    run = {
+        tuple(
+            int(np.clip(np.searchsorted(edge, point[index], side="right") - 1, 0, CELLS - 1))
+            for edge, index in zip(edges, indices, strict=True)
+        )
+        for point in points
+    }
+    cells = list(product(range(CELLS), repeat=len(indices)))
+    missing = tuple(
+        tuple((float(edge[part]), float(edge[part + 1])) for edge, part in zip(edges, cell, strict=True))
+        for cell in cells
+        if cell not in run
+    )
+    return Coverage(tuple(parameter.name for parameter in parameters), len(cells), missing)

@@ -1,0 +1,83 @@
+"""The search on made functions with a planted weakness: found sooner than by chance, reduced, its border mapped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.suite.search.specification import Parameter, Point
+from sfr_loc_map.suite.search.worst_case import (
+    Chooser,
+    RandomChooser,
+    TreeChooser,
+    Tried,
+    coverage_of,
+    reduced,
+    search_worst,
+    slices_of,
+)
+
+pytest.importorskip("optuna")
+PARAMETERS = [
+    Parameter("light.sun_elevation_deg", 0.0, 1.0, 0.5),
+    Parameter("terrain.slope_deg", 0.0, 1.0, 0.5),
+    Parameter("yaw", 0.0, 1.0, 0.0, fault="yaw"),
+    Parameter("sensor.blur_px", 0.0, 1.0, 0.5),
+    Parameter("rocks.cover", 0.0, 1.0, 0.5),
+]
+WEAK = np.array([0.9, 0.1, 0.8])
+RUNS = 400
+
+
+def weak(points: Sequence[Point]) -> list[float]:
+    """Return ratios that exceed 1 in 0.4 % of the ranges: low sun, no slope, yaw."""
+    away = [np.square((np.array(point[:3]) - WEAK) / 0.3).sum() for point in points]
+    return [0.2 + 0.1 * point[3] + 0.95 * float(np.exp(-far)) for point, far in zip(points, away, strict=True)]
+
+
+def runs_needed(chooser: Chooser) -> int:
+    tried = search_worst(chooser, weak, RUNS, 4)
+    return next((number for number, item in enumerate(tried, 1) if item.fails), RUNS)
+
+
+def test_a_planted_weakness_is_found_in_fewer_runs_than_by_chance() -> None:
+    searched = [runs_needed(TreeChooser(PARAMETERS, seed)) for seed in range(10)]
+    by_chance = [runs_needed(RandomChooser(PARAMETERS, seed)) for seed in range(10)]
+    assert max(searched) < RUNS / 4
+    assert np.median(searched) < 0.5 * np.median(by_chance)
+
+
+def test_a_search_chooses_the_same_points_again() -> None:
+    one, two = (list(search_worst(TreeChooser(PARAMETERS, 1), weak, 40, 4)) for _ in range(2))
+    assert one == two
+
+
+def test_the_reduced_case_changes_only_what_it_needs() -> None:
+    usual = tuple(parameter.usual for parameter in PARAMETERS)
+    found = Tried((0.9, 0.1, 0.8, 0.9, 0.1), weak([(0.9, 0.1, 0.8, 0.9, 0.1)])[0])
+    case = reduced(found, usual, weak)
+    assert case.fails
+    assert case.point[3:] == usual[3:]
+    assert all(abs(at - of) < abs(weak_at - of) for at, of, weak_at in zip(case.point, usual, WEAK, strict=False))
+    assert reduced(Tried(usual, 0.3), usual, weak).point == usual, "nothing fails: nothing is reduced"
+
+
+def test_slices_show_where_the_limit_begins_to_be_missed() -> None:
+    case = Tried((0.9, 0.1, 0.8, 0.5, 0.5), 1.1)
+    slices = slices_of(PARAMETERS, case, [case], 11, weak)
+    assert [(cut.first, cut.second) for cut in slices] == [(0, 1), (0, 2), (1, 2)]
+    first = slices[0]
+    at_weakness = first.ratios[first.y.index(0.1)][first.x.index(0.9)]
+    assert at_weakness == pytest.approx(weak([case.point])[0])
+    assert min(min(row) for row in first.ratios) < 1.0 < max(max(row) for row in first.ratios)
+
+
+def test_cells_that_were_never_run_are_named() -> None:
+    three = PARAMETERS[:3]
+    corner = [(0.1, 0.1, 0.1)]
+    (card,) = coverage_of(three, corner)
+    assert (card.cells, len(card.missing)) == (27, 26)
+    everywhere = [(x, y, z) for x in (0.1, 0.5, 0.9) for y in (0.1, 0.5, 0.9) for z in (0.1, 0.5, 1.0)]
+    assert coverage_of(three, everywhere)[0].missing == ()
