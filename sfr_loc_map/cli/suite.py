@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,6 +25,9 @@ from sfr_loc_map.metrics.score_json import json_line
 from sfr_loc_map.signals import hold
 
 if TYPE_CHECKING:
+    from distributed import Client
+
+    from sfr_loc_map.suite.running.cluster import SuiteWorkers
     from sfr_loc_map.suite.running.job import Job
     from sfr_loc_map.suite.running.specification import SuiteSettings
     from sfr_loc_map.suite.running.store import Store
@@ -84,7 +88,8 @@ def run(
         interrupted = False
         try:
             if jobs:
-                _run_jobs(jobs, store, specification.settings, places, scheduler)
+                with _workers(store, settings, places, scheduler) as (client, at_work):
+                    _run_jobs(jobs, store, settings, client, at_work)
         except KeyboardInterrupt:
             interrupted = True
         finally:  # whatever ended it, the suite reports what it has
@@ -105,16 +110,30 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _run_jobs(jobs: Sequence[Job], store: Store, settings: SuiteSettings, places: int, scheduler: str | None) -> None:
+@contextmanager
+def _workers(
+    store: Store, settings: SuiteSettings, places: int, scheduler: str | None
+) -> Iterator[tuple[Client, SuiteWorkers]]:
+    """Yield a client of Dask and its workers; what they did is kept in the folder."""
+    from sfr_loc_map.suite.running.cluster import SuiteWorkers, connected
+
+    with connected(settings, workers=places, scheduler=scheduler) as client:
+        at_work = SuiteWorkers(client, lambda text: say(f"sfr: warning: {one_line(text)}", err=True), settings.wait_s)
+        try:
+            yield client, at_work
+        finally:
+            store.add_workers(list(at_work.records.values()))
+
+
+def _run_jobs(
+    jobs: Sequence[Job], store: Store, settings: SuiteSettings, client: Client, at_work: SuiteWorkers
+) -> None:
     """Run jobs and keep what comes of each; show a bar on a terminal, a line each elsewhere."""
-    from sfr_loc_map.suite.running.cluster import SuiteWorkers, connected, run_jobs
+    from sfr_loc_map.suite.running.cluster import run_jobs
     from sfr_loc_map.suite.statistics.summary import summarise
 
     with ExitStack() as stack:
         bar = stack.enter_context(progress_bar("tasks"))
-        client = stack.enter_context(connected(settings, workers=places, scheduler=scheduler))
-        at_work = SuiteWorkers(client, lambda text: say(f"sfr: warning: {one_line(text)}", err=True), settings.wait_s)
-        stack.callback(lambda: store.add_workers(list(at_work.records.values())))
         outcomes = stack.enter_context(closing(run_jobs(client, jobs, settings.timeout_s, store.cache, at_work)))
         shown = bar.add_task("running", total=len(jobs))
         for done, (job, outcome) in enumerate(outcomes, 1):
@@ -135,9 +154,7 @@ def search(
     out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; continued if it is there.")],
     workers: Annotated[int | None, Option(min=1, metavar="N", help="Tasks at a time; one a core.")] = None,
     scheduler: Annotated[str | None, Option(metavar="ADDR", help="Running Dask scheduler, as tcp://host:8786.")] = None,
-    at_random: Annotated[
-        bool, Option("--random", help="Choose uniform points, for a comparison.")
-    ] = False,
+    at_random: Annotated[bool, Option("--random", help="Choose uniform points, for a comparison.")] = False,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
@@ -152,13 +169,12 @@ def search(
     if scheduler is not None and workers is not None:
         raise ConfigError("'--workers' and '--scheduler': give one of them; a running scheduler has its own workers")
     specification, store = load_search(search), Store(out)
-    places = workers or max(1, _cores() // specification.running.threads)
-    with store.locked():
+    running = specification.running
+    places = workers or max(1, _cores() // running.threads)
+    with store.locked(), ExitStack() as stack:
+        connection = cache(lambda: stack.enter_context(_workers(store, running, places, scheduler)))  # if any run waits
         result = run_search(
-            specification,
-            store,
-            lambda jobs: _run_jobs(jobs, store, specification.running, min(places, len(jobs)), scheduler),
-            at_random=at_random,
+            specification, store, lambda jobs: _run_jobs(jobs, store, running, *connection()), at_random=at_random
         )
     write_text(json_line(result.to_dict()), store.folder / "search.json")
     write_text(render_search(result), store.folder / "search.html")
