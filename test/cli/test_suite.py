@@ -240,7 +240,7 @@ def test_a_search_finds_a_weakness_goes_on_and_leaves_a_case(sfr: Sfr, tmp_path:
         },
         "condition": "frames=4",
         "limit": 0.05,
-        "runs": 8,
+        "runs": 6,
         "slices": 2,
         "running": {"spacing": 2},
     }
