@@ -9,7 +9,7 @@ findings only degrade it is accepted.
 | `REPEATED_PAIR`, `FROZEN_IMAGE`, `STALE_ROWS` | `guards.check_images`, after the comparison in `stale_images` |
 | `IDENTICAL_IMAGES` | `guards.check_wiring` |
 | `UNTEXTURED`, `FEW_LANDMARKS` | `guards.check_landmarks` |
-| `CONTRADICTED`, `PARTIAL_TRANSFER`, `UNEXPLAINED`, `RECOVERING` | `ground_motion.findings_of` |
+| `CONTRADICTED`, `PARTIAL_TRANSFER`, `DOUBLE_EXPOSURE`, `UNEXPLAINED`, `RECOVERING` | `ground_motion.findings_of` |
 | `GROUND_IN_DOUBT`, `AMBIGUOUS` | `ground_motion.findings_of` |
 | `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
 | `SWAPPED`, `ONE_SIDED` | `guards.check_sides` |
@@ -67,8 +67,9 @@ class Finding(Enum):
     CALIBRATION = auto()  #: The right camera drifts, or a yaw is still to be corrected.
     SHEARED_ROWS = auto()  #: The rows of the images are of different moments (rolling shutter).
     PARTIAL_TRANSFER = auto()  #: Parts of the images are of different moments, and it is unknown which.
+    DOUBLE_EXPOSURE = auto()  #: The exposures of two pairs are blended, and the pose may be that of the earlier one.
     UNEXPLAINED = auto()  #: An unusual fraction of the landmarks does not follow the pose.
-    RECOVERING = auto()  #: An earlier pair was contradicted, ambiguous, stale or partially transferred.
+    RECOVERING = auto()  #: An earlier pair was contradicted, ambiguous, stale, blended or partially transferred.
     ONE_SIDED = auto()  #: Few inliers are seen in both images although both have texture: one of them may be old.
     GROUND_IN_DOUBT = auto()  #: One motion was found, but it is unknown whether it is the ground's.
     AMBIGUOUS = auto()  #: Two motions were found, and it is unknown which is the ground's.
@@ -118,6 +119,8 @@ RULES: Final = {
     Finding.SHEARED_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # No keyframe: the parts of the other moment would become landmarks at wrong places.
     Finding.PARTIAL_TRANSFER: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED, is_comparable=False),
+    # Keyframe: one exposure dominates, and without keyframes tracking would end.
+    Finding.DOUBLE_EXPOSURE: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # Keyframe: a scene that changes quickly needs new landmarks, and the unexplained ones are removed as outliers.
     Finding.UNEXPLAINED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # Keyframe: one motion explains this pair; only the earlier one was not explained.
@@ -133,7 +136,7 @@ RULES: Final = {
 Two reasons are published without being that of the first finding: a pair that is kept while the localiser is lost
 publishes the reason for which it was lost, and a new window that of the gap before it, or of its few landmarks.
 
-Six findings publish `torn_images`, because they mean the same to an operator: the images are not entirely of their
+Seven findings publish `torn_images`, because they mean the same to an operator: the images are not entirely of their
 stamp. They differ in what is known about it, hence in the inflation and in the keyframes.
 
 Two findings add nothing to the covariance because the covariance always contains what they report: the yaw with its

@@ -16,8 +16,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import Mask
+from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
+from sfr_loc_map.localisation.frontend.double_exposure import MIXTURE_LEVEL, mixture_of
 from sfr_loc_map.localisation.frontend.image_cells import Change, Explained, cell_counts, explain
 from sfr_loc_map.localisation.frontend.landmarks import ALIGNED_LANDMARKS, Landmarks
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
@@ -36,6 +37,14 @@ STANDSTILL_RATIO = 0.15  #: Image motion, as a ratio to the expected one, below 
 OLD_WEIGHT = 3.0  #: Weight of a landmark whose host is older than the newest host; a newer one has 1.
 EXPECTED_WEIGHT = 1.5  #: Factor on the weight of a motion that continues the one before.
 CLEAR_RATIO = 1.4  #: Minimum ratio of the weights, or of the inliers, that makes one of two solutions the better one.
+SEARCHED_UNEXPLAINED = 0.03
+"""Fraction of unexplained landmarks from which a second exposure is searched for. Ghosts of 30 to 69 % leave 0.04 or
+more, most pairs of clean drives less, and the search takes 0.3 ms."""
+MIXTURE_LANDMARKS = 64  #: Number of landmarks in which a second exposure is searched for.
+MIN_MIXTURE_WEIGHT = 0.1
+"""Minimum weight of a second exposure. Its lower bound counts, because it is estimated: in images of one exposure the
+estimate is 0 within some hundredths."""
+MIXTURE_SIGMAS = 3.0  #: Number of standard errors between the weight and its lower bound.
 
 
 class ComparedPair(NamedTuple):
@@ -79,6 +88,16 @@ class MotionTools(NamedTuple):
             self.shape,
             pair.far_px,
         )
+
+    def shows_other(self, image: FloatImage, tracks: Tracks, shown: Pose, other: Pose) -> bool:
+        """Return whether an image at the pose `shown` also shows the scene from another pose.
+
+        The inliers of some tracks are compared; the image is level `MIXTURE_LEVEL` of a left image.
+        """
+        landmarks = tracks.landmarks.subset(tracks.inliers).thinned(MIXTURE_LANDMARKS)
+        mixture = mixture_of(image, landmarks, shown, other, self.camera)
+        lower_bound = mixture.weight - MIXTURE_SIGMAS * mixture.standard_error
+        return mixture.patches >= self.min_tracked and lower_bound > MIN_MIXTURE_WEIGHT
 
     def search(self, pair: ComparedPair, landmarks: Landmarks) -> Tracks | None:
         """Return a motion of some landmarks: from the guesses, then by optical flow; None if too few agree on one."""
@@ -167,6 +186,23 @@ class Evidence:
     def repeats_transfer(self) -> bool:
         """Whether the pair before was partially transferred, and this one may be, too."""
         return self.memory.transfers > 0 and self.may_be_transfer
+
+    @cached_property
+    def is_double_exposure(self) -> bool:
+        """Whether the exposures of two pairs are blended in the left image of this pair or of the pair before.
+
+        The dominant exposure is the one that is tracked. If it is that of the pair, the image also shows the scene from
+        the last pose. If it is that of the pair before, tracks lag behind: the pose at which the pair before was
+        exposed is the one that is found now, and its image shows the scene from there.
+        """
+        if self.explained.unexplained_fraction < SEARCHED_UNEXPLAINED:
+            return False
+        last = self.pair.prediction.guesses.standstill
+        image = self.pair.frame.left[MIXTURE_LEVEL].image
+        if self.tools.shows_other(image, self.main, self.main.pose, last):
+            return True
+        previous = self.memory.previous
+        return previous is not None and self.tools.shows_other(previous, self.main, last, self.main.pose)
 
     # ---- other motions
 

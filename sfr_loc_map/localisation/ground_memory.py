@@ -102,6 +102,9 @@ class GroundMemory:
 
     excluded: ExcludedCells  #: Cells that do not move with the ground.
     compared: ComparedImage | None = None  #: Image of an accepted pose; None before the first window.
+    #: Pyramid level `MIXTURE_LEVEL` of the left image at the last known pose; None if that image was not
+    #: compared with earlier ones.
+    previous: FloatImage | None = None
     confidence: Confidence = Confidence()
     transfers: int = 0  #: Number of consecutive partially transferred pairs.
     recovering_pairs: int = 0  #: Number of moving pairs that stay degraded (`Finding.RECOVERING`).
@@ -147,6 +150,7 @@ class GroundMemory:
         return replace(
             self,
             compared=ComparedImage(frame.left[LEVEL].image, pose),
+            previous=None,
             confidence=self.confidence.after_interruption(),
             transfers=0,
             recovering_pairs=0,

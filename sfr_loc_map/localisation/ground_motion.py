@@ -27,6 +27,7 @@ from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.localisation.findings import Finding
+from sfr_loc_map.localisation.frontend.double_exposure import MIXTURE_LEVEL
 from sfr_loc_map.localisation.frontend.image_cells import LEVEL, MOVED_PX, ExcludedCells, change_of
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
@@ -56,6 +57,7 @@ class Case(Enum):
     UNTRUSTED = auto()  #: No motion is trusted: the main tracks as they are, to be refused.
     CONTRADICTED = auto()  #: The image changed where the main motion predicts no change: its tracks, to be refused.
     PARTIAL_TRANSFER = auto()  #: Parts of the images are of different moments: the main motion.
+    DOUBLE_EXPOSURE = auto()  #: Two exposures are blended: the main motion, which is that of the dominant one.
     AMBIGUOUS = auto()  #: Two motions, and it is unknown which is the ground's: the one with more weight.
     RIVAL = auto()  #: Two motions: the rival is the ground's.
     MAIN = auto()  #: Two motions: the main one is the ground's.
@@ -74,6 +76,8 @@ FIRST_CASES: Final[Cases] = (
     (Case.UNTRUSTED, lambda e: not e.main.is_trusted),
     # parts of the images are stale, as those of the pair before were
     (Case.PARTIAL_TRANSFER, lambda e: e.is_unusual and not e.is_contradicted and e.repeats_transfer),
+    # one exposure dominates, and its motion explains over half of the landmarks
+    (Case.DOUBLE_EXPOSURE, lambda e: not e.is_contradicted and not e.is_half_unexplained and e.is_double_exposure),
 )
 """Cases that are decided before a rival of the main motion is searched for."""
 
@@ -125,6 +129,7 @@ EFFECTS: Final = {
     Case.UNTRUSTED: Effect(),
     Case.CONTRADICTED: Effect(Finding.CONTRADICTED, leaves_doubt=True),
     Case.PARTIAL_TRANSFER: Effect(Finding.PARTIAL_TRANSFER, transfers=Transfers.ONE_MORE),
+    Case.DOUBLE_EXPOSURE: Effect(Finding.DOUBLE_EXPOSURE),
     Case.AMBIGUOUS: Effect(Finding.AMBIGUOUS, leaves_doubt=True),
     Case.RIVAL: Effect(),
     Case.MAIN: Effect(),
@@ -166,7 +171,8 @@ class Ground(NamedTuple):
     @classmethod
     def unselected(cls, tracks: Tracks, memory: GroundMemory) -> Ground:
         """Return all tracks as the ground, without a comparison with earlier pairs."""
-        return cls(tracks, frozenset(), NO_ROWS, DirectedError(0.0, 0.0), memory, memory, None)
+        accepted = replace(memory, previous=None)
+        return cls(tracks, frozenset(), NO_ROWS, DirectedError(0.0, 0.0), accepted, memory, None)
 
     def accepted(self, *, is_compared: bool) -> GroundMemory:
         """Return the memory after the pose was accepted; whether later images may be compared with this one."""
@@ -245,7 +251,7 @@ class GroundSelector:
                 return Selection(evidence.main, explained.motion_px, not_ground=not_ground, fixed=explained.fixed_cells)
             case Case.PARTIAL_TRANSFER:
                 return Selection(evidence.main, evidence.explained.motion_px, is_partial=True)
-            case Case.UNTRUSTED | Case.CONTRADICTED:
+            case Case.UNTRUSTED | Case.CONTRADICTED | Case.DOUBLE_EXPOSURE:
                 return Selection(evidence.main, evidence.explained.motion_px)
 
     def _beside_body(self, evidence: Evidence) -> Selection:
@@ -327,6 +333,7 @@ class GroundSelector:
         return GroundMemory(
             excluded=self._excluded_after(evidence, selection),
             compared=compared,
+            previous=evidence.pair.frame.left[MIXTURE_LEVEL].image,
             confidence=confidence_after(case, evidence),
             transfers=transfers,
             recovering_pairs=recovering_pairs,
@@ -345,7 +352,7 @@ class GroundSelector:
         return excluded.after_pair(evidence.pair.change.stays, self._tools.shape)
 
 
-DOUBTFUL: Final = frozenset({Finding.CONTRADICTED, Finding.AMBIGUOUS, Finding.GROUND_IN_DOUBT})
+DOUBTFUL: Final = frozenset({Finding.CONTRADICTED, Finding.AMBIGUOUS, Finding.GROUND_IN_DOUBT, Finding.DOUBLE_EXPOSURE})
 """Findings after which the ground's motion must be observed again in several moving pairs."""
 
 

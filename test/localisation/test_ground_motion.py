@@ -51,6 +51,13 @@ def worst_ratio(estimates: Sequence[PoseEstimate]) -> float:
     )
 
 
+def later_truth(truth: Trajectory | None, begin_ns: int) -> Trajectory:
+    """Return the ground truth from a stamp on."""
+    assert truth is not None
+    later = truth.stamps_ns >= begin_ns
+    return Trajectory(truth.stamps_ns[later], truth.positions[later], truth.quats_xyzw[later])
+
+
 def masked(estimates: Sequence[PoseEstimate]) -> list[float]:
     return [item.statistics.masked_share or 0.0 for item in estimates]
 
@@ -143,6 +150,26 @@ def test_what_no_pose_explains_is_said(fault: str) -> None:
         assert states[TrackingState.TRACKING] > PAIRS // 4
 
 
+@pytest.mark.sample
+@pytest.mark.parametrize("weight", [0.3, 0.6])
+def test_exposures_that_are_blended_for_several_pairs_are_reported(weight: float) -> None:
+    """The poses of such pairs may lag behind, and the step to the first good pair is then too long."""
+    sequence = drive_of(open_source(SAMPLE))
+    pairs = list(islice(sequence.pairs(), 90, 110))
+    truth = later_truth(sequence.ground_truth, pairs[0].stamp_ns)
+    blended = list(pairs)
+    for number in range(10, 17):
+        sides = {
+            side: np.rint((1.0 - weight) * getattr(pairs[number], side) + weight * getattr(pairs[number - 1], side))
+            for side in ("left", "right")
+        }
+        blended[number] = replace(pairs[number], **{side: image.astype(np.uint8) for side, image in sides.items()})
+    estimates = run(blended, Localiser(sequence.rig, LocalisationConfig(), truth.pose(0)))
+    assert {item.state for item in estimates[1:10]} == {TrackingState.TRACKING}
+    assert {item.state for item in estimates[10:17]} == {TrackingState.DEGRADED}
+    assert stated_errors(estimates, truth).honesty is Honesty.SAID
+
+
 @pytest.mark.parametrize("fault", ["arm:share=1,start=5", "scratch", "reflection:amount=0.3"])
 def test_arms_and_windows_do_not_carry_the_pose_along(fault: str) -> None:
     assert worst_ratio(with_fault(fault)) < 1.0
@@ -176,10 +203,7 @@ def test_a_pair_that_is_hardly_explained_teaches_nothing_about_the_ground() -> N
     """A scratched lens: the pose is lost among the scratches before the ground's motion is known."""
     sequence = drive_of(open_source(SAMPLE))
     pairs = list(islice(sequence.pairs(), 48, 72))
-    whole = sequence.ground_truth
-    assert whole is not None
-    later = whole.stamps_ns >= pairs[0].stamp_ns
-    truth = Trajectory(whole.stamps_ns[later], whole.positions[later], whole.quats_xyzw[later])
+    truth = later_truth(sequence.ground_truth, pairs[0].stamp_ns)
     by = Localiser(sequence.rig, LocalisationConfig(), truth.pose(0))
     scratched = Perturber([parse_fault("scratch:amount=0.272")], 407223818, 100, sequence.rig)
     estimates = run((pair for _, pair in scratched.pairs(pairs)), by)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -9,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, Mask
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask
 from sfr_loc_map.geometry.camera import Poses
 from sfr_loc_map.localisation.frontend.patch import (
     HALF,
@@ -57,6 +58,14 @@ class Patches(dict[int, Templates]):
     def __init__(self, hosted: tuple[HostPatches, ...], rows: NDArray[np.intp]) -> None:
         super().__init__()
         self.hosted, self.rows = hosted, rows
+
+    def hosts(self, level: int) -> Iterator[tuple[FloatImage, slice]]:
+        """Yield the image of each host at a coarser level, and which of the landmarks it hosts."""
+        ends = np.cumsum([0, *(len(host.uv) for host in self.hosted)])
+        bounds = np.searchsorted(self.rows, ends)
+        for host, first, last in zip(self.hosted, bounds, bounds[1:], strict=False):
+            if first < last:
+                yield host.coarse[level - 1].image, slice(int(first), int(last))
 
     def __missing__(self, level: int) -> Templates:
         """Copy the templates of a level."""

@@ -1,0 +1,205 @@
+"""Double exposures: how much of an image shows the scene from another pose than the one it was tracked at.
+
+Frame grabbers and compressed streams may blend an image with the one before. Each patch then shows the sum of two
+exposures, taken at two poses. Both are predicted from the keyframe that hosts the patch, whose texture T is seen at a
+pixel x of the image through the homographies H of the two poses:
+
+    image(x) = a T(H_shown^-1 x) + b T(H_other^-1 x) + constant + noise
+
+The factors are estimated by linear least squares, together with a shift of the first exposure, because its pose has a
+small error. The weight of the other exposure is b / (|a| + |b|). It is 0 in an image of one exposure, whatever its
+noise, brightness and contrast are.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, median
+from sfr_loc_map.geometry.camera import Pose, StereoCamera
+from sfr_loc_map.jit import jit_fast, jit_fast_inline
+from sfr_loc_map.localisation.frontend.landmarks import Landmarks
+from sfr_loc_map.localisation.frontend.patch import plane_homographies, sample
+from sfr_loc_map.localisation.small_linalg import fill_inverse_4
+
+MIXTURE_LEVEL: Final = 1  #: Pyramid level of the comparison: hosts keep it, and its noise is half that of the image.
+HALF: Final = 3  #: Half width of a patch, pixels of the level.
+SIDE: Final = 2 * HALF + 1  #: Side of a patch, pixels of the level.
+MIN_CONTRAST: Final = 2.0  #: Minimum standard deviation of each exposure and of the image in a patch, grey levels.
+MIN_SEPARATION: Final = 0.2
+"""Minimum fraction of the variance of the other exposure that the first one and its shift do not explain. It is smaller
+if the poses see the patch less than some two pixels of the level apart."""
+SHOWN, SHIFT_X, SHIFT_Y, OTHER, IMAGE = range(5)
+"""Columns of the least squares: the exposure that was tracked, its derivatives, the other exposure; the image."""
+MIN_FACTORS: Final = 1e-6  #: Keeps the weight finite if the image resembles neither exposure.
+RIDGE: Final = 1e-6  #: Relative increase of the diagonal of a normal matrix, which is then positive definite.
+
+
+DEVIATION_RATIO: Final = 1.858
+"""Standard error of the median of a normal sample, times the square root of its size, over the median absolute
+deviation: 1.4826 (Rousseeuw and Croux 1993) times the square root of pi / 2."""
+
+
+class Mixture(NamedTuple):
+    """Weights of another exposure in the patches of an image."""
+
+    weight: float  #: Median weight over the patches; NaN without patches.
+    standard_error: float  #: Standard error of the median, from their median absolute deviation; NaN without patches.
+    patches: int  #: Number of patches in which the two exposures can be separated.
+
+
+class _Hosted(NamedTuple):
+    """Patches of one host image."""
+
+    image: FloatImage  #: Level of the host image.
+    uv: FloatArray  #: `(N, 2)` centres, pixels of full size.
+    to_shown: FloatArray  #: `(N, 3, 3)` homographies to the image at the pose that was tracked.
+    to_other: FloatArray  #: `(N, 3, 3)` homographies to the image at the other pose.
+
+
+class _Workspace(NamedTuple):
+    """Arrays that are filled for each patch."""
+
+    inverse: FloatArray  #: `(3, 3)` from the image at the pose that was tracked to the host.
+    shown: FloatArray  #: `(SIDE + 2, SIDE + 2)` the exposure that was tracked, with a border for its derivatives.
+    columns: FloatArray  #: `(5, SIDE * SIDE)` by `SHOWN` to `IMAGE`.
+
+
+class _Pixel(NamedTuple):
+    """A pixel of full size."""
+
+    u: float
+    v: float
+
+
+@jit_fast_inline
+def _mapped(h: FloatArray, u: float, v: float) -> _Pixel:
+    """Return the pixel to which a homography maps a pixel; NaN at infinity."""
+    w = h[2, 0] * u + h[2, 1] * v + h[2, 2]
+    if w == 0.0:
+        return _Pixel(np.nan, np.nan)
+    return _Pixel((h[0, 0] * u + h[0, 1] * v + h[0, 2]) / w, (h[1, 0] * u + h[1, 1] * v + h[1, 2]) / w)
+
+
+@jit_fast_inline
+def _fill_inverse(h: FloatArray, inverse: FloatArray) -> None:
+    """Fill the inverse of a homography, up to its scale (the adjugate)."""
+    for i in range(3):
+        for j in range(3):
+            below, beside = (j + 1) % 3, (i + 1) % 3
+            second, third = (j + 2) % 3, (i + 2) % 3
+            inverse[i, j] = h[below, beside] * h[second, third] - h[below, third] * h[second, beside]
+
+
+@jit_fast_inline
+def _level_sample(image: FloatImage, at: _Pixel) -> np.float32:
+    """Return a level of an image at a pixel of full size; NaN outside."""
+    height, width = image.shape
+    x = (at.u + 0.5) / (1 << MIXTURE_LEVEL) - 0.5
+    y = (at.v + 0.5) / (1 << MIXTURE_LEVEL) - 0.5
+    if not (0.0 <= x < width - 1.01 and 0.0 <= y < height - 1.01):
+        return np.float32(np.nan)
+    return sample(image, x, y)
+
+
+@jit_fast_inline
+def _fill_columns(image: FloatImage, hosted: _Hosted, n: int, work: _Workspace) -> None:
+    """Fill what the model adds up in the pixels of a patch, and the image; NaN outside of either image."""
+    shown = work.shown
+    columns = work.columns
+    _fill_inverse(hosted.to_shown[n], work.inverse)
+    for j in range(SIDE + 2):
+        for i in range(SIDE + 2):
+            u = hosted.uv[n, 0] + (i - HALF - 1) * (1 << MIXTURE_LEVEL)
+            v = hosted.uv[n, 1] + (j - HALF - 1) * (1 << MIXTURE_LEVEL)
+            at = _mapped(hosted.to_other[n], u, v)
+            shown[j, i] = _level_sample(hosted.image, _mapped(work.inverse, at.u, at.v))
+            if 1 <= i <= SIDE and 1 <= j <= SIDE:
+                k = (j - 1) * SIDE + i - 1
+                columns[OTHER, k] = _level_sample(hosted.image, _Pixel(u, v))
+                columns[IMAGE, k] = _level_sample(image, at)
+    for j in range(SIDE):
+        for i in range(SIDE):
+            k = j * SIDE + i
+            columns[SHOWN, k] = shown[j + 1, i + 1]
+            columns[SHIFT_X, k] = 0.5 * (shown[j + 1, i + 2] - shown[j + 1, i])
+            columns[SHIFT_Y, k] = 0.5 * (shown[j + 2, i + 1] - shown[j, i + 1])
+
+
+@jit_fast_inline
+def _fill_products(columns: FloatArray, products: FloatArray, with_image: FloatArray) -> None:
+    """Subtract the mean of each column in place; fill the products `(4, 4)` of the model and `(5,)` with the image."""
+    for c in range(IMAGE + 1):
+        mean = 0.0
+        for k in range(SIDE * SIDE):
+            mean += columns[c, k]
+        mean /= SIDE * SIDE
+        for k in range(SIDE * SIDE):
+            columns[c, k] -= mean
+    for c in range(IMAGE + 1):
+        for d in range(c, IMAGE + 1):
+            total = 0.0
+            for k in range(SIDE * SIDE):
+                total += columns[c, k] * columns[d, k]
+            if d == IMAGE:
+                with_image[c] = total
+            else:
+                products[c, d] = total
+
+
+@jit_fast
+def _weights(image: FloatImage, hosted: _Hosted) -> FloatArray:
+    """Return the weight of the other exposure in each patch `(N,)`; NaN if it is not determined."""
+    count = len(hosted.uv)
+    weights = np.full(count, np.nan)
+    work = _Workspace(np.empty((3, 3)), np.empty((SIDE + 2, SIDE + 2)), np.empty((IMAGE + 1, SIDE * SIDE)))
+    products = np.empty((IMAGE, IMAGE))
+    with_image = np.empty(IMAGE + 1)
+    inverse = np.empty((IMAGE, IMAGE))
+    least_power = SIDE * SIDE * MIN_CONTRAST**2
+    for n in range(count):
+        _fill_columns(image, hosted, n, work)
+        _fill_products(work.columns, products, with_image)
+        power = min(products[SHOWN, SHOWN], products[OTHER, OTHER])
+        # False for NaN: a patch must be inside both images
+        if not (power > least_power and with_image[IMAGE] > least_power and np.isfinite(with_image[SHOWN])):
+            continue
+        for c in range(IMAGE):
+            products[c, c] = products[c, c] * (1.0 + RIDGE) + RIDGE
+        fill_inverse_4(products, inverse)
+        if inverse[OTHER, OTHER] * products[OTHER, OTHER] * MIN_SEPARATION > 1.0:
+            continue
+        a = 0.0
+        b = 0.0
+        for c in range(IMAGE):
+            a += inverse[SHOWN, c] * with_image[c]
+            b += inverse[OTHER, c] * with_image[c]
+        weights[n] = b / max(abs(a) + abs(b), MIN_FACTORS)
+    return weights
+
+
+def mixture_of(image: FloatImage, landmarks: Landmarks, shown: Pose, other: Pose, camera: StereoCamera) -> Mixture:
+    """Return the weight of another exposure in an image.
+
+    Args:
+        image: Level `MIXTURE_LEVEL` of a left image.
+        landmarks: Landmarks that were tracked in it.
+        shown: Pose of the left camera at which they were tracked.
+        other: Pose of the left camera at the other exposure.
+        camera: The camera.
+    """
+    planes = landmarks.planes
+    to_shown = plane_homographies(shown, planes, camera, 0.0)
+    to_other = plane_homographies(other, planes, camera, 0.0)
+    found = []
+    for host_image, rows in landmarks.patches.hosts(MIXTURE_LEVEL):
+        found.append(_weights(image, _Hosted(host_image, planes.uv[rows], to_shown[rows], to_other[rows])))
+    weights = np.concatenate(found) if found else np.zeros(0)
+    weights = weights[np.isfinite(weights)]
+    if not len(weights):
+        return Mixture(np.nan, np.nan, 0)
+    weight = median(weights)
+    deviation = DEVIATION_RATIO * median(np.abs(weights - weight))
+    return Mixture(weight, float(deviation / np.sqrt(len(weights))), len(weights))
