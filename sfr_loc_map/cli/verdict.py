@@ -23,17 +23,16 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
     """
     from sfr_loc_map.metrics.judge import finding_verdicts
     from sfr_loc_map.metrics.reasons import reasons_not_judged
+    from sfr_loc_map.report.verdict_view import VerdictView
 
     if score.failed:
         wrong = {item.name for item in finding_verdicts(score)}
-        missed = []
-        for item in (item for item in score.failed if item.name not in wrong):
-            name = item.name.removesuffix("_min")
-            missed.append(f"{name} {item.value:.6g} {'>' if name == item.name else 'against'} {item.limit:g}")
+        views = [VerdictView.of(item) for item in score.failed if item.name not in wrong]
+        missed = [f"{view.name}: {view.comparison}" for view in views]
         count = len(score.on_limits)
         reasons = [f"the method failed: {', '.join(item.kind for item in score.failures)}"] if wrong else []
         reasons += [] if score.incomplete is None else [f"incomplete: {score.incomplete}"]
-        reasons += [f"{len(missed)} of {count} limits missed: {', '.join(missed)}"] if missed else []
+        reasons += [f"{len(missed)} of {count} limits missed: {'; '.join(missed)}"] if missed else []
         raise FailedVerdictError("; ".join(reasons))
     not_judged(reasons_not_judged(score, asked), lenient=lenient)
 

@@ -122,7 +122,12 @@ def _errors_to_plain(score: Score) -> dict[str, Any] | None:
     if drive is None:
         return None
     rows = drive.sub_trajectories[0]
-    return {"over": label_of(rows.condition), "end_frame": rows.end_frame, "position_m": error_sizes(rows)}
+    return {
+        "over": label_of(rows.condition),
+        "condition": rows.condition,
+        "end_frame": rows.end_frame,
+        "position_m": error_sizes(rows),
+    }
 
 
 def _table_to_plain(table: Table) -> dict[str, Any]:

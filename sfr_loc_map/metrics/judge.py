@@ -145,7 +145,9 @@ def verdict_on(limit: Limit, figure: LimitedFigure, limits: Limits) -> Verdict:
 
 def proof_verdict(limit: Limit, proof: Proof, place: int | None, truth_error: float) -> Verdict:
     """Return the verdict on a limit with a share and a confidence, whose bound is the row at a place."""
-    verdict = open_verdict(limit, LimitedFigure(proof.bound, proof.n, place=place, truth_error=truth_error))
+    independent = proof.record.independent
+    figure = LimitedFigure(proof.bound, proof.n, place=place, independent=independent, truth_error=truth_error)
+    verdict = open_verdict(limit, figure)
     state = verdict.state if verdict.is_within_truth_error else proof.state
     return struct_replace(verdict, state=state, proof=proof.record)
 
@@ -169,6 +171,7 @@ def open_verdict(limit: Limit, figure: LimitedFigure) -> Verdict:
         high95=None if interval is None else interval[1],
         margin=None if value is None else margin_of(limit.name, limit.limit, value),
         n=figure.n,
+        independent=figure.independent,
         truth_error=figure.truth_error or None,
         state=VerdictState.NOT_ENOUGH_DATA,
         needs_certainty=limit.certain,

@@ -45,17 +45,18 @@ def why_open(item: Verdict, score: Score) -> str:
     if item.proof is not None:
         return words_of(item.proof, item.state)
     rules, row = score.rules or Rules(), score.row_of(item)
-    if item.value is None and not item.n:
-        if (unknown := unknown_of_truth(item.figure or "", score)) is not None:
-            return unknown
-        return "no data" if row is None or not row.unknown else f"all {row.unknown} values are unknown"
-    if item.n is not None and item.n < rules.minimum_count:
+    if item.n and item.n < rules.minimum_count:
         return f"only {item.n} values"
-    independent = None if row is None else row.independent
+    if item.value is None:
+        if not item.n and (unknown := unknown_of_truth(item.figure or "", score)) is not None:
+            return unknown
+        if row is None or not row.unknown:
+            return "no data"
+        known = item.n or 0
+        return f"{f'{row.unknown} of {known + row.unknown}' if known else f'all {row.unknown}'} values are unknown"
+    independent = item.independent
     if independent is not None and independent < rules.minimum_independent:
         return f"{item.n} values, of which {independent:.3g} are independent ({rules.minimum_independent:g} are needed)"
-    if row is not None and row.unknown:
-        return f"{row.unknown} of {(item.n or 0) + row.unknown} values are unknown"
     within = ", which it does not have" if item.interval is None else " within the limit"
     return f"'certain' needs its 95 % interval{within}"
 

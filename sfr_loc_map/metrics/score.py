@@ -188,6 +188,7 @@ class Verdict(Record, frozen=True, kw_only=True):
     high95: float | None = None  #: Upper bound of its 95 % interval.
     margin: float | None = None  #: From the value to the limit in the same unit, negative where the limit is missed.
     n: int | None = None  #: Number of values it is made of, null where it is not made of many.
+    independent: float | None = None  #: How many of them are independent, null where that is not defined.
     truth_error: float | None = None  #: What the error of the ground truth may change the value by; null for nothing.
     #: Pass if `|value| <= limit` (`coverage_min`: `>=`); where certainty is required, if the whole interval is within.
     state: VerdictState = msgspec.field(name="verdict")

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from sfr_loc_map.metrics.config import VerdictState, label_of
-from sfr_loc_map.metrics.score import Score, Verdict
-from sfr_loc_map.report.score_tables import name_of, sign_of, unit_of
-from sfr_loc_map.report.tables import NOT_ENOUGH, OPEN, VERDICTS, Cell, number
-
-MOST_SHOWN = 10.0  #: Largest fraction of a limit that is shown.
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.report.verdict_view import VerdictView, is_of_target, share_of_limit, verdict_views
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +14,12 @@ class LimitBar:
     """One limit with its verdict, in words and as shares of the limit: at 1 it is met, beyond it is missed."""
 
     place: int  #: Of the verdict in the score.
-    metric: str
+    metric: str  #: Name of the limit in the limits file.
+    subject: str | None  #: Subject of the figure that is limited.
+    figure: str | None  #: Figure that is limited.
+    statistic: str | None  #: Its statistic.
+    condition: str | None  #: Condition of the sub-trajectories, as in the score.
+    is_of_target: bool  #: Whether the limit is on calls of a target.
     name: str  #: In words, with the condition.
     over: str  #: Condition of the sub-trajectories, empty outside the trajectory.
     state: str
@@ -35,44 +36,36 @@ class LimitBar:
     text: str  #: All of it in one phrase.
 
 
-def share_of(item: Verdict, value: float | None) -> float | None:
-    """Return how much of a limit a value uses; of a lower bound the limit over the value."""
-    if value is None:
-        return None
-    use, limit = (item.limit, abs(value)) if item.is_lower_bound else (abs(value), item.limit)
-    return min(use / limit if limit else MOST_SHOWN if use else 0.0, MOST_SHOWN)
-
-
 def limit_bars(score: Score) -> list[LimitBar]:
     """Return all limits of a score: those that are missed first, then those with the smallest share left."""
-    bars = [_bar(place, item) for place, item in enumerate(score.verdicts)]
+    bars = [_bar(place, view) for place, view in enumerate(verdict_views(score))]
     return sorted(bars, key=lambda bar: (bar.state != VerdictState.FAIL, -1.0 * (bar.share or -1.0), bar.place))
 
 
-def _bar(place: int, item: Verdict) -> LimitBar:
-    unit = unit_of(item)
-    known = item.value is not None and math.isfinite(item.value)
-    value = f"{number(item.value, unit=unit)} {unit.symbol}" if known else NOT_ENOUGH
-    limit = f"{sign_of(item)} {number(item.limit, unit=unit)} {unit.symbol}"
-    margin = "" if item.margin is None else f"{number(item.margin, unit=unit, signed=True)} {unit.symbol}"
-    over = label_of(item.condition)
-    ends = sorted(share for bound in item.interval or () if (share := share_of(item, bound)) is not None)
-    style, name = VERDICTS.get(item.state, OPEN), name_of(item)
+def _bar(place: int, view: VerdictView) -> LimitBar:
+    item = view.item
+    ends = sorted(share_of_limit(item, bound) for bound in item.interval or ())
+    margin = f", margin {view.margin_text}" if view.margin_text else ""
     return LimitBar(
         place=place,
         metric=item.name,
-        name=name,
-        over=over,
+        subject=None if item.subject is None else item.subject.value,
+        figure=item.figure,
+        statistic=item.statistic,
+        condition=item.condition,
+        is_of_target=is_of_target(item),
+        name=view.name,
+        over=label_of(item.condition),
         state=item.state.value,
-        style=style.css,
-        icon=style.icon,
-        value=value,
-        limit=limit,
-        margin=margin,
-        interval=Cell.interval(item.interval, unit=unit).text if item.interval else "",
+        style=view.style.css,
+        icon=view.style.icon,
+        value=view.value_text,
+        limit=view.limit_text,
+        margin=view.margin_text,
+        interval=view.interval.text if item.interval else "",
         bound=item.limit,
-        share=share_of(item, item.value if known else None),
-        low=ends[0] if len(ends) == 2 else None,
-        high=ends[1] if len(ends) == 2 else None,
-        text=f"{name}: {value}, limit {limit}" + (f", margin {margin}" if margin else ""),
+        share=view.use,
+        low=ends[0] if ends else None,
+        high=ends[1] if ends else None,
+        text=f"{view.name}: {view.comparison}{margin}",
     )

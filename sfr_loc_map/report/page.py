@@ -19,13 +19,13 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState, label_of
-from sfr_loc_map.metrics.score import Score, Verdict
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_plain
-from sfr_loc_map.report.limit_bars import share_of
 from sfr_loc_map.report.plots import PALETTES, TEMPLATE, Plot
 from sfr_loc_map.report.score_figures import error_sizes, parts_of, path_of, score_figures
-from sfr_loc_map.report.score_tables import EXACT, glossary, name_of, score_tables, truth_text, unit_of
+from sfr_loc_map.report.score_tables import EXACT, glossary, score_tables, truth_text
 from sfr_loc_map.report.tables import METRE, OPEN, UNKNOWN, VERDICTS, Table, fitting, number, to_html
+from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 
 TITLE = "Localisation and mapping report"
 FIRST_TABLES = ("verdicts", "pairs", "failures", "headline", "covered", "readings", "counts", "groups")
@@ -238,30 +238,30 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
         yield LookFirst("what is missing of the drive", why)
     for finding in score.findings:
         yield LookFirst(str(finding.kind), f"The method under test did something wrong: {finding}.")
-    for item in sorted(score.failed, key=_use_of_limit, reverse=True):
-        yield LookFirst(name_of(item), f"It misses its limit: {_beside_limit(item)}")
+    views = list(verdict_views(score))
+    for view in sorted(views, key=_use_of, reverse=True):
+        if view.item.state is VerdictState.FAIL:
+            yield LookFirst(view.name, f"It misses its limit: {_beside_limit(view)}")
     part = score.association
     for count, word in () if part is None else ((part.lost, "lost"), (part.degraded, "degraded")):
         if count and part is not None:
             share = number(100.0 * count / max(part.matched, 1))
             why = f"{count} of {part.matched} frames ({share} %) are {word}, and count in every figure like the others."
             yield LookFirst(f"{word} frames", why)
-    for item in score.verdicts:
-        if item.state is VerdictState.NOT_ENOUGH_DATA:
-            count_text = "" if item.n is None else f" ({item.n} values)"
-            yield LookFirst(name_of(item), f"There is not enough data to judge it by its limit{count_text}.")
+    for view in views:
+        if view.reason:
+            yield LookFirst(view.name, f"There is not enough data to judge it by its limit: {view.reason}.")
     for row in score.rows("nees", subject=Subject.CONSISTENCY, part="pose"):
         if row.mean is not None and row.interval is not None and not row.interval[0] <= row.mean <= row.interval[1]:
             why = f"Over {label_of(row.condition)} the normalised squared error (NEES) is {number(row.mean)}, expected "
             why += f"is 6. {truth_text(score) or EXACT}"
             size = "large" if row.mean < row.interval[0] else "small"
             yield LookFirst(f"the covariance of the odometry, which is too {size}", why.strip())
-    met = [item for item in score.verdicts if item.state is VerdictState.PASS]
+    met = [view for view in views if view.item.state is VerdictState.PASS]
     if met:
-        item = max(met, key=_use_of_limit)
-        yield LookFirst(
-            name_of(item), f"Of the limits that are met it is the nearest to being missed: {_beside_limit(item)}"
-        )
+        nearest = max(met, key=_use_of)
+        why = f"Of the limits that are met it is the nearest to being missed: {_beside_limit(nearest)}"
+        yield LookFirst(nearest.name, why)
     for first in parts_of(score)[:1]:
         rows = first.rows
         largest_m = score.number("position", "max", condition=rows.condition)
@@ -276,12 +276,11 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
             yield LookFirst("the worst sub-trajectory", why)
 
 
-def _use_of_limit(item: Verdict) -> float:
-    return share_of(item, item.value or 0.0) or 0.0
+def _beside_limit(view: VerdictView) -> str:
+    spans = view.item.certain is False
+    doubt = " Its 95 % interval spans the limit: more data may change the verdict." if spans else ""
+    return f"{view.comparison}.{doubt}"
 
 
-def _beside_limit(item: Verdict) -> str:
-    unit = unit_of(item)
-    value, limit = (f"{number(figure, unit=unit)} {unit.symbol}" for figure in (item.value, item.limit))
-    doubt = " Its 95 % interval spans the limit: more data may change the verdict." if item.certain is False else ""
-    return f"{value} against {limit}.{doubt}"
+def _use_of(view: VerdictView) -> float:
+    return view.use or 0.0

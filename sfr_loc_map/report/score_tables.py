@@ -5,7 +5,6 @@ A figure that no table asks for is shown in the last one, so that every row of t
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -16,12 +15,10 @@ from sfr_loc_map.metrics.calls import AFTER_FIRST, FIRST
 from sfr_loc_map.metrics.catalogue import KINDS, TARGET, Subject, statistic_title, title_of
 from sfr_loc_map.metrics.config import CallKind, Rebase, label_of
 from sfr_loc_map.metrics.formulas import STATISTICS
-from sfr_loc_map.metrics.proof import words_of
 from sfr_loc_map.metrics.score import NUMBERS, Figure, Score, Verdict
 from sfr_loc_map.report.tables import (
     ABSENT,
     NOT_ENOUGH,
-    PERCENT,
     UNKNOWN,
     Cell,
     Column,
@@ -32,6 +29,7 @@ from sfr_loc_map.report.tables import (
     number,
     to_markdown,
 )
+from sfr_loc_map.report.verdict_view import is_of_target, name_of, verdict_views
 
 SUMMARY = (
     *("headline", "aligned", "map", "time", "memory", "target-time", "target-memory", "external", "method"),
@@ -323,20 +321,18 @@ def verdict_table(score: Score) -> Table:
     """Return the verdict on each limit."""
     rows: list[Row] = []
     has_ids = any(item.id for item in score.verdicts)
-    for k, item in enumerate(score.verdicts):
-        unit, key = unit_of(item, *(item.interval or ())), f"verdicts.{k}"
-        total = item.condition is not None and item.statistic == "mean_plus_3sigma"
+    for view in verdict_views(score):
         row = (
-            Cell.verdict(item.state.value),
-            *([Cell(item.id or ABSENT)] if has_ids else []),
-            Cell.head(name_of(item)),
-            Cell(unit.symbol),
-            Cell.number(item.value, f"{key}.value", unit, NOT_ENOUGH),
-            Cell(f"{sign_of(item)} {number(item.limit, unit=unit)}", item.limit, f"{key}.limit"),
-            Cell(ABSENT) if item.margin is None else Cell.number(item.margin, f"{key}.margin", unit),
-            Cell.interval(item.interval, key, unit, NOT_ENOUGH if total else ABSENT),
-            Cell.number(item.n, f"{key}.n", undefined=ABSENT),
-            Cell(certain_text(item)),
+            Cell.verdict(view.item.state.value),
+            *([Cell(view.item.id or ABSENT)] if has_ids else []),
+            Cell.head(view.name),
+            Cell(view.unit.symbol),
+            view.value,
+            view.limit,
+            view.margin,
+            view.interval,
+            view.count,
+            Cell(view.confidence),
         )
         rows.append(row)
     titles = ("unit", "value", "limit", "margin", "95 % interval", "n", "certain")
@@ -344,44 +340,6 @@ def verdict_table(score: Score) -> Table:
     heads = (Column("verdict", words=True), *([Column("requirement", words=True)] if has_ids else []))
     note = NO_INTERVAL if any(item.certain is None for item in score.verdicts) else ""
     return Table("verdicts", "Verdicts", (*heads, *columns), tuple(rows), note)
-
-
-def sign_of(item: Verdict) -> str:
-    """Return the sign between a value and its limit."""
-    return "≥" if item.is_lower_bound else "≤"
-
-
-def certain_text(item: Verdict) -> str:
-    """Return whether a verdict is certain, in words."""
-    if item.proof is not None:
-        return words_of(item.proof, item.state)
-    return {True: "yes", False: "no", None: ABSENT}[item.certain] + " (asked for)" * item.needs_certainty
-
-
-def limit_name(name: str) -> str:
-    """Return the name of a limit in words, without its unit: `position mean + 3 sigma`."""
-    if name == "coverage_min":
-        return "map coverage"
-    words = statistic_title(re.sub(r"_(max_share|max|m|px|deg|s|bytes|min)$", "", name))
-    words += " share" if name.endswith("_max_share") else ""
-    if name.endswith("_s"):
-        words = re.sub(r"\b(localisation|mapping call|mapping|fusion)\b", r"\1 time", words)
-    return words
-
-
-def name_of(item: Verdict) -> str:
-    """Return the name of a limit in words, with its condition."""
-    return limit_name(item.name) + (f" over {label_of(item.condition)}" if item.condition else "")
-
-
-def unit_of(item: Verdict, *more: float | None) -> Unit:
-    """Return the unit that suits a limit, its figure and more values; fractions in per cent."""
-    if item.figure is None:  # of what needs no limit: the fraction that is judged, or a count
-        return PERCENT if item.is_lower_bound else Unit()
-    kind = KINDS[item.figure]
-    if kind.unit == "1":
-        return Unit() if kind.is_count else PERCENT
-    return fitting(Unit("MiB" if kind.unit == "bytes" else kind.unit), item.limit, item.value, *more)
 
 
 def limits_on(score: Score, figure: str, condition: str | None = None, part: str | None = None) -> dict[str, float]:
@@ -393,7 +351,7 @@ def limits_on(score: Score, figure: str, condition: str | None = None, part: str
         and item.condition == condition
         and item.statistic is not None
         and (part is None or item.part == part)
-        and not item.name.startswith(TARGET)
+        and not is_of_target(item)
     }
 
 

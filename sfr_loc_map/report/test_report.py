@@ -15,25 +15,17 @@ from typing import Any
 import msgspec
 
 from sfr_loc_map.inputs import NS_PER_S, printable
-from sfr_loc_map.metrics.catalogue import Subject, clause_of, defines
+from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import CallKind, Rebase, VerdictState, label_of
 from sfr_loc_map.metrics.judge import common_verdict, each_by_its_limits
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
-from sfr_loc_map.metrics.reasons import why_open
 from sfr_loc_map.metrics.score import Score, TargetRecord, Verdict
 from sfr_loc_map.metrics.shortfalls import SHORTFALLS
 from sfr_loc_map.report.page import NO_VERDICT, Overall, from_template, overall_of
 from sfr_loc_map.report.printed_figure import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, printed_figures
-from sfr_loc_map.report.score_tables import (
-    NO_INTERVAL,
-    certain_text,
-    name_of,
-    readings_text,
-    sign_of,
-    table_of,
-    unit_of,
-)
-from sfr_loc_map.report.tables import ABSENT, OPEN, UNKNOWN, VERDICTS, Cell, to_html
+from sfr_loc_map.report.score_tables import NO_INTERVAL, readings_text, table_of
+from sfr_loc_map.report.tables import OPEN, UNKNOWN, to_html
+from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 
 TABLES = ("headline", "covered", "readings")  #: Tables of figures below the results.
 DOCUMENT = "Clarification of performance metrics for SFR Breadboarding"
@@ -57,19 +49,9 @@ NO_CLAUSE = "no_clause"  #: Class of a test case whose figure the document does 
 SPACING_FRAMES = 10  #: Frames between starts of sub-trajectories, as the document says [4.1.1].
 
 
-def clause_of_limit(item: Verdict) -> str:
-    """Return the clause that defines a limited figure; empty if the document does not define the figure."""
-    return "" if item.figure is None else clause_of(item.figure, item.part)
-
-
-def is_defined(item: Verdict) -> bool:
-    """Tell whether the document defines what is limited: the statistic, and not the figure alone."""
-    return item.figure is not None and defines(item.figure, item.part, item.statistic or "")
-
-
 def clauses_used(scores: Sequence[Score]) -> list[str]:
     """Return the clauses that the limited figures of some scores follow, in their order."""
-    found = {clause_of_limit(item) for score in scores for item in score.verdicts} - {""}
+    found = {view.clause for score in scores for view in verdict_views(score)} - {""}
     limited = [item for score in scores for item in score.verdicts]
     if any(item.statistic in WITH_SIGMA for item in limited):
         found.add(STANDARD_DEVIATION)
@@ -82,7 +64,7 @@ def render_test_report(scores: Sequence[Score], title: str = "", number: str = "
     """Return the report as HTML, without script; it prints on A4."""
     scores = each_by_its_limits(scores)
     results = [row for index, score in enumerate(scores) for row in _results(score, index)]
-    states = [row["verdict"] for row in results]
+    states = [row["view"].item.state.value for row in results]
     overalls = [overall_of(score) for score in scores]
     tables_of_all = [[table_of(item, name) for name in TABLES] for item in scores]
     return from_template(
@@ -164,44 +146,14 @@ def _item(score: Score) -> dict[str, str]:
 
 
 def _results(score: Score, index: int) -> Iterator[dict[str, Any]]:
-    for place, item in enumerate(score.verdicts):
-        unit, key = unit_of(item, *(item.interval or ())), f"verdicts.{place}"
-        verdict = str(item.state)
+    """Yield the rows of the results: a view of each verdict, and the command that makes its figure again."""
+    for place, view in enumerate(verdict_views(score)):
         yield {
-            "id": item.id or f"{index + 1}.{place + 1}",
-            "text": printable(item.text or ""),
-            "name": name_of(item),
-            "unit": unit.symbol,
-            "sign": sign_of(item),
-            "value": Cell.number(item.value, f"{key}.value", unit),
-            "limit": Cell.number(item.limit, f"{key}.limit", unit),
-            "margin": Cell.number(item.margin, f"{key}.margin", unit, ABSENT),
-            "ci95": Cell.interval(item.interval, key, unit),
-            "count": count_cell(score, item, key),
-            "independent": independent_cell(score, item),
-            "verdict": verdict,
-            "certain": certain_text(item),
-            "style": VERDICTS.get(verdict, OPEN),
-            "clause": clause_of_limit(item),
-            "is_defined": is_defined(item),
+            "id": view.item.id or f"{index + 1}.{place + 1}",
+            "text": printable(view.item.text or ""),
+            "view": view,
             "command": index + 1,
         }
-
-
-def count_cell(score: Score, item: Verdict, key: str) -> Cell:
-    """Return the number of values that a limited figure is made of."""
-    if item.n is not None:
-        return Cell.number(item.n, f"{key}.n")
-    row = score.row_of(item)
-    return Cell(ABSENT) if row is None or row.n is None else Cell.number(row.n, f"figures.{item.row}.n")
-
-
-def independent_cell(score: Score, item: Verdict) -> Cell:
-    """Return how many of the values of a limited figure are independent."""
-    row = score.row_of(item)
-    if row is None or row.independent is None:
-        return Cell(ABSENT)
-    return Cell.number(row.independent, f"figures.{item.row}.independent")
 
 
 def _from_the_document(score: Score) -> Iterator[str]:
@@ -293,11 +245,11 @@ def _anomalies(score: Score) -> Iterator[str]:
 
 
 def _open_points(score: Score) -> Iterator[str]:
-    for item in score.verdicts:
-        if item.state is VerdictState.NOT_ENOUGH_DATA:
-            yield f"{_name(item)}: not enough data ({why_open(item, score)})."
-        elif item.certain is False:
-            yield f"{_name(item)}: the 95 % interval spans the limit; more data may change the verdict."
+    for view in verdict_views(score):
+        if view.reason:
+            yield f"{view.title}: not enough data ({view.reason})."
+        elif view.item.certain is False:
+            yield f"{view.title}: the 95 % interval spans the limit; more data may change the verdict."
     if score.provenance is None or score.provenance.commit is None:
         yield "The commit of sfr_loc_map is not known: it was not installed from a repository."
     if score.method is None:
@@ -305,7 +257,7 @@ def _open_points(score: Score) -> Iterator[str]:
 
 
 def _name(item: Verdict) -> str:
-    return (f"{item.id}: " if item.id else "") + name_of(item)
+    return VerdictView.of(item).title
 
 
 # ---- the same for a pipeline
@@ -336,9 +288,10 @@ def junit(scores: Mapping[str, Score], without: Mapping[str, str] | None = None)
             suite.set(counted, str(sum(JUNIT.get(state, ("", ""))[1] == counted for state in states)))
         if score.provenance is not None and score.provenance.time:
             suite.set("timestamp", score.provenance.time[:19])
-        for item, state in zip(score.verdicts, states, strict=True):
-            title, kind = printable(_name(item)), f"sfr.{clause_of_limit(item) if is_defined(item) else NO_CLAUSE}"
-            case = ET.SubElement(suite, "testcase", classname=kind, name=title)
+        for view in verdict_views(score):
+            item, state = view.item, view.item.state
+            kind = f"sfr.{view.clause if view.is_defined else NO_CLAUSE}"
+            case = ET.SubElement(suite, "testcase", classname=kind, name=view.title)
             properties = ET.SubElement(case, "properties")
             facts = {"id": item.id, "text": item.text, "limit": item.limit, "value": item.value}
             facts |= {"margin": item.margin, "certain": item.certain}
@@ -346,11 +299,8 @@ def junit(scores: Mapping[str, Score], without: Mapping[str, str] | None = None)
                 if value is not None:
                     ET.SubElement(properties, "property", name=fact, value=printable(str(value)))
             if state in JUNIT:
-                said = f"{item.name} {item.value} against {item.limit}"
-                if state is VerdictState.NOT_ENOUGH_DATA:
-                    said = why_open(item, score)
-                elif state is not VerdictState.FAIL:
-                    said = score.contradiction or score.incomplete or said
-                ET.SubElement(case, JUNIT[state][0], message=printable(f"{state}: {said}"))
+                why = "" if state is VerdictState.FAIL else score.contradiction or score.incomplete
+                message = f"{state}: {view.reason or why or view.comparison}"
+                ET.SubElement(case, JUNIT[state][0], message=printable(message))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"

@@ -93,7 +93,7 @@ def test_verdict_is_the_exit_code(
     lines = result.err.splitlines()
     assert len(lines) == code
     if code:
-        assert lines[0].startswith("sfr: 1 of 1 limits missed: position_mean_plus_3sigma_m 0.1")
+        assert lines[0].startswith("sfr: 1 of 1 limits missed: position error over 5 m, mean + 3 sigma: 1")
     tables = sfr("score", *trajectories, "--limits", limits, "--html", tmp_path / "r.html")
     assert tables.code == code
     assert verdict in tables.out

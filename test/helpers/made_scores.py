@@ -138,7 +138,9 @@ def without(score: Score, *subjects: str) -> Score:
     """The score without the figures about some subjects, and what is said of them."""
     gone = {"trajectory": ("association", "truth"), "map": ("cloud",), "timing": ("calls",)}
     absent = dict.fromkeys([name for subject in subjects for name in gone.get(subject, ())])
-    return replace(score, figures=tuple(row for row in score.figures if row.subject not in subjects), **absent)
+    figures = tuple(row for row in score.figures if row.subject not in subjects)
+    verdicts = tuple(replace(item, row=None) for item in score.verdicts)
+    return replace(score, figures=figures, verdicts=verdicts, **absent)
 
 
 def place_of(score: Score, figure: str, **where: str | None) -> str:

@@ -20,7 +20,7 @@ from sfr_loc_map.metrics.score import Association, Details, FindingKind, Finding
 from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.metrics.terms import BOUND
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
-from sfr_loc_map.report.score_tables import unit_of
+from sfr_loc_map.report.verdict_view import unit_of
 
 LIMIT = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 0.5}]}
 

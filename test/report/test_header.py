@@ -26,7 +26,9 @@ def named(truth: str = "drives/crater/loc/groundtruth.csv", **settings: object) 
 
 def verdict(value: float | None, limit: float, state: VerdictState, name: str = "position_mean_m") -> Verdict:
     figure = name.partition("_")[0]
-    return Verdict(name=name, figure=figure, limit=limit, value=value, state=state, n=7, condition="distance=5")
+    return Verdict(
+        name=name, figure=figure, statistic="mean", limit=limit, value=value, state=state, n=7, condition="distance=5"
+    )
 
 
 def test_missed_limits_come_first_the_worst_before_the_others() -> None:
@@ -35,11 +37,11 @@ def test_missed_limits_come_first_the_worst_before_the_others() -> None:
     undecided = verdict(None, 0.1, VerdictState.NOT_ENOUGH_DATA)
     shown = look_first(Score(verdicts=(*met, *failed, undecided)))
     assert [item.why for item in shown] == [
-        "It misses its limit: 300 mm against 100 mm.",
-        "It misses its limit: 120 mm against 100 mm.",
-        "There is not enough data to judge it by its limit (7 values).",
-        "Of the limits that are met it is the nearest to being missed: -0.09 deg against 0.1 deg.",
+        "It misses its limit: 300 mm, limit ≤ 100 mm.",
+        "It misses its limit: 120 mm, limit ≤ 100 mm.",
+        "There is not enough data to judge it by its limit: no data.",
+        "Of the limits that are met it is the nearest to being missed: -0.09 deg, limit ≤ 0.1 deg.",
     ]
-    assert shown[0].what == "position mean over 5 m"
+    assert shown[0].what == "position error over 5 m, mean"
     (item,) = look_first(Score(verdicts=(verdict(0.4, 0.8, FAIL, "coverage_min"),)))
-    assert item.why == "It misses its limit: 40 % against 80 %."
+    assert item.why == "It misses its limit: 40 %, limit ≥ 80 %."

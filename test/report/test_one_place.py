@@ -133,8 +133,8 @@ def test_a_figure_is_in_every_view() -> None:
     for text in (*texts, to_csv(score_tables(score)), render_test_report([score])):
         assert "slip error over 5 m" in text
     assert place in to_csv(score_tables(score))
-    assert "slip p99 over 5 m" in junit({"score": score})
-    assert "slip p99 over 5 m" in render_test_report([score])
+    assert "slip error over 5 m, p99" in junit({"score": score})
+    assert "slip error over 5 m, p99" in render_test_report([score])
     assert "slip" in [pair.figure for pair in compare_scores(scores, ["a", "b"]).pairs]
     methods = methods_tables([score, replace(score, verdicts=())], ["a", "b"])[0]
     assert "slip error over 5 m" in titles(methods)

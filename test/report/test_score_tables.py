@@ -35,7 +35,15 @@ def small() -> Score:
     )  # fmt: skip
     verdicts = (
         limited,
-        Verdict(name="localisation_peak_bytes", figure="peak", limit=1048576, value=524288000, state=VerdictState.FAIL),
+        Verdict(
+            name="localisation_peak_bytes",
+            figure="peak",
+            part="localisation",
+            statistic="value",
+            limit=1048576,
+            value=524288000,
+            state=VerdictState.FAIL,
+        ),
         Verdict(name="coverage_min", figure="coverage", limit=0.8, value=None, state=VerdictState.NOT_ENOUGH_DATA),
     )
     of_poses = Association(matched=31, estimate_poses=31, truth_poses=31)
@@ -53,10 +61,10 @@ def test_headline_and_verdicts_by_hand() -> None:
     assert {cells(shown, 1)[name] for name in ("mean", "sigma", "mean + 3 sigma")} == {"not enough data"}
     judged = [[cell.text for cell in row] for row in table(small(), "verdicts").rows]
     assert judged[0] == [
-        "pass", "position mean + 3 sigma over 5 m", "mm", "18.35", "≤ 20", "1.654", "15 to 25", "31", "no",
+        "pass", "position error over 5 m, mean + 3 sigma", "mm", "18.35", "≤ 20", "1.654", "15 to 25", "31", "no",
     ]  # fmt: skip
-    assert judged[1][1:5] == ["localisation peak", "MiB", "500", "≤ 1"]
-    assert judged[2][1:5] == ["map coverage", "%", "not enough data", "≥ 80"]
+    assert judged[1][1:5] == ["peak memory, localisation", "MiB", "500", "≤ 1"]
+    assert judged[2][1:5] == ["coverage", "%", "not enough data", "≥ 80"]
 
 
 def test_every_row_of_the_score_is_in_a_table_and_an_unknown_one_in_the_last() -> None:

@@ -21,7 +21,8 @@ from sfr_loc_map.report.page import load_score, overall_of
 from sfr_loc_map.report.printed_figure import printed_figures
 from sfr_loc_map.report.score_figures import error_sizes
 from sfr_loc_map.report.score_tables import score_tables, table_of
-from sfr_loc_map.report.test_report import CLAUSES, clause_of_limit, clauses_used, junit, render_test_report
+from sfr_loc_map.report.test_report import CLAUSES, clauses_used, junit, render_test_report
+from sfr_loc_map.report.verdict_view import VerdictView
 
 COMMANDS = ("sfr score estimate.csv data", "sfr score cloud.ply data", "sfr score target data")
 TEN: dict[str, Any] = {
@@ -114,9 +115,9 @@ def test_what_stands_first_is_the_worst_and_a_part_is_said_first() -> None:
 
 def test_every_limit_has_a_clause_of_the_list_or_none() -> None:
     for score in scores():
-        assert {clause_of_limit(item) for item in score.verdicts} <= {*CLAUSES, ""}
+        assert {VerdictView.of(item).clause for item in score.verdicts} <= {*CLAUSES, ""}
     plain = Verdict(name="judged_share_min", limit=1.0, value=0.5, state=VerdictState.INCOMPLETE)
-    assert clause_of_limit(plain) == ""
+    assert VerdictView.of(plain).clause == ""
 
 
 def test_junit_says_every_state_in_its_own_word() -> None:
@@ -155,7 +156,7 @@ def test_the_reason_of_an_open_bound_is_what_it_needs() -> None:
     assert "values)" not in text
     place = next(place for place, row in enumerate(score.figures) if row.figure == "bound")
     assert item.row == place
-    assert f'data-key="figures.{place}.independent"' in text
+    assert 'data-key="verdicts.0.independent"' in text
     assert "58 more drives" in junit({"score 1": score})
 
 
@@ -166,7 +167,7 @@ def test_a_verdict_that_depends_on_the_reading_is_named() -> None:
     first = score.verdicts[0]
     other = replace(first, by_reading={"pose": VerdictState.PASS, "position": VerdictState.FAIL})
     said = table_of(replace(score, verdicts=(other,)), "readings").note
-    assert "The reading decides: position mean + 3 sigma over 5 m: " in said
+    assert "The reading decides: position error over 5 m, mean + 3 sigma: " in said
     assert "fail by position" in said
 
 

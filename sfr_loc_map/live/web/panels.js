@@ -127,15 +127,15 @@ function cellsOf(map, place, factor) {
 
 /** Show time and memory of each call with their limits. */
 export function showCalls(run) {
-  const limits = (run.report?.limits ?? []).filter((limit) => !limit.metric.startsWith("target "));
+  const limits = (run.report?.limits ?? []).filter((limit) => !limit.is_of_target);
   const times = [
     ...Object.keys(NODES).map((node) => callTrace(run.calls, node, "processing_time_s", 1000, "")),
     callTrace(run.calls, "localisation_node", "latency_transport_s", 1000, ", transport", "dot"),
     callTrace(run.calls, "localisation_node", "latency_receive_to_publish_s", 1000, ", receipt to result", "dash"),
   ];
-  drawCalls("time-plot", times, limits.filter((limit) => limit.metric.endsWith("_s")), 1000, "time per call, ms");
+  drawCalls("time-plot", times, limits.filter((limit) => limit.subject === "timing"), 1000, "time per call, ms");
   const memory = Object.keys(NODES).map((node) => callTrace(run.calls, node, "memory_bytes", 2 ** -20, ""));
-  drawCalls("memory-plot", memory, limits.filter((limit) => limit.metric.endsWith("peak_bytes")), 2 ** -20, "peak memory, MiB");
+  drawCalls("memory-plot", memory, limits.filter((limit) => limit.figure === "peak"), 2 ** -20, "peak memory, MiB");
 }
 
 function callTrace(calls, node, figure, factor, suffix, dash = "solid") {

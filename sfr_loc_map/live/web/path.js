@@ -103,7 +103,7 @@ function showFacts(run) {
 export function showError(run) {
   const errors = run.report?.errors;
   const frames = errors?.end_frame ?? [];
-  const limits = (run.report?.limits ?? []).filter((limit) => limit.metric.startsWith("position_"));
+  const limits = (run.report?.limits ?? []).filter((limit) => limit.figure === "position" && limit.condition === errors?.condition);
   const traces = frames.length ? [
     {
       name: `error over ${errors.over}`,

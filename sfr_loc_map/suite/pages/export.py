@@ -25,7 +25,8 @@ def suite_junit(summary: Summary) -> str:
     failed = {item.label: f"{item.cause}: {item.message}" for item in summary.failures}
     refused = {item.path: item.reason for item in summary.refusals}
     judged = {
-        ", ".join(filter(None, ("all drives", *group.runs))): Score(verdicts=group.verdicts) for group in summary.groups
+        ", ".join(filter(None, ("all drives", *group.runs))): Score(figures=group.figures, verdicts=group.verdicts)
+        for group in summary.groups
     }
     waiting = {"tasks": f"{summary.waiting} of {summary.tasks} have no result yet"} if summary.waiting else {}
     labels = Counter(drive.job.label for drive in summary.drives)

@@ -7,11 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 from sfr_loc_map.metrics.catalogue import KINDS, TOTAL, Subject, statistic_title
-from sfr_loc_map.metrics.config import label_of
-from sfr_loc_map.metrics.proof import words_of
+from sfr_loc_map.metrics.config import VerdictState, label_of
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_plain
-from sfr_loc_map.report.score_tables import name_of, unit_of
 from sfr_loc_map.report.tables import (
     ABSENT,
     MIB,
@@ -26,6 +24,7 @@ from sfr_loc_map.report.tables import (
     fitting,
     number,
 )
+from sfr_loc_map.report.verdict_view import VerdictView
 from sfr_loc_map.suite.running.job import NO_CONFIGURATION, SHORT_KEY
 from sfr_loc_map.suite.statistics.budget import Budget
 from sfr_loc_map.suite.statistics.comparison import SuiteComparison
@@ -133,7 +132,6 @@ HISTORY: Columns = (
     ("95 % interval", INTERVAL, "ci95"),
     ("see", WORDS, "command"),
 )
-WORST = ("fail", "incomplete", "not enough data")  #: Verdicts that come first.
 NAMED = 5  #: Drives of a change that are named in a table.
 
 
@@ -175,11 +173,11 @@ def suite_tables(summary: Summary) -> list[Table]:
                 named = {"over": label_of(figure.condition), "error": figure.figure, "unit": shown.symbol}
                 pooled.append(figure.as_dict() | head | named | {"ci95": figure.interval, "shown": shown})
         for item in group.verdicts:
-            unit = unit_of(item, *(item.interval or ()))
-            told: dict[str, Any] = {"figure": name_of(item), "unit": unit.symbol, "shown": unit, "ci95": item.interval}
-            told["shown_by"] = "" if item.proof is None else words_of(item.proof, item.state)
+            view = VerdictView.of(item)
+            told: dict[str, Any] = {"figure": view.name, "unit": view.unit.symbol, "shown": view.unit}
+            told |= {"ci95": item.interval, "shown_by": "" if item.proof is None else view.confidence}
             verdicts.append({**to_plain(item), **head, **told})
-    verdicts.sort(key=lambda row: WORST.index(row["verdict"]) if row["verdict"] in WORST else len(WORST))
+    verdicts.sort(key=lambda row: VerdictState(row["verdict"]).severity)
     failures = [to_plain(item) | {"folder": "failures"} for item in summary.failures]
     failures += [{"label": item.path, "cause": "source refused", "message": item.reason} for item in summary.refusals]
     pages = {drive.job.key for drive in linked(summary)}

@@ -9,10 +9,10 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.proof import sample_over_drives
-from sfr_loc_map.metrics.terms import Interpretation, Terms
+from sfr_loc_map.metrics.terms import BOUND, Interpretation, Terms
 from sfr_loc_map.metrics.tolerance import count_needed, moments, normal_count, zero_failure_count
-from sfr_loc_map.report.score_tables import limit_name
 from sfr_loc_map.report.tables import Cell, Column, Table
+from sfr_loc_map.report.verdict_view import limited_name
 from sfr_loc_map.suite.statistics.summary import ScoredJob, samples_by_drive
 
 
@@ -81,7 +81,7 @@ def drive_counts(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator
             yield DriveCount(
                 **{name: getattr(plan, name) for name in DriveCount.__slots__ if name not in OF_RUNS},
                 runs=", ".join(part for part in runs if part),
-                limit=f"{limit_name(limit.name)}, {interpretation}",
+                limit=f"{limited_name(limit.limited.figure, None, limit.condition, BOUND)}, {interpretation}",
                 drives=len(sample.errors),
                 failures=int(has_failed.sum()),
                 at_the_rate_seen=count_needed(sample, limit.limit, terms.prob, terms.confidence),

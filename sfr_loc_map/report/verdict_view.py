@@ -1,0 +1,188 @@
+"""One verdict as every view shows it: tables, bars, the test report, JUnit, the last line of a command, suites.
+
+Name, unit, numbers, style and reason of a verdict are made here and nowhere else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from sfr_loc_map.inputs import printable
+from sfr_loc_map.metrics.catalogue import KINDS, TARGET, clause_of, defines, statistic_title, title_of
+from sfr_loc_map.metrics.config import Rebase, VerdictState, label_of
+from sfr_loc_map.metrics.limits import WORST
+from sfr_loc_map.metrics.proof import words_of
+from sfr_loc_map.metrics.reasons import why_open
+from sfr_loc_map.metrics.score import Score, Verdict
+from sfr_loc_map.metrics.terms import BOUND
+from sfr_loc_map.report.tables import (
+    ABSENT,
+    NOT_ENOUGH,
+    OPEN,
+    PERCENT,
+    VERDICTS,
+    Cell,
+    Unit,
+    VerdictStyle,
+    fitting,
+    number,
+)
+
+MOST_SHOWN = 10.0  #: Largest fraction of a limit that is shown.
+WITHOUT_NAME = (None, WORST, *Rebase)
+"""Parts that the name of a limit does not have: the reading that is judged, all drives, the worst kind of call."""
+
+
+@dataclass(frozen=True, slots=True)
+class VerdictView:
+    """A verdict with what views show of it."""
+
+    item: Verdict
+    key: str  #: Place in the JSON, such as `verdicts.3`.
+    unit: Unit  #: Of all numbers.
+    name: str  #: Figure, condition and statistic in words.
+    title: str  #: The same after the number of the requirement.
+    style: VerdictStyle
+    value: Cell
+    limit: Cell  #: With the sign between value and limit.
+    margin: Cell
+    interval: Cell
+    count: Cell  #: Number of values.
+    independent: Cell  #: Number of independent values.
+    confidence: str  #: Whether the interval lies on one side of the limit, or what a tolerance bound shows.
+    reason: str  #: Why there is not enough data, where the score is given; empty for other verdicts.
+
+    @classmethod
+    def of(cls, item: Verdict, key: str = "", score: Score | None = None) -> VerdictView:
+        """Return the view of a verdict, with its counts and its reason where its score is given."""
+        unit = unit_of(item)
+        name = name_of(item)
+        is_total = item.condition is not None and item.statistic == "mean_plus_3sigma"
+        is_open = item.state is VerdictState.NOT_ENOUGH_DATA
+        return cls(
+            item=item,
+            key=key,
+            unit=unit,
+            name=name,
+            title=printable(f"{item.id}: {name}" if item.id else name),
+            style=VERDICTS.get(item.state.value, OPEN),
+            value=Cell.number(item.value, f"{key}.value", unit, NOT_ENOUGH),
+            limit=Cell(f"{sign_of(item)} {number(item.limit, unit=unit)}", item.limit, f"{key}.limit"),
+            margin=Cell(ABSENT) if item.margin is None else Cell.number(item.margin, f"{key}.margin", unit),
+            interval=Cell.interval(item.interval, key, unit, NOT_ENOUGH if is_total else ABSENT),
+            count=_count(item, key, score),
+            independent=Cell.number(item.independent, f"{key}.independent", undefined=ABSENT),
+            confidence=confidence_text(item),
+            reason=why_open(item, score) if is_open and score is not None else "",
+        )
+
+    @property
+    def value_text(self) -> str:
+        """The value with its unit."""
+        is_known = self.item.value is not None and math.isfinite(self.item.value)
+        return self._with_unit(self.value.text) if is_known else NOT_ENOUGH
+
+    @property
+    def limit_text(self) -> str:
+        """The limit with its sign and its unit."""
+        return self._with_unit(self.limit.text)
+
+    @property
+    def margin_text(self) -> str:
+        """The margin with its sign and its unit, empty without a margin."""
+        if self.item.margin is None:
+            return ""
+        return self._with_unit(number(self.item.margin, unit=self.unit, signed=True))
+
+    @property
+    def comparison(self) -> str:
+        """Value and limit in one phrase: `18.35 mm, limit ≤ 20 mm`."""
+        return f"{self.value_text}, limit {self.limit_text}"
+
+    @property
+    def clause(self) -> str:
+        """The clause of the specification that defines the figure; empty if none does."""
+        return "" if self.item.figure is None else clause_of(self.item.figure, self.item.part)
+
+    @property
+    def is_defined(self) -> bool:
+        """Whether the specification defines what is limited: the statistic, and not the figure alone."""
+        figure, statistic = self.item.figure, self.item.statistic
+        return figure is not None and defines(figure, self.item.part, statistic or "")
+
+    @property
+    def use(self) -> float | None:
+        """How much of the limit the value uses: 1 at the limit, more beyond it."""
+        value = self.item.value
+        return None if value is None or not math.isfinite(value) else share_of_limit(self.item, value)
+
+    def _with_unit(self, text: str) -> str:
+        return f"{text} {self.unit.symbol}".rstrip()
+
+
+def verdict_views(score: Score) -> Iterator[VerdictView]:
+    """Yield the views of the verdicts of a score, in their order."""
+    for place, item in enumerate(score.verdicts):
+        yield VerdictView.of(item, f"verdicts.{place}", score)
+
+
+def name_of(item: Verdict) -> str:
+    """Return the name of what is limited: `position error over 5 m, mean + 3 sigma`."""
+    if item.figure is None:  # of what needs no limit: calls that failed, a part that is not covered
+        return item.name.removesuffix("_min").replace("_", " ")
+    return limited_name(item.figure, item.part, item.condition, item.statistic)
+
+
+def limited_name(figure: str, part: str | None, condition: str | None, statistic: str | None) -> str:
+    """Return the name of a number of the table of figures, by the titles of the catalogue."""
+    words = [title_of(figure) + (f" over {label_of(condition)}" if condition else "")]
+    if part not in WITHOUT_NAME:
+        words.append((part or "").replace("_", " "))
+    if statistic == BOUND:
+        words.append("tolerance bound")
+    elif statistic not in (None, "value"):
+        words.append(statistic_title(statistic or ""))
+    return ", ".join(words)
+
+
+def sign_of(item: Verdict) -> str:
+    """Return the sign between a value and its limit."""
+    return "≥" if item.is_lower_bound else "≤"
+
+
+def unit_of(item: Verdict) -> Unit:
+    """Return the unit that suits a limit, its figure and its interval; fractions in per cent."""
+    if item.figure is None:  # of what needs no limit: the fraction that is judged, or a count
+        return PERCENT if item.is_lower_bound else Unit()
+    kind = KINDS[item.figure]
+    if kind.unit == "1":
+        return Unit() if kind.is_count else PERCENT
+    unit = Unit("MiB" if kind.unit == "bytes" else kind.unit)
+    return fitting(unit, item.limit, item.value, *(item.interval or ()))
+
+
+def confidence_text(item: Verdict) -> str:
+    """Return whether a verdict is certain, in words."""
+    if item.proof is not None:
+        return words_of(item.proof, item.state)
+    return {True: "yes", False: "no", None: ABSENT}[item.certain] + " (asked for)" * item.needs_certainty
+
+
+def share_of_limit(item: Verdict, value: float) -> float:
+    """Return how much of a limit a value uses; of a lower bound the limit over the value."""
+    use, limit = (item.limit, abs(value)) if item.is_lower_bound else (abs(value), item.limit)
+    return min(use / limit if limit else MOST_SHOWN if use else 0.0, MOST_SHOWN)
+
+
+def is_of_target(item: Verdict) -> bool:
+    """Tell whether a limit is on calls that were measured on a target."""
+    return (item.part or "").partition(" ")[0] == TARGET
+
+
+def _count(item: Verdict, key: str, score: Score | None) -> Cell:
+    if item.n is not None:
+        return Cell.number(item.n, f"{key}.n")
+    row = None if score is None else score.row_of(item)
+    return Cell(ABSENT) if row is None or row.n is None else Cell.number(row.n, f"figures.{item.row}.n")
