@@ -1,4 +1,4 @@
-"""The pose of a stereo rig on the rover, from the tree of frames that drivers of cameras and robots publish."""
+"""The pose of a stereo rig on the rover, by the frames that drivers publish or by the angles of a mast head."""
 
 from __future__ import annotations
 
