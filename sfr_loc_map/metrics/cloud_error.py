@@ -31,6 +31,7 @@ from sfr_loc_map.metrics.statistics import chi2_interval95
 
 FOOTPRINTS = 2.0  #: A true point is covered by a point of a fused cloud nearer than so many pixel footprints, Z / f.
 BATCH = 262144
+PIXEL_SAMPLES = 2000  #: Points of each pair by which it is checked that points are seen at their pixels.
 NEES_BLOCK_PX = 32
 """One point of each block of pixels counts for the consistency of sigma: neighbours' errors are not independent."""
 IMAGE_WIDTH = 128
@@ -115,6 +116,25 @@ def footprint_coverage(
             near, _ = tree.query(points[batch], distance_upper_bound=float(within[batch[-1]]), workers=-1)
             image[rows[batch], columns[batch]] = near < within[batch]
     return covered
+
+
+def typical_pixel_offset(cloud: PointCloud, truths: Sequence[PairTruth]) -> float:
+    """Return the median distance of the pixels at which points are seen from those that they name, px.
+
+    Points behind the camera count as infinitely far; 0 without points.
+    """
+    offsets = []
+    for number, truth in enumerate(truths):
+        mine = np.flatnonzero(cloud.pair == number)
+        mine = mine[:: max(1, len(mine) // PIXEL_SAMPLES)]
+        x, y, z = ((cloud.xyz[mine].astype(np.float64) - truth.T_lm_left.translation) @ truth.T_lm_left.rotation).T
+        rig, is_seen = truth.rig, z > 0.0
+        depth = np.where(is_seen, z, 1.0)
+        across = rig.fx * x / depth + rig.cx - cloud.u[mine]
+        down = rig.fy * y / depth + rig.cy - cloud.v[mine]
+        offsets.append(np.where(is_seen, np.hypot(across, down), np.inf))
+    known = np.concatenate(offsets) if offsets else np.zeros(0)
+    return float(np.median(known)) if len(known) else 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

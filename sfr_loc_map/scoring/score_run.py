@@ -10,6 +10,7 @@ from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import IntArray
+from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.inputs import Task, hash_arrays
 from sfr_loc_map.metrics.aligned_error import aligned_errors
 from sfr_loc_map.metrics.calls import (
@@ -23,7 +24,7 @@ from sfr_loc_map.metrics.calls import (
     with_external,
 )
 from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, MAP, MEMORY, TARGET, Subject
-from sfr_loc_map.metrics.cloud_error import score_map, score_nearest
+from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest, typical_pixel_offset
 from sfr_loc_map.metrics.completeness import expected_row, share_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, Condition, ScoreConfig, label_of
 from sfr_loc_map.metrics.convention import Diagnosis, diagnose
@@ -58,6 +59,7 @@ from sfr_loc_map.scoring.run import Correction, DriveToScore, Run, ScoreInputs
 
 FEW_TRUE_POSES = 0.5  #: Below so many true poses an image it is said that frames count true poses.
 OUTSIDE_SHARE, OUTSIDE_S = 0.5, 0.2  #: Processor time that is of no call from which it is said: share of all, s.
+MAX_PIXEL_OFFSET = 5.0  #: Typical distance of points from the pixels that they name, px: matching errs by less.
 MAX_EXCESS = 0.05  #: Share of the path of a truth that may be noise without a word.
 
 
@@ -133,7 +135,7 @@ def score_run(
     calls = _calls_part(run)
     method = _method_of(run)
     warnings = [*_convention_warnings(run.convention), *drive.warnings]
-    warnings += calls.warnings
+    warnings += [*cloud.warnings, *calls.warnings]
     warnings += () if method is None else _process_warnings(method, run.stats)
     score = Score(
         figures=(*drive.figures, *cloud.figures, *calls.figures),
@@ -284,11 +286,23 @@ def _map_part(run: Run, config: ScoreConfig) -> _MapPart:
     else:
         scored = score_map(loaded.cloud, truths, config.map, expected_pairs=pairs, not_finite=loaded.not_finite)
     return _MapPart(
+        warnings=() if loaded.cloud is None else tuple(_pixel_warnings(loaded.cloud, truths)),
         figures=scored.figures,
         cloud=scored.cloud,
         details=scored.details,
         data_sha256=hash_arrays(truth.points for truth in truths),
     )
+
+
+def _pixel_warnings(cloud: PointCloud, truths: Sequence[PairTruth]) -> Iterator[str]:
+    """Yield that points are not seen at the pixels that they name."""
+    offset_px = typical_pixel_offset(cloud, truths)
+    if offset_px > MAX_PIXEL_OFFSET:
+        yield (
+            f"the points of the cloud are typically {offset_px:.3g} px from the pixels that they name: the pixels are "
+            "of images of another size or of another pair, or the points are in another frame than LM; errors are "
+            "those at the named pixels (a cloud of x, y, z alone is scored by the nearest true point)"
+        )
 
 
 # ---- the calls

@@ -31,7 +31,10 @@ BAYER = {
     "grbg": cv2.COLOR_BayerGB2GRAY,
 }
 """Mosaics by their first four pixels; OpenCV names them by the second pixels of the second and third row."""
-_MOSAIC = re.compile(r"\s*bayer_(rggb|bggr|gbrg|grbg)(?:8|16)\s*(?:;\s*\w*\s*(?:compressed)?\s*)?")
+_MOSAIC = re.compile(
+    r"\s*bayer_?(rggb|bggr|gbrg|grbg|rg|bg|gb|gr)_?(?:8|10|12|14|16)\s*(?:;\s*\w*\s*(?:compressed)?\s*)?"
+)
+FIRST_TWO = {"rg": "rggb", "bg": "bggr", "gb": "gbrg", "gr": "grbg"}  #: Mosaics as GenICam names them: BayerRG8.
 LUMA = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
 """Encodings of a luma and half a colour a pixel: which of the two samples is the luma."""
 PLANAR = ("nv12", "nv21", "nv24")  #: Encodings whose first plane is the luma, a byte a pixel.
@@ -238,15 +241,22 @@ def _samples_of_compressed(message: Any) -> Samples:  # noqa: ANN401 - a sensor_
     `format` is `bayer_rggb8; png compressed` where the compressed image is the mosaic of the sensor; with a colour
     behind it (`...; jpeg compressed bgr8`) the mosaic was made an image before.
     """
-    mosaic = _MOSAIC.fullmatch(str(getattr(message, "format", "")).lower())
+    form = str(getattr(message, "format", "")).lower()
+    mosaic = _MOSAIC.fullmatch(form)
     data = bytes(message.data)
     try:
         if claimed_size(data) is None:
             raise InputError(f"{unread_codec(message)}: publish raw images, PNG or JPEG")
         image = decoded(data)
-        if mosaic is None or _has_colour(data):
+        if _has_colour(data):
             return image
-        return _mosaic(image.pixels, mosaic[1], "it")
+        if mosaic is not None:
+            return _mosaic(image.pixels, FIRST_TWO.get(mosaic[1], mosaic[1]), "it")
+        if "bayer" in form and not form.partition("compressed")[2].strip():
+            raise InputError(
+                f"its format '{form[:40]}' is a Bayer mosaic of unknown order: name the order, bayer_rggb8"
+            )
+        return image
     except InputError as error:
         raise InputError(f"image of stamp {stamp_of(message)}: {error}") from error
 

@@ -14,6 +14,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -67,6 +68,8 @@ COVARIANCE_KEYS = tuple(f"{prefix}{index}" for prefix, (_, indices) in COVARIANC
 _UNIT = re.compile(
     r"^[#%/\s]*(.*?)\s*(?:\[([^\[\]]*)\]|\((\w*)\)|_(m|cm|mm|km|s|sec|ms|msec|us|usec|ns|nsec|utc))?$", re.IGNORECASE
 )
+_SCALAR_FIRST_TEXT = re.compile(r"\bq?_?w\W+q?_?x\W+q?_?y\W+q?_?z\b|\bwxyz\b", re.IGNORECASE)
+_SCALAR_LAST_TEXT = re.compile(r"\bq?_?x\W+q?_?y\W+q?_?z\W+q?_?w\b|\bxyzw\b", re.IGNORECASE)
 _PREFIXES = ("field", "poseposepose", "posepose", "pose", "transform")
 
 
@@ -417,9 +420,29 @@ def _by_layout(
         raise InputError(f"{name} {problem} (line {first + 1}: '{shown}'): name the columns: {advice}")
     layout = fitting[0]
     places = {key: place for place, key in enumerate(layout.keys)}
+    stated = _stated_order(lines[:first])
+    if stated is not None and "qw" in places and stated.is_scalar_first != (places["qw"] < places["qx"]):
+        order = "first" if stated.is_scalar_first else "last"
+        columns = "t[s],x,y,z,qw,qx,qy,qz" if stated.is_scalar_first else "t[s],x,y,z,qx,qy,qz,qw"
+        problem = f"line {stated.line} says that the scalar of quaternions is {order}, unlike {layout.name}"
+        raise InputError(f"{name} {problem}: name the columns: {option.replace('COLUMNS', columns)}")
     extra = tuple(f"#{number + 1}" for number in range(len(layout.keys), width))
     units = {STAMP: layout.unit} if layout.unit and STAMP in places else {}
     return PoseColumns(layout.name, separator, places, units, width, ignored=extra)
+
+
+class _StatedOrder(NamedTuple):
+    line: int  #: From 1.
+    is_scalar_first: bool
+
+
+def _stated_order(comments: Sequence[str]) -> _StatedOrder | None:
+    """Return which order of quaternions the last comment before the rows names that names one."""
+    for number, comment in reversed([*enumerate(comments, 1)]):
+        for pattern, is_scalar_first in ((_SCALAR_FIRST_TEXT, True), (_SCALAR_LAST_TEXT, False)):
+            if pattern.search(comment):
+                return _StatedOrder(number, is_scalar_first)
+    return None
 
 
 def _unknown_header(before: Sequence[str]) -> int | None:

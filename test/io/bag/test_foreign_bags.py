@@ -197,6 +197,26 @@ def test_a_mosaic_in_a_compressed_image_is_the_mosaic_of_the_raw_image(order: st
     np.testing.assert_array_equal(samples_of(ready).grey(), mosaic)
 
 
+@pytest.mark.parametrize(("name", "order"), [("RG", "rggb"), ("BG", "bggr"), ("GB", "gbrg"), ("GR", "grbg")])
+@pytest.mark.parametrize("form", ["Bayer{}8; png compressed", "bayer_{}16; png compressed"])
+def test_a_mosaic_by_its_name_of_genicam_is_one(name: str, order: str, form: str) -> None:
+    mosaic = np.random.default_rng(1).integers(0, 255, (48, 64), np.uint8)
+    data = np.frombuffer(bytes(cv2.imencode(".png", mosaic)[1]), np.uint8)
+    header = bag_messages.header(0, "left")
+    found = samples_of(T["sensor_msgs/msg/CompressedImage"](header, form.format(name), data))
+    assert found.mosaic == order
+
+
+def test_a_mosaic_of_unknown_order_is_not_taken_for_a_grey_image() -> None:
+    data = np.frombuffer(bytes(cv2.imencode(".png", np.zeros((48, 64), np.uint8))[1]), np.uint8)
+    header = bag_messages.header(0, "left")
+    for form in ("bayer; png compressed", "bayer8", "BayerRGGB12p; png compressed "):
+        with pytest.raises(InputError, match="is a Bayer mosaic of unknown order"):
+            samples_of(T["sensor_msgs/msg/CompressedImage"](header, form, data))
+    ready = T["sensor_msgs/msg/CompressedImage"](header, "bayer8; jpeg compressed mono8", data)
+    assert samples_of(ready).mosaic == ""
+
+
 def test_parts_of_a_bag_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     for number in range(12):
         (tmp_path / f"drive_{number}.mcap").touch()

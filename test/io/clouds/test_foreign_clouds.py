@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from helpers.cli_result import Sfr
+from helpers.made_scene import NAV_RIG, nav_pair
 from helpers.made_worlds import World
-from sfr_loc_map.io.clouds.cloud_file import load_cloud
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.io.clouds.cloud_file import load_cloud, save_cloud
 from sfr_loc_map.io.layouts.folder import FolderWriter
 
 COUNT = 50
@@ -134,3 +136,27 @@ def test_the_order_of_points_gives_pixels_of_images_of_that_size_alone(
     if of_images:
         errors = np.loadtxt(tmp_path / "p.csv", delimiter=",", skiprows=1, ndmin=2)[:, 4]
         assert np.abs(errors).max() < 1e-6
+
+
+@pytest.mark.parametrize("wrong", ["", "pixels of half the size", "points in the optical frame", "rows from below"])
+def test_points_that_are_not_seen_at_their_pixels_are_named(tmp_path: Path, sfr: Sfr, wrong: str) -> None:
+    item, rig = nav_pair(0), NAV_RIG
+    with FolderWriter(tmp_path / "data", loc=False, nav=True) as writer:
+        writer.write_nav_rig(rig)
+        writer.write_nav_pair(item)
+    assert item.truth is not None
+    v, u = np.nonzero(np.isfinite(item.truth).all(axis=2))
+    xyz = item.truth[v, u].astype(np.float64)
+    if "half" in wrong:
+        u, v = u // 2, v // 2
+    elif "optical" in wrong:
+        xyz = (item.T_lm_navsb @ rig.T_sb_left).inverse().apply(xyz)
+    elif "below" in wrong:
+        v = rig.height - 1 - v
+    points = np.zeros(len(u), PointCloud.dtype())
+    for name, values in {"x": xyz[:, 0], "y": xyz[:, 1], "z": xyz[:, 2], "u": u, "v": v}.items():
+        points[name] = values
+    save_cloud(tmp_path / "theirs.ply", PointCloud.from_structured(points, fused=False))
+    done = sfr("score", tmp_path / "theirs.ply", tmp_path / "data", "--lenient")
+    assert done.code == 0, done.err
+    assert ("px from the pixels that they name" in done.err) is bool(wrong)

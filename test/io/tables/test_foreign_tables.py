@@ -241,7 +241,30 @@ def test_covariances_of_columns_give_a_nees(tmp_path: Path) -> None:
 # ---- poses that cannot be true
 
 
+@pytest.mark.parametrize("comment", ["# quaternions are qw qx qy qz", "# pose: position, then attitude (wxyz)"])
+@pytest.mark.parametrize("side", ["estimate", "truth"])
+def test_a_comment_that_names_another_order_of_quaternions_is_asked_about(
+    tmp_path: Path, sfr: Sfr, comment: str, side: str
+) -> None:
+    poses = drive()
+    save_trajectory(tmp_path / "plain.csv", poses)
+    table = rows(seconds(poses), poses.positions, poses.quats_xyzw[:, WXYZ], separator=" ")
+    (tmp_path / "theirs.txt").write_text(f"{comment}\n{table}")
+    files = [tmp_path / "theirs.txt", tmp_path / "plain.csv"]
+    words = ["score", *(files if side == "estimate" else files[::-1]), "--condition", "distance=2"]
+    refused = sfr(*words)
+    assert refused.code == 2
+    assert "line 1 says that the scalar of quaternions is first" in refused.err
+    columns = "t[s],x,y,z,qw,qx,qy,qz"
+    assert f"--columns '{side}:{columns}'" in refused.err
+    done = sfr(*words, "--columns", f"{side}:{columns}", "--json", "-")
+    assert done.code == 0, done.err
+    errors = [row["max"] for row in json.loads(done.out)["figures"] if row["figure"] == "attitude" and "max" in row]
+    assert max(errors) < 1e-6
+
+
 PLACEHOLDERS = {"identity": [0.0, 0.0, 0.0, 1.0], "turned": [0.0, 0.0, 0.6, 0.8], "of both signs": [0.5, 0.5, 0.5, 0.5]}
+PLACEHOLDERS |= {name: [0.0, 0.0, 0.0, 1.0] for name in ("after a start", "with noise", "of a matrix")}
 
 
 @pytest.mark.parametrize("name", PLACEHOLDERS)
@@ -252,8 +275,15 @@ def test_an_attitude_that_never_changes_along_a_turning_path_is_none(
     quats = np.tile(PLACEHOLDERS[name], (COUNT, 1))
     if name == "of both signs":
         quats[::3] *= -1.0
+    elif name == "after a start":
+        quats[:3] = poses.quats_xyzw[:3]
+    elif name == "with noise":
+        quats = quat_normalised(quats + 1e-4 * np.random.default_rng(0).normal(size=quats.shape))
     save_trajectory(tmp_path / "e.csv", poses)
-    save_trajectory(tmp_path / "t.tum", Trajectory(poses.stamps_ns, poses.positions, quats))
+    truth = Trajectory(poses.stamps_ns, poses.positions, quats)
+    save_trajectory(tmp_path / "t.tum", truth)
+    if name == "of a matrix":
+        (tmp_path / "t.tum").write_text(rows(seconds(poses), matrices(truth), separator=" "))
     done = sfr("score", tmp_path / "e.csv", tmp_path / "t.tum", "--condition", "distance=2", "--json", "-")
     assert done.code == 0, done.err
     assert caplog.text.count("same attitude although the path turns") == 1
