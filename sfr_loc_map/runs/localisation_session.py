@@ -24,7 +24,7 @@ from sfr_loc_map.geometry.plausibility import is_plausible_covariance
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import read_bytes
+from sfr_loc_map.inputs import LOST_VARIANCE, read_bytes
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
@@ -153,12 +153,13 @@ class LocalisationSession:
 
 
 def completed_pose(given: StartPose, known: StartPose) -> StartPose:
-    """Return a given pose with the components of a known one where its covariance has rows of zeros beside others.
+    """Return a given pose with the components of a known one where its covariance marks components as unknown.
 
     Tools that set a pose on a plane, as RViz does, send x, y and yaw with their variances and zeros for z, roll and
-    pitch. A covariance of zeros alone states an exact pose.
+    pitch. Others, as filters in two dimensions, send the variance of a lost pose or more. A covariance of zeros alone
+    states an exact pose.
     """
-    is_given = given.covariance.any(axis=1)
+    is_given = given.covariance.any(axis=1) & (np.diag(given.covariance) < LOST_VARIANCE)
     if is_given.all() or not is_given.any():
         return given
     x, y, z, roll, pitch, yaw = np.where(is_given, _components(given.T_ds_rb), _components(known.T_ds_rb))

@@ -297,22 +297,25 @@ def test_localisation_restarts_by_service_by_pose_and_when_stamps_go_back(ros: N
         assert peer.play(5) == ORIGIN
 
 
-@pytest.mark.parametrize("stray", ["old", "unstamped", "both"])
+@pytest.mark.parametrize("stray", ["old", "unstamped", "both", "of tomorrow", "of the camera_info"])
 def test_stray_pairs_are_dropped_and_counted_and_the_pose_goes_on(ros: None, capfd: Capture, stray: str) -> None:
     """As of a driver that flushes a buffer, or stamps some images with 0."""
     with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT) as node:
         send_infos(peer, "loc", LOC_RIG)
-        stamps = {"old": [-30 * PERIOD_NS], "unstamped": [-loc_pair(1).stamp_ns], "both": [0, -30 * PERIOD_NS]}[stray]
+        stamps = {"old": [-30 * PERIOD_NS], "unstamped": [-loc_pair(1).stamp_ns], "both": [0, -30 * PERIOD_NS]}
+        stamps |= {"of tomorrow": [86_400 * 10**9]}
         for index in range(3):
             peer.play(index)
-            for shift_ns in stamps:
+            for shift_ns in stamps.get(stray, ()):
                 pair = loc_pair(index)
                 send_pair(peer, "loc", replace(pair, stamp_ns=max(pair.stamp_ns + shift_ns, 0)))
+            if "camera_info" in stray:
+                send_infos(peer, "loc", LOC_RIG, stamp_ns=0 if index % 2 else START_NS - 10**12)
         peer.play(3)
         assert peer.positions() == localised([0, 1, 2, 3])
         values = peer.last_values()
         dropped = sum(int(values[f"dropped_{name}"]) for name in ("stray", "stale", "unpaired"))
-        assert dropped >= 3
+        assert dropped >= 3 or "camera_info" in stray
         assert "localisation restarts" not in node.text
 
 

@@ -17,6 +17,7 @@ from sfr_loc_map.errors import InputError, LocalisationError, OutputError
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import LOST_VARIANCE
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
 from sfr_loc_map.runs.localisation_session import LocalisationSession, PoseFile, completed_pose
@@ -220,12 +221,16 @@ def test_damaged_poses_are_replaced_and_other_files_never(tmp_path: Path) -> Non
             PoseFile(tmp_path / name, 10.0).check()
 
 
-def test_a_pose_on_a_plane_leaves_height_and_tilt_as_they_are() -> None:
-    """RViz sends x, y and yaw with variances, zeros for the rest; a covariance of zeros alone is an exact pose."""
+@pytest.mark.parametrize("unknown", [0.0, LOST_VARIANCE, 1e6])
+def test_a_pose_on_a_plane_leaves_height_and_tilt_as_they_are(unknown: float) -> None:
+    """RViz sends x, y and yaw with variances, zeros for the rest; a filter on a plane sends large variances.
+
+    A covariance of zeros alone is an exact pose.
+    """
     tilt = matrix_from_rotvec([0.05, 0.12, 0.0])
     known = StartPose(Transform(matrix_from_rotvec([0.0, 0.0, 0.4]) @ tilt, np.array([1.0, 2.0, 3.0])), COVARIANCE, 5)
     flat = Transform(matrix_from_rotvec([0.0, 0.0, -1.1]), np.array([7.0, 8.0, 0.0]))
-    variances = np.diag([0.25, 0.25, 0.0, 0.0, 0.0, 0.07])
+    variances = np.diag([0.25, 0.25, unknown, unknown, unknown, 0.07])
     found = completed_pose(StartPose(flat, variances, 9), known)
     np.testing.assert_allclose(found.T_ds_rb.translation, [7.0, 8.0, 3.0], atol=1e-12)
     up = found.T_ds_rb.rotation.T[:, 2]  # the vertical in RB: its tilt
@@ -235,3 +240,12 @@ def test_a_pose_on_a_plane_leaves_height_and_tilt_as_they_are() -> None:
     for covariance in (np.zeros((6, 6)), COVARIANCE):
         given = StartPose(flat, covariance, 9)
         assert completed_pose(given, known) is given
+
+
+@pytest.mark.parametrize("unknown", [0.0, LOST_VARIANCE])
+def test_a_pose_without_its_height_alone_keeps_that_of_the_run(unknown: float) -> None:
+    known = StartPose(Transform(np.eye(3), np.array([1.0, 2.0, 3.0])), COVARIANCE, 5)
+    tilted = Transform(matrix_from_rotvec([0.05, 0.12, 0.4]), np.array([7.0, 8.0, 0.0]))
+    found = completed_pose(StartPose(tilted, np.diag([0.25, 0.25, unknown, 0.01, 0.01, 0.07]), 9), known)
+    np.testing.assert_allclose(found.T_ds_rb.translation, [7.0, 8.0, 3.0], atol=1e-12)
+    np.testing.assert_allclose(found.T_ds_rb.rotation, tilted.rotation, atol=1e-12)
