@@ -2,6 +2,7 @@
 
 # ruff: noqa: E402 - ROS may be absent
 import configparser
+import json
 import os
 import shlex
 import signal
@@ -12,18 +13,24 @@ from pathlib import Path
 
 import pytest
 import yaml
+from rosbags.rosbag2 import Reader
 
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(120), pytest.mark.usefixtures("own_domain")]
 
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image
+from std_msgs.msg import String
 
+from helpers.cli_result import Sfr
 from helpers.made_scene import LOC_RIG, T_RB_LOCSB, loc_pair
 from helpers.node_scenes import MOUNT, raw, send_infos, send_pair
 from helpers.processes import Peer, Process, has_started_ros, nodes_of, segments_of, wait_until
 from sfr_loc_map.cli.main import main
 from sfr_loc_map.io.bag import messages as bag_messages
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+from sfr_loc_map.nodes.messages import message_type, odometry_row
+from test.nodes.test_run_config import compressed_bag
 
 COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
 
@@ -58,6 +65,43 @@ def test_namespace_remaps_and_parameters_reach_the_nodes_and_ctrl_c_ends_all(tmp
     rclpy.try_shutdown()
     assert shared
     assert not [path for path in shared if path.exists()]
+
+
+@pytest.mark.slow
+def test_the_configuration_of_a_bag_of_compressed_topics_runs_the_nodes(tmp_path: Path, sfr: Sfr) -> None:
+    """Of a recording to `init`, of its configuration to the nodes: their poses are those of the bag."""
+    import rclpy
+
+    bag = compressed_bag(tmp_path, 6)
+    made = sfr("init", tmp_path / "mine", "--from", bag)
+    assert made.code == 0, made.err
+    config = tmp_path / "mine" / "sfr.yaml"
+    offline = sfr("localise", bag, "-o", tmp_path / "offline.csv", "--config", config)
+    assert offline.code == 0, offline.err
+    rclpy.init(args=[])
+    command = (*COMMAND, "run", "localisation", "monitor", "--config", str(config))
+    with Process(tmp_path / "log", *command) as run, Peer() as peer, Reader(bag) as reader:
+        run.wait_for("/front/right/image_raw/compressed")
+        odometry = peer.listen(Odometry, "localisation/odometry")
+        report = peer.listen(String, "metrics/report", latched=True)
+        messages = [(item.topic, item.msgtype, bytes(data)) for item, _, data in reader.messages()]
+        messages.sort(key=lambda item: not item[0].endswith("camera_info"))  # cameras send them before the first image
+        sent = 0
+        for topic, kind, data in messages:
+            if kind.startswith(("sensor_msgs/msg/C", "nav_msgs/")):
+                peer.publish(message_type(kind), topic, data)
+            if topic == "/front/right/image_raw/compressed":
+                sent += 1
+                peer.until(lambda count=sent: len(odometry) == count, f"pose {sent}")
+        live = [odometry_row(message)[1] for message in odometry]
+        expected = read_trajectory_file(tmp_path / "offline.csv").trajectory.positions
+        assert live == [tuple(position) for position in expected.tolist()]
+        peer.until(
+            lambda: report and (json.loads(report[-1].data).get("association") or {}).get("matched") == 6, "the score"
+        )
+        assert "Traceback" not in run.text
+        assert run.end(signal.SIGINT, signal.SIGINT) == 0
+    rclpy.try_shutdown()
 
 
 @pytest.mark.slow

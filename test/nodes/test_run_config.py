@@ -66,9 +66,10 @@ def test_what_nodes_cannot_do_is_said(tmp_path: Path) -> None:
         run_arguments(config, tmp_path / "parameters.yaml")
 
 
-def test_compressed_topics_of_a_recording_reach_the_nodes(tmp_path: Path) -> None:
-    bag = tmp_path / "cam"
-    with Reader(write_bag(tmp_path / "ours.mcap", 3, 0, jpeg_quality=95)) as reader, Writer(bag, version=9) as writer:
+def compressed_bag(folder: Path, pairs: int) -> Path:
+    """Return a bag of a driver's compressed images, named `image_raw/compressed`, with camera_info and a truth."""
+    bag, ours = folder / "cam", write_bag(folder / "ours.mcap", pairs, 0, jpeg_quality=95)
+    with Reader(ours) as reader, Writer(bag, version=9) as writer:
         names = {
             c.id: c.topic.replace("/loc/", "/front/").replace("image_rect", "image_raw") for c in reader.connections
         }
@@ -76,6 +77,11 @@ def test_compressed_topics_of_a_recording_reach_the_nodes(tmp_path: Path) -> Non
         added = {each: writer.add_connection(names[each], kinds[each], typestore=TYPESTORE) for each in names}
         for connection, recorded_ns, data in reader.messages():
             writer.write(added[connection.id], recorded_ns, data)
+    return bag
+
+
+def test_compressed_topics_of_a_recording_reach_the_nodes(tmp_path: Path) -> None:
+    bag = compressed_bag(tmp_path, 3)
     proposal = propose_config(bag, {}, tmp_path / "sfr.yaml")
     (tmp_path / "sfr.yaml").write_text(proposal.text())
     loc = open_source(bag, proposal.config).loc
