@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.options import NamespaceOption, require_ros
-from sfr_loc_map.config import build
+from sfr_loc_map.cli.options import ConfigOption, NamespaceOption, require_ros
+from sfr_loc_map.config import build, read_sections
 from sfr_loc_map.errors import (
     ConfigError,
     FailedVerdictError,
@@ -23,6 +23,7 @@ from sfr_loc_map.errors import (
     NotJudgedError,
 )
 from sfr_loc_map.inputs import one_line
+from sfr_loc_map.io.source_config import SourceConfig
 
 if TYPE_CHECKING:
     from sfr_loc_map.live.foxglove import FoxgloveView
@@ -77,6 +78,7 @@ def live_beside(
         "sfr live",
         "sfr live --namespace rover1 --port 0 --open",
         "sfr live -r loc/left/image_rect:=/eye/left",
+        "sfr live --config sfr.yaml --terminal",
         "sfr live --host 0.0.0.0 --token a-long-secret",
         "sfr live --terminal",
     )
@@ -87,6 +89,7 @@ def live(
     remap: Annotated[
         list[str] | None, Option("-r", metavar="FROM:=TO", help="Remapping of the nodes, as of ROS; repeatable.")
     ] = None,
+    config: ConfigOption = None,
     host: Annotated[
         str, Option(metavar="H", help="Address to listen on; but for loopback it needs --token.")
     ] = "127.0.0.1",
@@ -112,24 +115,29 @@ def live(
     require_ros("live")
     propose("sfr replay SRC --live --out DIR", why="a run that is scored while the page shows it")
     view_of = _foxglove_view() if foxglove else None
-    state, config = LiveState(), None
+    remaps = list(remap or ())
+    if config is not None:
+        from sfr_loc_map.nodes.parameter_files import remaps_of
+
+        remaps += remaps_of(SourceConfig.of(read_sections(config), config))
+    state, served = LiveState(), None
     if not terminal:
         require_live()
         from sfr_loc_map.live.server import LiveConfig
 
-        config = build(LiveConfig, {"host": host, "port": port, "token": token}, origin="sfr live")
+        served = build(LiveConfig, {"host": host, "port": port, "token": token}, origin="sfr live")
     with ExitStack() as stack:
         from sfr_loc_map.nodes.view.feed import RosFeed
 
         title = namespace
-        stack.enter_context(RosFeed(state, namespace, remap or ()))
+        stack.enter_context(RosFeed(state, namespace, remaps))
         if view_of is not None:
             view = stack.enter_context(view_of(state, foxglove_port, title))
             print(f"foxglove: {view.url}", flush=True)
-        if config is not None:
+        if served is not None:
             from sfr_loc_map.live.server import LiveServer, serve_until_signal
 
-            asyncio.run(serve_until_signal(LiveServer(config, state, title), open_browser=open_browser))
+            asyncio.run(serve_until_signal(LiveServer(served, state, title), open_browser=open_browser))
             return
         from sfr_loc_map.live.terminal import Terminal
 

@@ -67,7 +67,9 @@ def examine(seen: Observation) -> list[Finding]:
 
 def _source(seen: Observation) -> Findings:
     if seen.broken:
-        yield Finding(Cause.BROKEN, seen.subject, seen.broken, "correct, record or copy it again")
+        text, separator, command = seen.broken.partition(": sfr ")
+        fix = f"sfr {command}" if separator else "correct, record or copy it again"
+        yield Finding(Cause.BROKEN, seen.subject, text, fix)
     if seen.left_out:
         text = f"{seen.left_out} pairs are listed whose images are not there: they are left out"
         fix = "restore the files, or take the pairs out of the list"

@@ -80,11 +80,16 @@ def run_arguments(config: Path, written: Path) -> list[str]:
         values[task]["input.rectify"] = any(name.endswith(raw) for name in names)
     content = {f"/**/{name}_node": {"ros__parameters": parameters} for name, parameters in values.items()}
     written.write_text(yaml.safe_dump(content), encoding="utf-8")
-    remaps = []
+    return ["--params-file", str(written), *(word for rule in remaps_of(how) for word in ("-r", rule))]
+
+
+def remaps_of(how: SourceConfig) -> list[str]:
+    """Return the topics of a configuration as remapping rules; compressed images have a name of their own."""
+    rules = []
     for name, topic in how.topics.items():
         is_compressed = topic.endswith(COMPRESSED_NAME) and not name.endswith(COMPRESSED_NAME)
-        remaps += ["-r", f"{name}{COMPRESSED_NAME if is_compressed else ''}:={topic}"]
-    return ["--params-file", str(written), *remaps]
+        rules.append(f"{name}{COMPRESSED_NAME if is_compressed else ''}:={topic}")
+    return rules
 
 
 def main(folder: Path) -> None:

@@ -319,6 +319,15 @@ def test_stray_pairs_are_dropped_and_counted_and_the_pose_goes_on(ros: None, cap
         assert "localisation restarts" not in node.text
 
 
+def test_a_node_that_waits_names_the_topics_that_it_was_given(ros: None, capfd: Capture) -> None:
+    remaps = [f"loc/{side}/image_rect/compressed:=/eye/{side}/compressed" for side in SIDES]
+    arguments = [word for rule in remaps for word in ("-r", rule)]
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT, *arguments) as node:
+        node.node.look_around()
+        assert "/eye/left/compressed, /loc/left/camera_info, /eye/right/compressed" in node.text
+        assert "/loc/left/image_rect" not in node.text.partition("Waiting for")[2]
+
+
 def test_a_camera_info_that_was_published_once_is_received(ros: None, capfd: Capture) -> None:
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     with Manager() as peer:

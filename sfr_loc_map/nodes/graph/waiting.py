@@ -41,14 +41,19 @@ def missing_input(node: Node, inputs: Sequence[Input]) -> str:
 
 
 def _silence(node: Node, item: Input) -> Finding:
-    """Return why no message is received on any of the topics of an input: of the one that has a publisher."""
-    found = []
+    """Return why no message is received on any of the topics of an input.
+
+    It is that of the topic that has a publisher, else that of the topic whose name was given by a remap.
+    """
+    found, remapped = [], []
     for name, kind in item.topics.items():
         topic = node.resolve_topic_name(name)
         publishers = publishers_of(node, topic)
         found.append(silence_of(topic, (type_name(kind),), publishers, Reliability(item.reliability)))
+        if topic != node.resolve_topic_name(name, only_expand=True):
+            remapped.append(found[-1])
     published = [finding for finding in found if finding.cause is not Cause.NO_PUBLISHER]
-    return (published or found)[0]
+    return (published or remapped or found)[0]
 
 
 def type_name(kind: type[Any]) -> str:
