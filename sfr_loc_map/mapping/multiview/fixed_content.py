@@ -48,10 +48,12 @@ def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> CleanedV
 
     A region that is fixed in two pairs is removed from both.
     """
+    greys = [_sampled_grey(view) for view in views]
     regions: dict[int, Mask] = {}
     warnings = []
     for i, j in combinations(range(len(views)), 2):
-        region = _fixed_region(views[i], views[j], rig)
+        noise = F(max(views[i].noise_grey, views[j].noise_grey))
+        region = _fixed_region(_same_disparity(views[i], views[j], rig), greys[i], greys[j], noise)
         fraction = float(region.mean())
         if fraction < MIN_REGION_FRACTION:
             continue
@@ -66,14 +68,19 @@ def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> CleanedV
     return CleanedViews(kept, Findings(statistics, tuple(warnings)))
 
 
-def _fixed_region(first: PairView, second: PairView, rig: StereoRig) -> Mask:
+def _sampled_grey(view: PairView) -> FloatImage:
+    """Return the grey level of each sample `(H/3, W/3)`; NaN without a point."""
+    points = view.points
+    is_sampled = (points.u % STRIDE == 0) & (points.v % STRIDE == 0)
+    grey = np.full_like(view.disparity_px[::STRIDE, ::STRIDE], np.nan)
+    grey[points.v[is_sampled] // STRIDE, points.u[is_sampled] // STRIDE] = points.intensity[is_sampled]
+    return grey
+
+
+def _fixed_region(same_disparity: Mask, first_grey: FloatImage, second_grey: FloatImage, noise: np.float32) -> Mask:
     """Return which samples `(H/3, W/3)` belong to content that is fixed to the image."""
-    same_disparity = _same_disparity(first, second, rig)
     if same_disparity.mean() < MIN_REGION_FRACTION:
         return np.zeros(same_disparity.shape, np.bool_)
-    noise = F(max(first.noise_grey, second.noise_grey))
-    first_grey = first.grey_image()[::STRIDE, ::STRIDE]
-    second_grey = second.grey_image()[::STRIDE, ::STRIDE]
     is_fixed = same_disparity & (_similarity(first_grey, second_grey, noise) > MIN_SIMILARITY)
     region = square(REGION_SAMPLES)
     closed = cv2.morphologyEx(is_fixed.astype(np.uint8), cv2.MORPH_CLOSE, region)
