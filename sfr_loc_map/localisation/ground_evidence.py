@@ -167,13 +167,13 @@ class Evidence:
 
     @property
     def covers_doubt(self) -> bool:
-        """Whether inliers cover at least half of the cells that contradicted a motion, within one cell."""
-        contradicting = self.memory.confidence.contradicting
-        if contradicting is None:
+        """Whether inliers cover at least half of the cells that a motion did not explain, within one cell."""
+        unexplained = self.memory.confidence.unexplained
+        if unexplained is None:
             return True
         covered = self.tools.cells(self.explained.cell_index[self.main.inliers]).astype(np.uint8)
         beside = cv2.dilate(covered, np.ones((3, 3), np.uint8)) > 0
-        return bool((beside & contradicting).sum() >= 0.5 * contradicting.sum())
+        return bool((beside & unexplained).sum() >= 0.5 * unexplained.sum())
 
     # ---- partial transfers
 

@@ -33,7 +33,9 @@ LONG_DOUBT_PAIRS = 10
 """The same after a doubt that may last: two motions of a ground that was not known, or a mostly stale image."""
 MAX_TRANSFERS = 10  #: Maximum number of consecutive pairs that are taken as partially transferred.
 MIN_UNEXPLAINED = 0.12
-"""Fraction of unexplained landmarks, above the typical one, or of moving cells, from which a motion is unusual."""
+"""Fraction of unexplained landmarks, above the typical one, from which a motion is unusual."""
+MAX_MOVING = 0.12
+"""Fraction of cells that are excluded because they move, from which a pair does not confirm the ground's motion."""
 MAX_UNEXPLAINED = 0.47  #: Fraction of unexplained landmarks from which a motion is unusual in any case.
 TYPICAL_FACTOR = 1.25  #: Factor on the typical fraction of unexplained landmarks.
 RISING_GAIN = 0.1  #: Gain of the typical fraction for a pair with a larger fraction.
@@ -55,7 +57,7 @@ class Confidence:
     phase: Phase = Phase.LEARNING
     agreed_pairs: int = 0  #: Moving pairs of this phase that one motion explained.
     required_pairs: int = AGREEING_PAIRS  #: Such pairs that lead to the next phase; not used by a known ground.
-    contradicting: Mask | None = None  #: In doubt: `(R, C)` cells that contradicted a motion.
+    unexplained: Mask | None = None  #: In doubt: `(R, C)` cells with landmarks that did not follow the motion.
 
     def after_agreement(self) -> Confidence:
         """Return the confidence after a moving pair that one motion explained."""
@@ -74,16 +76,16 @@ class Confidence:
         return self if self.phase is Phase.IN_DOUBT else Confidence()
 
     def after_contradiction(self, cells: Mask) -> Confidence:
-        """Return the confidence after two motions competed, or cells `(R, C)` contradicted the pose.
+        """Return the confidence after two motions competed, or the image contradicted the pose.
 
-        A ground that was known, or nearly is again, recovers soon. Doubt about a ground that was being learnt lasts
-        longer.
+        Landmarks in the cells `(R, C)` did not follow the motion. A ground that was known, or nearly is again, recovers
+        soon. Doubt about a ground that was being learnt lasts longer.
         """
         is_in_doubt = self.phase is Phase.IN_DOUBT
         nearly_recovered = is_in_doubt and self.required_pairs - self.agreed_pairs <= AGREEING_PAIRS
         is_short = self.phase is Phase.KNOWN or nearly_recovered
-        if is_in_doubt and self.contradicting is not None:
-            cells = self.contradicting | cells
+        if is_in_doubt and self.unexplained is not None:
+            cells = self.unexplained | cells
         required_pairs = AGREEING_PAIRS if is_short else LONG_DOUBT_PAIRS
         return Confidence(Phase.IN_DOUBT, 0, required_pairs, cells)
 

@@ -34,6 +34,7 @@ from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tra
 from sfr_loc_map.localisation.ground_evidence import CLEAR_RATIO, ComparedPair, Evidence, MotionTools
 from sfr_loc_map.localisation.ground_memory import (
     AGREEING_PAIRS,
+    MAX_MOVING,
     MIN_UNEXPLAINED,
     ComparedImage,
     Confidence,
@@ -389,7 +390,7 @@ def confidence_after(case: Case, evidence: Evidence) -> Confidence:
         return confidence.after_contradiction(evidence.unexplained_cells)
     if case is not Case.ONE_MOTION or evidence.is_known or evidence.explained.motion_px <= MOVED_PX:
         return confidence
-    if evidence.memory.excluded.moving_fraction < MIN_UNEXPLAINED and evidence.covers_doubt:
+    if evidence.memory.excluded.moving_fraction < MAX_MOVING and evidence.covers_doubt:
         return confidence.after_agreement()
     if confidence.phase is Phase.IN_DOUBT and evidence.is_unusual:
         return confidence.after_contradiction(evidence.unexplained_cells)
