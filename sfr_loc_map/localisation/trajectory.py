@@ -306,15 +306,20 @@ def _of_left(path: PathState, covariance: FloatArray, model: RoverModel) -> Floa
 
 
 def _step_to_same_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PublishedPose, StepEstimate]:
-    """Return the step to a pose that stays. Only the growth of the unobserved motion since the last step is added."""
+    """Return the step to the last known pose. Only the growth of the unobserved motion since the last step is added.
+
+    The motion is that of the pose by an adjustment of its keyframe; zero without one.
+    """
     before = path.published
     seconds = 0.0 if before.stamp_ns is None else (stamp_ns - before.stamp_ns) / NS_PER_S
     speed = path.motion.speed
     unobserved = unobserved_motion(speed, path.motion.unobserved_s(stamp_ns), model)
     growth = np.maximum(unobserved - before.unseen, unobserved_motion(speed, seconds, model))
     covariance = growth + MIN_VARIANCE * np.eye(6)
-    published = replace(before, stamp_ns=stamp_ns, T_world_left=path.motion.T_world_left, unseen=unobserved)
-    step = StepEstimate(seconds, np.zeros(6), covariance, np.zeros(6), before.noise, before.noise, ZERO)
+    now = path.motion.T_world_left
+    published = replace(before, stamp_ns=stamp_ns, T_world_left=now, unseen=unobserved)
+    motion = StepMotion.between(before.T_world_left or now, now, model).vector
+    step = StepEstimate(seconds, motion, covariance, np.zeros(6), before.noise, before.noise, ZERO)
     return published, step
 
 

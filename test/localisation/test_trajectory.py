@@ -170,3 +170,13 @@ def test_what_the_images_of_a_pose_may_not_show_lasts_until_the_next_pose() -> N
                 again.errors.start.covariance[:3, :3] - clear_again.errors.start.covariance[:3, :3], added
             )
         np.testing.assert_allclose(of_path(move(kept, 3, STEP)), of_path(move(clear_kept, 3, STEP)), atol=1e-16)
+
+
+def test_the_step_to_a_kept_pose_is_the_motion_of_the_pose_by_an_adjustment() -> None:
+    model = model_of(IN_CAMERA)
+    path = trajectory.adjusted(move(begun(), 1, STEP), Pose(np.eye(3), STEP + 0.001), NOTHING, has_yaw_step=False)
+    assert path is not None
+    kept, first = trajectory.kept(path, 2 * PERIOD_NS, model)
+    np.testing.assert_allclose(first.motion, [0.001, 0.001, 0.001, 0.0, 0.0, 0.0], atol=1e-15)
+    again = trajectory.kept(kept, 3 * PERIOD_NS, model)[1]
+    np.testing.assert_array_equal(again.motion, np.zeros(6))
