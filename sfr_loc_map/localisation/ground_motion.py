@@ -43,7 +43,7 @@ from sfr_loc_map.localisation.ground_memory import (
 )
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
-from sfr_loc_map.localisation.uncertainty import DirectedError
+from sfr_loc_map.localisation.uncertainty import MotionSize
 
 COMPARED_PX = 3.0  #: Image motion, px, that shows what is fixed to the camera; the compared image is then replaced.
 COMPARED_PAIRS = 10  #: Number of pairs after which the compared image is replaced, however slow the motion.
@@ -154,7 +154,7 @@ class Selection(NamedTuple):
     not_ground: NDArray[np.intp] = NO_ROWS  #: `(N,)` rows in the window of landmarks that do not move with the ground.
     fixed: Mask | None = None  #: `(R, C)` cells that are fixed to the camera.
     moving: Mask | None = None  #: `(R, C)` cells that move otherwise than the ground.
-    rival_distance: DirectedError = DirectedError(0.0, 0.0)  #: Distance to the pose of the motion not selected.
+    rival_distance: MotionSize = MotionSize(0.0, 0.0)  #: Distance to the pose of the motion not selected.
 
 
 class Ground(NamedTuple):
@@ -163,7 +163,7 @@ class Ground(NamedTuple):
     tracks: Tracks  #: Tracks that follow it.
     findings: frozenset[Finding]
     not_ground: NDArray[np.intp]  #: `(N,)` rows in the window of landmarks that do not move with the ground.
-    rival_distance: DirectedError  #: Distance to the pose of another possible motion; zero if none was found.
+    rival_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
     memory: GroundMemory  #: Memory for the next pair if the pose is accepted.
     #: Memory for the next pair if it is refused: `memory` if the pair contradicts its pose, else that before the pair.
     memory_if_refused: GroundMemory
@@ -173,7 +173,7 @@ class Ground(NamedTuple):
     def unselected(cls, tracks: Tracks, memory: GroundMemory) -> Ground:
         """Return all tracks as the ground, without a comparison with earlier pairs."""
         accepted = replace(memory, previous=None)
-        return cls(tracks, frozenset(), NO_ROWS, DirectedError(0.0, 0.0), accepted, memory, None)
+        return cls(tracks, frozenset(), NO_ROWS, MotionSize(0.0, 0.0), accepted, memory, None)
 
     def accepted(self, *, is_compared: bool) -> GroundMemory:
         """Return the memory after the pose was accepted; whether later images may be compared with this one."""
@@ -403,7 +403,7 @@ def _present(tracks: Tracks | None) -> Tracks:
     return tracks
 
 
-def pose_distance(one: Pose, other: Pose) -> DirectedError:
+def pose_distance(one: Pose, other: Pose) -> MotionSize:
     """Return the distance and the angle between two poses."""
     angle = np.linalg.norm(rotvec_from_matrix(one.rotation.T @ other.rotation))
-    return DirectedError(float(np.linalg.norm(one.position - other.position)), float(angle))
+    return MotionSize(float(np.linalg.norm(one.position - other.position)), float(angle))

@@ -13,11 +13,11 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
-from sfr_loc_map.localisation.uncertainty import DirectedError, RoverModel, Speed
+from sfr_loc_map.localisation.uncertainty import MotionSize, RoverModel, Speed
 
 MAX_MISSED_PAIRS = 4
 """Number of missing pairs over which a constant velocity is still extrapolated; later the motion may have changed."""
-SLACK = DirectedError(1.0, 1.0)  #: Motion, m and rad, that is plausible whatever the stamps are: stamps may jitter.
+SLACK = MotionSize(1.0, 1.0)  #: Motion, m and rad, that is plausible whatever the stamps are: stamps may jitter.
 
 
 class Guesses(NamedTuple):
@@ -107,9 +107,10 @@ class Motion:
         return Motion(self.T_world_left, Transform.identity(), stamp_ns, stamp_ns, 0, self.speed)
 
 
-def size_of(motion: Transform) -> tuple[float, float]:
-    """Return the length, m, and the angle, rad, of a motion."""
-    return float(np.linalg.norm(motion.translation)), float(np.linalg.norm(rotvec_from_matrix(motion.rotation)))
+def size_of(motion: Transform) -> MotionSize:
+    """Return the size of a motion."""
+    angle = np.linalg.norm(rotvec_from_matrix(motion.rotation))
+    return MotionSize(float(np.linalg.norm(motion.translation)), float(angle))
 
 
 def is_plausible(motion: Motion, stamp_ns: int, pose: Pose, bounds: MotionBounds) -> bool:

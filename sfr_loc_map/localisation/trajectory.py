@@ -40,6 +40,7 @@ from sfr_loc_map.localisation.uncertainty import (
     DirectedError,
     DisparityBias,
     LocatedCovariance,
+    MotionSize,
     PathErrors,
     PublishedPose,
     RoverModel,
@@ -58,7 +59,7 @@ from sfr_loc_map.localisation.uncertainty import (
 
 #: Motion of the newest pose by a bundle adjustment, m and rad, above which the adjustment diverged. It is millimetres,
 #: or some centimetres with a correction of the yaw.
-MAX_ADJUSTMENT = DirectedError(1.0, 1.0)
+MAX_ADJUSTMENT = MotionSize(1.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +83,7 @@ class AcceptedPair(NamedTuple):
     was_known: bool  #: Whether the pose of the pair before was not lost; it may have been kept.
     shear: float  #: Squared shear of the image rows over its variance.
     inflation: Inflation  #: What the findings of the pair add to the covariance.
-    rival_distance: DirectedError  #: Distance to the pose of another possible motion; zero if none was found.
+    rival_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
 
 
 class _NewPose(NamedTuple):
@@ -153,7 +154,7 @@ def _new_pose(path: PathState, pair: AcceptedPair, model: RoverModel) -> _NewPos
     added = inflation_of(
         pair.inflation,
         unobserved_rb=unobserved,
-        moved=DirectedError(since.metres, since.radians),
+        moved=MotionSize(since.metres, since.radians),
         rival_distance=pair.rival_distance,
     )
     given_landmarks = np.asarray(np.linalg.inv(pair.tracks.information))
@@ -246,7 +247,7 @@ def restarted(
     errors = until_now.restarted(
         position,
         drift=drift_covariance(path.errors, position, model),
-        first_image=DirectedError(blur_rad * depth_m, blur_rad).covariance,
+        first_image=MotionSize(blur_rad * depth_m, blur_rad).covariance,
         in_window=in_window,
     )
     published, step = _step_to_same_pose(path, stamp_ns, model)
@@ -277,12 +278,11 @@ def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_ste
     if not (np.isfinite(np.column_stack(pose)).all() and np.isfinite(covariance).all()):
         return None
     T_world_left = Transform(*pose)
-    metres, radians = size_of(path.motion.T_world_left.inverse() @ T_world_left)
-    if not (metres <= MAX_ADJUSTMENT.metres and radians <= MAX_ADJUSTMENT.radians):
+    moved = size_of(path.motion.T_world_left.inverse() @ T_world_left)
+    if not (moved.metres <= MAX_ADJUSTMENT.metres and moved.radians <= MAX_ADJUSTMENT.radians):
         return None
     published = path.published
     if has_yaw_step:
-        moved = DirectedError(metres, radians)
         published = replace(published, shared=published.shared + moved.covariance)
     return replace(
         path,

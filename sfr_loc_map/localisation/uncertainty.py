@@ -197,19 +197,20 @@ class Speed(NamedTuple):
     rad_s: float
 
 
-class DirectedError(NamedTuple):
-    """Standard deviations of a position and a rotation, each on every axis.
+class MotionSize(NamedTuple):
+    """Size of a motion, of a distance of two poses, or of an error."""
 
-    Errors of several steps have the same direction: their standard deviations add up.
-    """
-
-    metres: float
-    radians: float
+    metres: float  #: Length.
+    radians: float  #: Angle.
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance `(6, 6)` of errors of this size on each axis."""
+        """Covariance `(6, 6)` of errors whose standard deviation is this size on each axis."""
         return np.diag(np.repeat(np.square((self.metres, self.radians)), 3))
+
+
+class DirectedError(MotionSize):
+    """Standard deviations of errors of several steps that have the same direction: they add up."""
 
     def plus(self, other: DirectedError) -> DirectedError:
         """Return the sum with a further error."""
@@ -384,7 +385,7 @@ class AddedError(NamedTuple):
 
 
 def inflation_of(
-    inflation: Inflation, *, unobserved_rb: FloatArray, moved: DirectedError, rival_distance: DirectedError
+    inflation: Inflation, *, unobserved_rb: FloatArray, moved: MotionSize, rival_distance: MotionSize
 ) -> AddedError:
     """Return what findings add, by the kind of their inflation (`findings.RULES`).
 

@@ -21,7 +21,7 @@ from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW
 from sfr_loc_map.localisation.motion_model import MAX_MISSED_PAIRS
 from sfr_loc_map.localisation.trajectory import AcceptedPair, PathState
-from sfr_loc_map.localisation.uncertainty import DirectedError, ErrorSources, RoverModel, pose_covariance
+from sfr_loc_map.localisation.uncertainty import ErrorSources, MotionSize, RoverModel, pose_covariance
 
 RIG = StereoRig(640, 480, 400.0, 400.0, 320.0, 240.0, 0.2, Transform.from_quat([0.3, 0.1, 0.2], [0.5, -0.5, 0.5, -0.5]))
 IN_CAMERA = replace(RIG, T_rb_sb=RIG.T_sb_left.inverse())
@@ -80,7 +80,7 @@ def move(
         was_known=True,
         shear=0.0,
         inflation=inflation,
-        rival_distance=DirectedError(0.0, 0.0),
+        rival_distance=MotionSize(0.0, 0.0),
     )
     calibration = known or OnlineCalibration(RIG.camera, 7)
     return trajectory.accepted(path, pair, map_of(NOTHING), calibration, model_of(rig))[0]  # type: ignore[arg-type]
