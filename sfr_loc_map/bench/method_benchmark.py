@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -32,7 +32,8 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.search_range import search_range
-from sfr_loc_map.methods.isolated_method import IsolatedMethod
+from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
+from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import BUILT_IN, OURS_IN_TABLES, PEERS, Method, MethodLimits, find_method, find_peer
 from sfr_loc_map.metrics.association import Estimates
@@ -51,6 +52,7 @@ LIMITS = MethodLimits(call_timeout_s=900.0, memory_mb=16_000, restarts=0)
 """Of a method in a comparison; some dense matchers take minutes."""
 COMPARED = ("accuracy", "time_s", "memory_bytes")
 """Parts of an entry of which the ratios of ours to the others are reported."""
+Opened = TypeVar("Opened", IsolatedLocaliser, IsolatedMapper)
 Figures = dict[str, Any]  #: Figures of a pass, or their medians, as they are written to a file.
 
 
@@ -65,13 +67,13 @@ class MethodRun:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PassInput:
+class PassInput(Generic[Opened]):
     """Input of all methods, and how they are called."""
 
     items: Callable[[], Iterable[Any]]  #: Yields the pairs, posed ones for mappers, from the start.
-    open: Callable[[Method], IsolatedMethod]  #: Starts a method.
+    open: Callable[[Method], Opened]  #: Starts a method.
     #: Gives it a pair, with its number and the seconds since the first; returns its result and what it did.
-    call: Callable[[IsolatedMethod, Any, int, float], tuple[Any, MethodCall]]
+    call: Callable[[Opened, Any, int, float], tuple[Any, MethodCall]]
     rate_scale: float = 1.0  #: Factor on the rate of the recording, for methods that work in the background.
 
 
@@ -118,9 +120,9 @@ def compare_localisers(
     rig = replace(sequence.rig, T_rb_sb=sequence.rig.T_sb_left.inverse())
 
     def call(
-        localiser: IsolatedMethod, pair: StereoPair, _: int, since_start_s: float
+        localiser: IsolatedLocaliser, pair: StereoPair, _: int, since_start_s: float
     ) -> tuple[Transform | None, MethodCall]:
-        estimate, done = localiser.localise(pair, {"since_start_s": since_start_s})
+        estimate, done = localiser.localise(pair, since_start_s)
         return None if estimate.state is TrackingState.LOST else estimate.T_ds_rb, done
 
     def figures(run: MethodRun) -> Figures:
@@ -143,7 +145,7 @@ def compare_localisers(
 
     given = PassInput(
         sequence.pairs,
-        lambda method: IsolatedMethod(method, rig, Transform.identity(), LIMITS, {"rate_hz": rate_hz}, hidden),
+        lambda method: IsolatedLocaliser(method, rig, Transform.identity(), LIMITS, rate_hz=rate_hz, hidden=hidden),
         call,
         rate_hz / recorded_hz,
     )
@@ -179,7 +181,7 @@ def compare_mappers(
     head = _head("map", len(items), repeat) | {"disparities": count}
     truths = [truth for item in items if (truth := PairTruth.of(item, rig)) is not None]
 
-    def call(mapper: IsolatedMethod, item: PosedStereoPair, number: int, _: float) -> tuple[PointCloud, MethodCall]:
+    def call(mapper: IsolatedMapper, item: PosedStereoPair, number: int, _: float) -> tuple[PointCloud, MethodCall]:
         done, costs = mapper.map_pair(item.pair, item.T_lm_navsb, number)
         return done.cloud, costs
 
@@ -195,12 +197,12 @@ def compare_mappers(
             }
         return found
 
-    opening = partial(IsolatedMethod, rig=rig, limits=LIMITS, setup={"disparities": count}, hidden=hidden)
+    opening = partial(IsolatedMapper, rig=rig, limits=LIMITS, disparities=count, hidden=hidden)
     given = PassInput(sequence.pairs, opening, call)
     return head | _compared(methods, config, given, figures, repeat, progress)
 
 
-def run_pass(method: Method, given: PassInput, progress: Callable[[], None] = lambda: None) -> MethodRun:
+def run_pass(method: Method, given: PassInput[Opened], progress: Callable[[], None] = lambda: None) -> MethodRun:
     """Process all pairs with a method; MethodError if it does not start, or its process ends."""
     with given.open(method) as opened:
         run = MethodRun(opened.record.version or "", opened.idle_bytes)
@@ -213,7 +215,7 @@ def run_pass(method: Method, given: PassInput, progress: Callable[[], None] = la
             if method.background:
                 time.sleep(max(0.0, begin_s + since_start_s - time.monotonic()))
             result, call = given.call(opened, item, number, since_start_s)
-            if not opened.alive:
+            if not opened.is_alive:
                 raise MethodError(f"method {method.name}: {call.finding}")
             run.calls.append(call)
             run.results.append(result)
@@ -224,7 +226,7 @@ def run_pass(method: Method, given: PassInput, progress: Callable[[], None] = la
 def _compared(
     methods: Sequence[Method],
     config: LocalisationConfig | MappingConfig,
-    given: PassInput,
+    given: PassInput[Opened],
     figures: Callable[[MethodRun], Figures],
     repeat: int,
     progress: Callable[[], None],

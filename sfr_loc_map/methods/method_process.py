@@ -1,4 +1,4 @@
-"""The process of a method: images in shared memory, orders and answers as lines of JSON, limits of time and memory."""
+"""The process of a method: images in shared memory, orders and replies as lines of JSON, limits of time and memory."""
 
 from __future__ import annotations
 
@@ -16,65 +16,56 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn, TypeVar
 
+import msgspec
 import numpy as np
 
 from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.stereo import CAMERA, StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.mapping.config import MAX_PAIRS
-from sfr_loc_map.methods.isolation import ProcessTree, TreeUsage, environment_of, rules_of
-from sfr_loc_map.methods.registry import WORKERS, Method, MethodLimits
+from sfr_loc_map.methods.adapters.loop import Answer, Camera, Hello, Order, OrderedPair, Pose, Reply, Setup
+from sfr_loc_map.methods.isolation import environment_of, rules_of
+from sfr_loc_map.methods.process_tree import ProcessTree, TreeUsage, peak_of, reset_peak
+from sfr_loc_map.methods.registry import ADAPTERS, Method, MethodLimits
 from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.metrics.score import FindingKind
 
 EXIT_TIMEOUT_S = 10.0
-POLL_S = 0.05  #: How often the memory of a process that is at work is looked at.
+POLL_S = 0.05  #: Period of the checks of memory while a call runs.
 SHARED_MEMORY = Path("/dev/shm")
 MB = 1_000_000
-LEAKS = {10: 80 * MB, 50: 40 * MB}
-"""A method leaks whose memory grows so much over so many calls: the least of each fifth of them is more than that of
-the fifth before, so that a saw-tooth does not hide it; a window that fills up (24 MB in ours) is none."""
-MARK_TOLERANCE = 2 * MB  #: Decrease of a high-water mark that its counters on several cores cause by themselves, bytes.
-MISSTATED_RATIO = 0.5
-"""Fraction of the time from outside by which the time that a method's process states may differ from it. Between the
-two are copies of the images, the reading of the result and its transfer."""
-MISSTATED_S, MISSTATED_CALLS = 0.25, 3
-"""A larger difference, s, in so many calls in a row is a misstatement: a busy host delays single calls alone."""
-MISSTATED_AT_ONCE_S = 1.0  #: A larger difference, s, is a misstatement in one call.
-LOG_BYTES, LOG_KEPT = 4_000_000, 100_000  #: Size at which its log is cut, and what of it is kept.
-LONGEST_ANSWER = 16_000_000
+LEAK_CALLS, LEAK_BYTES = 50, 40 * MB
+"""A method leaks if its memory grows by so much over so many calls, and the least of each fifth of the calls exceeds
+that of the fifth before. A saw-tooth does not hide such a growth. Our own window of keyframes fills up by 24 MB."""
+MISSTATED_S, MISSTATED_RATIO = 1.0, 0.5
+"""The times that a process states may differ from the measured ones, summed over its calls, by so many seconds, and by
+that fraction. The measured time includes copies of the images, the reading of the result and its transfer; a busy host
+delays single calls."""
+LONGEST_ANSWER = 16_000_000  #: Bytes.
+
+T = TypeVar("T")
 
 
 def leak_in(resident: Sequence[int]) -> str:
-    """Return the finding of a leak in the memory after each of the last calls, empty where there is none."""
-    for calls, most in LEAKS.items():
-        if len(resident) >= calls:
-            least = np.array(resident)[-calls:].reshape(5, -1).min(axis=1)
-            grown = int(least[-1] - least[0])
-            if grown > most and (np.diff(least) > 0).all():
-                text = f"keeps {grown / (0.8 * calls) / MB:.1f} MB more after each of {calls} calls"
-                return f"{FindingKind.LEAKING}: {text}"
-    return ""
+    """Return the finding of a leak in the memory after each of the last calls, empty if there is none."""
+    if len(resident) < LEAK_CALLS:
+        return ""
+    least = np.array(resident)[-LEAK_CALLS:].reshape(5, -1).min(axis=1)
+    growth = int(least[-1] - least[0])
+    if growth <= LEAK_BYTES or (np.diff(least) <= 0).any():
+        return ""
+    return (
+        f"{FindingKind.LEAKING}: keeps {growth / (0.8 * LEAK_CALLS) / MB:.1f} MB more after each of {LEAK_CALLS} calls"
+    )
 
 
-def exceeds(measured_s: float, stated_s: float, least_s: float) -> bool:
-    """Return whether a stated time differs from the measured one by more than the bound, at least `least_s`."""
-    return abs(measured_s - stated_s) > max(least_s, MISSTATED_RATIO * measured_s)
-
-
-def cut_log(log: Path) -> None:
-    """Keep the end of a log that has grown long."""
-    with suppress(OSError):
-        if log.stat().st_size > LOG_BYTES:
-            with log.open("r+b") as stream:
-                stream.seek(-LOG_KEPT, os.SEEK_END)
-                end = stream.read(LOG_KEPT)
-                stream.seek(0)
-                stream.write(end)
-                stream.truncate()
+def is_misstated(measured_s: float, stated_s: float) -> bool:
+    """Return whether stated times differ from the measured ones by more than copies and transfers explain."""
+    return abs(measured_s - stated_s) > max(MISSTATED_S, MISSTATED_RATIO * measured_s)
 
 
 class MethodFailureError(MethodError):
@@ -97,6 +88,12 @@ class MethodCall:
     step: FloatArray | None = None  # `(48,)` uncertainty of the step
 
 
+def numbers_of(pose: Transform) -> Pose:
+    """Return the matrix `(4, 4)` of a transform, row by row, as it is sent to a method."""
+    numbers: Pose = pose.matrix.ravel().tolist()
+    return numbers
+
+
 class MethodProcess:
     """A method's process, warmed up and waiting once constructed, of a stated `version`.
 
@@ -109,25 +106,75 @@ class MethodProcess:
         method: Method,
         rig: StereoRig,
         limits: MethodLimits,
+        *,
         T_ds_rb: Transform,
-        setup: Mapping[str, object],
+        rate_hz: float = 0.0,
+        disparities: int = 0,
         hidden: Sequence[Path] = (),
     ) -> None:
-        """Start it, shut in, and wait until it is warmed up; the pose is that at the first pair."""
+        """Start it, shut off from hidden files, and wait until it is warmed up; the pose is that at the first pair."""
         self._limits = limits
         shared = SHARED_MEMORY if os.access(SHARED_MEMORY, os.W_OK) else None
         self._folder = Path(tempfile.mkdtemp(prefix="sfr_method_", dir=shared))
-        self._log, images = self._folder / "log", self._folder / "images"
+        self._log = self._folder / "log"
         self.output = str(self._folder / "result")
+        images = self._folder / "images"
         self._images = np.asarray(np.memmap(images, np.uint8, "w+", shape=(MAX_PAIRS, 2, rig.height, rig.width)))
+        self._unread = b""  # of its standard output
+        self._method_pid = 0
+        self._tree: ProcessTree | None = None
+        self._ended = TreeUsage()  # when the last call ended
+        self._peak_bytes = 0  # largest sampled sum of the present call
+        self._resident: deque[int] = deque(maxlen=LEAK_CALLS)
+        self._measured_s = self._stated_s = 0.0  # summed over the calls since the last finding
+        setup = Setup(
+            task=method.task.value,
+            target=method.target,
+            config=method.config,
+            images=str(images),
+            camera=Camera(
+                width=rig.width,
+                height=rig.height,
+                fx=rig.fx,
+                fy=rig.fy,
+                cx=rig.cx,
+                cy=rig.cy,
+                baseline_m=rig.baseline_m,
+            ),
+            T_rb_sb=None if rig.T_rb_sb is None else numbers_of(rig.T_rb_sb),
+            T_rb_left=numbers_of(rig.T_rb_left if method.task is Task.LOCALISATION else Transform.identity()),
+            T_ds_rb=numbers_of(T_ds_rb),
+            rate_hz=rate_hz,
+            disparities=disparities,
+            vocabulary=method.vocabulary,
+        )
+        self._process = self._started(method, hidden)
+        try:
+            supervisor = json.loads(self._line(limits.start_timeout_s))
+            self._method_pid = int(supervisor["process"])
+            self._tree = ProcessTree(self._process.pid, is_supervisor=True)
+            hello = self._exchange(setup, Hello, limits.start_timeout_s)
+        except BaseException as error:
+            self.close()
+            if isinstance(error, MethodFailureError):
+                raise MethodFailureError(FindingKind.CRASHED, f"method {method.name} {error}", ended=True) from error
+            raise
+        self.version, self.isolation = hello["version"], str(supervisor["isolation"])
+        self.fuses, self.maps_sets = hello["fuses"], hello["maps_sets"]
+        self.idle_bytes = reset_peak(self._method_pid)
+        self._ended = self._tree.usage()
+
+    def _started(self, method: Method, hidden: Sequence[Path]) -> subprocess.Popen[bytes]:
+        """Start the supervisor, which starts the loop with the adapter of the method."""
         work = self._folder / "work"
         work.mkdir()
-        rules = json.dumps(rules_of(method, self._folder, limits.memory_mb * MB, hidden))
+        rules = json.dumps(rules_of(method, self._folder, hidden))
         python = str(method.python)
-        with self._log.open("ab") as log:  # appended to: it may be cut meanwhile
-            self._process = subprocess.Popen(
-                [python, "-ES", str(WORKERS / "shut_in.py"), rules, python]
-                + [str(WORKERS / name) for name in ("loop.py", method.worker)],
+        supervisor = [python, "-ES", str(ADAPTERS / "shut_in.py"), rules]
+        loop = [python, str(ADAPTERS / "loop.py"), str(ADAPTERS / method.adapter)]
+        with self._log.open("ab") as log:
+            return subprocess.Popen(
+                supervisor + loop,
                 env=environment_of(method, work),
                 cwd=work,
                 stdin=subprocess.PIPE,
@@ -136,56 +183,34 @@ class MethodProcess:
                 bufsize=0,
                 start_new_session=True,
             )
-        self._rest, self._tree, self._peak_bytes = b"", None, 0
-        self._mark_bytes: int | None = None  # last high-water mark of the present call
-        self._is_mark_set_back = False
-        self._misstated = 0  # calls in a row whose stated time differs from the measured one
-        self._resident: deque[int] = deque(maxlen=max(LEAKS))
-        self._ended = TreeUsage()  # when the last call ended
-        T_rb_left = None if rig.T_rb_sb is None else rig.T_rb_left
-        transforms = {"start": T_ds_rb, "T_rb_sb": rig.T_rb_sb, "T_rb_left": T_rb_left}
-        poses = {name: None if T is None else T.matrix.ravel().tolist() for name, T in transforms.items()}
-        about = {"task": method.task.value, "target": method.target, "config": method.config, "images": str(images)}
-        camera = {name: getattr(rig, name) for name in CAMERA}
-        try:
-            shut_in = json.loads(self._line(limits.start_timeout_s))
-            self._tree = ProcessTree(self._process.pid, shut_in["levels"])
-            hello = self._exchange(camera | poses | about | dict(setup) | dict(method.setup), limits.start_timeout_s)
-        except BaseException as error:
-            self.close()
-            if isinstance(error, MethodFailureError):
-                raise MethodFailureError(FindingKind.CRASHED, f"method {method.name} {error}", ended=True) from error
-            raise
-        self.version, self.idle_bytes = str(hello["version"]), self._tree.set_back_peak()
-        self.fuses, self.maps_sets = bool(hello["fuses"]), bool(hello["maps_sets"])
-        self.isolation = ", ".join(shut_in["isolated"] + [f"not {reason}" for reason in shut_in["missing"]])
-        self._ended = self._tree.usage()
 
-    def call(self, pairs: Sequence[StereoPair], order: Mapping[str, object]) -> tuple[MethodCall, Mapping[str, Any]]:
+    def call(
+        self, kind: str, pairs: Sequence[StereoPair], about: Sequence[OrderedPair], since_start_s: float = 0.0
+    ) -> tuple[MethodCall, Answer]:
         """Show it pairs, give an order and return what the call took, and what its adapter reports.
 
         MethodFailureError says what the method did if there is no result.
         """
+        assert self._tree is not None
         for images, pair in zip(self._images, pairs, strict=False):
             images[0], images[1] = pair.left, pair.right
-        assert self._tree is not None
-        about = {"output": self.output, "stamp_ns": pairs[-1].stamp_ns}
-        begun, self._peak_bytes = self._tree.usage(), 0
-        self._mark_bytes, self._is_mark_set_back = self._tree.set_back_peak(), False
+        order = Order(call=kind, pairs=list(about), since_start_s=since_start_s, output=self.output)
+        os.truncate(self._log, 0)  # the words of this call are kept, for the case that it crashes
+        begun = self._tree.usage()
+        self._peak_bytes = 0
+        reset_peak(self._method_pid)
         begin_s = time.monotonic()
-        answer = self._exchange(about | dict(order), self._limits.call_timeout_s)
+        reply = self._exchange(order, Reply, self._limits.call_timeout_s)
         seconds = time.monotonic() - begin_s
         now, last, self._ended = self._look(), self._ended, self._tree.usage()
-        cut_log(self._log)
-        try:
-            if "fault" in answer:
-                raise MethodFailureError(FindingKind(answer["fault"]), answer["text"])
-            result, stated_s = dict(answer["result"]), float(answer["seconds"])
-        except (KeyError, TypeError, ValueError) as error:
-            raise MethodFailureError(FindingKind.INVALID_RESULT, f"no answer of its adapter: {error!r}") from error
-        peak = self._mark_bytes
-        if peak is not None and (now.processes > 1 or self._is_mark_set_back):
-            peak = max(peak, self._peak_bytes)
+        if "fault" in reply:
+            raise MethodFailureError(FindingKind(reply["fault"]), reply.get("text", ""))
+        if "result" not in reply or "seconds" not in reply:
+            raise MethodFailureError(FindingKind.INVALID_RESULT, "no answer of its adapter: no result")
+        answer, stated_s = reply["result"], reply["seconds"]
+        # the mark is that of the method alone; the sampled sum includes the processes that it has started
+        peak = peak_of(self._method_pid)
+        peak = None if peak is None else max(peak, self._peak_bytes)
         above = None if peak is None or self.idle_bytes is None else max(peak - self.idle_bytes, 0)
         taken = {
             "stated_s": stated_s,
@@ -194,67 +219,63 @@ class MethodProcess:
             "threads": now.threads,
             "processes": now.processes,
         }
-        statistics = {**(result.get("statistics") or {}), **taken}
-        self._resident.append(now.rss_bytes)
+        statistics = {**answer.get("statistics", {}), **taken}
+        finding = self._leak(now.rss_bytes) or self._misstatement(seconds, stated_s)
+        return MethodCall(CallUsage(seconds, peak, above), finding, statistics=statistics), answer
+
+    def _leak(self, resident_bytes: int) -> str:
+        self._resident.append(resident_bytes)
         finding = leak_in(self._resident)
         if finding:
-            self._resident.clear()
-        elif self._is_mark_set_back:
-            finding = f"{FindingKind.MISSTATED}: the high-water mark of its memory was set back within the call"
-        elif self._misstates(seconds, stated_s):
-            text = f"states {stated_s:.3f} s for a call that took {seconds:.3f} s from the request to the answer"
-            finding = f"{FindingKind.MISSTATED}: {text}"
-        elif strays := self._tree.new_strays():
-            finding = f"{FindingKind.STRAY}: {', '.join(strays)}: ended with the method"
-        return MethodCall(CallUsage(seconds, peak, above), finding, statistics=statistics), result
+            self._resident.clear()  # reported once for each growth
+        return finding
 
-    def _misstates(self, measured_s: float, stated_s: float) -> bool:
-        """Return whether the process states another time than was measured: at once much, or in several calls."""
-        self._misstated = self._misstated + 1 if exceeds(measured_s, stated_s, MISSTATED_S) else 0
-        return self._misstated >= MISSTATED_CALLS or exceeds(measured_s, stated_s, MISSTATED_AT_ONCE_S)
+    def _misstatement(self, measured_s: float, stated_s: float) -> str:
+        self._measured_s += measured_s
+        self._stated_s += stated_s
+        if not is_misstated(self._measured_s, self._stated_s):
+            return ""
+        text = f"states {self._stated_s:.3f} s for calls that took {self._measured_s:.3f} s from request to answer"
+        self._measured_s = self._stated_s = 0.0
+        return f"{FindingKind.MISSTATED}: {text}"
 
-    def _exchange(self, order: Mapping[str, object], timeout_s: float) -> dict[str, Any]:
+    def _exchange(self, message: Setup | Order, kind: type[T], timeout_s: float) -> T:
         assert self._process.stdin is not None
         try:
-            self._process.stdin.write(json.dumps(order).encode() + b"\n")
+            self._process.stdin.write(json.dumps(message).encode() + b"\n")
         except OSError:
             self._crashed()
         line = self._line(timeout_s)
         try:
-            answer: dict[str, Any] = dict(json.loads(line))
-        except (TypeError, ValueError) as error:
-            self._end(FindingKind.INVALID_RESULT, f"no answer of its adapter: {line[:80]!r}", error)
-        return answer
+            return msgspec.convert(json.loads(line), kind)
+        except (ValueError, RecursionError) as error:
+            self._end(FindingKind.INVALID_RESULT, f"no answer of its adapter ({error}): {line[:80]!r}", error)
 
     def _line(self, timeout_s: float) -> bytes:
         assert self._process.stdout is not None
         place, end = self._process.stdout.fileno(), time.monotonic() + timeout_s
         answers = select.poll()
         answers.register(place, select.POLLIN)
-        while b"\n" not in self._rest:
+        while b"\n" not in self._unread:
             if not answers.poll(1000 * POLL_S):
                 self._look()
-                cut_log(self._log)
                 if time.monotonic() > end:
                     self._end(FindingKind.HANGING, f"has not answered for {timeout_s:g} s")
                 continue
             data = os.read(place, 65536)
             if not data:
                 self._crashed()
-            self._rest += data
-            if len(self._rest) > LONGEST_ANSWER:
+            self._unread += data
+            if len(self._unread) > LONGEST_ANSWER:
                 self._end(FindingKind.INVALID_RESULT, f"answered more than {LONGEST_ANSWER // MB} MB")
-        line, _, self._rest = self._rest.partition(b"\n")
+        line, _, self._unread = self._unread.partition(b"\n")
         return line
 
     def _look(self) -> TreeUsage:
-        """Return what its processes take; end them where that is more memory than they may have."""
-        usage, limit = TreeUsage() if self._tree is None else self._tree.usage(), self._limits.memory_mb
+        """Return what its processes take; end them if that exceeds the memory limit."""
+        usage = TreeUsage() if self._tree is None else self._tree.usage()
         self._peak_bytes = max(self._peak_bytes, usage.rss_bytes)
-        if self._tree is not None and self._mark_bytes is not None:
-            mark = self._tree.peak() or 0
-            self._is_mark_set_back |= mark < self._mark_bytes - MARK_TOLERANCE
-            self._mark_bytes = max(self._mark_bytes, mark)
+        limit = self._limits.memory_mb
         if usage.rss_bytes > limit * MB:
             text = f"has {usage.rss_bytes // MB} MB resident, the limit is {limit} MB"
             self._end(FindingKind.OUT_OF_MEMORY, text)
@@ -277,11 +298,13 @@ class MethodProcess:
 
     def close(self) -> None:
         """End the process and all that it has started, now."""
-        if self._tree is not None:
-            self._tree.kill()
-        with suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.wait()
+        self._process.terminate()
+        try:
+            self._process.wait(EXIT_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            with suppress(ProcessLookupError):
+                os.killpg(self._process.pid, signal.SIGKILL)
+            self._process.wait()
         for stream in (self._process.stdin, self._process.stdout):
             if stream is not None:
                 stream.close()

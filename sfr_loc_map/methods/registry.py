@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -17,11 +16,11 @@ from sfr_loc_map.errors import ConfigError, MethodError
 from sfr_loc_map.inputs import Task, hash_path, read_text
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord
 
-WORKERS = Path(__file__).parent / "adapters"
+ADAPTERS = Path(__file__).parent / "adapters"
 OURS, EXTERNAL = "sfr", "external"
 OURS_IN_TABLES = "ours"  #: Name of our method in the tables and files of a comparison.
 LIBRARY_PREFIX = "lib:"
-CLASS_WORKER, LIBRARY_WORKER = "python_class.py", "c_library.py"
+CLASS_ADAPTER, LIBRARY_ADAPTER = "python_class.py", "c_library.py"
 HEADER = "sfr_candidate.h"
 
 
@@ -42,51 +41,66 @@ class Method:
     name: str  # as it was chosen
     task: Task
     kind: MethodKind
-    worker: str  # its adapter in `adapters/`; an absolute path stands for itself
+    adapter: str  # file of `adapters/`, or an absolute path
     target: str = ""  # what the adapter loads: `package.module:Class`, the path of a library
     config: str = ""  # text of its configuration
     background: bool = False  # works between calls: in a benchmark it runs alone, at the recording's rate
     sha256: str | None = None  # of the file that it is loaded from; None where it is not one file
     about: str = ""
     python: Path = field(default_factory=lambda: Path(sys.executable))  # interpreter that has it
-    setup: Mapping[str, object] = field(default_factory=dict)  # sent to its adapter besides the rig
-    modules: tuple[str, ...] = ()  # of a peer: what its interpreter must have
-    install: str = ""  # of a peer: the command that installs it
-    needs_vocabulary: bool = False
+    vocabulary: str = ""  # file of a method that needs one
 
     def record(self, version: str | None, isolation: str | None = None) -> MethodRecord:
         """Return what the score says of it."""
         return MethodRecord(name=self.name, version=version, kind=self.kind, sha256=self.sha256, isolation=isolation)
 
 
+@dataclass(frozen=True, slots=True)
+class Peer:
+    """A method of others that a user may have installed in another interpreter; `sfr bench` compares with it."""
+
+    method: Method
+    modules: tuple[str, ...]  #: What its interpreter must have.
+    install: str  #: The command that installs it.
+    needs_vocabulary: bool = False
+
+    @property
+    def name(self) -> str:
+        """Name of the method."""
+        return self.method.name
+
+
 OUR_MODULE, ABOUT_OURS = "sfr_loc_map.methods.ours", "this suite's own, the default"
-_NAMED = (
+_BUILT_IN = (
     Method(
-        OURS, Task.LOCALISATION, MethodKind.BUILT_IN, CLASS_WORKER, f"{OUR_MODULE}:localiser", background=True,
+        OURS, Task.LOCALISATION, MethodKind.BUILT_IN, CLASS_ADAPTER, f"{OUR_MODULE}:localiser", background=True,
         about=ABOUT_OURS,
     ),
     Method(
         "opencv", Task.LOCALISATION, MethodKind.BUILT_IN, "opencv_odometry.py",
         about="corners, optical flow, PnP from pair to pair",
     ),
-    Method(OURS, Task.MAPPING, MethodKind.BUILT_IN, CLASS_WORKER, f"{OUR_MODULE}:mapper", about=ABOUT_OURS),
+    Method(OURS, Task.MAPPING, MethodKind.BUILT_IN, CLASS_ADAPTER, f"{OUR_MODULE}:mapper", about=ABOUT_OURS),
     Method(
         "sgbm", Task.MAPPING, MethodKind.BUILT_IN, "opencv_sgbm.py", about="OpenCV's semi-global matching, three-way"
     ),
-    Method(
-        "orbslam3", Task.LOCALISATION, MethodKind.PEER, "peer_orbslam3.py", background=True, needs_vocabulary=True,
-        modules=("pyorbslam3",), install="pip install pyorbslam3 opencv-python-headless",
-    ),
-    Method(
-        "pandora", Task.MAPPING, MethodKind.PEER, "peer_pandora.py",
-        modules=("pandora", "pandora_plugin_libsgm"), install="pip install 'pandora[sgm]' opencv-python-headless",
-    ),
 )  # fmt: skip
-BUILT_IN, PEERS = (
-    {task: {item.name: item for item in _NAMED if (item.task, item.kind) == (task, kind)} for task in Task}
-    for kind in (MethodKind.BUILT_IN, MethodKind.PEER)
+_PEERS = (
+    Peer(
+        Method("orbslam3", Task.LOCALISATION, MethodKind.PEER, "peer_orbslam3.py", background=True),
+        modules=("pyorbslam3",),
+        install="pip install pyorbslam3 opencv-python-headless",
+        needs_vocabulary=True,
+    ),
+    Peer(
+        Method("pandora", Task.MAPPING, MethodKind.PEER, "peer_pandora.py"),
+        modules=("pandora", "pandora_plugin_libsgm"),
+        install="pip install 'pandora[sgm]' opencv-python-headless",
+    ),
 )
-"""Methods that have a name; peers are those of `sfr bench` that a user may have installed in another interpreter."""
+BUILT_IN = {task: {item.name: item for item in _BUILT_IN if item.task == task} for task in Task}
+PEERS = {task: {item.name: item for item in _PEERS if item.method.task == task} for task in Task}
+"""Methods that have a name, by task."""
 
 
 def config_text(path: Path | None) -> str:
@@ -105,7 +119,7 @@ def find_method(spec: str, task: Task, config: str = "") -> Method:
         path = Path(spec.removeprefix(LIBRARY_PREFIX)).resolve()
         if not path.is_file():
             raise MethodError(f"method '{spec}': there is no library '{path}', build it (docs/candidates.md)")
-        library = (LIBRARY_WORKER, str(path), config)
+        library = (LIBRARY_ADAPTER, str(path), config)
         return Method(spec, task, MethodKind.LIBRARY, *library, background=True, sha256=hash_path(path))
     if ":" not in spec:
         names = ", ".join(BUILT_IN[task])
@@ -117,10 +131,10 @@ def find_method(spec: str, task: Task, config: str = "") -> Method:
     if place.suffix == ".py" and sha256 is None:
         raise MethodError(f"method '{spec}': there is no file '{place}', give the file that has the class")
     target = spec if sha256 is None else f"{place.resolve()}:{spec.rpartition(':')[2]}"  # it has a folder of its own
-    return Method(spec, task, MethodKind.PYTHON, CLASS_WORKER, target, config, background=True, sha256=sha256)
+    return Method(spec, task, MethodKind.PYTHON, CLASS_ADAPTER, target, config, background=True, sha256=sha256)
 
 
-def find_peer(peer: Method, python: Path | None, vocabulary: Path | None = None) -> tuple[Method | None, str]:
+def find_peer(peer: Peer, python: Path | None, vocabulary: Path | None = None) -> tuple[Method | None, str]:
     """Return a peer's method in an interpreter, or None and the reason why it cannot be run."""
     if python is None:
         return None, f"not looked for: give --peer-python, an interpreter with it ({peer.install})"
@@ -131,12 +145,11 @@ def find_peer(peer: Method, python: Path | None, vocabulary: Path | None = None)
         raise MethodError(f"'--peer-python {python}' cannot be run ({error}): give a Python interpreter") from error
     if status:
         return None, f"not installed in {python}: {peer.install}"
-    setup = {}
-    if peer.needs_vocabulary:
-        if vocabulary is None or not vocabulary.is_file():
-            return None, f"needs its vocabulary, '{vocabulary}' is no file: give --vocab FILE"
-        setup = {"vocabulary": str(vocabulary.resolve())}
-    return replace(peer, python=python, setup=setup), ""
+    if not peer.needs_vocabulary:
+        return replace(peer.method, python=python), ""
+    if vocabulary is None or not vocabulary.is_file():
+        return None, f"needs its vocabulary, '{vocabulary}' is no file: give --vocab FILE"
+    return replace(peer.method, python=python, vocabulary=str(vocabulary.resolve())), ""
 
 
 def listed_methods() -> list[dict[str, str | None]]:
@@ -144,17 +157,14 @@ def listed_methods() -> list[dict[str, str | None]]:
     import cv2
 
     versions = {OURS: __version__, "opencv": cv2.__version__, "sgbm": cv2.__version__}
-    return [
-        {
-            "task": task,
-            "name": method.name,
-            "version": versions.get(method.name),
-            "kind": method.kind,
-            "about": method.about or f"sfr bench: {method.install}",
-        }
-        for task in Task
-        for method in (*BUILT_IN[task].values(), *PEERS[task].values())
-    ]
+    rows: list[dict[str, str | None]] = []
+    for task in Task:
+        abouts = [(method, method.about) for method in BUILT_IN[task].values()]
+        abouts += [(peer.method, f"sfr bench: {peer.install}") for peer in PEERS[task].values()]
+        for method, about in abouts:
+            version = versions.get(method.name)
+            rows.append({"task": task, "name": method.name, "version": version, "kind": method.kind, "about": about})
+    return rows
 
 
 def record_of_ours(task: Task) -> MethodRecord:

@@ -348,7 +348,6 @@ class FindingKind(StrEnum):
     LATE = "late answer"  #: An external node answered after its time to answer.
     DOUBLED = "doubled answer"  #: An external node answered a pair again.
     MISSTATED = "misstated"  #: What it states of its time or memory contradicts what was measured from outside.
-    STRAY = "stray process"  #: It left a process that runs on without it: in a session of its own, or an orphan.
     OTHER_FRAME = "another frame"  #: An answer of an external node names other frames.
     INVALID_RESULT = "invalid result"  #: Its result has another type, size or meaning than agreed.
 

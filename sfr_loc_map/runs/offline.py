@@ -32,7 +32,8 @@ from sfr_loc_map.localisation.visualisation import STRIP, draw_tracks
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.mapping.search_range import search_range
-from sfr_loc_map.methods.isolated_method import IsolatedMethod
+from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
+from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.calls import CallMeter
 from sfr_loc_map.metrics.config import MappingState
@@ -105,9 +106,9 @@ def localise_with(
     """
     first_ns, *later_ns = (pair.stamp_ns for pair in islice(sequence.pairs(), 2))
     step_s = next(((stamp_ns - first_ns) / NS_PER_S for stamp_ns in later_ns if stamp_ns > first_ns), DEFAULT_STEP_S)
-    with IsolatedMethod(method, sequence.rig, T_ds_rb, limits, {"rate_hz": 1.0 / step_s}, hidden) as localiser:
+    with IsolatedLocaliser(method, sequence.rig, T_ds_rb, limits, rate_hz=1.0 / step_s, hidden=hidden) as localiser:
         for pair in sequence.pairs():
-            estimate, call = localiser.localise(pair, {"since_start_s": (pair.stamp_ns - first_ns) / NS_PER_S})
+            estimate, call = localiser.localise(pair, (pair.stamp_ns - first_ns) / NS_PER_S)
             cost = call.usage.cost(estimate.state)
             figures, covariance = call.statistics, call.covariance
             record = CallRecord(pair.stamp_ns, *cost, figures, covariance, call.reason, call.step, call.finding)
@@ -237,7 +238,7 @@ def map_pairs_with(
     maps: list[PairMap] = []
     records: list[CallRecord] = []
     searched = search_range(sequence.rig, MappingConfig()).count
-    with IsolatedMethod(method, sequence.rig, limits=limits, setup={"disparities": searched}, hidden=hidden) as mapper:
+    with IsolatedMapper(method, sequence.rig, limits, disparities=searched, hidden=hidden) as mapper:
         if mapper.maps_sets:
             maps, fused, call = mapper.map_set(list(sequence.pairs()))
             progress(len(maps))

@@ -183,12 +183,12 @@ class Misbehaving:
 
     def session(self, pair: Any) -> Any:
         if self.eighth:
-            subprocess.Popen(["sleep", "7654"], start_new_session=True)
+            subprocess.Popen(["sleep", self.text or "7654"], start_new_session=True)
         return STAND
 
     def orphan(self, pair: Any) -> Any:
         if self.eighth:
-            subprocess.run(["sh", "-c", "sleep 7654 &"], check=True)
+            subprocess.run(["sh", "-c", f"sleep {self.text or 7654} &"], check=True)
             time.sleep(0.1)
         return STAND
 

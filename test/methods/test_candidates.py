@@ -19,7 +19,8 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.methods.isolated_method import IsolatedMethod
+from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
+from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import MethodLimits, find_method
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord
@@ -78,7 +79,7 @@ class Nothing:
 
 
 def calls(spec: str, config: str, count: int) -> list[tuple[PoseEstimate, MethodCall]]:
-    with IsolatedMethod(find_method(spec, Task.LOCALISATION, config), LOC_RIG, true_pose(0)) as localiser:
+    with IsolatedLocaliser(find_method(spec, Task.LOCALISATION, config), LOC_RIG, true_pose(0)) as localiser:
         return [localiser.localise(loc_pair(number)) for number in range(count)]
 
 
@@ -121,7 +122,7 @@ def test_a_class_of_python_may_return_what_it_likes_and_is_checked(tmp_path: Pat
 
 def test_a_matcher_gives_points_and_a_pair_without_any_is_empty(tmp_path: Path) -> None:
     (tmp_path / "classes.py").write_text(CLASSES)
-    with IsolatedMethod(find_method(f"{tmp_path}/classes.py:Flat", Task.MAPPING), NAV_RIG) as mapper:
+    with IsolatedMapper(find_method(f"{tmp_path}/classes.py:Flat", Task.MAPPING), NAV_RIG) as mapper:
         item = nav_pair(0)
         first, call = mapper.map_pair(item.pair, item.T_lm_navsb, 0)
         second, _ = mapper.map_pair(item.pair, item.T_lm_navsb, 1)
@@ -140,7 +141,7 @@ def test_the_example_in_c_localises_and_maps(example: Path) -> None:
     with pytest.raises(MethodError, match="max_disparity is 2: must be 4 to 1023"):
         calls(f"lib:{example}", "max_disparity: 2", 0)
     items = [nav_pair(0), nav_pair(1)]
-    with IsolatedMethod(find_method(f"lib:{example}", Task.MAPPING), NAV_RIG) as mapper:
+    with IsolatedMapper(find_method(f"lib:{example}", Task.MAPPING), NAV_RIG) as mapper:
         parts, fused, call = mapper.map_set(items)
     assert not call.finding
     assert fused.cloud.fused is False
@@ -233,8 +234,8 @@ def test_a_peer_is_found_in_its_interpreter(tmp_path: Path, monkeypatch: pytest.
     (tmp_path / "words.txt").write_text("words")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     *_, peer = methods_to_compare(Task.LOCALISATION, Path(sys.executable), tmp_path / "words.txt")[0]
-    with IsolatedMethod(peer, LOC_RIG, true_pose(0), setup={"rate_hz": 10.0}) as slam:
-        estimate, call = slam.localise(loc_pair(0), {"since_start_s": 1.1})
+    with IsolatedLocaliser(peer, LOC_RIG, true_pose(0), rate_hz=10.0) as slam:
+        estimate, call = slam.localise(loc_pair(0), 1.1)
     assert not call.finding
     about = {"name": "orbslam3", "version": "9.1", "kind": MethodKind.PEER}
     assert slam.record == MethodRecord(**about, isolation=slam.record.isolation)

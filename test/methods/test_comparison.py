@@ -18,7 +18,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.methods.isolated_method import IsolatedMethod
+from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import OURS_IN_TABLES, Method
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
@@ -58,14 +58,14 @@ def made_method(
     return Method(name, Task.LOCALISATION, MethodKind.PEER, str(path), background=background)
 
 
-def called(localiser: IsolatedMethod, pair: StereoPair, number: int, since_start_s: float) -> tuple[Any, MethodCall]:
-    _, call = localiser.localise(pair, {"since_start_s": since_start_s})
+def called(localiser: IsolatedLocaliser, pair: StereoPair, number: int, since_start_s: float) -> tuple[Any, MethodCall]:
+    _, call = localiser.localise(pair, since_start_s)
     return call.statistics, call
 
 
 def given(count: int, rate_scale: float = 1.0, call: Any = called) -> PassInput:
-    def start(method: Method) -> IsolatedMethod:
-        return IsolatedMethod(method, LOC_RIG, Transform.identity(), LIMITS)
+    def start(method: Method) -> IsolatedLocaliser:
+        return IsolatedLocaliser(method, LOC_RIG, Transform.identity(), LIMITS)
 
     return PassInput(lambda: map(loc_pair, range(count)), start, call, rate_scale)
 

@@ -2,11 +2,13 @@
 
 import hashlib
 import json
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from helpers import HELPERS, score_rows
@@ -18,8 +20,9 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.estimate import PoseEstimate
-from sfr_loc_map.methods.isolated_method import IsolatedMethod
-from sfr_loc_map.methods.method_process import MethodCall
+from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
+from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
+from sfr_loc_map.methods.method_process import LEAK_CALLS, MB, MethodCall, leak_in
 from sfr_loc_map.methods.registry import MethodLimits, find_method
 from sfr_loc_map.runs.offline import map_pairs_with
 
@@ -32,7 +35,7 @@ def calls(
     library: Path, config: str, count: int = 4, limits: MethodLimits = LIMITS, start: Transform | None = None
 ) -> list[tuple[PoseEstimate, MethodCall]]:
     method = find_method(f"lib:{library}", Task.LOCALISATION, config)
-    with IsolatedMethod(method, LOC_RIG, start or true_pose(0), limits) as localiser:
+    with IsolatedLocaliser(method, LOC_RIG, start or true_pose(0), limits) as localiser:
         return [localiser.localise(replace(PAIRS[n % 4], stamp_ns=PAIRS[0].stamp_ns + n)) for n in range(count)]
 
 
@@ -81,9 +84,34 @@ def test_after_too_many_crashes_it_is_not_started_again(faulty: Path) -> None:
     assert np.isnan([call.usage.processing_time_s for _, call in made]).all()
 
 
-def test_a_leak_is_named_before_the_limit_ends_it(faulty: Path) -> None:
-    found = [call.finding for _, call in calls(faulty, "leak", 14) if call.finding]  # 30 MB a pair, to 400 MB
-    assert [text[:16] for text in found] == ["leaking: keeps 3", "out of memory: h"]
+def test_a_process_over_the_memory_limit_is_ended(faulty: Path) -> None:
+    found = [call.reason for _, call in calls(faulty, "leak", 14) if call.finding]  # 30 MB a pair, to 400 MB
+    assert found == ["out of memory"]
+
+
+def test_a_growth_over_all_calls_is_a_leak_and_a_saw_tooth_is_none() -> None:
+    tooth = [90 * MB * (number % 4) for number in range(LEAK_CALLS)]
+    assert not leak_in(tooth)
+    assert leak_in([level + 2 * number * MB for number, level in enumerate(tooth)]).startswith("leaking")
+
+
+@pytest.mark.parametrize("word", ["session", "orphan"])
+def test_what_it_leaves_is_counted_and_ends_with_it(word: str, tmp_path: Path) -> None:
+    """A process in a session of its own, and one whose parent has ended."""
+    seconds = f"{10_000 + os.getpid()}"  # names the process
+    (tmp_path / "candidate.py").write_text((HELPERS / "misbehaving_class.py").read_text())
+    method = find_method(f"{tmp_path / 'candidate.py'}:Misbehaving", Task.LOCALISATION, f"{word}\n{seconds}")
+
+    def is_there() -> bool:
+        return any(["sleep", seconds] == process.info["cmdline"] for process in psutil.process_iter(["cmdline"]))
+
+    with IsolatedLocaliser(method, LOC_RIG, true_pose(0), LIMITS) as localiser:
+        for _ in range(9):
+            _, call = localiser.localise(PAIRS[0])
+        assert is_there()
+        assert call.statistics["processes"] == 2
+        assert not call.finding
+    assert not is_there()
 
 
 @pytest.mark.clause("4.2.2")
@@ -129,7 +157,7 @@ def test_what_cannot_be_started_is_named(faulty: Path, build: Build, tmp_path: P
 )
 def test_points_are_checked(build: Build, options: tuple[str, ...], config: str, finding: str) -> None:
     library = mapper_library(build, *options)
-    with IsolatedMethod(find_method(f"lib:{library}", Task.MAPPING, config), NAV_RIG, limits=LIMITS) as mapper:
+    with IsolatedMapper(find_method(f"lib:{library}", Task.MAPPING, config), NAV_RIG, limits=LIMITS) as mapper:
         item = nav_pair(1)
         made, call = mapper.map_pair(item.pair, item.T_lm_navsb, 1)
         fused, fusion = mapper.fuse([made], item.pair)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sfr_loc_map.methods.registry import WORKERS
+from sfr_loc_map.methods.registry import ADAPTERS
 
 ADAPTER = """
 import time
@@ -25,7 +25,7 @@ class Method:
     def prepare(self, left, right, order):
         self.kept.append(left)
         def call():
-            if order.get("raise"):
+            if order["since_start_s"] < 0.0:
                 raise ValueError("no texture")
             time.sleep(0.1)
             return left.shape, float(right.mean())
@@ -47,7 +47,7 @@ def test_a_method_gets_copies_of_each_pair_and_every_order_is_answered(tmp_path:
     images = np.memmap(tmp_path / "images", np.uint8, "w+", shape=(3, 2, 4, 6))
     images[:, 0], images[:, 1] = 10, 20
     with subprocess.Popen(
-        [sys.executable, str(WORKERS / "loop.py"), str(tmp_path / "adapter.py")],
+        [sys.executable, str(ADAPTERS / "loop.py"), str(tmp_path / "adapter.py")],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -62,15 +62,16 @@ def test_a_method_gets_copies_of_each_pair_and_every_order_is_answered(tmp_path:
             process.stdin.flush()
             return dict(json.loads(process.stdout.readline() or "{}"))
 
-        setup = {"images": str(tmp_path / "images"), "width": 6, "height": 4}
+        setup = {"images": str(tmp_path / "images"), "camera": {"width": 6, "height": 4}}
+        one = {"call": "pair", "pairs": [{}], "since_start_s": 0.0}
         assert answer(setup) == {"version": "7", "fuses": False, "maps_sets": True}
-        first = answer({})
+        first = answer(one)
         assert first["result"] == {"shape": [4, 6], "right": 20.0, "first_kept": 10.0}
         assert 0.1 <= float(str(first["seconds"])) < 5.0
         images[:] = 99
-        assert answer({})["result"] == {"shape": [4, 6], "right": 99.0, "first_kept": 10.0}
-        assert answer({"raise": True}) == {"fault": "raised", "text": "ValueError: no texture"}
-        several = answer({"set": [{}, {}, {}]})
+        assert answer(one)["result"] == {"shape": [4, 6], "right": 99.0, "first_kept": 10.0}
+        assert answer({**one, "since_start_s": -1.0}) == {"fault": "raised", "text": "ValueError: no texture"}
+        several = answer({**one, "call": "set", "pairs": [{}, {}, {}]})
         assert several["result"] == {"shape": [3, 4, 6], "right": 99.0, "first_kept": 10.0}
         process.stdin.close()
         assert process.wait(10) == 0

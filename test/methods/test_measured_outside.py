@@ -13,7 +13,7 @@ import pytest
 
 from helpers import HELPERS
 from helpers.cli_result import Sfr
-from sfr_loc_map.methods.method_process import exceeds
+from sfr_loc_map.methods.method_process import is_misstated
 
 
 @pytest.mark.clause("4.2.1", "4.2.2")
@@ -52,7 +52,7 @@ def test_what_a_method_states_of_itself_is_not_believed(
 
 
 def test_a_transfer_of_the_result_is_no_misstatement() -> None:
-    assert not exceeds(measured_s=0.30, stated_s=0.10, least_s=0.25)
-    assert not exceeds(measured_s=2.6, stated_s=1.6, least_s=0.25)  # less than half of the call
-    assert exceeds(measured_s=0.40, stated_s=0.04, least_s=0.25)
-    assert exceeds(measured_s=0.10, stated_s=3.00, least_s=1.0)
+    assert not is_misstated(measured_s=0.9, stated_s=0.1)  # one delayed call
+    assert not is_misstated(measured_s=26.0, stated_s=16.0)  # less than half of the calls
+    assert is_misstated(measured_s=1.6, stated_s=0.16)
+    assert is_misstated(measured_s=0.10, stated_s=3.00)

@@ -31,7 +31,7 @@ def test_what_misbehaves_is_named_and_does_not_pass(case: Case, tmp_path: Path, 
     outcome = run_case(case, tmp_path, sfr, faulty)
     assert not differences(case, outcome), outcome.said
     if case.kind == "class":
-        assert outcome.score["method"]["isolation"] == "files, processes, shared memory"
+        assert outcome.score["method"]["isolation"] == "files, TCP"
 
 
 def test_a_crashing_class_fails_a_suite_and_a_benchmark(tmp_path: Path, sfr: Sfr) -> None:

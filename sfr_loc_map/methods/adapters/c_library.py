@@ -7,8 +7,8 @@ who gave the order.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,15 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.geometry.stereo import CAMERA, StereoRig
+from sfr_loc_map.localisation.estimate import TrackingState
+from sfr_loc_map.mapping.config import MAX_PAIRS
 
-ABI, MAX_PAIRS = 2, 3
-STATES = ("initialising", "tracking", "degraded", "lost")
+if TYPE_CHECKING:
+    from sfr_loc_map.methods.adapters.loop import Answer, Order, Setup
+
+ABI = 2
+STATES = (TrackingState.INITIALISING, TrackingState.TRACKING, TrackingState.DEGRADED, TrackingState.LOST)
+"""By the number of the status in the header."""
 MARK = np.full(64, 0xA5, np.uint8)  #: Behind each thing that a candidate writes.
 MESSAGE_SIZE = 512
 # the structs of the header; in none of them the compiler leaves a gap
@@ -47,7 +53,7 @@ def room_for(dtype: np.dtype[Any], count: int = 1) -> tuple[NDArray[Any], Image]
 class Library:
     """A library that was loaded, its version checked, its candidate made."""
 
-    def __init__(self, setup: Mapping[str, Any]) -> None:
+    def __init__(self, setup: Setup) -> None:
         """Load it and make the candidate; end with one line if there is none, or of another interface."""
         try:
             self.functions = ctypes.CDLL(setup["target"])
@@ -62,10 +68,11 @@ class Library:
         create = self.function("create", Pointer, Pointer, ctypes.c_char_p, ctypes.c_char_p, ctypes.c_size_t)
         message, rig = ctypes.create_string_buffer(MESSAGE_SIZE), np.zeros(1, RIG)
         rig["size"] = RIG.itemsize
+        camera = StereoRig(**setup["camera"])
         for name in CAMERA:
-            rig[name] = setup[name]
-        rig["T_rb_left"] = (np.eye(4).ravel() if setup["T_rb_left"] is None else setup["T_rb_left"])[:12]
-        rig["T_navsb_left"] = StereoRig(**{name: setup[name] for name in CAMERA}).T_sb_left.matrix[:3].ravel()
+            rig[name] = getattr(camera, name)
+        rig["T_rb_left"] = setup["T_rb_left"][:12]
+        rig["T_navsb_left"] = camera.T_sb_left.matrix[:3].ravel()
         self.candidate = create(rig.ctypes.data, setup["config"].encode(), message, MESSAGE_SIZE)
         if not self.candidate:
             raise SystemExit("sfr_candidate_create: " + (message.value.decode("utf-8", "replace") or "no reason given"))
@@ -83,22 +90,22 @@ class Library:
 class LibraryLocaliser(Library):
     """`sfr_candidate_process`."""
 
-    def __init__(self, setup: Mapping[str, Any]) -> None:
+    def __init__(self, setup: Setup) -> None:
         super().__init__(setup)
         self._process = self.function("process", ctypes.c_int32, Pointer, ctypes.c_int64, *[Pointer] * 5)
-        self._start = np.reshape(np.asarray(setup["start"], np.float64), (4, 4))
+        self._start = np.reshape(np.asarray(setup["T_ds_rb"], np.float64), (4, 4))
         self._turn = np.kron(np.eye(2), self._start[:3, :3])
 
-    def prepare(self, left: Image, right: Image, order: Mapping[str, Any]) -> Callable[[], Any]:
+    def prepare(self, left: Image, right: Image, order: Order) -> Callable[[], Any]:
         """Return the call."""
         (pose, pose_mark), (covariance, mark) = room_for(POSE), room_for(np.dtype("f8"), 36)
         pose["size"], covariance[:], status = POSE.itemsize, np.nan, np.full(1, -1, np.int32)
         written = (left, right, pose, covariance, status)
         places = [array.ctypes.data for array in written]
-        stamp_ns, candidate, process = order["stamp_ns"], self.candidate, self._process
+        stamp_ns, candidate, process = order["pairs"][0]["stamp_ns"], self.candidate, self._process
         return lambda: (process(candidate, stamp_ns, *places), *written, pose_mark, mark)
 
-    def report(self, answer: Any, order: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ANN401 - as of the call
+    def report(self, answer: Any, order: Order) -> Answer:  # noqa: ANN401 - as of the call
         """Return pose, covariance and state; raise ValueError if the candidate failed, or wrote what it may not."""
         failed, _, _, (pose,), covariance, (status,), *marks = answer
         if failed:
@@ -107,9 +114,9 @@ class LibraryLocaliser(Library):
             raise ValueError("wrote beyond the pose or the covariance")
         if not 0 <= status < len(STATES):
             raise ValueError(f"status is {status}: must be 0 to {len(STATES) - 1}")
-        about = {"stamp_ns": int(pose["stamp_ns"]), "state": STATES[status]}
-        if about["state"] == "lost":
-            return {**about, "T_ds_rb": None}
+        state, stamp_ns = STATES[status], int(pose["stamp_ns"])
+        if state is TrackingState.LOST:
+            return {"stamp_ns": stamp_ns, "state": state.value, "T_ds_rb": None}
         quat = pose["quat_xyzw"]
         length = float(np.linalg.norm(quat))
         if not abs(length - 1.0) < 1e-2 and np.isfinite(length):
@@ -119,25 +126,27 @@ class LibraryLocaliser(Library):
         T_start_rb[:3, 3] = pose["position_m"]
         stated = covariance.reshape(6, 6)
         known = None if np.isnan(stated).all() else (self._turn @ stated @ self._turn.T).ravel().tolist()
-        return {**about, "T_ds_rb": (self._start @ T_start_rb).ravel().tolist(), "covariance": known}
+        T_ds_rb = (self._start @ T_start_rb).ravel().tolist()
+        return {"stamp_ns": stamp_ns, "state": state.value, "T_ds_rb": T_ds_rb, "covariance": known}
 
 
 class LibraryMapper(Library):
     """`sfr_candidate_map_pairs`, or in its place `sfr_candidate_map`."""
 
-    def __init__(self, setup: Mapping[str, Any]) -> None:
+    def __init__(self, setup: Setup) -> None:
         super().__init__(setup)
         self.maps_sets = self.abi > 1 and hasattr(self.functions, "sfr_candidate_map_pairs")
         self._name, self._point = ("map_pairs", MAP_POINT) if self.maps_sets else ("map", POINT)
         count = (ctypes.c_size_t,) * self.maps_sets
         types = (Pointer, Pointer, *count, Pointer, Pointer, ctypes.c_size_t, *(Pointer,) * (1 + self.maps_sets))
         self._map = self.function(self._name, ctypes.c_int32, *types)
-        most = MAX_PAIRS if self.maps_sets else 1
-        self._room = np.full(most * setup["width"] * setup["height"] * self._point.itemsize + len(MARK), 0, np.uint8)
+        pairs = MAX_PAIRS if self.maps_sets else 1
+        pixels = setup["camera"]["width"] * setup["camera"]["height"]
+        self._room = np.zeros(pairs * pixels * self._point.itemsize + len(MARK), np.uint8)
 
-    def prepare(self, left: Image, right: Image, order: Mapping[str, Any]) -> Callable[[], Any]:
+    def prepare(self, left: Image, right: Image, order: Order) -> Callable[[], Any]:
         """Return the call."""
-        items, height, width = order.get("set", [order]), *left.shape[-2:]
+        items, height, width = order["pairs"], *left.shape[-2:]
         lefts, rights = left.reshape(-1, height, width), right.reshape(-1, height, width)
         about = [
             (PAIR.itemsize, item["index"], item["stamp_ns"], lefts[number].ctypes.data, rights[number].ctypes.data)
@@ -146,7 +155,7 @@ class LibraryMapper(Library):
         size = lefts.size * self._point.itemsize
         points, mark = self._room[:size].view(self._point), self._room[size : size + len(MARK)]
         mark[:] = MARK
-        poses = np.concatenate([item["T_lm_navsb"][:12] for item in items])
+        poses = np.concatenate([(item["T_lm_navsb"] or [])[:12] for item in items])
         given, count, fused = (np.array(about, PAIR), poses), np.zeros(1, np.uintp), np.ones(1, np.int32)
         pairs, T_lm_navsb = (array.ctypes.data for array in given)
         output = (points.ctypes.data, len(points), count.ctypes.data)
@@ -156,7 +165,7 @@ class LibraryMapper(Library):
         candidate, run = self.candidate, self._map
         return lambda: (run(candidate, *words), count, fused, points, mark, lefts, rights, given)
 
-    def report(self, answer: Any, order: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ANN401 - as of the call
+    def report(self, answer: Any, order: Order) -> Answer:  # noqa: ANN401 - as of the call
         """Save the points; raise ValueError if the candidate failed, or wrote what it may not."""
         failed, (count,), (fused,), points, mark, lefts, *_ = answer
         if failed:
@@ -179,9 +188,9 @@ class LibraryMapper(Library):
             cloud[name] = points[name]
         cloud["intensity"], cloud["pair"] = lefts[pair, points["v"], points["u"]], pair
         np.save(order["output"] + ".cloud.npy", cloud)
-        return {"stamp_ns": order["stamp_ns"], "fused": bool(fused)}
+        return {"stamp_ns": order["pairs"][-1]["stamp_ns"], "fused": bool(fused)}
 
 
-def open_method(setup: Mapping[str, Any]) -> Library:
+def open_method(setup: Setup) -> Library:
     """Return the method of a setup."""
     return LibraryMapper(setup) if setup["task"] == "mapping" else LibraryLocaliser(setup)

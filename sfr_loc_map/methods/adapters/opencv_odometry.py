@@ -6,14 +6,17 @@ to the next left image and back, and give the motion by PnP with RANSAC, refined
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from sfr_loc_map.methods.adapters.loop import Answer, Order, Setup
 
 FEATURES = 2000
 QUALITY, SPACING_PX = 0.003, 8.0
@@ -37,12 +40,16 @@ class OpenCvOdometry:
 
     version = cv2.__version__
 
-    def __init__(self, setup: Mapping[str, Any]) -> None:
+    def __init__(self, setup: Setup) -> None:
         """Take the camera from the setup; warm up on noise, so that no call includes the start of threads."""
-        fx, fy, cx, cy = (float(setup[name]) for name in ("fx", "fy", "cx", "cy"))
+        camera = setup["camera"]
+        fx, fy, cx, cy = camera["fx"], camera["fy"], camera["cx"], camera["cy"]
         self._camera_matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-        self._focal_baseline = fx * float(setup["baseline_m"])
-        noise = np.random.default_rng(0).integers(0, 255, (setup["height"], setup["width"])).astype(np.uint8)
+        self._focal_baseline = fx * camera["baseline_m"]
+        T_rb_left = np.reshape(setup["T_rb_left"], (4, 4))
+        self._T_ds_first_left = np.reshape(setup["T_ds_rb"], (4, 4)) @ T_rb_left
+        self._T_left_rb = np.linalg.inv(T_rb_left)
+        noise = np.random.default_rng(0).integers(0, 255, (camera["height"], camera["width"])).astype(np.uint8)
         self._reset()
         for shift in (0, 2):
             self._step(np.roll(noise, shift, 1), np.roll(noise, shift - 4, 1))
@@ -54,14 +61,16 @@ class OpenCvOdometry:
         cv2.setRNGSeed(1)
 
     def prepare(
-        self, left: NDArray[np.uint8], right: NDArray[np.uint8], order: Mapping[str, Any]
+        self, left: NDArray[np.uint8], right: NDArray[np.uint8], order: Order
     ) -> Callable[[], FloatArray | None]:
         """Return the call."""
         return lambda: self._step(left, right)
 
-    def report(self, answer: FloatArray | None, order: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the pose as 16 numbers, None when lost."""
-        return {"T_first_left": None if answer is None else answer.ravel().tolist()}
+    def report(self, answer: FloatArray | None, order: Order) -> Answer:
+        """Return the pose of RB in DS, None when lost."""
+        if answer is None:
+            return {"T_ds_rb": None}
+        return {"T_ds_rb": (self._T_ds_first_left @ answer @ self._T_left_rb).ravel().tolist()}
 
     def _step(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> FloatArray | None:
         """Return the pose `(4, 4)` of the left camera in its first one, None where it is not known."""

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from importlib import metadata
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from sfr_loc_map.methods.adapters.loop import Answer, Order, Setup
 
 # the settings format before 1.0: with that of 1.0 the wheel's stereo sensor ends at start-up
 SETTINGS = {
@@ -38,23 +41,33 @@ SETTINGS = {
 }
 
 
-def settings_text(setup: Mapping[str, Any]) -> str:
+def settings_text(setup: Setup) -> str:
     """Return the settings file for a rig."""
-    camera = {f"Camera.{name}": float(setup[name]) for name in ("fx", "fy", "cx", "cy")}
-    camera |= {f"Camera.{name}": int(setup[name]) for name in ("width", "height")}
-    camera["Camera.bf"] = float(setup["fx"]) * float(setup["baseline_m"])
-    camera["Camera.fps"] = max(1.0, float(round(setup["rate_hz"])))
+    rig = setup["camera"]
+    camera = {
+        "Camera.fx": rig["fx"],
+        "Camera.fy": rig["fy"],
+        "Camera.cx": rig["cx"],
+        "Camera.cy": rig["cy"],
+        "Camera.width": rig["width"],
+        "Camera.height": rig["height"],
+        "Camera.bf": rig["fx"] * rig["baseline_m"],
+        "Camera.fps": max(1.0, float(round(setup["rate_hz"]))),
+    }
     return "%YAML:1.0\n" + "".join(f"{key}: {value}\n" for key, value in (SETTINGS | camera).items())
 
 
 class OrbSlam3:
-    """Pose of the left camera in its first one, as known right after each pair."""
+    """Pose of RB from that of the left camera in its first one, as known right after each pair."""
 
-    def __init__(self, setup: Mapping[str, Any]) -> None:
+    def __init__(self, setup: Setup) -> None:
         """Load the vocabulary; the system cannot be warmed up: its first call starts the map."""
         import pyorbslam3  # type: ignore[import-not-found,unused-ignore]
 
         self.version = metadata.version("pyorbslam3")
+        T_rb_left = np.reshape(setup["T_rb_left"], (4, 4))
+        self._T_ds_first_left = np.reshape(setup["T_ds_rb"], (4, 4)) @ T_rb_left
+        self._T_left_rb = np.linalg.inv(T_rb_left)
         with tempfile.TemporaryDirectory() as folder:
             path = os.path.join(folder, "settings.yaml")
             with open(path, "w", encoding="ascii") as stream:
@@ -63,15 +76,17 @@ class OrbSlam3:
                 vocab_file=setup["vocabulary"], settings_file=path, sensor=pyorbslam3.Sensor.STEREO, use_viewer=False
             )
 
-    def prepare(self, left: NDArray[np.uint8], right: NDArray[np.uint8], order: Mapping[str, Any]) -> Callable[[], Any]:
+    def prepare(self, left: NDArray[np.uint8], right: NDArray[np.uint8], order: Order) -> Callable[[], Any]:
         """Return the call."""
         seconds = order["since_start_s"]
         return lambda: self._slam.track_stereo(left, right, seconds)
 
-    def report(self, answer: Any, order: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ANN401
-        """Return the pose as 16 numbers, None when lost."""
-        pose = np.asarray(answer.pose_wc, np.float64) if answer.pose_valid else None
-        return {"T_first_left": None if pose is None or not np.isfinite(pose).all() else pose.ravel().tolist()}
+    def report(self, answer: Any, order: Order) -> Answer:  # noqa: ANN401
+        """Return the pose of RB in DS, None when lost."""
+        T_first_left = np.asarray(answer.pose_wc, np.float64)
+        if not answer.pose_valid or not np.isfinite(T_first_left).all():
+            return {"T_ds_rb": None}
+        return {"T_ds_rb": (self._T_ds_first_left @ T_first_left @ self._T_left_rb).ravel().tolist()}
 
 
 open_method = OrbSlam3

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from importlib import metadata
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from sfr_loc_map.methods.adapters.loop import Answer, Order, Setup
 
 PIPELINE: dict[str, dict[str, Any]] = {
     "matching_cost": {"matching_cost_method": "census", "window_size": 5},
@@ -26,20 +29,24 @@ INVALID = 0b01111000011  #: Bits of the validity mask of pixels without disparit
 class Pandora:
     """Disparities of the left image, NaN where none."""
 
-    def __init__(self, setup: Mapping[str, Any]) -> None:
+    def __init__(self, setup: Setup) -> None:
         import pandora  # type: ignore[import-not-found,unused-ignore]
         from pandora.state_machine import PandoraMachine  # type: ignore[import-not-found,unused-ignore]
 
         self.version = metadata.version("pandora")
         pandora.import_plugin()
         self._run, self._machine = pandora.run, PandoraMachine
-        self._disparities = int(setup["disparities"])
+        self._disparities = setup["disparities"]
         noise = np.random.default_rng(0).integers(0, 255, (64, 64 + self._disparities)).astype(np.uint8)
-        self.prepare(noise, np.roll(noise, -4, 1), {})()
+        self._call_for(noise, np.roll(noise, -4, 1))()
 
     def prepare(
-        self, left: NDArray[np.uint8], right: NDArray[np.uint8], order: Mapping[str, Any]
+        self, left: NDArray[np.uint8], right: NDArray[np.uint8], order: Order
     ) -> Callable[[], NDArray[np.float32]]:
+        """Return the call."""
+        return self._call_for(left, right)
+
+    def _call_for(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Callable[[], NDArray[np.float32]]:
         """Read the images with Pandora's reader and check the settings; return the call."""
         from pandora.check_configuration import check_conf  # type: ignore[import-not-found,unused-ignore]
         from pandora.img_tools import create_dataset_from_inputs  # type: ignore[import-not-found,unused-ignore]
@@ -65,7 +72,7 @@ class Pandora:
         valid = (found["validity_mask"].data & INVALID) == 0
         return np.where(valid, -found["disparity_map"].data, np.nan).astype(np.float32)
 
-    def report(self, answer: NDArray[np.float32], order: Mapping[str, Any]) -> dict[str, Any]:
+    def report(self, answer: NDArray[np.float32], order: Order) -> Answer:
         """Save the disparities."""
         np.save(order["output"] + ".disparity.npy", answer)
         return {}

@@ -12,18 +12,22 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import GreyImage
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.stereo import CAMERA, PosedStereoPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import PoseEstimate
 
+if TYPE_CHECKING:
+    from sfr_loc_map.methods.adapters.loop import Answer, Order, Pose, Setup
 
-def _transform(numbers: list[float]) -> Transform:
+
+def _transform(numbers: Pose | None) -> Transform:
+    assert numbers is not None  # a mapper has the pose of its cameras
     matrix = np.reshape(np.asarray(numbers, np.float64), (4, 4))
     return Transform(matrix[:3, :3].copy(), matrix[:3, 3].copy())
 
@@ -33,9 +37,9 @@ class PythonClass:
 
     calls: tuple[str, ...] = ("process",)  # of which it must have one
 
-    def __init__(self, setup: Mapping[str, Any]) -> None:
+    def __init__(self, setup: Setup) -> None:
         T_rb_sb = None if setup["T_rb_sb"] is None else _transform(setup["T_rb_sb"])
-        rig = replace(StereoRig(**{name: setup[name] for name in CAMERA}), T_rb_sb=T_rb_sb)
+        rig = replace(StereoRig(**setup["camera"]), T_rb_sb=T_rb_sb)
         # `package.module:Name` or `path/to/file.py:Name`; the current folder is searched first
         place, _, name = setup["target"].rpartition(":")
         is_file = place.endswith(".py")
@@ -59,37 +63,40 @@ class PythonClass:
 class PythonLocaliser(PythonClass):
     """A localiser: its result is a `PoseEstimate`, a `Transform`, a matrix `(4, 4)`, or None where it is lost."""
 
-    def __init__(self, setup: Mapping[str, Any]) -> None:
+    def __init__(self, setup: Setup) -> None:
         """Tell it the first pose; without `reset` its poses are relative to that."""
         super().__init__(setup)
-        start = _transform(setup["start"])
+        start = _transform(setup["T_ds_rb"])
         resets = self.has("reset")
         self._T_ds_start = None if resets else start.matrix
         self._turn = np.eye(6) if resets else np.kron(np.eye(2), start.rotation)
         if resets:
             self.method.reset(start)
 
-    def prepare(self, left: GreyImage, right: GreyImage, order: Mapping[str, Any]) -> Callable[[], Any]:
+    def prepare(self, left: GreyImage, right: GreyImage, order: Order) -> Callable[[], Any]:
         """Return the call."""
-        pair = StereoPair(order["stamp_ns"], left, right)
+        pair = StereoPair(order["pairs"][0]["stamp_ns"], left, right)
         return lambda: self.method.process(pair)
 
-    def report(self, answer: object, order: Mapping[str, Any]) -> dict[str, Any]:
+    def report(self, answer: object, order: Order) -> Answer:
         """Return the pose as 16 numbers, None when lost, and what else the estimate says."""
         if answer is None:
             return {"T_ds_rb": None}
-        about: dict[str, Any] = {"statistics": _figures(self.method)}
+        report: Answer = {"statistics": _figures(self.method)}
         if isinstance(answer, PoseEstimate):
-            about |= {"stamp_ns": answer.stamp_ns, "state": answer.state.value, "reason": answer.reason_text}
-            about["statistics"] |= answer.figures
-            about["step"] = None if answer.step is None else answer.step.uncertainty.tolist()
-            about["covariance"] = (self._turn @ answer.covariance @ self._turn.T).ravel().tolist()
+            report["stamp_ns"] = answer.stamp_ns
+            report["state"] = answer.state.value
+            report["reason"] = answer.reason_text
+            report["statistics"] |= answer.figures
+            report["step"] = None if answer.step is None else answer.step.uncertainty.tolist()
+            report["covariance"] = (self._turn @ answer.covariance @ self._turn.T).ravel().tolist()
             answer = answer.T_ds_rb
         matrix = answer.matrix if isinstance(answer, Transform) else np.asarray(answer, np.float64)
         if matrix.shape != (4, 4):
             raise TypeError(f"a pose is a PoseEstimate, a Transform or a matrix (4, 4): got {_described(answer)}")
         matrix = matrix if self._T_ds_start is None else self._T_ds_start @ matrix
-        return {"T_ds_rb": matrix.ravel().tolist(), **about}
+        report["T_ds_rb"] = matrix.ravel().tolist()
+        return report
 
 
 class PythonMapper(PythonClass):
@@ -97,31 +104,32 @@ class PythonMapper(PythonClass):
 
     calls = ("map_pairs", "process")
 
-    def __init__(self, setup: Mapping[str, Any]) -> None:
+    def __init__(self, setup: Setup) -> None:
         super().__init__(setup)
         self.fuses, self.maps_sets = self.has("fuse"), self.has("map_pairs")
         self._results: list[Any] = []
 
-    def prepare(self, left: GreyImage, right: GreyImage, order: Mapping[str, Any]) -> Callable[[], Any]:
+    def prepare(self, left: GreyImage, right: GreyImage, order: Order) -> Callable[[], Any]:
         """Return the call: that for a set, for one pair, or the fusion of all."""
-        if "set" in order:
+        if order["call"] == "set":
             pairs = [
                 PosedStereoPair(StereoPair(item["stamp_ns"], *images), _transform(item["T_lm_navsb"]))
-                for item, *images in zip(order["set"], left, right, strict=True)
+                for item, *images in zip(order["pairs"], left, right, strict=True)
             ]
             return lambda: self.method.map_pairs(pairs)
-        if order.get("fuse"):
+        if order["call"] == "fuse":
             return lambda: self.method.fuse(self._results)
-        pair, T_lm_navsb = StereoPair(order["stamp_ns"], left, right), _transform(order["T_lm_navsb"])
-        return lambda: self.method.process(pair, T_lm_navsb, order["index"])
+        (about,) = order["pairs"]
+        pair, T_lm_navsb = StereoPair(about["stamp_ns"], left, right), _transform(about["T_lm_navsb"])
+        return lambda: self.method.process(pair, T_lm_navsb, about["index"])
 
-    def report(self, answer: Any, order: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ANN401 - as the class says
+    def report(self, answer: Any, order: Order) -> Answer:  # noqa: ANN401 - as the class says
         """Save the points and the disparities; raise TypeError if there is neither."""
-        if self.fuses and not order.keys() & {"fuse", "set"}:
+        if self.fuses and order["call"] == "pair":
             self._results.append(answer)
         cloud = answer if isinstance(answer, PointCloud) else getattr(answer, "cloud", None)
         disparity = answer if isinstance(answer, np.ndarray) else getattr(answer, "disparity_px", None)
-        if "set" in order and not isinstance(cloud, PointCloud):
+        if order["call"] == "set" and not isinstance(cloud, PointCloud):
             raise TypeError(f"a map of a set is a PointCloud, or has a 'cloud': got {_described(answer)}")
         if disparity is not None:
             np.save(order["output"] + ".disparity.npy", np.asarray(disparity, np.float32))
@@ -130,7 +138,7 @@ class PythonMapper(PythonClass):
         elif disparity is None:
             raise TypeError(f"a map is a PointCloud, has a 'cloud', or is a disparity image: got {_described(answer)}")
         return {
-            "stamp_ns": getattr(answer, "stamp_ns", order["stamp_ns"]),
+            "stamp_ns": getattr(answer, "stamp_ns", order["pairs"][-1]["stamp_ns"]),
             "fused": getattr(cloud, "fused", None) is not False,
             "statistics": _figures(answer) | _figures(self.method),
             "warnings": [str(line) for line in getattr(answer, "warnings", ())],
@@ -147,6 +155,6 @@ def _described(answer: object) -> str:
     return type(answer).__name__ + ("" if shape is None else f" of shape {shape}")
 
 
-def open_method(setup: Mapping[str, Any]) -> PythonClass:
+def open_method(setup: Setup) -> PythonClass:
     """Return the method of a setup."""
     return PythonMapper(setup) if setup["task"] == "mapping" else PythonLocaliser(setup)

@@ -12,7 +12,7 @@ import psutil
 from msgspec.structs import asdict, replace
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.methods.isolation import ProcessTree
+from sfr_loc_map.methods.process_tree import ProcessTree
 from sfr_loc_map.metrics.formulas import Statistics, statistics
 from sfr_loc_map.metrics.score import AnswerCounts, FindingKind, FindingRecord, ProcessUsage
 
@@ -150,7 +150,7 @@ class ProcessWatch:
 
     def __init__(self, pids: Sequence[int]) -> None:
         """Begin to sample; the processes are the roots of the trees."""
-        self._trees = [ProcessTree(pid, 0) for pid in pids if psutil.pid_exists(pid)]
+        self._trees = [ProcessTree(pid) for pid in pids if psutil.pid_exists(pid)]
         self._begin_s = self._cpu_s = [tree.usage().cpu_s for tree in self._trees]
         self._peak_bytes = self._most = 0
         self._stop = threading.Event()

@@ -1,0 +1,113 @@
+"""A localiser under test in a process of its own: whatever it does, each pair has an estimate, lost if need be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from sfr_loc_map.errors import GeometryError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
+from sfr_loc_map.methods.adapters.loop import OrderedPair, Pose
+from sfr_loc_map.methods.isolated_method import IsolatedMethod, check_stamp
+from sfr_loc_map.methods.method_process import MethodCall, MethodFailureError
+from sfr_loc_map.methods.registry import Method, MethodLimits
+from sfr_loc_map.metrics.score import FindingKind
+
+SYMMETRY = 1e-6  #: Largest asymmetry of a covariance, over its largest element.
+STEP_NUMBERS = 48  #: Length of the uncertainty of a step.
+
+
+class IsolatedLocaliser(IsolatedMethod):
+    """A localiser; after a new start it goes on at the last known pose."""
+
+    def __init__(
+        self,
+        method: Method,
+        rig: StereoRig,
+        T_ds_rb: Transform,
+        limits: MethodLimits | None = None,
+        *,
+        rate_hz: float = 0.0,
+        hidden: Sequence[Path] = (),
+    ) -> None:
+        """Start it at a pose; pairs come at a rate, and what is hidden cannot be read by it."""
+        super().__init__(method, rig, limits, T_ds_rb=T_ds_rb, rate_hz=rate_hz, hidden=hidden)
+
+    def localise(self, pair: StereoPair, since_start_s: float = 0.0) -> tuple[PoseEstimate, MethodCall]:
+        """Return the estimate at one pair, lost if the method gave no valid one, and what the call did."""
+        if self._is_given_up:
+            return self._lost(pair, MethodCall(reason="not started again"))
+        call = MethodCall()
+        about = OrderedPair(stamp_ns=pair.stamp_ns, index=0, T_lm_navsb=None)
+        try:
+            call, answer = self._started().call("pair", [pair], [about], since_start_s)
+            check_stamp(pair, answer)
+            T_ds_rb = _pose(answer.get("T_ds_rb"))
+            covariance = _covariance(answer.get("covariance"))
+            step = _step(answer.get("step"))
+            state = _state(answer.get("state", TrackingState.TRACKING.value))
+        except MethodFailureError as error:
+            return self._lost(pair, replace(self._failed(error), usage=call.usage))
+        call = replace(call, reason=answer.get("reason", ""))
+        if T_ds_rb is None or state is TrackingState.LOST:
+            return self._lost(pair, call)
+        self._last_pose = T_ds_rb
+        stated = np.full((6, 6), np.nan) if covariance is None else covariance
+        return PoseEstimate(pair.stamp_ns, T_ds_rb, stated, state), replace(call, covariance=covariance, step=step)
+
+    def _lost(self, pair: StereoPair, call: MethodCall) -> tuple[PoseEstimate, MethodCall]:
+        estimate = PoseEstimate(pair.stamp_ns, self._last_pose, lost_covariance(), TrackingState.LOST)
+        return estimate, replace(call, covariance=lost_covariance())
+
+
+def _pose(numbers: Pose | None) -> Transform | None:
+    """Return the pose of RB in DS, None if the method does not know it."""
+    if numbers is None:
+        return None
+    matrix = _array(numbers, (4, 4), "pose")
+    if not np.isfinite(matrix).all():
+        raise MethodFailureError(FindingKind.NOT_FINITE, "the pose has a number that is not finite")
+    try:
+        return Transform.from_matrix(matrix)
+    except GeometryError as error:
+        raise MethodFailureError(FindingKind.INVALID_RESULT, str(error)) from error
+
+
+def _covariance(numbers: list[float] | None) -> FloatArray | None:
+    if numbers is None:
+        return None
+    covariance = _array(numbers, (6, 6), "covariance")
+    if np.isnan(covariance).all():
+        return None
+    if not np.isfinite(covariance).all():
+        raise MethodFailureError(FindingKind.NOT_FINITE, "the covariance has a number that is not finite")
+    asymmetry = np.abs(covariance - covariance.T).max()
+    if covariance.diagonal().min() < 0.0 or asymmetry > SYMMETRY * np.abs(covariance).max():
+        text = "the covariance is not symmetric, or a variance is negative"
+        raise MethodFailureError(FindingKind.INVALID_RESULT, text)
+    return covariance
+
+
+def _step(numbers: list[float] | None) -> FloatArray | None:
+    return None if numbers is None else _array(numbers, (STEP_NUMBERS,), "uncertainty of the step")
+
+
+def _state(text: str) -> TrackingState:
+    try:
+        return TrackingState(text)
+    except ValueError as error:
+        raise MethodFailureError(FindingKind.INVALID_RESULT, str(error)) from error
+
+
+def _array(numbers: list[float], shape: tuple[int, ...], what: str) -> FloatArray:
+    array = np.asarray(numbers, np.float64)
+    if array.size != np.prod(shape):
+        text = f"the {what} has {array.size} numbers: {np.prod(shape)} are required"
+        raise MethodFailureError(FindingKind.INVALID_RESULT, text)
+    return array.reshape(shape)

@@ -1,0 +1,161 @@
+"""A mapper under test in a process of its own: whatever it does, each pair has a map, empty if need be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from sfr_loc_map.errors import GeometryError
+from sfr_loc_map.geometry.arrays import FloatImage
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.config import MAX_PAIRS
+from sfr_loc_map.mapping.mapper import FusedMap, PairMap
+from sfr_loc_map.mapping.reprojection import cloud_from_disparity
+from sfr_loc_map.methods.adapters.loop import Answer, OrderedPair
+from sfr_loc_map.methods.isolated_method import IsolatedMethod, check_stamp
+from sfr_loc_map.methods.method_process import MethodCall, MethodFailureError, numbers_of
+from sfr_loc_map.methods.registry import Method, MethodLimits
+from sfr_loc_map.metrics.score import FindingKind
+
+F = np.float32
+DISPARITY_SIGMA_PX = F(0.5)  #: Standard deviation that is assumed of a disparity of a matcher, which states none.
+
+
+class IsolatedMapper(IsolatedMethod):
+    """A mapper, which maps a set of pairs in one call, or pair by pair and then may fuse them."""
+
+    def __init__(
+        self,
+        method: Method,
+        rig: StereoRig,
+        limits: MethodLimits | None = None,
+        *,
+        disparities: int = 0,
+        hidden: Sequence[Path] = (),
+    ) -> None:
+        """Start it; matchers search a number of disparities, and what is hidden cannot be read by it."""
+        super().__init__(method, rig, limits, T_ds_rb=Transform.identity(), disparities=disparities, hidden=hidden)
+        self.maps_sets: bool = self._started().maps_sets  # in one call, which then is the only one
+        self._is_complete = True  # whether each pair so far has been mapped
+
+    def map_set(self, pairs: Sequence[PosedStereoPair]) -> tuple[list[PairMap], FusedMap, MethodCall]:
+        """Return what one call makes of one to three pairs: each pair's part of the cloud, the cloud, what it did."""
+        cloud, call = PointCloud.empty(), MethodCall()
+        warnings: tuple[str, ...] = ()
+        stamps_ns = tuple(item.pair.stamp_ns for item in pairs)
+        T_lm_left = tuple(item.T_lm_navsb @ self._rig.T_sb_left for item in pairs)
+        about = [_ordered(item.pair, item.T_lm_navsb, number) for number, item in enumerate(pairs)]
+        try:
+            call, answer = self._called("set", [item.pair for item in pairs], about)
+            cloud = replace(self._cloud(len(pairs)), fused=answer.get("fused", True))
+            warnings = tuple(answer.get("warnings", ()))
+        except MethodFailureError as error:
+            call = self._failed(error)
+        cloud = replace(cloud, pair_stamps_ns=stamps_ns)
+        parts = [cloud.select(cloud.pair == number) for number in range(len(pairs))]
+        maps = [self._pair_map(*part) for part in zip(stamps_ns, parts, T_lm_left, strict=True)]
+        return maps, FusedMap(cloud, cloud.sigma, T_lm_left, call.statistics, warnings), call
+
+    def map_pair(self, pair: StereoPair, T_lm_navsb: Transform, index: int) -> tuple[PairMap, MethodCall]:
+        """Return the points that one pair sees, none where the method gave no valid ones, and what the call did."""
+        T_lm_left = T_lm_navsb @ self._rig.T_sb_left
+        disparity, cloud = None, PointCloud.empty(fused=False)
+        warnings: tuple[str, ...] = ()
+        kind, number = ("set", 0) if self.maps_sets else ("pair", index)
+        try:
+            call, answer = self._called(kind, [pair], [_ordered(pair, T_lm_navsb, number)])
+            disparity = self._disparity(pair)
+            if self._file("cloud").exists():
+                found = self._cloud(MAX_PAIRS)
+                cloud = replace(found, pair=np.full(len(found), index, np.uint8))
+            elif disparity is not None:
+                disparity = np.where(disparity > 0.0, disparity, F(np.nan))
+                sigma = np.full_like(disparity, DISPARITY_SIGMA_PX)
+                cloud = cloud_from_disparity(disparity, sigma, pair.left, self._rig, T_lm_left, index)
+            warnings = tuple(answer.get("warnings", ()))
+        except MethodFailureError as error:
+            call = self._failed(error)
+            self._is_complete = False
+        return self._pair_map(pair.stamp_ns, cloud, T_lm_left, disparity, call.statistics, warnings), call
+
+    def _pair_map(
+        self,
+        stamp_ns: int,
+        cloud: PointCloud,
+        T_lm_left: Transform,
+        disparity: FloatImage | None = None,
+        figures: Mapping[str, float] = {},
+        warnings: tuple[str, ...] = (),
+    ) -> PairMap:
+        shown = np.full((self._rig.height, self._rig.width), np.nan, F) if disparity is None else disparity
+        return PairMap(
+            stamp_ns, cloud, cloud.sigma, T_lm_left, shown, fusion_input=None, statistics=figures, warnings=warnings
+        )
+
+    def fuse(self, maps: Sequence[PairMap], last: StereoPair) -> tuple[FusedMap, MethodCall | None]:
+        """Return one cloud of the pairs' maps, and what the call did; points stand side by side if it cannot fuse."""
+        call: MethodCall | None = None
+        cloud = PointCloud.concatenate([item.cloud for item in maps])
+        if self._process is not None and self._process.fuses and self._is_complete:
+            try:
+                call, _ = self._process.call("fuse", [last], [_ordered(last, None, 0)])
+                cloud = replace(self._cloud(len(maps)), fused=True)
+            except MethodFailureError as error:
+                call = self._failed(error)
+        cloud = replace(cloud, pair_stamps_ns=tuple(item.stamp_ns for item in maps))
+        T_lm_left = tuple(item.T_lm_left for item in maps)
+        return FusedMap(cloud, cloud.sigma, T_lm_left, {} if call is None else call.statistics), call
+
+    def _called(
+        self, kind: str, pairs: Sequence[StereoPair], about: Sequence[OrderedPair]
+    ) -> tuple[MethodCall, Answer]:
+        """Return what a call took, and its answer; the arrays of the call before are removed."""
+        if self._is_given_up:
+            raise MethodFailureError(FindingKind.CRASHED, "not started again")
+        process = self._started()
+        for what in ("cloud", "disparity"):
+            self._file(what).unlink(missing_ok=True)
+        call, answer = process.call(kind, pairs, about)
+        check_stamp(pairs[-1], answer)
+        return call, answer
+
+    def _file(self, what: str) -> Path:
+        assert self._process is not None
+        return Path(f"{self._process.output}.{what}.npy")
+
+    def _disparity(self, pair: StereoPair) -> FloatImage | None:
+        path = self._file("disparity")
+        if not path.exists():
+            return None
+        found: FloatImage = np.load(path)
+        if found.shape != pair.left.shape:
+            text = f"the disparity image is {found.shape}, the left image {pair.left.shape}"
+            raise MethodFailureError(FindingKind.INVALID_RESULT, text)
+        if np.isinf(found).any():
+            raise MethodFailureError(FindingKind.NOT_FINITE, "a disparity is infinite")
+        return found
+
+    def _cloud(self, pairs: int) -> PointCloud:
+        """Return the points of the last answer, which are of so many pairs."""
+        try:
+            cloud = PointCloud.from_structured(np.load(self._file("cloud")), fused=False)
+        except (OSError, ValueError, GeometryError) as error:
+            raise MethodFailureError(FindingKind.INVALID_RESULT, f"no cloud: {error}") from error
+        if not (np.isfinite(cloud.xyz).all() and np.isfinite(cloud.sigma).all()):
+            raise MethodFailureError(FindingKind.NOT_FINITE, "a point or its sigma is not finite")
+        if len(cloud) and not (cloud.u.max() < self._rig.width and cloud.v.max() < self._rig.height):
+            raise MethodFailureError(FindingKind.INVALID_RESULT, "a point names a pixel outside the image")
+        if len(cloud) and not cloud.pair.max() < pairs:
+            text = f"a point names pair {cloud.pair.max()}: there are {pairs}, counted from 0"
+            raise MethodFailureError(FindingKind.INVALID_RESULT, text)
+        return cloud
+
+
+def _ordered(pair: StereoPair, T_lm_navsb: Transform | None, index: int) -> OrderedPair:
+    pose = None if T_lm_navsb is None else numbers_of(T_lm_navsb)
+    return OrderedPair(stamp_ns=pair.stamp_ns, index=index, T_lm_navsb=pose)

@@ -1,0 +1,68 @@
+"""What a process and all that it has started take, as the kernel reports it from outside of them."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+
+import psutil
+
+
+@dataclass(frozen=True, slots=True)
+class TreeUsage:
+    """Use of a tree of processes, summed over its members."""
+
+    cpu_s: float = 0.0  #: Processor time since they began, also of those that have ended.
+    rss_bytes: int = 0  #: Resident memory; pages that several share count for each.
+    threads: int = 0
+    processes: int = 0
+
+
+class ProcessTree:
+    """A process with all its descendants; of a supervisor the descendants alone."""
+
+    def __init__(self, root: int, *, is_supervisor: bool = False) -> None:
+        self._root = psutil.Process(root)
+        self._is_supervisor = is_supervisor
+
+    def usage(self) -> TreeUsage:
+        """Return what the members take now."""
+        cpu_s = 0.0
+        rss_bytes = 0
+        threads = 0
+        members = [] if self._is_supervisor else [self._root]
+        with suppress(psutil.Error):
+            members += self._root.children(recursive=True)
+            if self._is_supervisor:
+                cpu_s += sum(self._root.cpu_times()[2:4])  # of the descendants that it has waited for
+        for member in members:
+            with suppress(psutil.Error), member.oneshot():
+                cpu_s += sum(member.cpu_times()[:4])
+                rss_bytes += member.memory_info().rss
+                threads += member.num_threads()
+        return TreeUsage(cpu_s, rss_bytes, threads, len(members))
+
+
+def reset_peak(process: int) -> int | None:
+    """Reset the high-water mark of a process's resident memory; return what is resident, bytes.
+
+    None if the kernel has no mark that can be reset.
+    """
+    try:
+        with open(f"/proc/{process}/clear_refs", "wb", buffering=0) as marks:
+            marks.write(b"5")
+    except OSError:
+        return None
+    return _status_bytes(process, b"VmRSS:")
+
+
+def peak_of(process: int) -> int | None:
+    """Return the high-water mark of a process's resident memory, bytes; None if it is unknown."""
+    return _status_bytes(process, b"VmHWM:")
+
+
+def _status_bytes(process: int, key: bytes) -> int | None:
+    with suppress(OSError), open(f"/proc/{process}/status", "rb", buffering=0) as status:
+        found = status.read(8192).partition(b"\n" + key)[2].split(None, 1)
+        return int(found[0]) * 1024 if found else None
+    return None
