@@ -191,7 +191,7 @@ $(COMPILED): $(DEV_STAMP)
 	$(BIN)/python -m compileall -q sfr_loc_map
 	PYTHONPATH=. $(BIN)/python -P -m sfr_loc_map.kernels localisation > /dev/null & \
 	PYTHONPATH=. $(BIN)/python -P -m sfr_loc_map.kernels mapping terrain > /dev/null & \
-	scratch=$$(mktemp -d) && $(BIN)/python -c "from sfr_loc_map.cli.main import main; raise SystemExit(main())" simulate $$scratch/tiny --workers 1 $(TINY) && rm -r $$scratch && wait
+	scratch=$$(mktemp -d) && $(BIN)/python -m sfr_loc_map simulate $$scratch/tiny --workers 1 $(TINY) && rm -r $$scratch && wait
 	@touch $@
 
 clean:  ## Remove what was made here

@@ -6,8 +6,6 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, ExecuteProcess, SetEnvironmentVariable
 from launch.substitutions import EnvironmentVariable, LaunchConfiguration, PythonExpression
 
-COMMAND = "from sfr_loc_map.cli.main import main; raise SystemExit(main())"
-
 
 def _switch(name: str) -> PythonExpression:
     """Return the switch of `sfr replay` that an argument stands for; it refuses one that is neither true nor false."""
@@ -36,8 +34,8 @@ def generate_launch_description() -> LaunchDescription:
             ExecuteProcess(
                 cmd=[
                     sys.executable,
-                    "-c",
-                    COMMAND,
+                    "-m",
+                    "sfr_loc_map",
                     "replay",
                     option("source"),
                     "--out",

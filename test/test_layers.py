@@ -20,10 +20,10 @@ FLOORS = (
     {"doctor", "evidence"},
     {"bench", "live", "suite"},
     {"nodes"},
-    {"cli", "api"},
+    {"__main__", "cli", "api"},
 )
 """From the bottom; what stands on one floor does not import its neighbours, but the root modules do."""
-NEIGHBOURS = {("cli", "api")}
+NEIGHBOURS = {("cli", "api"), ("__main__", "cli")}
 ROS = ("rclpy", "launch", "launch_ros", "ament_index_python", "builtin_interfaces", "std_srvs", "rosidl", "tf2_ros")
 ROS_PACKAGES = {"nodes"}
 VALUES = {"geometry/trajectory.py", "geometry/cloud.py", "metrics/score.py"}

@@ -52,7 +52,9 @@ def run(
     out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; continued if it is there.")],
     workers: Annotated[int | None, Option(min=1, metavar="N", help="Tasks at a time; one a core.")] = None,
     scheduler: Annotated[str | None, Option(metavar="ADDR", help="Running Dask scheduler, as tcp://host:8786.")] = None,
-    dry_run: Annotated[bool, Option("--dry-run", help="List the tasks, run none.")] = False,
+    dry_run: Annotated[
+        bool, Option("--dry-run", help="List the tasks, run none. Remote sources are fetched, to know their content.")
+    ] = False,
     retry_failed: Annotated[bool, Option("--retry-failed", help="Try again what failed before.")] = False,
     json_path: JsonOption = None,
     junit: JunitOption = None,
@@ -74,7 +76,7 @@ def run(
     with store.locked():
         planned, refusals = make_plan(specification, store.facts_of, store.cache)
         if not dry_run:
-            store.plan(planned, refusals)
+            store.plan(planned, specification.limits, refusals)
         for refusal in refusals:
             say(f"sfr: warning: left out: {refusal.reason}", err=True)
         wanted = ("waiting", "failed") if retry_failed else ("waiting",)
@@ -221,7 +223,7 @@ def plan(
     """Say how many independent drives a requirement with a share and a confidence needs."""
     from sfr_loc_map.metrics.terms import terms_of
     from sfr_loc_map.suite.statistics.drive_count import count_without_runs, drive_counts, plan_table
-    from sfr_loc_map.suite.statistics.summary import limits_of_store, summarise
+    from sfr_loc_map.suite.statistics.summary import summarise
 
     check_outputs(json_path, overwrite=overwrite)
     asked = {"prob": prob, "confidence": confidence, "power": power, "good": good}
@@ -237,7 +239,7 @@ def plan(
         )
     else:
         store = _open_store(folder)
-        counts = list(drive_counts(summarise(store).drives, limits_of_store(store)))
+        counts = list(drive_counts(summarise(store).drives, store.limits))
     show([asdict(count) for count in counts], json_path, [plan_table(counts)])
 
 

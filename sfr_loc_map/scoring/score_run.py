@@ -126,11 +126,19 @@ class _CallsPart(_Part):
 
 
 def score_run(
-    run: Run, config: ScoreConfig, limits: Limits | None = None, aligned: AlignedErrorConfig | None = None
+    run: Run,
+    config: ScoreConfig,
+    limits: Limits | None = None,
+    aligned: AlignedErrorConfig | None = None,
+    kept_errors: Collection[tuple[str, str]] = (),
 ) -> Score:
-    """Return the score of a run, also for conditions that only the limits name; with settings, APE and RPE as well."""
+    """Return the score of a run, also for conditions that only the limits name; with settings, APE and RPE as well.
+
+    All errors are kept of the figures and conditions whose tolerance bound is limited, and of `kept_errors`.
+    """
     config = _with_conditions(config, limits)
-    drive = _drive_part(run, config, aligned, () if limits is None else limits.bounded)
+    bounded = frozenset() if limits is None else limits.bounded
+    drive = _drive_part(run, config, aligned, bounded.union(kept_errors))
     cloud = _map_part(run, config)
     calls = _calls_part(run)
     method = _method_of(run)

@@ -22,7 +22,7 @@ from helpers import HELPERS, ROOT
 from helpers.cli_result import Result, Sfr
 from helpers.made_scene import true_pose, write_folder
 
-SFR = (sys.executable, "-P", "-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
+SFR = (sys.executable, "-P", "-m", "sfr_loc_map")
 LIMITS = """\
 minimum_independent: 1  # the drive is short
 trajectory: [{{condition: frames=3, position_mean_plus_3sigma_m: {limit}}}]

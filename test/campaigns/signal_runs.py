@@ -26,7 +26,6 @@ from helpers.processes import ROOT, handles_signals
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 
-SFR = "from sfr_loc_map.cli.main import main; raise SystemExit(main())"
 MARK = "SFR_SIGNAL_RUN"
 PATIENCE_S = 90.0
 TINY = ("drive.pairs=6", "loc.width=96", "loc.height=72", "loc.focal_px=80", "nav.width=96", "nav.height=72")
@@ -131,7 +130,7 @@ def end_at_random(name: str, source: Path, scratch: Path, rng: random.Random, wi
     log = scratch / "log"
     with log.open("wb") as stream:
         process = subprocess.Popen(
-            [sys.executable, "-c", SFR, *words], cwd=scratch, stdin=subprocess.DEVNULL, stdout=stream,
+            [sys.executable, "-m", "sfr_loc_map", *words], cwd=scratch, stdin=subprocess.DEVNULL, stdout=stream,
             stderr=subprocess.STDOUT, env=variables, start_new_session=True,
         )  # fmt: skip
     while process.poll() is None and not handles_signals(process.pid):
@@ -197,7 +196,7 @@ def end_many(scratch: Path, count: int, seed: int = 1, names: tuple[str, ...] = 
     within_s = {name: COMMANDS[name].seconds for name in names}
     scratch.mkdir(exist_ok=True)
     source = write_folder(scratch / "source", PAIRS, 3)
-    subprocess.run([sys.executable, "-c", SFR, "convert", source, source.with_suffix(".mcap")], check=True)
+    subprocess.run([sys.executable, "-m", "sfr_loc_map", "convert", source, source.with_suffix(".mcap")], check=True)
     for number in range(count):
         name = names[number % len(names)]
         ending = end_at_random(name, source, scratch / f"run_{number}", rng, within_s[name])

@@ -174,7 +174,7 @@ def test_images_lost_on_their_way_are_the_transport_and_not_the_stamps() -> None
     assert [found(lost=n)[0][:2] for n in (2, 0)] == [("transport", False), ("unpaired", False)]
 
 
-COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
+COMMAND = ("-m", "sfr_loc_map")
 GRAPHS = {
     "good": [],
     "no publisher": [("no_publisher", True)],

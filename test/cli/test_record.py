@@ -21,7 +21,7 @@ from helpers.processes import Process, wait_until
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.registry import open_source
 
-COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
+COMMAND = ("-m", "sfr_loc_map")
 IMAGES = ["loc/left/image_rect", "loc/right/image_rect"]
 
 

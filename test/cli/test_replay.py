@@ -20,7 +20,7 @@ from helpers.processes import Process, has_started_ros, nodes_of, segments_of, w
 from helpers.score_rows import number, rows_about
 from sfr_loc_map.io.bag.writer import BagWriter
 
-COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
+COMMAND = ("-m", "sfr_loc_map")
 
 
 def process(*arguments: str | Path, environment: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:

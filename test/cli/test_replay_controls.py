@@ -22,7 +22,7 @@ from helpers.made_scene import PERIOD_NS, START_NS, write_folder
 from helpers.processes import Peer, Process
 from sfr_loc_map.inputs import stamp_of
 
-COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
+COMMAND = ("-m", "sfr_loc_map")
 
 
 @pytest.fixture

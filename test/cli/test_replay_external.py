@@ -17,7 +17,7 @@ from helpers.made_scene import write_folder
 from helpers.processes import Process
 from helpers.score_rows import number, rows_about
 
-COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
+COMMAND = ("-m", "sfr_loc_map")
 NODE = Path(__file__).parents[1] / "helpers" / "faulty_external_node.py"
 PAIRS = 16
 OF_CALLS = {"calls", "memory", "localisation"}  #: Words of the rows about calls.

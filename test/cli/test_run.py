@@ -32,7 +32,7 @@ from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.nodes.messages import message_type, odometry_row
 from test.nodes.test_run_config import compressed_bag
 
-COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
+COMMAND = ("-m", "sfr_loc_map")
 
 
 @pytest.mark.slow

@@ -64,10 +64,7 @@ def test_a_suite_is_run_once_judged_and_reported(sfr: Sfr, suite: Path, serial: 
 
 @pytest.mark.slow
 def test_stopped_twice_it_goes_on_and_ends_with_the_same_results(suite: Path, serial: Path, tmp_path: Path) -> None:
-    out, command = (
-        tmp_path / "out",
-        [sys.executable, "-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())"],
-    )
+    out, command = (tmp_path / "out", [sys.executable, "-m", "sfr_loc_map"])
     command += ["suite", "run", str(suite), "--out", str(out), "--workers", "2"]
     for number, (how, code) in enumerate([(signal.SIGINT, 130), (signal.SIGKILL, -9)], 1):
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

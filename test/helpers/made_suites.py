@@ -15,7 +15,7 @@ from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.suite.running.job import Job, JobKind, JobSource, SourceKind
 
-SFR = (sys.executable, "-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
+SFR = (sys.executable, "-m", "sfr_loc_map")
 MEASURED = ("timing", "memory")
 JOB = Job(
     kind=JobKind.LOCALISE,

@@ -38,8 +38,6 @@ from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.mapping_node import MappingNode
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 
-SFR = "from sfr_loc_map.cli.main import main; raise SystemExit(main())"
-
 
 def send_image(peer: Manager, index: int, side: Side, late_ns: int = 0) -> None:
     pair = loc_pair(index)
@@ -62,7 +60,7 @@ def test_two_cameras_that_are_8_ms_apart_are_localised_and_those_further_apart_n
             peer.until(lambda n=index + 1: len(peer.odometry) == n, "odometry")
         assert peer.positions() == localised([0, 1, 2, 3])
         doctor = subprocess.Popen(
-            [sys.executable, "-c", SFR, "doctor", "--seconds", "1", "--json", "-"],
+            [sys.executable, "-m", "sfr_loc_map", "doctor", "--seconds", "1", "--json", "-"],
             stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
         for index in range(4, 100):

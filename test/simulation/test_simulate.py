@@ -73,8 +73,7 @@ def workers_at_work(pid: int, end: float) -> list[psutil.Process]:
 
 
 def start(config: Path, out: Path, stderr: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
-    code = "from sfr_loc_map.cli.main import main; raise SystemExit(main())"
-    command = [sys.executable, "-c", code, "simulate", str(config), str(out), "--workers", "2"]
+    command = [sys.executable, "-m", "sfr_loc_map", "simulate", str(config), str(out), "--workers", "2"]
     return subprocess.Popen(command, stderr=stderr)
 
 

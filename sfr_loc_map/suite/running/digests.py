@@ -31,9 +31,10 @@ T = TypeVar("T")
 PACKAGE = Path(__file__).parents[2]
 LIBRARIES = ("numpy", "numba", "scipy", "opencv-python-headless", "simplejpeg", "embreex")
 """Libraries that can change a figure."""
-WITHOUT_EFFECT = frozenset({"cli", "report", "suite"})
-"""Parts of the package that no figure of a job depends on, but for the module that runs it."""
-RUNNER = "suite/running/job_run.py"
+WITHOUT_EFFECT = ("report/", "suite/pages/", "suite/statistics/", "live/", "bench/")
+"""Folders of the package that a result does not depend on: they show results, or compute from them. All other code
+counts, because a replay runs the command line and the nodes."""
+HASHED = (".py", ".json", ".xml")  #: Endings of code and of the files that it reads; the last are profiles of DDS.
 JOINED = "sfr-joined"  #: Topic of the event by which a worker reports its code.
 
 
@@ -73,7 +74,7 @@ def known(path: Path, read: Callable[[Path], T]) -> T:
 
 def code_facts() -> dict[str, str]:
     """Return the hash of the code and the versions of the libraries that can change a figure."""
-    return {"sfr_loc_map": known(PACKAGE, _hash_package), **_versions()}
+    return {"sfr_loc_map": known(PACKAGE, hash_package), **_versions()}
 
 
 @functools.cache
@@ -82,12 +83,13 @@ def _versions() -> dict[str, str]:
     return {name: next((there.version for there in installed), "absent") for name, installed in found}
 
 
-def _hash_package(root: Path) -> str:
+def hash_package(root: Path) -> str:
+    """Return the hash of the files of a package that a result depends on."""
     found = hashlib.sha256()
     for name in _files(root):
         path = Path(name)
         place = path.relative_to(root).as_posix()
-        if path.suffix in (".py", ".json") and (place == RUNNER or place.partition("/")[0] not in WITHOUT_EFFECT):
+        if path.suffix in HASHED and not place.startswith(WITHOUT_EFFECT):
             found.update(f"{place}\0".encode() + path.read_bytes() + b"\0")
     return found.hexdigest()[:16]
 

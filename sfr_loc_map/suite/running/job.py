@@ -66,14 +66,14 @@ class Job:
     repeat: int  #: Number of the repetition, from 0.
     threads: int  #: Threads that it may use.
     code: str  #: Fingerprint of the code.
-    #: Limits of the verdicts, as in a limits file; they do not change the run.
-    limits: Mapping[str, object] = field(default_factory=dict)
+    #: Figures and conditions of which all errors are kept, because a limit is on their tolerance bound.
+    kept_errors: tuple[tuple[str, str], ...] = ()
 
     @property
     def key(self) -> str:
         """Name of the result: a hash of all that the result depends on; names and places of files are not among it."""
         faults = [self.faults, self.fault_seed if self.faults else 0]
-        how = [self.parameters, self.start, self.scoring, self.repeat, self.threads]
+        how = [self.parameters, self.start, self.scoring, self.kept_errors, self.repeat, self.threads]
         return digest([self.kind, [self.source.kind, self.source.sha256], *faults, *how, self.code])
 
     @property

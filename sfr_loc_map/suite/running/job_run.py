@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -13,7 +14,7 @@ import numba
 import yaml
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.child_process import child_environment
+from sfr_loc_map.child_process import child_environment, end_with_parent
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.faults.kinds import Fault, parse_fault
@@ -29,44 +30,38 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.registry import MethodLimits, record_of_ours
 from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.judge import judged
-from sfr_loc_map.metrics.limits import Limits, parse_limits
-from sfr_loc_map.metrics.rules import limits_about, what_of
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.runs.calls import load_call_stats, save_stats
 from sfr_loc_map.runs.offline import localise, localise_with, map_pairs, map_pairs_with, start_pose, trajectory_of
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.run import CloudToScore, Run, ScoreInputs
-from sfr_loc_map.scoring.score_run import score_files, score_run
+from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.suite.running.job import Job, JobKind
 from sfr_loc_map.suite.running.sources import local_path
 from sfr_loc_map.suite.running.specification import METHOD_KEYS, chosen_method
 
-REPLAY = (
-    "from sfr_loc_map.child_process import end_with_parent; from sfr_loc_map.cli.main import main; "
-    f"end_with_parent({int(signal.SIGTERM)}); raise SystemExit(main())"
-)
-"""The command line is above this layer: it is run as the command that it is."""
-TOLD = ("key", "faults", "fault_seed", "configuration", "repeat", "start", "code")
-"""Keys of the job in the provenance of a score."""
+PROVENANCE_KEYS = ("key", "faults", "fault_seed", "configuration", "repeat", "start", "code")
+"""Fields of the job in the provenance of a score."""
 
 
 def run_job(job: Job, scratch: Path, cache: Path) -> Score:
-    """Return a job's score; its paths are relative to `scratch`, an empty folder, and sources are kept in `cache`."""
+    """Return a job's score, without verdicts: the summary of the suite judges.
+
+    Paths in the score are relative to `scratch`, an empty folder; sources are kept in `cache`.
+    """
     cv2.setNumThreads(job.threads)
     numba.set_num_threads(min(job.threads, numba.get_num_threads()))
     path, config = local_path(job.source, cache), ScoreConfig(trajectory=job.scoring)
-    limits = parse_limits(job.limits, "limits") if job.limits else None
-    if job.kind is JobKind.SCORE:
-        score = score_files(ScoreInputs.of(path, Path(job.source.truth)), config, limits)
-    elif job.kind is JobKind.REPLAY:
-        score = _replay(job, path, scratch, limits)
+    if job.kind is JobKind.REPLAY:
+        score = _replay(job, path, scratch)
+    elif job.kind is JobKind.SCORE:
+        run = load_run(ScoreInputs.of(path, Path(job.source.truth)))
+        score = score_run(run, config, kept_errors=job.kept_errors)
     else:
         source = faulty(open_source(path), _faults(job), job.fault_seed)
         run = (_localise if job.kind is JobKind.LOCALISE else _map)(job, source, path, scratch)
-        score = score_run(run, config, limits)
-    score = judged(score, limits_about(limits, what_of(score)), partial=job.scoring.partial)
+        score = score_run(run, config, kept_errors=job.kept_errors)
     return struct_replace(score, provenance=_provenance(job, score.provenance, scratch))
 
 
@@ -106,25 +101,32 @@ def _map(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
     return Run(inputs, [load_call_stats(stats)], cloud=scored, nav_stamps_ns=source.expected_nav_ns())
 
 
-def _replay(job: Job, path: Path, scratch: Path, limits: Limits | None) -> Score:
+def _replay(job: Job, path: Path, scratch: Path) -> Score:
     if job.faults:
         convert(faulty(open_source(path), _faults(job), job.fault_seed), scratch / "faulty")
         path = scratch / "faulty"
     if any(name.rpartition(".")[2] in METHOD_KEYS for name in job.parameters):
         raise ConfigError("'method' of a configuration is for the tasks localise and map: a replay runs our nodes")
     out = scratch / "replay"
-    command = [sys.executable, "-P", "-c", REPLAY, "replay", str(path), "--out", str(out), "--start", job.start]
+    command = [sys.executable, "-P", "-m", "sfr_loc_map", "replay", str(path), "--out", str(out), "--start", job.start]
     if job.parameters:
         nested = {part: to_plain(values) for part in ("localisation", "mapping") if (values := _section(job, part))}
         (scratch / "config.yaml").write_text(yaml.safe_dump(nested), encoding="utf-8")
         command += ["--config", str(scratch / "config.yaml")]
     command += ["--spacing", str(job.scoring.spacing), "--rebase", job.scoring.rebase]
-    if job.scoring.partial or (limits is not None and limits.allow_missing):
+    if job.scoring.partial:
         command += ["--partial"]
     for condition in job.scoring.conditions:
         command += ["--condition", condition]
+    # the command line is above this layer, so that it is run as the command that it is
     done = subprocess.run(
-        command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, env=child_environment()
+        command,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+        env=child_environment(),
+        preexec_fn=partial(end_with_parent, signal.SIGTERM),
     )
     report = out / "report.json"
     if not report.exists():
@@ -145,7 +147,7 @@ def _provenance(job: Job, provenance: Provenance | None, scratch: Path) -> Prove
     """Add what the job was; names and places of its files come from the suite, not from the scratch folder."""
     known = provenance or Provenance(version="")
     about = {"task": job.kind.value, "source": job.source.name, "source_sha256": job.source.sha256}
-    about |= {name: getattr(job, name) for name in TOLD}
+    about |= {name: getattr(job, name) for name in PROVENANCE_KEYS}
     of_suite = {f"suite.{name}": value for name, value in about.items()}
     host = {**known.host, "threads": str(job.threads)}
     inputs = {

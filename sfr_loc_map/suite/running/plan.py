@@ -48,11 +48,12 @@ def make_plan(
 
     with ThreadPoolExecutor(READER_THREADS) as readers:
         found = [readers.submit(_known, source, facts_of, cache) for source in sources]
+    code = code_fingerprint()
     jobs: dict[str, Job] = {}
     refusals = list(specification.refusals)
     for source, facts in zip(sources, found, strict=True):
         try:
-            for job in _jobs(specification, *facts.result()):
+            for job in _jobs(specification, code, *facts.result()):
                 jobs.setdefault(job.key, job)  # of the first configuration that has it: another one renames nothing
         except SfrError as error:
             refusals.append(Refusal(source.path, str(error)))
@@ -81,7 +82,9 @@ def _known(
     return source, tuple(kind for kind, there in offered if there)
 
 
-def _jobs(specification: SuiteSpecification, source: JobSource, possible: tuple[JobKind, ...]) -> Iterator[Job]:
+def _jobs(
+    specification: SuiteSpecification, code: str, source: JobSource, possible: tuple[JobKind, ...]
+) -> Iterator[Job]:
     settings, asked = specification.settings, specification.tasks
     for kind in possible:
         faults, configurations = specification.perturb, specification.configurations
@@ -105,8 +108,8 @@ def _jobs(specification: SuiteSpecification, source: JobSource, possible: tuple[
                 scoring=specification.scoring,
                 repeat=repeat,
                 threads=settings.threads,
-                code=code_fingerprint(),
-                limits=specification.limits,
+                code=code,
+                kept_errors=specification.kept_errors,
             )
 
 

@@ -80,6 +80,7 @@ class SuiteSpecification:
     budget: tuple[str, ...]  #: Names of the sources of error of a budget, empty without one.
     scoring: TrajectoryScoreConfig  #: How each task is scored; conditions that only the limits name are among it.
     limits: Mapping[str, Any]  #: Limits, empty for none.
+    kept_errors: tuple[tuple[str, str], ...]  #: Figures and conditions whose tolerance bound is limited.
     settings: SuiteSettings  #: Single values.
 
 
@@ -113,7 +114,8 @@ def load_specification(path: Path) -> SuiteSpecification:
     if budget and (limits or lists["perturb"] or lists["tasks"] not in ([], ["localise"])):
         raise ConfigError(f"{path}: a suite with 'budget' localises drives and has no 'limits' and no 'perturb'")
     named = [Condition.parse(str(text)).setting for text in lists["conditions"] or ["distance=5"]]
-    named += parse_limits(limits, f"{path}: limits").conditions if limits else ()
+    parsed = parse_limits(limits, f"{path}: limits") if limits else None
+    named += () if parsed is None else parsed.conditions
     conditions = tuple(dict.fromkeys(named))
     return SuiteSpecification(
         path=path,
@@ -125,6 +127,7 @@ def load_specification(path: Path) -> SuiteSpecification:
         budget=tuple(source.name for source in budget),
         scoring=TrajectoryScoreConfig(conditions, settings.spacing, settings.rebase, settings.partial),
         limits=limits,
+        kept_errors=() if parsed is None else tuple(sorted(parsed.bounded)),
         settings=settings,
     )
 

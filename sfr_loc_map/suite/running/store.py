@@ -2,7 +2,7 @@
 
 DIR/results/KEY.json        score of a job (sfr-score/2)
 DIR/failures/KEY.json       why a job failed
-DIR/plan.json               what the sources of the suite's file hold, its jobs in their order, its code
+DIR/plan.json               what the sources of the suite's file hold, its jobs in their order, its limits, its code
 DIR/workers.json            the workers of its runs, what they did, why they were set aside
 DIR/cache/                  simulated and fetched sources, may be deleted
 """
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import fcntl
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.inputs import refusing
+from sfr_loc_map.metrics.limits import Limits, parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict, from_plain, json_line, to_plain
 from sfr_loc_map.suite.running.cluster import FailureCause, JobOutcome, WorkerRecord
@@ -61,7 +62,7 @@ class Store:
                 path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OutputError(f"cannot make the folder '{folder}': {error.strerror}; check the rights") from error
-        self._plan: dict[str, Any] = {"sources": {}, "jobs": [], "refusals": [], "run": {}}
+        self._plan: dict[str, Any] = {"sources": {}, "jobs": [], "limits": {}, "refusals": [], "run": {}}
         if plan.exists():
             found = _read(plan)
             if not isinstance(found, dict) or any(type(found.get(k, v)) is not type(v) for k, v in self._plan.items()):
@@ -92,15 +93,26 @@ class Store:
         self._plan["sources"][str(path.absolute())] = {"stamp": state, "facts": to_plain(facts)}
         return facts
 
-    def plan(self, jobs: Sequence[Job], refusals: Sequence[Refusal]) -> None:
-        """Take the jobs of a suite's file as it is now, and the sources that it cannot read."""
-        self._plan |= {"jobs": to_plain(jobs), "refusals": to_plain(refusals), "run": about_run()}
+    def plan(self, jobs: Sequence[Job], limits: Mapping[str, object], refusals: Sequence[Refusal]) -> None:
+        """Take the jobs and limits of a suite's file as it is now, and the sources that it cannot read."""
+        self._plan |= {
+            "jobs": to_plain(jobs),
+            "limits": to_plain(limits),
+            "refusals": to_plain(refusals),
+            "run": about_run(),
+        }
         write_text(json_line(self._plan), self.folder / PLAN)
 
     @property
     def run(self) -> dict[str, Any]:
         """By which code, where and when it was run last."""
         return dict(self._plan["run"])
+
+    @property
+    def limits(self) -> Limits | None:
+        """Limits of the suite's verdicts, None for none."""
+        limits = self._plan["limits"]
+        return parse_limits(limits, f"'{self.folder / PLAN}': limits") if limits else None
 
     @property
     def refusals(self) -> tuple[Refusal, ...]:

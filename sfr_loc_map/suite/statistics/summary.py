@@ -31,7 +31,7 @@ from sfr_loc_map.metrics.judge import (
     verdict_on,
 )
 from sfr_loc_map.metrics.limited import LimitedFigure, figure_of, truth_error_of
-from sfr_loc_map.metrics.limits import Limit, Limits, meets, parse_limits
+from sfr_loc_map.metrics.limits import Limit, Limits, meets
 from sfr_loc_map.metrics.proof import SEQUENTIAL, prove, sample_of
 from sfr_loc_map.metrics.rules import about, limits_about, what_of
 from sfr_loc_map.metrics.score import POOLED, Figure, Score, Verdict, figure_row
@@ -187,14 +187,9 @@ class Summary:
         return {**head, **self.run, **parts, "drives": drives}
 
 
-def limits_of_store(store: Store) -> Limits | None:
-    """Return the limits of a suite's folder."""
-    return next((parse_limits(job.limits, "limits") for job, _ in store.entries() if job.limits), None)
-
-
 def summarise(store: Store) -> Summary:
     """Return what follows from the results of a suite's folder."""
-    entries, limits = store.entries(), limits_of_store(store)
+    entries, limits = store.entries(), store.limits
     drives = []
     for job, state in entries:
         if state == "done":

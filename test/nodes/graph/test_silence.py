@@ -21,7 +21,7 @@ from sfr_loc_map.doctor.silence import COMPRESSED, IMAGE, Publisher, Reliability
 from sfr_loc_map.nodes.launch.environment import see_whole_graph
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 
-SFR = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
+SFR = ("-m", "sfr_loc_map")
 ROVER = ("-m", "helpers.rover_process", "good")
 OWN_MEMORY = 'mount -t tmpfs -o size=256m tmpfs /dev/shm && exec "$@"'
 BEST_EFFORT, RELIABLE = Reliability.BEST_EFFORT, Reliability.RELIABLE

@@ -27,7 +27,7 @@ from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.live.path import ROW_FIELDS
 from sfr_loc_map.live.state import STALE_AFTER_S
 
-COMMAND = ("-c", "from sfr_loc_map.cli.main import main; raise SystemExit(main())")
+COMMAND = ("-m", "sfr_loc_map")
 PAGE = ("-m", "sfr_loc_map.nodes.start", "nodes.view.page", "--port", "0")
 
 

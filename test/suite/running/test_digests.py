@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import pytest
+
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.suite.running import digests
 
@@ -45,3 +47,29 @@ def test_a_file_is_read_again_when_path_size_time_or_inode_differ(tmp_path: Path
     assert digests.known(path, read) == 2, "another inode of the same size and time"
     os.utime(path, ns=(0, 1))
     assert digests.known(path, read) == 3
+
+
+@pytest.mark.parametrize(
+    ("place", "is_hashed"),
+    [
+        ("cli/replay.py", True),  # a task `replay` runs the command line
+        ("nodes/monitor_node.py", True),
+        ("suite/running/specification.py", True),
+        ("faults/injector.py", True),
+        ("mapping/disparity/edge_network.json", True),
+        ("report/page.py", False),
+        ("suite/pages/tables.py", False),
+    ],
+)
+def test_the_digest_covers_all_code_that_a_result_depends_on(place: str, is_hashed: bool, tmp_path: Path) -> None:
+    for name in (place, "inputs.py"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("before")
+    before = digests.hash_package(tmp_path)
+    (tmp_path / place).write_text("after")
+    assert (digests.hash_package(tmp_path) != before) is is_hashed
+
+
+def test_the_places_that_count_are_those_of_the_package() -> None:
+    for folder in digests.WITHOUT_EFFECT:
+        assert (digests.PACKAGE / folder).is_dir()
