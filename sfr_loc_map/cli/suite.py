@@ -76,7 +76,7 @@ def run(
     with store.locked():
         planned, refusals = make_plan(specification, store.facts_of, store.cache)
         if not dry_run:
-            store.plan(planned, specification.limits, refusals)
+            store.plan(planned, refusals, specification.limits)
         for refusal in refusals:
             say(f"sfr: warning: left out: {refusal.reason}", err=True)
         wanted = ("waiting", "failed") if retry_failed else ("waiting",)

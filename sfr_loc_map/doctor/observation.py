@@ -17,10 +17,10 @@ from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.inputs import SIDES, Task
 from sfr_loc_map.io.bag.bag import TYPESTORE, Bag, Topic, read_extrinsics
 from sfr_loc_map.io.bag.message_stream import messages_of
-from sfr_loc_map.io.bag.true_poses import FIX, POINT, TYPES
+from sfr_loc_map.io.bag.true_poses import TYPES
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.message_types import COMPRESSED
+from sfr_loc_map.message_types import COMPRESSED, FIX, POINT
 from sfr_loc_map.topics import RAW, RECTIFIED, TOPICS, TRUE_POSES, Role, names
 
 RIGS = tuple(task.rig for task in Task)

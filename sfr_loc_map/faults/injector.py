@@ -60,7 +60,7 @@ class Affected:
 Change = Callable[[Affected], StereoPair]  #: Returns the pair with the fault.
 
 
-class Perturber:
+class FaultInjector:
     """Applies faults to a sequence of a known length; the same seed affects the same pairs in the same way."""
 
     def __init__(self, faults: Sequence[Fault], seed: int, count: int, rig: StereoRig) -> None:
@@ -91,14 +91,14 @@ class Perturber:
             stages = [pair]  # the pair as each fault finds it, then as it is delivered
             for number, fault in enumerate(self._faults):
                 old = previous[number] if previous else None
-                stages.append(self._perturbed(index, number, fault, stages[-1], (old, following)))
+                stages.append(self._with_fault(index, number, fault, stages[-1], (old, following)))
             yield index, stages[-1]
             # also repeated twice running, the last new images are repeated
             repeats = (f.kind in REPEATING and b[index] >= 0 for f, b in zip(self._faults, self._bursts, strict=True))
             if not any(repeats):
                 previous = stages
 
-    def _perturbed(
+    def _with_fault(
         self,
         index: int,
         number: int,
@@ -156,7 +156,7 @@ def as_grey(values: FloatArray | FloatImage) -> GreyImage:
 
 
 def _unchanged(at: Affected) -> StereoPair:
-    """Return the pair: a dropped pair is not delivered, and a fault of the calibration is in `Perturber.rig`."""
+    """Return the pair: a dropped pair is not delivered, and a fault of the calibration is in `FaultInjector.rig`."""
     return at.pair
 
 

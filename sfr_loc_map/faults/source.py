@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.faults.injector import Perturber
+from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import Fault
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -27,7 +27,7 @@ def faulty(source: Source, faults: Sequence[Fault], seed: int = 0) -> Source:
     for part in (loc, nav):
         if part is not None and len(part) == 0:
             raise InputError(f"the faults leave no pair of '{source.path}': give a smaller share of 'dropped'")
-    return Source(source.path, source.format, loc, nav, source.missing_loc_ns, source.missing_nav_ns)
+    return replace(source, loc=loc, nav=nav, recorded=None)
 
 
 class _Faulty(Generic[S]):
@@ -35,11 +35,11 @@ class _Faulty(Generic[S]):
 
     def __init__(self, inner: S, faults: Sequence[Fault], seed: int) -> None:
         self._inner: S = inner
-        self._perturber = Perturber(faults, seed, len(inner), inner.rig)
-        self.rig = self._perturber.rig
+        self._injector = FaultInjector(faults, seed, len(inner), inner.rig)
+        self.rig = self._injector.rig
 
     def __len__(self) -> int:
-        return int(np.count_nonzero(self._perturber.kept))
+        return int(np.count_nonzero(self._injector.kept))
 
 
 class FaultyLoc(_Faulty[LocSequence]):
@@ -48,7 +48,7 @@ class FaultyLoc(_Faulty[LocSequence]):
     @property
     def stamps_ns(self) -> Sequence[int]:
         """Stamps of the pairs that the faults leave."""
-        return [int(stamp) for stamp in np.asarray(self._inner.stamps_ns)[self._perturber.kept]]
+        return [int(stamp) for stamp in np.asarray(self._inner.stamps_ns)[self._injector.kept]]
 
     @property
     def ground_truth(self) -> Trajectory | None:
@@ -57,7 +57,7 @@ class FaultyLoc(_Faulty[LocSequence]):
 
     def pairs(self) -> Iterator[StereoPair]:
         """Yield the pairs with their faults."""
-        for _, pair in self._perturber.pairs(self._inner.pairs()):
+        for _, pair in self._injector.pairs(self._inner.pairs()):
             yield pair
 
 
@@ -67,5 +67,5 @@ class FaultyNav(_Faulty[NavSequence]):
     def pairs(self) -> Iterator[PosedStereoPair]:
         """Yield the pairs with their faults."""
         items = list(self._inner.pairs())  # of a map, so they are few
-        for index, pair in self._perturber.pairs(item.pair for item in items):
+        for index, pair in self._injector.pairs(item.pair for item in items):
             yield replace(items[index], pair=pair)

@@ -6,7 +6,15 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from operator import itemgetter
 
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
+from sfr_loc_map.geometry.rotation import slerp, unit_quats
+from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, interpolated
+from sfr_loc_map.inputs import NS_PER_S
+
+LONGEST_GAP_S = 1.0  #: Between poses further apart the pose is unknown.
 
 
 def pose_at(poses: Sequence[tuple[int, Transform]], stamp_ns: int, max_gap_ns: int) -> Transform | None:
@@ -22,3 +30,23 @@ def pose_at(poses: Sequence[tuple[int, Transform]], stamp_ns: int, max_gap_ns: i
     if after is None or before is None or after_ns - before_ns > max_gap_ns:
         return None
     return interpolated(before, after, (stamp_ns - before_ns) / (after_ns - before_ns))
+
+
+def sampled(poses: Trajectory, stamps_ns: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return positions and unit quaternions at stamps, interpolated; the only pose of a static transform at all."""
+    if len(poses) == 1:
+        return np.repeat(poses.positions, len(stamps_ns), 0), np.repeat(unit_quats(poses.quats_xyzw), len(stamps_ns), 0)
+    known = poses.stamps_ns
+    after = np.clip(np.searchsorted(known, stamps_ns, "right"), 1, len(known) - 1)
+    before = after - 1
+    share = (stamps_ns - known[before]) / np.maximum(known[after] - known[before], 1)
+    positions = poses.positions[before] + share[:, None] * (poses.positions[after] - poses.positions[before])
+    return positions, slerp(unit_quats(poses.quats_xyzw[before]), unit_quats(poses.quats_xyzw[after]), share)
+
+
+def covered(known_ns: IntArray, stamps_ns: IntArray) -> Mask:
+    """Return for each stamp whether it is between known ones that are at most `LONGEST_GAP_S` apart."""
+    after = np.searchsorted(known_ns, stamps_ns).clip(max=len(known_ns) - 1)
+    before = np.where(known_ns[after] == stamps_ns, after, (after - 1).clip(0))
+    near = known_ns[after] - known_ns[before] <= LONGEST_GAP_S * NS_PER_S
+    return np.asarray((known_ns[before] <= stamps_ns) & (stamps_ns <= known_ns[after]) & near)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -52,18 +53,37 @@ class NavSequence(Protocol):
         """Yield the pairs, with truth where the source has it; each call starts from the first."""
 
 
+class SourceFormat(StrEnum):
+    """The layout of a source, and how it names it."""
+
+    FOLDER = "sfr"
+    BAG = "bag"
+    RAW_BAG = "bag of raw images"
+    CONFIGURED_BAG = "bag, as configured"
+    KITTI = "kitti"
+    EUROC = "euroc"
+    IMAGES = "images"
+
+
+class RecordedBag(NamedTuple):
+    """The bag of a source whose messages are played as they were recorded."""
+
+    path: Path
+    remap: Mapping[str, str]  #: Names of the suite by those in the bag.
+
+
 @dataclass(frozen=True, slots=True, repr=False)
 class Source(Shown):
     """An opened data set folder, bag or sequence: `loc` is its drive, `nav` its mapping pairs, None if it has none."""
 
     path: Path
-    format: str  #: `sfr`, `bag`, `kitti`, ...
+    format: SourceFormat  #: For people; what is done with a source does not depend on it.
     loc: LocSequence | None
     nav: NavSequence | None
     missing_loc_ns: tuple[int, ...] = ()  #: Stamps of localisation pairs that are listed without their images.
     missing_nav_ns: tuple[int, ...] = ()  #: Stamps of mapping pairs that are listed without their images.
     configuration: Path | None = None  #: Configuration by which it is read.
-    remap: Mapping[str, str] = field(default_factory=dict)  #: Of a bag, names of the suite by those in the bag.
+    recorded: RecordedBag | None = None  #: The bag that holds just these pairs, None for all other sources.
 
     @property
     def left_out(self) -> int:
@@ -97,7 +117,7 @@ class Source(Shown):
         return len(self.loc or self.nav or ())
 
     def _facts(self) -> dict[str, str]:
-        holds = [self.format]
+        holds = [str(self.format)]
         if self.loc is not None:
             holds.append(f"{len(self.loc)} localisation pairs")
             holds.append("without truth" if self.truth is None else "with truth")

@@ -25,10 +25,11 @@ from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, refusing
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.bag.frames import chain_above, chain_poses, pose_row, read_frames, trajectory_of
 from sfr_loc_map.io.bag.topic_guess import is_own
-from sfr_loc_map.io.bag.true_poses import FIX, ODOMETRY, PATH, POINT, POSE, TRANSFORM, WITH_COVARIANCE, TruePoses
+from sfr_loc_map.io.bag.true_poses import TruePoses
 from sfr_loc_map.io.pose_checks import has_constant_attitude, has_constant_height, has_no_tilt, possible_poses, rows_of
 from sfr_loc_map.io.tables.text_table import check_order
 from sfr_loc_map.io.tables.trajectory_file import CONFIGURED, read_trajectory_file
+from sfr_loc_map.message_types import FIX, ODOMETRY, PATH, POINT, POSE, POSE_WITH_COVARIANCE, TRANSFORM
 from sfr_loc_map.topics import TRUE_POSES
 
 if TYPE_CHECKING:
@@ -297,7 +298,7 @@ def _single_poses(bag: Bag, topic: Topic) -> Poses:
 
 TRUTH_TYPES: dict[str, Callable[[Bag, Topic], Poses]] = {
     ODOMETRY: _with_covariances,
-    WITH_COVARIANCE: _with_covariances,
+    POSE_WITH_COVARIANCE: _with_covariances,
     POSE: _single_poses,
     TRANSFORM: _single_poses,
     POINT: _single_poses,

@@ -10,8 +10,7 @@ import numpy as np
 from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.bag.bag import Bag, Topic, read_odometry
-from sfr_loc_map.io.bag.frames import TF
-from sfr_loc_map.message_types import ODOMETRY, STRING
+from sfr_loc_map.message_types import ODOMETRY, STRING, TF
 from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.runs.calls import CallRecord, decode_call, stats_of
 from sfr_loc_map.topics import ESTIMATE, TRUE_POSES, call_topic

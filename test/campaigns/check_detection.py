@@ -13,7 +13,7 @@ from scipy.stats import spearmanr
 
 from sfr_loc_map.evidence.check import check_drive
 from sfr_loc_map.evidence.variants import PairsInMemory
-from sfr_loc_map.faults.injector import Perturber
+from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of
@@ -41,9 +41,9 @@ def main(arguments: list[str]) -> int:
         clean = list(islice(drive.pairs(), MOST_PAIRS))
         for text in FAULTS:
             faults = [parse_fault(text)] if text else []
-            perturber = Perturber(faults, 1, len(clean), drive.rig)
-            kept = [pair for _, pair in perturber.pairs(clean)]
-            sequence = PairsInMemory(perturber.rig, kept)
+            injector = FaultInjector(faults, 1, len(clean), drive.rig)
+            kept = [pair for _, pair in injector.pairs(clean)]
+            sequence = PairsInMemory(injector.rig, kept)
             found = check_drive(sequence, LocalisationConfig(), CONDITIONS, MOST_PAIRS)
             known = [item for item in found.agreements if item.probability is not None]
             worst = min(known, key=lambda item: item.probability or 0.0, default=None)

@@ -49,7 +49,7 @@ def test_scenario_to_data_set_to_score(sfr: Sfr, tmp_path: Path, tiny: Path) -> 
     assert sfr("score", truth, out, "--condition", "frames=1", "--spacing", "1").code == 0
 
 
-def test_perturb_writes_what_it_says(sfr: Sfr, tmp_path: Path) -> None:
+def test_faults_are_written_what_it_says(sfr: Sfr, tmp_path: Path) -> None:
     source = good_folder(tmp_path / "source")
     bad, again = tmp_path / "bad", tmp_path / "again.mcap"
     fault = ("--fault", "noisy:amount=30,share=1,start=0", "--seed", "4")

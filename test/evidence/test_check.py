@@ -15,7 +15,7 @@ from helpers.made_scene import LOC_RIG
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.check import check_drive, check_table
 from sfr_loc_map.evidence.variants import PairsInMemory, Run
-from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import Condition
@@ -58,7 +58,7 @@ def test_the_command_writes_rows_and_takes_two_other_estimates(
     noisy = replace(truth, positions=truth.positions + rng.normal(0, 0.01, truth.positions.shape))
     for name, poses in (("a.csv", truth), ("b.csv", noisy)):
         save_trajectory(tmp_path / name, poses)
-    opened = Source(tmp_path, "made", PairsInMemory(LOC_RIG, pairs), None)
+    opened = Source(tmp_path, SourceFormat.FOLDER, PairsInMemory(LOC_RIG, pairs), None)
     monkeypatch.setattr("sfr_loc_map.cli.check.open_as", lambda *_: (opened, None))
     options = ("--condition", "frames=5", "--json", tmp_path / "check.json")
     found = sfr("check", tmp_path, *options, "--estimate", tmp_path / "a.csv", "--estimate", tmp_path / "b.csv")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.faults.injector import CHANGES, Perturber
+from sfr_loc_map.faults.injector import CHANGES, FaultInjector
 from sfr_loc_map.faults.kinds import FaultKind, parse_fault
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 
@@ -21,8 +21,8 @@ def pairs() -> Iterator[StereoPair]:
         yield StereoPair(k * 500_000_000, left, right)
 
 
-def perturbed(*texts: str, seed: int = 1) -> dict[int, StereoPair]:
-    return dict(Perturber([parse_fault(t) for t in texts], seed, COUNT, RIG).pairs(pairs()))
+def faulty_pairs(*texts: str, seed: int = 1) -> dict[int, StereoPair]:
+    return dict(FaultInjector([parse_fault(t) for t in texts], seed, COUNT, RIG).pairs(pairs()))
 
 
 @pytest.mark.parametrize(
@@ -45,10 +45,10 @@ def test_wrong_text_is_refused(text: str) -> None:
 
 
 def test_late_stamps_stay_in_order_and_clock_moves_all() -> None:
-    stamps = [pair.stamp_ns for pair in perturbed("late:share=1,amount=0.9").values()]
+    stamps = [pair.stamp_ns for pair in faulty_pairs("late:share=1,amount=0.9").values()]
     assert (np.diff(stamps) > 0).all()
     assert stamps[1] == 999_999_999
-    assert [pair.stamp_ns for pair in perturbed("clock:amount=-0.1").values()][3] == 1_400_000_000
+    assert [pair.stamp_ns for pair in faulty_pairs("clock:amount=-0.1").values()][3] == 1_400_000_000
 
 
 @pytest.mark.parametrize(("kind", "du", "dv"), [("yaw", 1, 0), ("pitch", 0, -1)])
@@ -57,7 +57,7 @@ def test_rotated_right_camera_moves_the_image(kind: str, du: int, dv: int) -> No
     spot = np.zeros((48, 64), np.uint8)
     spot[22:26, 30:34] = 250
     fault = parse_fault(f"{kind}:amount={np.degrees(np.arctan(5 / 50))}")
-    ((_, pair),) = Perturber([fault], 0, 1, RIG).pairs([StereoPair(0, spot, spot)])
+    ((_, pair),) = FaultInjector([fault], 0, 1, RIG).pairs([StereoPair(0, spot, spot)])
     v, u = np.nonzero(pair.right > 100)
     assert u.mean() - 31.5 == pytest.approx(5 * du, abs=0.3)
     assert v.mean() - 23.5 == pytest.approx(5 * dv, abs=0.3)
@@ -70,15 +70,15 @@ def test_every_kind_has_its_change_and_no_other_is_known() -> None:
 @pytest.mark.parametrize("kind", FaultKind)
 def test_every_kind_has_an_amount_and_changes_something(kind: FaultKind) -> None:
     """A pair without the share of a fault is the source's own; with the fault, pair, count or rig differ."""
-    perturber = Perturber([parse_fault(f"{kind}:share=1")], 1, COUNT, RIG)
-    source, found = list(pairs()), dict(perturber.pairs(pairs()))
-    same = perturber.rig == RIG and len(found) == COUNT
+    injector = FaultInjector([parse_fault(f"{kind}:share=1")], 1, COUNT, RIG)
+    source, found = list(pairs()), dict(injector.pairs(pairs()))
+    same = injector.rig == RIG and len(found) == COUNT
     for k, pair in found.items():
         same = same and pair.stamp_ns == source[k].stamp_ns
         same = same and np.array_equal(pair.left, source[k].left) and np.array_equal(pair.right, source[k].right)
     assert not same
     if kind.value not in ("focal", "baseline", "roll", "pitch", "yaw", "drift", "clock", "start"):
-        untouched = dict(Perturber([parse_fault(f"{kind}:share=0")], 1, COUNT, RIG).pairs(pairs()))
+        untouched = dict(FaultInjector([parse_fault(f"{kind}:share=0")], 1, COUNT, RIG).pairs(pairs()))
         assert all(np.array_equal(untouched[k].left, source[k].left) for k in range(COUNT))
 
 
@@ -88,8 +88,8 @@ def constant(level: int = 120) -> list[StereoPair]:
     return [StereoPair(k, image, image) for k in range(COUNT)]
 
 
-def perturbed_constant(text: str) -> list[StereoPair]:
-    return [pair for _, pair in Perturber([parse_fault(text)], 3, COUNT, RIG).pairs(constant())]
+def faulty_constant(text: str) -> list[StereoPair]:
+    return [pair for _, pair in FaultInjector([parse_fault(text)], 3, COUNT, RIG).pairs(constant())]
 
 
 def shift_between(left: np.ndarray, right: np.ndarray, most: int) -> int:
@@ -100,7 +100,7 @@ def shift_between(left: np.ndarray, right: np.ndarray, most: int) -> int:
 
 
 def test_body_is_the_same_in_all_pairs_and_nearer_than_the_ground() -> None:
-    found = perturbed_constant("body:amount=0.25")
+    found = faulty_constant("body:amount=0.25")
     left, right = (np.array([getattr(pair, side) for pair in found], float) for side in ("left", "right"))
     assert (left[:, :36] == 120).all()
     assert np.abs(left[:, 36:] - left[0, 36:]).mean() < 2.0  # noise alone
@@ -109,7 +109,7 @@ def test_body_is_the_same_in_all_pairs_and_nearer_than_the_ground() -> None:
 
 
 def test_object_crosses_from_left_to_right_at_one_disparity() -> None:
-    found = perturbed_constant("object:amount=0.2,burst=10,share=0.25")
+    found = faulty_constant("object:amount=0.2,burst=10,share=0.25")
     changed = [np.nonzero((pair.left != 120).any(axis=0))[0] for pair in found]
     present = [k for k, columns in enumerate(changed) if len(columns)]
     assert len(present) == 10
@@ -125,12 +125,12 @@ def test_object_crosses_from_left_to_right_at_one_disparity() -> None:
 
 def test_torn_and_frozen_images_come_from_a_pair_before() -> None:
     source = list(pairs())
-    torn = perturbed("torn:share=1,amount=0.25,camera=left")[5]
+    torn = faulty_pairs("torn:share=1,amount=0.25,camera=left")[5]
     assert np.array_equal(torn.left[:36], source[5].left[:36])
     assert np.array_equal(torn.left[36:], source[4].left[36:])
     assert np.array_equal(torn.right, source[5].right)
-    frozen = perturbed("frozen:share=1,amount=0,camera=right,start=3")
+    frozen = faulty_pairs("frozen:share=1,amount=0,camera=right,start=3")
     assert all(np.array_equal(frozen[k].right, source[2].right) for k in range(3, COUNT))
     assert all(np.array_equal(frozen[k].left, source[k].left) for k in range(COUNT))
-    noise = perturbed("frozen:share=1,amount=2,start=3")[9].left.astype(float) - source[2].left
+    noise = faulty_pairs("frozen:share=1,amount=2,start=3")[9].left.astype(float) - source[2].left
     assert noise.std() == pytest.approx(2.0, rel=0.1)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from helpers.loc_drive import drive, noisy, run
 from helpers.made_scene import LOC_RIG, true_pose
 from sfr_loc_map.bench.fault_benchmark import Honesty, stated_errors
-from sfr_loc_map.faults.injector import Perturber
+from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -37,8 +37,8 @@ DRIVE = drive(30)
 
 def with_fault(fault: str) -> list[PoseEstimate]:
     """Return the estimates of a drive with a fault."""
-    perturber = Perturber([parse_fault(fault)], 1, len(DRIVE), LOC_RIG)
-    return run(pair for _, pair in perturber.pairs(DRIVE))
+    injector = FaultInjector([parse_fault(fault)], 1, len(DRIVE), LOC_RIG)
+    return run(pair for _, pair in injector.pairs(DRIVE))
 
 
 def worst_ratio(estimates: Sequence[PoseEstimate]) -> float:
@@ -135,7 +135,7 @@ def test_what_no_pose_explains_is_said(fault: str) -> None:
     assert truth is not None
     pairs = list(islice(sequence.pairs(), PAIRS))
     by = Localiser(sequence.rig, LocalisationConfig(), truth.pose(0))
-    estimates = run((pair for _, pair in Perturber([parse_fault(fault)], 1, PAIRS, sequence.rig).pairs(pairs)), by)
+    estimates = run((pair for _, pair in FaultInjector([parse_fault(fault)], 1, PAIRS, sequence.rig).pairs(pairs)), by)
     known = [item for item in estimates if item.state is not TrackingState.LOST]
     assert stated_errors(estimates, truth).honesty is not Honesty.SILENT
     assert (
@@ -205,6 +205,6 @@ def test_a_pair_that_is_hardly_explained_teaches_nothing_about_the_ground() -> N
     pairs = list(islice(sequence.pairs(), 48, 72))
     truth = later_truth(sequence.ground_truth, pairs[0].stamp_ns)
     by = Localiser(sequence.rig, LocalisationConfig(), truth.pose(0))
-    scratched = Perturber([parse_fault("scratch:amount=0.272")], 407223818, 100, sequence.rig)
+    scratched = FaultInjector([parse_fault("scratch:amount=0.272")], 407223818, 100, sequence.rig)
     estimates = run((pair for _, pair in scratched.pairs(pairs)), by)
     assert stated_errors(estimates, truth).honesty is not Honesty.SILENT

@@ -16,7 +16,7 @@ from helpers.made_suites import JOB
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
-from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import Report
 from sfr_loc_map.metrics.association import Estimates
@@ -158,7 +158,7 @@ def scored(made: Made) -> Score:
 
 
 def replayed(made: Made) -> Score:
-    source = Source(Path(__file__), "sfr", Loc(made.truth), Nav(made.nav))
+    source = Source(Path(__file__), SourceFormat.FOLDER, Loc(made.truth), Nav(made.nav))
     result = ReplayResult(made.estimate, made.cloud, made.records, tuple(NAV_STAMPS))
     return score_replay(source, result, CONFIG, LIMITS)
 

@@ -26,10 +26,25 @@ from sfr_loc_map.geometry.transform import FrameTree, Transform
 from sfr_loc_map.inputs import NS_PER_S, Task, parse_json, refusing, serialised_stamp
 from sfr_loc_map.io.bag.encoding import readable
 from sfr_loc_map.io.bag.files import is_unfinished, reader_paths
-from sfr_loc_map.io.bag.frames import TF, pose_row, trajectory_of
+from sfr_loc_map.io.bag.frames import pose_row, trajectory_of
 from sfr_loc_map.io.bag.readers import BagReader, reader_of
 from sfr_loc_map.io.tables.text_table import check_order
-from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, DISPARITY, IMAGE, ODOMETRY, POINTS, POSE, STRING
+from sfr_loc_map.message_types import (
+    CAMERA_INFO,
+    COMPRESSED,
+    DISPARITY,
+    FIX,
+    IMAGE,
+    JOINTS,
+    ODOMETRY,
+    POINT,
+    POINTS,
+    POSE,
+    POSE_WITH_COVARIANCE,
+    STRING,
+    TF,
+    TRANSFORM,
+)
 from sfr_loc_map.topics import RECTIFIED, configuration_topic, names
 
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
@@ -37,10 +52,7 @@ TOPICS_READ = tuple(name.strip("/") for name in names(read=True))
 """Names of the topics that are read from a bag, within any one namespace."""
 STAMPED = {IMAGE, COMPRESSED, CAMERA_INFO, POSE, ODOMETRY, POINTS, DISPARITY}
 """Types whose first field is a header."""
-HEADER_FIRST = STAMPED | {
-    *(f"geometry_msgs/msg/{name}Stamped" for name in ("Pose", "PoseWithCovariance", "Point", "Transform")),
-    *("sensor_msgs/msg/NavSatFix", "sensor_msgs/msg/JointState"),
-}
+HEADER_FIRST = STAMPED | {POSE_WITH_COVARIANCE, POINT, TRANSFORM, FIX, JOINTS}
 """Types whose header takes the time of recording, if the bag is read by it."""
 
 _log = logging.getLogger(__name__)

@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
-from sfr_loc_map.geometry.rotation import quat_multiply, quat_rotate, slerp, unit_quats
+from sfr_loc_map.geometry.rotation import quat_multiply, quat_rotate
+from sfr_loc_map.geometry.stamped_poses import sampled
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S, stamp_of
+from sfr_loc_map.inputs import stamp_of
+from sfr_loc_map.message_types import TF
 
-TF = "tf2_msgs/msg/TFMessage"
-LONGEST_GAP_S = 1.0  #: Between messages further apart what moves is not known.
 MAX_CHAINS = 1000  #: Most chains of frames that are followed at a time.
 PoseRow = tuple[int, tuple[float, ...]]  #: Stamp, ns, and x, y, z, qx, qy, qz, qw.
 
@@ -134,23 +133,3 @@ def trajectory_of(rows: list[PoseRow]) -> Trajectory:
     """Return the poses of rows; GeometryError if one is invalid."""
     values = np.array([row for _, row in rows], np.float64).reshape(-1, 7)
     return Trajectory(np.array([stamp for stamp, _ in rows], np.int64), values[:, :3].copy(), values[:, 3:].copy())
-
-
-def sampled(poses: Trajectory, stamps_ns: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return positions and unit quaternions at stamps, interpolated; the only pose of a static transform at all."""
-    if len(poses) == 1:
-        return np.repeat(poses.positions, len(stamps_ns), 0), np.repeat(unit_quats(poses.quats_xyzw), len(stamps_ns), 0)
-    known = poses.stamps_ns
-    after = np.clip(np.searchsorted(known, stamps_ns, "right"), 1, len(known) - 1)
-    before = after - 1
-    share = (stamps_ns - known[before]) / np.maximum(known[after] - known[before], 1)
-    positions = poses.positions[before] + share[:, None] * (poses.positions[after] - poses.positions[before])
-    return positions, slerp(unit_quats(poses.quats_xyzw[before]), unit_quats(poses.quats_xyzw[after]), share)
-
-
-def covered(known_ns: IntArray, stamps_ns: IntArray) -> Mask:
-    """Return for each stamp whether it is between known ones that are at most `LONGEST_GAP_S` apart."""
-    after = np.searchsorted(known_ns, stamps_ns).clip(max=len(known_ns) - 1)
-    before = np.where(known_ns[after] == stamps_ns, after, (after - 1).clip(0))
-    near = known_ns[after] - known_ns[before] <= LONGEST_GAP_S * NS_PER_S
-    return np.asarray((known_ns[before] <= stamps_ns) & (stamps_ns <= known_ns[after]) & near)

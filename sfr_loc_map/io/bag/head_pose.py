@@ -10,14 +10,15 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.extrinsics import BASE_FRAMES, NAVSB_FRAME, mast_head_in_rb, rig_in_body
+from sfr_loc_map.geometry.stamped_poses import covered, sampled
 from sfr_loc_map.geometry.transform import FrameTree, Transform
 from sfr_loc_map.inputs import refusing, stamp_of
 from sfr_loc_map.io.bag.bag import Bag, Topic
-from sfr_loc_map.io.bag.frames import chain_above, covered, read_frames, sampled
+from sfr_loc_map.io.bag.frames import chain_above, read_frames
 from sfr_loc_map.io.source_config import FramesConfig
 from sfr_loc_map.io.tables.text_table import check_order
+from sfr_loc_map.message_types import JOINTS
 
-JOINT_STATE = "sensor_msgs/msg/JointState"
 RECORD = "record it from before the first pair to after the last, at least once a second"
 
 
@@ -60,7 +61,7 @@ def _by_tf(bag: Bag, camera_frame: str, baseline_m: float, stamps_ns: IntArray, 
 
 def _by_joints(bag: Bag, camera_frame: str, stamps_ns: IntArray, config: FramesConfig) -> list[Transform]:
     where, angles = f"bag '{bag.path}'", dict[str, list[tuple[int, float]]]()
-    for _, _, message in bag.messages([Topic(n, n, kind) for n, kind in bag.topics.items() if kind == JOINT_STATE]):
+    for _, _, message in bag.messages([Topic(n, n, kind) for n, kind in bag.topics.items() if kind == JOINTS]):
         for name, angle in zip(message.name, message.position.tolist(), strict=False):  # some give speeds alone
             angles.setdefault(name, []).append((stamp_of(message), angle))
     turns = []

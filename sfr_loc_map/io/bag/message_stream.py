@@ -1,6 +1,7 @@
 """A source as a stream of serialised messages in the order of their publication.
 
-Messages of a bag are passed on byte by byte. Those of other sources are made as for a bag that is written.
+Messages of a bag that is played as recorded are passed on byte by byte. Those of other sources are made as for a bag
+that is written.
 """
 
 from __future__ import annotations
@@ -42,22 +43,22 @@ def topics_of(source: Source) -> dict[str, str]:
     cameras = [f"{rig}/{side}" for rig in rigs for side in SIDES]
     topics = {f"{camera}/camera_info": CAMERA_INFO for camera in cameras}
     topics |= {f"{camera}/{RECTIFIED}": IMAGE for camera in cameras}
-    is_bag = source.format == "bag"
-    if source.loc is not None and (is_bag or source.loc.ground_truth is not None):
+    recorded = source.recorded
+    if source.loc is not None and (recorded is not None or source.loc.ground_truth is not None):
         topics[TRUE_POSES] = ODOMETRY
     if source.nav is not None:
         topics |= {NAV_POSE: POSE, TRUE_POINTS: POINTS}
-    if not is_bag:
+    if recorded is None:
         return topics
-    bag = Bag(source.path, source.remap)
+    bag = Bag(*recorded)
     found = [bag.find(name, *((IMAGE, COMPRESSED) if kind == IMAGE else ())) for name, kind in topics.items()]
     return {topic.name: topic.msgtype for topic in found if topic is not None}
 
 
 def messages_of(source: Source) -> Iterator[Message]:
     """Yield the messages of a source; camera_info of both rigs comes first."""
-    if source.format == "bag":
-        bag = Bag(source.path, source.remap)
+    if source.recorded is not None:
+        bag = Bag(*source.recorded)
         names = [name.removesuffix("/compressed") for name in topics_of(source)]
         infos = {name for name in names if name.endswith("camera_info")}
         for raw in bag.raw_messages(sorted(infos)):

@@ -15,9 +15,8 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, Side
 from sfr_loc_map.io.bag.bag import TYPESTORE
-from sfr_loc_map.io.bag.frames import TF
 from sfr_loc_map.io.images.codec import encode_jpeg
-from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE
+from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE, TF
 
 FLOAT32 = 7  #: Code of a 32-bit float in sensor_msgs/PointField.
 _T = TYPESTORE.types

@@ -26,7 +26,7 @@ from sfr_loc_map.io.bag.head_pose import head_poses
 from sfr_loc_map.io.calibration.files import Calibration, read_calibration
 from sfr_loc_map.io.images.codec import SampleDepth, Samples, points_image, samples_of
 from sfr_loc_map.io.images.files import check_size
-from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.sequence import RecordedBag, Source, SourceFormat
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
 from sfr_loc_map.io.tables.text_table import check_order
 from sfr_loc_map.io.truth import TruthConfig, possible_truth, truth_of_file
@@ -257,9 +257,12 @@ def open_bag(path: Path, config: SourceConfig | None = None) -> Source:
         )
     loc = BagLocSequence(bag, config) if kinds[Task.LOCALISATION] else None
     nav = BagNavSequence(bag, config) if kinds[Task.MAPPING] else None
-    adapted = any(part is not None and part.is_adapted for part in (loc, nav)) or config.truth != TruthConfig()
-    kind = "bag of raw images" if RAW in kinds.values() else "bag, as configured" if adapted else "bag"
-    return Source(path, kind, loc, nav, remap=config.remap)
+    is_adapted = any(part is not None and part.is_adapted for part in (loc, nav)) or config.truth != TruthConfig()
+    if RAW in kinds.values():
+        return Source(path, SourceFormat.RAW_BAG, loc, nav)
+    if is_adapted:
+        return Source(path, SourceFormat.CONFIGURED_BAG, loc, nav)
+    return Source(path, SourceFormat.BAG, loc, nav, recorded=RecordedBag(path, config.remap))
 
 
 def image_name(bag: Bag, rig: str) -> str | None:

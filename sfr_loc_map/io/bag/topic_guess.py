@@ -8,11 +8,26 @@ from dataclasses import dataclass
 from os.path import commonprefix
 from typing import NamedTuple
 
-IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
-INFO, JOINTS, POINTS, FIX = (f"sensor_msgs/msg/{k}" for k in ("CameraInfo", "JointState", "PointCloud2", "NavSatFix"))
-POSES = tuple(f"geometry_msgs/msg/{kind}Stamped" for kind in ("PoseWithCovariance", "Pose", "Transform"))
-POINT = "geometry_msgs/msg/PointStamped"
-TRUTHS = ("nav_msgs/msg/Odometry", *POSES, "nav_msgs/msg/Path", POINT, FIX)  #: The best one of a body first.
+from sfr_loc_map.message_types import (
+    CAMERA_INFO,
+    COMPRESSED,
+    FIX,
+    IMAGE,
+    JOINTS,
+    ODOMETRY,
+    PATH,
+    POINT,
+    POINTS,
+    POSE,
+    POSE_WITH_COVARIANCE,
+    TRANSFORM,
+)
+from sfr_loc_map.topics import JOINTS as JOINTS_TOPIC
+from sfr_loc_map.topics import NAV_POSE, TRUE_POINTS
+
+IMAGES = (IMAGE, COMPRESSED)
+POSES = (POSE_WITH_COVARIANCE, POSE, TRANSFORM)
+TRUTHS = (ODOMETRY, *POSES, PATH, POINT, FIX)  #: The best one of a body first.
 FEWEST = 0.5  #: Least share of one side's images in those of the other.
 WIDE, TALL = 1.95, 0.95  #: Width by height of an image that holds two.
 
@@ -44,9 +59,9 @@ NO_TRUTH = _words("estimated?", "fused", "filtered", "origin", "set_?point", "sl
 OWN = _words("wheels?", "encoders?", "odom(?:etry)?", "visual", "zed_node", "goal", "initial_?pose")
 """Of topics with what the rover itself thinks or is told; those of TRUTH_WORDS apart."""
 OTHERS = {
-    "nav/pose": (POSES[1], _words(rf"{OF_NAV}[/_]pose")),
-    "joint_states": (JOINTS, _words("joints?")),
-    "ground_truth/points": (POINTS, _words("ground_?truth")),
+    NAV_POSE: (POSE, _words(rf"{OF_NAV}[/_]pose")),
+    JOINTS_TOPIC: (JOINTS, _words("joints?")),
+    TRUE_POINTS: (POINTS, _words("ground_?truth")),
 }
 EMITTER = "RealSense: the emitter must be off, for its pattern moves with the rover; P[3] of infra2 may be missing"
 
@@ -192,7 +207,7 @@ def _infos(image: SeenTopic, other: SeenTopic, seen: Sequence[SeenTopic]) -> lis
     def shared(one: SeenTopic) -> int:
         return len(commonprefix([re.split("[/_]", _text(topic.name)) for topic in (one, image)]))  # noqa: RUF071 - words
 
-    infos = [topic for topic in seen if topic.msgtype == INFO and shared(topic) > shared(other)]
+    infos = [topic for topic in seen if topic.msgtype == CAMERA_INFO and shared(topic) > shared(other)]
     infos = [topic for topic in infos if topic.size in ((0, 0), image.size) or image.size == (0, 0)]
     return sorted(infos, key=lambda info: (-shared(info), _kind(info) != _kind(image), len(info.name)))[:1]
 

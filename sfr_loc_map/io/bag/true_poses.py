@@ -8,17 +8,12 @@ from typing import Any
 import numpy as np
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.geodesy import enu_m
 from sfr_loc_map.inputs import LOST_VARIANCE, jumped_back, stamp_of
 from sfr_loc_map.io.bag.frames import pose_row
+from sfr_loc_map.message_types import FIX, ODOMETRY, PATH, POINT, POSE, POSE_WITH_COVARIANCE, TRANSFORM
 
-ODOMETRY = "nav_msgs/msg/Odometry"
-WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
-POSE, TRANSFORM = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped"
-POINT, FIX = "geometry_msgs/msg/PointStamped", "sensor_msgs/msg/NavSatFix"
-PATH = "nav_msgs/msg/Path"
 NO_FIX = -1  #: `NavSatStatus.STATUS_NO_FIX`.
-WGS84_M, WGS84_FLATTENING = 6_378_137.0, 1.0 / 298.257223563
 UNKNOWN = (np.nan,) * 6
 TrueRow = tuple[int, tuple[float, ...], tuple[float, ...]]
 """Stamp (ns); position (m) and quaternion (x, y, z, w; zeros without an attitude); variances (m^2, rad^2; NaN where
@@ -38,7 +33,7 @@ class TruePoses:
         self._path_end_ns: int | None = None
         self._rows: Callable[[Any], Iterator[TrueRow]] = {
             ODOMETRY: self._with_covariance,
-            WITH_COVARIANCE: self._with_covariance,
+            POSE_WITH_COVARIANCE: self._with_covariance,
             POSE: self._plain,
             TRANSFORM: self._plain,
             POINT: self._point,
@@ -101,28 +96,10 @@ class TruePoses:
         yield stamp_of(message), pose, (*variances.tolist(), np.nan, np.nan, np.nan)
 
 
-TYPES: Sequence[str] = (ODOMETRY, WITH_COVARIANCE, POSE, TRANSFORM, POINT, FIX, PATH)
+TYPES: Sequence[str] = (ODOMETRY, POSE_WITH_COVARIANCE, POSE, TRANSFORM, POINT, FIX, PATH)
 """Types of messages that true poses are read from, live and of a bag."""
 
 
 def _is_place(latitude: float, longitude: float) -> bool:
     """Tell whether angles can be those of a fix; 0, 0 is the placeholder of a receiver."""
     return abs(latitude) <= 90.0 and abs(longitude) <= 360.0 and (latitude, longitude) != (0.0, 0.0)
-
-
-def enu_m(places: FloatArray) -> FloatArray:
-    """Return positions east, north, up of the first one, m, of latitude, longitude (deg) and height (m) `(N, 3)`.
-
-    WGS84; geographic to topocentric conversion, EPSG method 9837 (IOGP publication 373-7-2, section 4.1.2).
-    """
-    latitude, longitude = np.radians(places[:, 0]), np.radians(places[:, 1])
-    squared = WGS84_FLATTENING * (2.0 - WGS84_FLATTENING)
-    normal = WGS84_M / np.sqrt(1.0 - squared * np.sin(latitude) ** 2)
-    across = (normal + places[:, 2]) * np.cos(latitude)
-    polar = (normal * (1.0 - squared) + places[:, 2]) * np.sin(latitude)
-    geocentric = np.stack((across * np.cos(longitude), across * np.sin(longitude), polar), axis=1)
-    if not len(geocentric):
-        return geocentric
-    (south, north), (west, east) = ((np.sin(angle[0]), np.cos(angle[0])) for angle in (latitude, longitude))
-    axes = [[-west, east, 0.0], [-south * east, -south * west, north], [north * east, north * west, south]]
-    return np.asarray((geocentric - geocentric[0]) @ np.array(axes).T)

@@ -25,7 +25,7 @@ from sfr_loc_map.inputs import NS_PER_S, read_text, refusing
 from sfr_loc_map.io.calibration.files import parse_opencv_yaml, read_sensor_yaml
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair, TableWriter, whole_pairs
-from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.tables.text_table import check_order, parse_stamp_ns, read_lines
 from sfr_loc_map.io.tables.trajectory_file import TrajectoryFormat, read_trajectory_file, save_trajectory
 from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
@@ -59,7 +59,7 @@ def open_euroc(path: Path) -> Source:
         )
     entries, missing_ns = whole_pairs(pairs, f"'{folder}'")
     truth = _load_truth(folder)
-    return Source(path, "euroc", ImageFileSequence(rig, entries, truth, rectify), None, missing_ns)
+    return Source(path, SourceFormat.EUROC, ImageFileSequence(rig, entries, truth, rectify), None, missing_ns)
 
 
 def _load_truth(folder: Path) -> Trajectory | None:

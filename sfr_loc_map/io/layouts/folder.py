@@ -28,7 +28,7 @@ from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, read_bytes, read_table, re
 from sfr_loc_map.io.clouds.array_file import MAX_HEADER, parse_npy
 from sfr_loc_map.io.images.codec import checked_points, encode_png
 from sfr_loc_map.io.images.files import ImageFiles, ImageFileSequence, ImagePair, TableWriter, read_pair, whole_pairs
-from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.tables.text_table import BOM, parse_number, parse_stamp_ns
 from sfr_loc_map.io.tables.trajectory_file import CSV_HEADER, TrajectoryFormat, read_trajectory_file, save_trajectory
 
@@ -110,7 +110,7 @@ def open_folder(path: Path) -> Source:
                 before, after = truth.stamps_ns[back[0] : back[0] + 2].tolist()
                 raise InputError(f"'{truth_file}': stamp {after} goes back behind {before}: stamps must be in order")
         loc, missing_loc_ns = ImageFileSequence(rig, whole, truth), missing_ns
-    return Source(path, "sfr", loc, nav, missing_loc_ns, missing_nav_ns)
+    return Source(path, SourceFormat.FOLDER, loc, nav, missing_loc_ns, missing_nav_ns)
 
 
 def _load_point_image(path: Path, rig: StereoRig) -> NDArray[np.float32]:

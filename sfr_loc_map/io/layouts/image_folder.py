@@ -15,7 +15,7 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.calibration.files import read_calibration
 from sfr_loc_map.io.images.codec import read_grey
 from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair
-from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.pose_columns import TIMES, time_unit
 from sfr_loc_map.io.tables.text_table import parse_decimal
@@ -58,7 +58,7 @@ def open_image_folder(path: Path, config: SourceConfig) -> Source:
         rig, rectifier = rectified_rig(found.infos, "loc")
     rig = replace(rig, T_rb_sb=found.T_rb_sb)
     loc = ImageFileSequence(rig, entries, None, None if rectifier is None else rectifier.rectify)
-    return Source(path, "images", loc, None)
+    return Source(path, SourceFormat.IMAGES, loc, None)
 
 
 def _sides(path: Path) -> tuple[Path, Path] | None:

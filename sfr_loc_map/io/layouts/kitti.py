@@ -18,14 +18,14 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.geometry.camera_info import projection, rig_from_projections
+from sfr_loc_map.geometry.stamped_poses import covered, sampled
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, read_table, refusing
-from sfr_loc_map.io.bag.frames import covered, sampled
 from sfr_loc_map.io.images.codec import encode_png, read_grey
 from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair, TableWriter, whole_pairs
-from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.tables.text_table import parse_number, parse_table, read_lines, seconds_text
 from sfr_loc_map.io.tables.trajectory_file import read_times
 
@@ -64,7 +64,7 @@ def open_kitti(path: Path) -> Source:
     rig = rig_from_projections(cameras[left], cameras[right], size, where, names)
     rig = replace(rig, T_rb_sb=Transform.identity())
     truth = _load_poses(path, stamps, rig, -cameras[left][3] / cameras[left][0])
-    return Source(path, "kitti", ImageFileSequence(rig, whole, truth), None, missing_ns)
+    return Source(path, SourceFormat.KITTI, ImageFileSequence(rig, whole, truth), None, missing_ns)
 
 
 def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) -> Trajectory | None:

@@ -87,7 +87,7 @@ def _jobs(
 ) -> Iterator[Job]:
     settings, asked = specification.settings, specification.tasks
     for kind in possible:
-        faults, configurations = specification.perturb, specification.configurations
+        faults, configurations = specification.faults, specification.configurations
         if kind is JobKind.SCORE:
             faults, configurations = ("",), {NO_CONFIGURATION: {}}
         elif kind not in asked if asked is not None else kind is JobKind.REPLAY:

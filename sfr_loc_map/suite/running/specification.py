@@ -74,7 +74,7 @@ class SuiteSpecification:
     path: Path  #: The file.
     sources: tuple[JobSource, ...]  #: One for each match and each seed; those of files without their hashes.
     refusals: tuple[Refusal, ...]  #: Entries that match nothing, or whose server does not answer.
-    perturb: tuple[str, ...]  #: Injected faults; the source without faults comes first, as an empty text.
+    faults: tuple[str, ...]  #: Injected faults; the source without faults comes first, as an empty text.
     configurations: Mapping[str, Mapping[str, object]]  #: Parameters by dotted name, by the configuration's name.
     tasks: tuple[JobKind, ...] | None  #: What is done; None for what each source has.
     budget: tuple[str, ...]  #: Names of the sources of error of a budget, empty without one.
@@ -121,7 +121,7 @@ def load_specification(path: Path) -> SuiteSpecification:
         path=path,
         sources=tuple(sources),
         refusals=tuple(refusals),
-        perturb=("", *map(str, lists["perturb"])),
+        faults=("", *map(str, lists["perturb"])),
         configurations=_configurations(configurations, path),
         tasks=(JobKind.LOCALISE,) if budget else tasks,
         budget=tuple(source.name for source in budget),

@@ -93,7 +93,7 @@ class Store:
         self._plan["sources"][str(path.absolute())] = {"stamp": state, "facts": to_plain(facts)}
         return facts
 
-    def plan(self, jobs: Sequence[Job], limits: Mapping[str, object], refusals: Sequence[Refusal]) -> None:
+    def plan(self, jobs: Sequence[Job], refusals: Sequence[Refusal] = (), limits: Mapping[str, object] = {}) -> None:
         """Take the jobs and limits of a suite's file as it is now, and the sources that it cannot read."""
         self._plan |= {
             "jobs": to_plain(jobs),

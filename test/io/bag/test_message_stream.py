@@ -11,6 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from helpers.made_scene import LOC_RIG, START_NS, loc_pair, nav_pair, true_pose, write_bag, write_folder
+from sfr_loc_map.faults.kinds import parse_fault
+from sfr_loc_map.faults.source import faulty
 from sfr_loc_map.geometry.camera_info import rig_from_camera_info
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import SIDES
@@ -55,6 +57,18 @@ def test_all_messages_of_a_source_come_whole_and_in_order(tmp_path: Path, kind: 
     for task in ("loc", "nav"):
         first = order.index((f"{task}/left/image_rect", START_NS))
         assert all(order.index((f"{task}/{side}/camera_info", START_NS)) < first for side in SIDES)
+
+
+def test_a_bag_with_injected_faults_is_played_with_them(tmp_path: Path) -> None:
+    source = open_source(write_bag(tmp_path / "b.mcap", 4, 0))
+    changed = faulty(source, [parse_fault("dropped:share=0.5"), parse_fault("noisy:share=1,start=0")], seed=1)
+    assert (changed.format, changed.configuration) == (source.format, source.configuration)
+    images = [item for item in messages_of(changed) if item.topic == "loc/left/image_rect"]
+    assert [item.stamp_ns for item in images] == list(changed.loc.stamps_ns)
+    assert len(images) == 2
+    for item, pair in zip(images, changed.loc.pairs(), strict=True):
+        played = samples_of(TYPESTORE.deserialize_cdr(item.raw, item.msgtype)).grey()
+        np.testing.assert_array_equal(played, pair.left)
 
 
 @pytest.mark.parametrize("kind", ["folder", "bag"])

@@ -7,7 +7,7 @@ import pytest
 from helpers.loc_drive import drive, run
 from helpers.made_scene import LOC_RIG, PERIOD_NS, START_NS, true_pose
 from sfr_loc_map.bench.fault_benchmark import error_and_sigma
-from sfr_loc_map.faults.injector import Perturber
+from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -40,7 +40,7 @@ def test_a_turn_of_the_right_camera_is_learnt_from_rows_and_moves_columns_as_it_
 def test_right_camera_that_turns_is_followed_and_reported() -> None:
     """Its yaw changes by a degree: without following it the attitude is off by more than ten times its 3 sigma."""
     fault = parse_fault("drift:amount=2.5")
-    pairs = [pair for _, pair in Perturber([fault], 0, 40, LOC_RIG).pairs(drive(40))]
+    pairs = [pair for _, pair in FaultInjector([fault], 0, 40, LOC_RIG).pairs(drive(40))]
     estimates = run(pairs)
     truth = Trajectory.from_poses((START_NS + k * PERIOD_NS, true_pose(k)) for k in range(40))
     error, sigma = error_and_sigma(estimates, truth)

@@ -40,7 +40,7 @@ def test_every_key_means_something(tmp_path: Path) -> None:
     made = load_specification(written(tmp_path, GOOD))
     assert [source.name for source in made.sources] == ["a.mcap", "s-1", "s-2", "e.csv"]
     assert all(Path(source.path).is_absolute() for source in made.sources)
-    assert made.perturb == ("", "black:share=0.1", "blurred+noisy")
+    assert made.faults == ("", "black:share=0.1", "blurred+noisy")
     mine = {
         "localisation.method": f"{tmp_path}/mine.py:Mine",
         "localisation.method_config": "fast",

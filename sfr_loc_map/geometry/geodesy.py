@@ -1,0 +1,27 @@
+"""Positions on the Earth in a local frame."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray
+
+WGS84_M, WGS84_FLATTENING = 6_378_137.0, 1.0 / 298.257223563  #: Semi-major axis, m, and flattening.
+
+
+def enu_m(places: FloatArray) -> FloatArray:
+    """Return positions east, north, up of the first one, m, of latitude, longitude (deg) and height (m) `(N, 3)`.
+
+    WGS84; geographic to topocentric conversion, EPSG method 9837 (IOGP publication 373-7-2, section 4.1.2).
+    """
+    latitude, longitude = np.radians(places[:, 0]), np.radians(places[:, 1])
+    squared = WGS84_FLATTENING * (2.0 - WGS84_FLATTENING)
+    normal = WGS84_M / np.sqrt(1.0 - squared * np.sin(latitude) ** 2)
+    across = (normal + places[:, 2]) * np.cos(latitude)
+    polar = (normal * (1.0 - squared) + places[:, 2]) * np.sin(latitude)
+    geocentric = np.stack((across * np.cos(longitude), across * np.sin(longitude), polar), axis=1)
+    if not len(geocentric):
+        return geocentric
+    (south, north), (west, east) = ((np.sin(angle[0]), np.cos(angle[0])) for angle in (latitude, longitude))
+    axes = [[-west, east, 0.0], [-south * east, -south * west, north], [north * east, north * west, south]]
+    return np.asarray((geocentric - geocentric[0]) @ np.array(axes).T)
