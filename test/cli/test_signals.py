@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from campaigns.signal_runs import SFR, end_at_random
+from campaigns.signal_runs import end_at_random
 from helpers.cli_result import Sfr
 from helpers.made_scene import write_folder
 from helpers.processes import Process, wait_until
@@ -28,7 +28,7 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("number", END)
 def test_localise_writes_the_poses_that_were_finished(source: Path, tmp_path: Path, number: signal.Signals) -> None:
     out, film = tmp_path / "y.csv", tmp_path / "v.avi"
-    words = ("-c", SFR, "localise", str(source), "-o", str(out), "--video", str(film))
+    words = ("-m", "sfr_loc_map", "localise", str(source), "-o", str(out), "--video", str(film))
     with Process(tmp_path / "log", *words) as run:
         wait_until(lambda: any(path.stat().st_size > 1e5 for path in tmp_path.glob(".v.avi.*/*")), "some frames")
         assert run.end(number, number, pause_s=0.0) == 130, run.text
@@ -44,7 +44,7 @@ def test_what_is_overwritten_stays_until_the_new_one_is_whole(
     source: Path, tmp_path: Path, sfr: Sfr, number: signal.Signals
 ) -> None:
     place = write_folder(tmp_path / "old", 5, 0)
-    with Process(tmp_path / "log", "-c", SFR, "convert", str(source), str(place), "--overwrite") as run:
+    with Process(tmp_path / "log", "-m", "sfr_loc_map", "convert", str(source), str(place), "--overwrite") as run:
         wait_until(lambda: list(tmp_path.glob(".old.*.part/*")), "the new one")
         assert len(open_source(place).loc or ()) == 5
         assert run.end(number) == (130 if number is not signal.SIGKILL else -number)
@@ -62,7 +62,9 @@ def test_a_film_on_a_full_disk_costs_the_film_alone(source: Path, tmp_path: Path
         pytest.skip("no disk can be mounted here")
     try:
         words = ["localise", str(source), "-o", str(out), "--video", str(small / "v.avi")]
-        done = subprocess.run([sys.executable, "-c", SFR, *words], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            [sys.executable, "-m", "sfr_loc_map", *words], capture_output=True, text=True, check=False
+        )
         assert not list(small.iterdir())
     finally:
         subprocess.run(["umount", small], check=True)
