@@ -63,6 +63,10 @@ def report(
     junit: Annotated[
         Path | None, Option(metavar="F.xml", rich_help_panel=SIGNED, help="Write the verdicts as JUnit XML.")
     ] = None,
+    control: Annotated[
+        Path | None,
+        Option(metavar="F.csv", rich_help_panel=SIGNED, help="Write the verification control document: close-out."),
+    ] = None,
     truth: Annotated[
         Path | None,
         Option(
@@ -83,8 +87,9 @@ def report(
     """
     check_suffix(output, FORMATS)
     check_suffix(test_report, HTML_SUFFIXES)
-    check_outputs(json_path, output, test_report, junit, inputs=(*results, truth), overwrite=overwrite)
-    is_test = test_report is not None or junit is not None
+    check_suffix(control, (".csv",))
+    check_outputs(json_path, output, test_report, junit, control, inputs=(*results, truth), overwrite=overwrite)
+    is_test = any(path is not None for path in (test_report, junit, control))
     if not all(path.suffix == ".json" for path in results):
         if is_test:
             raise ConfigError(f"'{results[0]}': a test report is of scores: give files *.json of sfr score or replay")
@@ -102,8 +107,10 @@ def report(
     scores = each_by_its_limits([load_score(path) for path in results])
     if is_test:
         if output is not None:
-            raise ConfigError(f"'-o {output}' is the page: leave it out beside '--test-report', '--junit'")
+            raise ConfigError(f"'-o {output}' is the page: leave it out beside '--test-report', '--junit', '--control'")
         _write_test_report(scores, test_report, (title, number, issue), junit)
+        if control is not None:
+            _write_control_document(dict(zip(map(str, results), scores, strict=True)), control, number, issue)
         _conclude_all(scores, lenient=lenient)
         if (common := common_verdict(scores)).text:
             not_judged([common.text], lenient=lenient)
@@ -174,6 +181,15 @@ def _write_test_report(
         write_text(render_test_report(scores, *heading), test_report)
         say(f"test report: {test_report}")
         propose(f"open {test_report} in a browser, print it for the signatures")
+
+
+def _write_control_document(scores: dict[str, Score], control: Path, number: str, issue: str) -> None:
+    from sfr_loc_map.report.control_document import control_csv
+
+    parts = [f"test report {number}"] if number else []
+    parts += [f"issue {issue}"] if issue else []
+    write_text(control_csv(scores, ", ".join(parts)), control)
+    say(f"verification control document: {control}")
 
 
 def _compare_scores(paths: list[Path], scores: list[Score], page: Path | None, json_path: str | None) -> None:

@@ -1,0 +1,97 @@
+"""Verification control document as CSV: one row a requirement, with evidence, compliance and close-out.
+
+The columns are those of the document that ECSS-E-ST-10-02C asks for (annex B): the requirement, the method and the
+evidence of its verification, whether the item complies, and whether the requirement is closed. Requirements are closed
+by a pass alone.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+
+from sfr_loc_map.inputs import printable
+from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
+
+COLUMNS = (
+    "requirement",
+    "text",
+    "clause",
+    "item",
+    "method",
+    "evidence",
+    "figure",
+    "limit",
+    "value",
+    "margin",
+    "low95",
+    "high95",
+    "unit",
+    "n",
+    "independent",
+    "compliance",
+    "close_out",
+    "remarks",
+)
+COMPLIANCE = {VerdictState.PASS: "compliant", VerdictState.FAIL: "not compliant"}
+METHOD = "test"
+"""Verification method. Figures of a score come from tests, not from analysis, review of design or inspection."""
+
+
+def control_csv(scores: Mapping[str, Score], report: str = "") -> str:
+    """Return the verification control document of scores by the names of their files.
+
+    `report` names the test report, with its number and issue; the file of the score is the evidence without one.
+    """
+    buffer = io.StringIO()
+    writer = csv.DictWriter(buffer, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    for name, score in scores.items():
+        evidence = f"{report}, {name}" if report else name
+        for view in verdict_views(score):
+            writer.writerow(_row(view, score, evidence))
+    return buffer.getvalue()
+
+
+def _row(view: VerdictView, score: Score, evidence: str) -> dict[str, object]:
+    item = view.item
+    texts = {
+        "requirement": item.id or item.name,
+        "text": item.text or view.name,
+        "clause": view.clause if view.is_defined else "",
+        "item": _item_of(score),
+        "method": METHOD,
+        "evidence": f"{evidence}, {view.key}",
+        "figure": view.name,
+        "unit": _unit_of(view),
+        "compliance": COMPLIANCE.get(item.state, "not verified"),
+        "close_out": "closed" if item.state is VerdictState.PASS else "open",
+        "remarks": _remarks(view, score),
+    }
+    numbers = {
+        name: getattr(item, name) for name in ("limit", "value", "margin", "low95", "high95", "n", "independent")
+    }
+    return {name: printable(text) for name, text in texts.items()} | numbers
+
+
+def _unit_of(view: VerdictView) -> str:
+    """Return the unit of the numbers, which are in the unit of the limits file."""
+    symbol = view.unit.symbol
+    return {"mm": "m", "ms": "s", "MiB": "bytes", "%": "1"}.get(symbol, symbol)
+
+
+def _item_of(score: Score) -> str:
+    method = score.method
+    return "" if method is None else f"{method.name} {method.version or ''}".strip()
+
+
+def _remarks(view: VerdictView, score: Score) -> str:
+    """Return why a requirement is open, and what of the drive is not judged."""
+    if view.item.state is VerdictState.PASS:
+        return score.incomplete or ""
+    if view.item.state is VerdictState.FAIL:
+        return view.comparison
+    return view.reason or score.contradiction or score.incomplete or view.item.state.value

@@ -1,0 +1,72 @@
+"""The verification control document: a row for each requirement, closed by a pass alone."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from helpers.cli_result import Sfr
+from helpers.made_scores import json_of, of_drive, whole_score
+from sfr_loc_map.metrics.judge import judged
+from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.report.control_document import COLUMNS, control_csv
+
+LIMITS: dict[str, Any] = {
+    "minimum_independent": 1,
+    "trajectory": [
+        {
+            "condition": "distance=5",
+            "position_mean_plus_3sigma_m": {"limit": 10.0, "id": "R1", "text": "The position, at most 10 m."},
+            "attitude_mean_plus_3sigma_deg": {"limit": 1e-9, "id": "R2"},
+        },
+        {"condition": "distance=500", "position_mean_plus_3sigma_m": {"limit": 0.1, "id": "R3"}},
+    ],
+    "memory": {"localisation_peak_bytes": {"limit": 2e9, "id": "R4"}},
+    "timing": {"localisation_max_s": {"limit": 1e-9, "id": "R5"}},
+}
+
+
+def rows_of(text: str) -> dict[str, dict[str, str]]:
+    return {row["requirement"]: row for row in csv.DictReader(io.StringIO(text))}
+
+
+@pytest.fixture(scope="module")
+def score() -> Score:
+    return judged(of_drive(whole_score()), parse_limits(LIMITS, "limits"))
+
+
+def test_requirements_are_closed_by_a_pass_alone(score: Score) -> None:
+    rows = rows_of(control_csv({"score.json": score}, "test report TR-7, issue 2"))
+    assert {"R1", "R2", "R3", "R4", "R5"} <= set(rows)
+    states = {item.id: item.state.value for item in score.verdicts if item.id}
+    for number, state in states.items():
+        assert rows[number]["close_out"] == ("closed" if state == "pass" else "open")
+        assert rows[number]["compliance"] == {"pass": "compliant", "fail": "not compliant"}.get(state, "not verified")
+        assert (rows[number]["remarks"] == "") == (state == "pass")
+    assert {"pass", "fail", "not enough data"} <= set(states.values())
+    assert "TR-7" in rows["R1"]["evidence"]
+
+
+def test_numbers_are_those_of_the_score_in_the_unit_of_the_limit(score: Score) -> None:
+    row = rows_of(control_csv({"score.json": score}))["R1"]
+    item = next(item for item in score.verdicts if item.id == "R1")
+    assert tuple(row) == COLUMNS
+    assert (float(row["limit"]), float(row["value"]), row["unit"]) == (10.0, item.value, "m")
+    assert row["text"] == "The position, at most 10 m."
+    assert row["clause"] == "4.2.3.1"
+    memory = rows_of(control_csv({"score.json": score}))["R4"]
+    assert (float(memory["limit"]), memory["unit"]) == (2e9, "bytes")
+
+
+def test_the_command_writes_it_and_ends_as_the_verdict(sfr: Sfr, score: Score, tmp_path: Path) -> None:
+    (tmp_path / "score.json").write_text(json.dumps(json_of(score)))
+    found = sfr("report", tmp_path / "score.json", "--control", tmp_path / "vcd.csv", "--number", "TR-7")
+    assert found.code == 1, "a limit is missed"
+    assert rows_of((tmp_path / "vcd.csv").read_text())["R5"]["compliance"] == "not compliant"
+    assert sfr("report", tmp_path / "score.json", "--control", tmp_path / "vcd.txt").code == 2
