@@ -311,9 +311,9 @@ def _present(
         raise InputError(f"{count} tasks or sources failed: each is named above")
     undecided = [
         f"{item.name} of {group.task}, {group.configuration}: "
-        + ("not enough data" if item.proof is None else words_of(item.proof, item.state))
+        + (item.state.value if item.proof is None else words_of(item.proof, item.state))
         for group, item in verdicts
-        if item.state is VerdictState.NOT_ENOUGH_DATA
+        if item.state in (VerdictState.NOT_ENOUGH_DATA, VerdictState.NOT_JUDGED)
     ]
     is_open = summary.waiting and verdicts and not summary.is_decided
     waiting = [f"{summary.waiting} of {summary.tasks} tasks have no result yet"] if is_open else []

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from sfr_loc_map.cli.output import warn
 from sfr_loc_map.errors import FailedVerdictError, NotJudgedError
-from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.config import Condition, VerdictState
 
 if TYPE_CHECKING:
     from sfr_loc_map.geometry.trajectory import Trajectory
@@ -34,7 +34,9 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
         reasons += [] if score.incomplete is None else [f"incomplete: {score.incomplete}"]
         reasons += [f"{len(missed)} of {count} limits missed: {'; '.join(missed)}"] if missed else []
         raise FailedVerdictError("; ".join(reasons))
-    not_judged(reasons_not_judged(score, asked), lenient=lenient)
+    # a score that passes has no limit on what was not judged, such as a condition that was asked for and never met
+    is_pass = score.verdict is VerdictState.PASS
+    not_judged(reasons_not_judged(score, asked), lenient=lenient or is_pass)
 
 
 def check_conditions(truth: Trajectory | None, conditions: Sequence[str], *, lenient: bool) -> None:

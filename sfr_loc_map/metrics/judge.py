@@ -42,16 +42,21 @@ def judged_again(score: Score) -> Score:
 def judged_at_the_end(score: Score, missing: str) -> Score:
     """Return a score so far as that of a run that is over, of which something is missing; its figures are unchanged.
 
-    The last report of a live run was made while results were still due. What is missing then makes it incomplete,
-    unless a part was asked for or a limit says how much may be missing.
+    The last report of a live run was made while results were still due. What of the drive is missing then makes the
+    score incomplete, and the limits that need the drive, unless a part was asked for or a limit states how much may be
+    missing.
     """
     rules = score.rules
     allows = rules is not None and (rules.partial or rules.allow_missing)
     if allows or score.incomplete is not None or not missing:
         return score
-    states = {VerdictState.PASS: VerdictState.INCOMPLETE}
-    found = tuple(struct_replace(item, state=states.get(item.state, item.state)) for item in score.verdicts)
-    score = struct_replace(score, incomplete=missing, verdicts=found)
+    limits = () if rules is None else rules.limits
+    judged_parts = [None] * (len(score.verdicts) - len(limits)) + [part_of(limit) for limit in limits]
+    found = []
+    for item, part in zip(score.verdicts, judged_parts, strict=True):
+        is_lost = part == DRIVE and item.state is VerdictState.PASS
+        found.append(struct_replace(item, state=VerdictState.INCOMPLETE) if is_lost else item)
+    score = struct_replace(score, incomplete=missing, verdicts=tuple(found))
     return struct_replace(score, verdict=overall_verdict(score))
 
 

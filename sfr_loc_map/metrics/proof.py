@@ -89,8 +89,7 @@ def prove(terms: Terms, limit: float, drives: Mapping[str, Sequence[Sample]]) ->
         proofs = [prove_sample(terms, limit, sample) for samples in runs.values() for sample in samples]
         if not proofs:
             return prove_sample(terms, limit, Sample(np.empty(0), 0.0))
-        order = (VerdictState.FAIL, VerdictState.NOT_ENOUGH_DATA, VerdictState.PASS)
-        return min(proofs, key=lambda proof: (order.index(proof.state), -(proof.bound or 0.0)))
+        return min(proofs, key=lambda proof: (proof.state.severity, -(proof.bound or 0.0)))
     sample = sample_over_drives(terms.interpretation, runs)
     return prove_sample(terms, limit, sample) if terms.good is None else prove_sequentially(terms, limit, sample)
 

@@ -17,7 +17,7 @@ import msgspec
 from sfr_loc_map.inputs import NS_PER_S, printable
 from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import CallKind, Rebase, VerdictState, label_of
-from sfr_loc_map.metrics.judge import common_verdict, each_by_its_limits
+from sfr_loc_map.metrics.judge import Common, common_verdict
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.score import Score, TargetRecord, Verdict
 from sfr_loc_map.metrics.shortfalls import SHORTFALLS
@@ -61,8 +61,8 @@ def clauses_used(scores: Sequence[Score]) -> list[str]:
 
 
 def render_test_report(scores: Sequence[Score], title: str = "", number: str = "", issue: str = "") -> str:
-    """Return the report as HTML, without script; it prints on A4."""
-    scores = each_by_its_limits(scores)
+    """Return the report of scores as they were judged as HTML, without script; it prints on A4."""
+    common = common_verdict(scores)
     results = [row for index, score in enumerate(scores) for row in _results(score, index)]
     states = [row["view"].item.state.value for row in results]
     overalls = [overall_of(score) for score in scores]
@@ -73,8 +73,8 @@ def render_test_report(scores: Sequence[Score], title: str = "", number: str = "
         number=printable(number),
         issue=printable(issue),
         document=DOCUMENT,
-        overall=overall_of_all(scores, overalls),
-        said=[item.text for item in overalls] + ([common.text] if (common := common_verdict(scores)).text else []),
+        overall=overall_of_all(common, overalls),
+        said=[item.text for item in overalls] + ([common.text] if common.text else []),
         counts={word: states.count(word) for word in dict.fromkeys(states)},
         items=[_item(score) for score in scores],
         clauses=[(clause, CLAUSES[clause]) for clause in clauses_used(scores)],
@@ -98,9 +98,8 @@ def render_test_report(scores: Sequence[Score], title: str = "", number: str = "
     )
 
 
-def overall_of_all(scores: Sequence[Score], overalls: Sequence[Overall]) -> Overall:
+def overall_of_all(common: Common, overalls: Sequence[Overall]) -> Overall:
     """Return what stands first: the worst verdict, and no pass that scores do not have in common."""
-    common = common_verdict(scores)
     if common.text:
         return Overall("no common verdict", common.text, OPEN.css, OPEN.icon)
     return next(item for item in overalls if item.state == (common.state or NO_VERDICT))

@@ -69,6 +69,19 @@ def test_a_condition_that_the_drive_never_meets_is_not_judged(
     assert f"sfr: warning: not judged: {reason}" in lenient.err
 
 
+def test_exit_code_and_verdict_of_the_score_agree_on_a_condition_without_a_limit(
+    sfr: Sfr, tmp_path: Path, files: tuple[Path, Path]
+) -> None:
+    text = "minimum_independent: 2\ntrajectory:\n  - condition: distance=5\n    position_mean_m: 10\n"
+    limits, score = limits_file(tmp_path / "limits.yaml", text), tmp_path / "s.json"
+    conditions = ("--condition", "distance=50", "--condition", "distance=5")
+    result = sfr("score", *files, "--limits", limits, *conditions, "--json", score)
+    assert json.loads(score.read_text())["verdict"] == "pass"
+    assert result.code == 0
+    assert "sfr: warning: not judged: condition distance=50: the drive is 12.0 m long" in result.err
+    assert sfr("report", score, "--overwrite").code == 0
+
+
 @pytest.mark.parametrize(
     ("limits", "reason"),
     [

@@ -11,7 +11,7 @@ from helpers.score_rows import complete
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.calls import Calls, score_target
-from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig, VerdictState
 from sfr_loc_map.metrics.incomplete import Shortfall
 from sfr_loc_map.metrics.judge import judged, judged_at_the_end, overall_verdict
 from sfr_loc_map.metrics.limits import PLACES, LimitPart, Limits, Rules, parse_limits
@@ -216,6 +216,12 @@ def test_a_verdict_on_what_contradicts_is_not_judged_but_a_crash_has_failed() ->
 def test_what_a_live_run_misses_at_its_end_leaves_no_pass() -> None:
     score = judged_at_the_end(judged(with_position(0.4), parse_limits(LIMIT, "limits")), "3 pairs have no answer")
     assert [score.verdict, *(item.state for item in score.verdicts)] == ["incomplete", "incomplete"]
+    both = judged(with_position(0.4), parse_limits({**LIMIT, "completeness": {"lost_max_share": 1.0}}, "limits"))
+    both = replace(
+        both, incomplete=None, verdicts=tuple(replace(item, state=VerdictState.PASS) for item in both.verdicts)
+    )
+    ended = judged_at_the_end(both, "3 pairs have no answer")
+    assert [item.state for item in ended.on_limits] == ["incomplete", "pass"], "the second needs no complete drive"
     partial = judged(with_position(0.4), parse_limits(LIMIT, "limits"), partial=True)
     assert judged_at_the_end(partial, "3 pairs") == partial
 

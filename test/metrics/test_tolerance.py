@@ -13,6 +13,7 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics import judge, limits, reasons, rules, tolerance
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import Score, figure_row
+from sfr_loc_map.metrics.stored import stored_contradiction
 from sfr_loc_map.metrics.tolerance import Sample
 
 SHAPES = (1.0, 1.0, 1.0), (1.0, 0.3, 0.3), (1.0, 0.0, 0.0)
@@ -120,6 +121,14 @@ def test_a_limit_with_a_share_passes_fails_or_says_how_many_drives_are_missing()
     assert "58 more drives" in reasons.reasons_not_judged(of_drives)[0]
     without = judged(replace(score, details=None), limit=10.0)[1]
     assert (without.state, without.value) == ("not enough data", None)
+
+
+def test_a_bound_of_another_release_of_scipy_is_the_same_but_for_rounding() -> None:
+    found, _ = judged(long_score(), limit=10.0, prob=0.95, confidence=0.95)
+    for factor, is_refused in ((1.0 + 1e-12, False), (1.0 + 1e-6, True)):
+        rows = [replace(row, value=factor * row.value) if row.figure == "bound" else row for row in found.figures]
+        problem = stored_contradiction(replace(found, figures=tuple(rows)))
+        assert (problem is not None) == is_refused, problem
 
 
 def test_a_tolerance_bound_within_the_error_of_the_truth_decides_nothing() -> None:

@@ -79,8 +79,9 @@ class Page(HTMLParser):
 
 def test_every_figure_is_found_in_the_json_and_every_link_leads_to_its_clause_and_command() -> None:
     made = scores()
+    made = each_by_its_limits(made)
     text = render_test_report(made)
-    page, plain = Page(text), [json_of(score) for score in each_by_its_limits(made)]
+    page, plain = Page(text), [json_of(score) for score in made]
     assert len(page.figures) > 100
     for score, key, value in page.figures:
         number, found = json.loads(value), dig(plain[score - 1], key)
@@ -188,7 +189,7 @@ def test_the_command_writes_both_and_refuses_what_it_would_not_do(tmp_path: Path
     report, xml = tmp_path / "t.html", tmp_path / "v.xml"
     words = ["report", *paths, "--test-report", report, "--junit", xml]
     assert sfr(*words).code == 1  # the verdict of the scores
-    assert report.read_text() == render_test_report([load_score(path) for path in paths])
+    assert report.read_text() == render_test_report(each_by_its_limits([load_score(path) for path in paths]))
     assert len(list(ET.parse(xml).getroot().iter("testsuite"))) == 3
     assert sfr(*words, "--overwrite", "-o", "x.md").code == 2
 
@@ -196,7 +197,7 @@ def test_the_command_writes_both_and_refuses_what_it_would_not_do(tmp_path: Path
 def test_a_limit_stands_once_where_one_score_judges_it() -> None:
     """One limits file for a score of the drive and one of the map."""
     _, cloud, drive = scores()
-    page = render_test_report([drive, cloud])
+    page = render_test_report(each_by_its_limits([drive, cloud]))
     for name in ("R1", "R2", "R5", "R6"):
         assert len(re.findall(f'<th scope="row">{name}<', page)) == 1, name
 

@@ -21,7 +21,7 @@ from sfr_loc_map import __version__
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.catalogue import KINDS, SUITE, Subject
 from sfr_loc_map.metrics.completeness import expected_row
-from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.config import VerdictState, worst_of
 from sfr_loc_map.metrics.judge import (
     finding_verdicts,
     incomplete_verdict,
@@ -139,12 +139,7 @@ class Summary:
         states = [item.state for group in self.groups for item in group.verdicts]
         if not states:
             return None
-        if VerdictState.FAIL in states:
-            return VerdictState.FAIL
-        if VerdictState.INCOMPLETE in states or self.completeness.value != 1.0:
-            return VerdictState.INCOMPLETE
-        passed = all(state is VerdictState.PASS for state in states)
-        return VerdictState.PASS if passed else VerdictState.NOT_ENOUGH_DATA
+        return worst_of(states if self.completeness.value == 1.0 else [*states, VerdictState.INCOMPLETE])
 
     @property
     def is_decided(self) -> bool:
@@ -278,7 +273,7 @@ def verdicts_over(
         worst = replace(max(mine, key=lambda item: item.value or 0.0), n=len(scores))
         yield _of_group(worst, "worst drive", len(mine))
     if contradicted := sum(score.contradiction is not None for score in scores):
-        value, state = float(contradicted), VerdictState.NOT_ENOUGH_DATA
+        value, state = float(contradicted), VerdictState.NOT_JUDGED
         plain = plain_verdict("convention_mismatch_drives", 0.0, value, state)
         yield _of_group(replace(plain, n=len(scores)), "worst drive", contradicted)
     if parts := [score for score in scores if score.incomplete is not None]:
