@@ -49,7 +49,13 @@ TEMPLATE: dict[str, Any] = {
         "hovermode": "closest",
         "hoverlabel": {"align": "left"},
     },
-    "axis": {"zeroline": False, "gridcolor": "@grid", "zerolinecolor": "@zero", "linecolor": "@zero"},
+    "axis": {
+        "exponentformat": "none",
+        "zeroline": False,
+        "gridcolor": "@grid",
+        "zerolinecolor": "@zero",
+        "linecolor": "@zero",
+    },
     "axis_in_space": {
         "backgroundcolor": "@paper",
         "gridcolor": "@grid",

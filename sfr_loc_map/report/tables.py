@@ -149,7 +149,7 @@ class VerdictStyle(NamedTuple):
 
 
 ENDS = ("low95", "high95")  #: Keys of the bounds of an interval, below the key of its cell.
-MARKS = {"best": "▲", "worst": "▼"}  #: Of the figures of a column, by their sign.
+MARKS = {"best": "★", "worst": "✕"}  #: Of the figures of a column; an arrow would say that more is better.
 LEAN_ROWS = 300  #: A table with more rows shows its figures alone, so that a page of thousands stays small.
 VERDICTS = {"pass": VerdictStyle("✔", "pass", "green"), "fail": VerdictStyle("✖", "fail", "bold red")}
 OPEN = VerdictStyle("?", "open", "yellow")  #: Of every other verdict.

@@ -15,6 +15,7 @@ from helpers.made_scores import HOSTILE, dig, json_of, place_of, whole_score, wi
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_plain
 from sfr_loc_map.report.page import render_page
+from sfr_loc_map.report.plots import to_figure
 from sfr_loc_map.report.score_figures import score_figures
 from sfr_loc_map.report.tables import MILLIMETRE, number
 
@@ -223,6 +224,14 @@ def test_on_paper_every_figure_is_there_as_wide_as_the_page_and_no_title_is_cove
     root, log, _ = opened(path, tmp_path)
     assert f'data-paper="light {count}/{count}"' in root, (root, log)
     assert 'data-overlaps=""' in root, root
+
+
+def test_ticks_are_numbers_in_full_whatever_their_size() -> None:
+    """Coordinates of a map have millions of metres, which plotly shortens to 5.40014M by itself."""
+    plots = [plot for _, group in score_figures(whole_score(100, 48, 2)) for plot in group]
+    axes = [axis for plot in plots for name, axis in to_figure(plot).to_dict()["layout"].items() if "axis" in name]
+    assert len(axes) > 10
+    assert {axis.get("exponentformat") for axis in axes} == {"none"}
 
 
 def test_limits_are_drawn_beside_their_figure_and_do_not_flatten_it() -> None:

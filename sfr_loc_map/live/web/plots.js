@@ -36,6 +36,7 @@ export function axis(title, more = {}) {
     gridcolor: colour("grid"),
     zerolinecolor: colour("line"),
     automargin: true,
+    exponentformat: "none", // coordinates of a map have millions of metres
     ...more,
   };
 }

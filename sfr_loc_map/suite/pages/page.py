@@ -10,7 +10,7 @@ from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score import Figure, find_rows
 from sfr_loc_map.metrics.score_json import json_line
 from sfr_loc_map.report.page import render_overview, render_page
-from sfr_loc_map.report.plots import Column, Plot, axis, error_scale, largest, marks, scaled
+from sfr_loc_map.report.plots import Column, Plot, axis, error_scale, largest, log_axis, marks, scaled, span
 from sfr_loc_map.suite.pages.export import write_parquet
 from sfr_loc_map.suite.pages.tables import PAGES, history_tables, linked, suite_tables
 from sfr_loc_map.suite.running.store import Store
@@ -62,8 +62,12 @@ def _error_plots(summary: Summary) -> list[Plot]:
         marks("one drive", _columns(each, factor), "@one", size=6),
         marks("all drives pooled", _columns(pooled, factor), "@two", symbol="line-ew-open", size=22),
     ]
-    layout = {"xaxis": axis(RUNS, dtick=1), "yaxis": axis(f"position, mean + 3 sigma, {unit}", type="log")}
-    caption = "Each drive, and the sub-trajectories of all drives pooled; first condition."
+    sizes = span([value * factor for _, value in each + pooled if value is not None])
+    layout = {"xaxis": axis(RUNS, dtick=1), "yaxis": log_axis(f"position, mean + 3 sigma, {unit}", *sizes)}
+    caption = (
+        "Each drive, and the sub-trajectories of all drives pooled; first condition. The pooled value contains the "
+        "differences between the drives, so that it may be above that of every drive."
+    )
     return [Plot("suite-errors", "Position error by runs", caption, traces, layout, width="full")]
 
 
