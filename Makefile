@@ -166,7 +166,7 @@ $(TEST_STAMP): $(CORE)
 	@touch $@
 
 $(STAMP): $(CORE)
-	$(call install,"sfr_loc_map[$(ROS)]")
+	$(call install,"sfr_loc_map[$(if $(ROS),ros$(COMMA))live]")
 	@touch $@
 
 $(DEV_STAMP): $(STAMP)

@@ -374,6 +374,12 @@ def covered_note(score: Score) -> str:
     return f"Incomplete: {score.incomplete}." if score.incomplete else ""
 
 
+DS_IS_COMMON = (
+    "The readings by displacement and by position compare vectors in DS: they need an estimate that starts at a true "
+    "pose (--start truth, initialpose)."
+)
+
+
 def readings_note(score: Score) -> str:
     """Return what the readings are, and which verdicts depend on them."""
     note = "".join(f"{rebase.capitalize()}: {text}. " for rebase, text in READINGS.items())
@@ -381,7 +387,9 @@ def readings_note(score: Score) -> str:
     if not judged:
         return note
     said = [f"{name_of(item)}: {readings_text(item)}" for item in judged if len(set(item.by_reading.values())) > 1]
-    return note + (f"The reading decides: {'; '.join(said)}." if said else "Each reading gives the same verdicts.")
+    return note + (
+        f"The reading decides: {'; '.join(said)}. {DS_IS_COMMON}" if said else "Each gives the same verdicts."
+    )
 
 
 def readings_text(item: Verdict) -> str:

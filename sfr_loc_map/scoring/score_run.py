@@ -253,7 +253,7 @@ def _reading_warnings(score: Score) -> Iterator[str]:
     each = ", ".join(f"{reading} {state}" for reading, state in first.by_reading.items())
     over = f" over {label_of(first.condition)}" if first.condition else ""
     text = f"the reading of the document (--rebase) decides {len(differ)} of {len(score.verdicts)} verdicts, the first"
-    yield f"{text} {first.name}{over}: {each}"
+    yield f"{text} {first.name}{over}: {each} (displacement and position need an estimate that starts at a true pose)"
 
 
 def truth_warnings(about: TruthRecord) -> Iterator[str]:
