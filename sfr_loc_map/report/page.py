@@ -30,6 +30,7 @@ from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 TITLE = "Localisation and mapping report"
 FIRST_TABLES = ("verdicts", "pairs", "failures", "headline", "covered", "readings", "counts", "groups")
 """Tables before the figures."""
+TRUTH_FILES, READ_ROLES = ("truth_file",), ("configuration", "calibration")
 TRUTH_ROLES, RESULT_ROLES = ("truth", "map_truth"), ("estimate", "cloud")
 NO_VERDICT, NO_VERDICT_ICON = "no verdict", "\u2013"
 MOST_TO_LOOK_AT = 5  #: More than this is not to be looked at first.
@@ -181,7 +182,12 @@ def data_set_name(score: Score) -> str:
 def run_facts(score: Score) -> tuple[tuple[str, str], ...]:
     """Return the facts of the header, each with its name; unknown facts are not shown."""
     drive, method, made = score.association, score.method, score.provenance
-    facts = {"Truth": ", ".join(_paths(score, TRUTH_ROLES)), "Judged": ", ".join(_paths(score, RESULT_ROLES))}
+    truths = _paths(score, TRUTH_FILES) or _paths(score, TRUTH_ROLES)
+    facts = {
+        "Truth": ", ".join(truths),
+        "Read as": ", ".join(_paths(score, READ_ROLES)),
+        "Judged": ", ".join(_paths(score, RESULT_ROLES)),
+    }
     if drive is not None:
         facts["Drive"] = f"{number(drive.path_length_m)} m in {number(drive.duration_s)} s, "
         facts["Drive"] += f"{drive.matched} stereo pairs with a truth"

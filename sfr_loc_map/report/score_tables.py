@@ -387,9 +387,9 @@ def readings_note(score: Score) -> str:
     if not judged:
         return note
     said = [f"{name_of(item)}: {readings_text(item)}" for item in judged if len(set(item.by_reading.values())) > 1]
-    return note + (
-        f"The reading decides: {'; '.join(said)}. {DS_IS_COMMON}" if said else "Each gives the same verdicts."
-    )
+    if not said:
+        return note + "Each reading gives the same verdicts."
+    return f"{note}The reading decides: {'; '.join(said)}. {DS_IS_COMMON}"
 
 
 def readings_text(item: Verdict) -> str:

@@ -52,9 +52,7 @@ def load_run(
     target = None if inputs.target is None else load_call_stats(inputs.target, needed="processing_time_s")
     run = _with_cloud(_with_target(Run(inputs, stats, target)), fused)
     how = _how_to_read(inputs)
-    truth_file, calibration = _existing(how.truth.source), _existing(how.calibration.file)
-    named = replace(inputs, configuration=how.path, truth_file=truth_file, calibration=calibration)
-    run = replace(run, inputs=named)
+    run = replace(run, inputs=with_read_files(inputs, how))
     if inputs.truth is None and truth is None:
         return run
     true, opened = _read_truth(inputs.truth, truth, how)
@@ -265,6 +263,12 @@ def with_fusion_flag(loaded: LoadedCloud, fused: bool | None, name: str) -> Load
         option, word = ("--fused", "not fused") if fused else ("--not-fused", "fused")
         raise ConfigError(f"'{option}': {name} says that it is {word}; leave the option out")
     return replace(loaded, cloud=replace(loaded.cloud, fused=fused if said is None else said))
+
+
+def with_read_files(inputs: ScoreInputs, how: SourceConfig) -> ScoreInputs:
+    """Return inputs with the files by which a source is read, for provenance."""
+    truth_file, calibration = _existing(how.truth.source), _existing(how.calibration.file)
+    return replace(inputs, configuration=how.path, truth_file=truth_file, calibration=calibration)
 
 
 def _existing(name: str) -> Path | None:

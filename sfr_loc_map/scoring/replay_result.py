@@ -17,6 +17,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import Task, hash_arrays
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, save_cloud, save_points
 from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.source_config import AS_IT_IS, source_config
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.methods.registry import record_of_ours
@@ -27,7 +28,7 @@ from sfr_loc_map.metrics.convention import converted_estimates
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, FindingRecord, MethodRecord, Score
 from sfr_loc_map.runs.calls import CallRecord, save_stats, stats_of
-from sfr_loc_map.scoring.load import estimates_of
+from sfr_loc_map.scoring.load import estimates_of, with_read_files
 from sfr_loc_map.scoring.run import CloudToScore, Correction, DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.score_run import corrected, score_run
 
@@ -154,6 +155,7 @@ def score_replay(
     """
     stats = [stats_of(result.records)] if result.records else []
     inputs = ScoreInputs(limits=limits_file, command=command)
+    how = AS_IT_IS if source.configuration is None else source_config(source.path, source.configuration)
     in_memory: dict[str, str] = {}
     if files is not None and stats:
         inputs = replace(inputs, stats=(files.stats,))
@@ -163,7 +165,7 @@ def score_replay(
         estimate = result.estimate
         estimates = estimates_of(estimate, stats)
         drive = DriveToScore(estimates, truth, source.loc.rig, images)
-        inputs = replace(inputs, truth=source.path, configuration=source.configuration)
+        inputs = replace(with_read_files(inputs, how), truth=source.path)
         if files is not None:
             inputs = replace(inputs, estimate=files.estimate)
         else:
@@ -174,7 +176,7 @@ def score_replay(
         nav_stamps_ns = source.expected_nav_ns()
         unmapped = 0 if len(result.mapped_ns) == len(nav_stamps_ns) else len(nav_stamps_ns)
     if (cloud := _scored_cloud(source, result)) is not None:
-        inputs = replace(inputs, map_truth=source.path, configuration=source.configuration)
+        inputs = replace(with_read_files(inputs, how), map_truth=source.path)
         if files is not None:
             inputs = replace(inputs, cloud=files.cloud if result.points is None else files.points)
         else:

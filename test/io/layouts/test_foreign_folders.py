@@ -16,6 +16,8 @@ from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import source_config
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.metrics.score_json import from_json
+from sfr_loc_map.report.page import run_facts
 from test.io.calibration.test_foreign_cameras import CHAINS, LENSES, kalibr
 from test.io.tables.test_foreign_tables import COUNT, drive, rows, seconds
 
@@ -111,6 +113,9 @@ def test_provenance_names_every_file_that_was_read(tmp_path: Path, sfr: Sfr) -> 
     assert names["truth_file"] == "station.csv"
     assert names["calibration"] == "camchain.yaml"
     assert all(len(item["sha256"]) == 64 for item in inputs.values())
+    facts = dict(run_facts(from_json(done.out, "score")))
+    assert facts["Truth"].endswith("station.csv")
+    assert [Path(name).name for name in facts["Read as"].split(", ")] == ["sfr.yaml", "camchain.yaml"]
     assert len(poses) == COUNT
 
 
