@@ -28,12 +28,16 @@ class PixelStatus(IntEnum):
     BEYOND_RANGE = 10  #: Farther than the largest range.
 
 
+LAST_VALID = np.uint8(PixelStatus.FILLED)  #: Largest value of a valid status.
+
+
 def is_valid(status: StatusImage) -> Mask:
     """Return which pixels `(H, W)` are measured or filled."""
-    valid: Mask = status <= PixelStatus.FILLED
+    valid: Mask = status <= LAST_VALID
     return valid
 
 
 def with_reason(status: StatusImage, failed: Mask, reason: PixelStatus) -> StatusImage:
     """Return the status of pixels of which the failed ones, if they were valid, are invalid for a reason."""
-    return np.where(failed & is_valid(status), np.uint8(reason), status)
+    newly_invalid = failed & is_valid(status)
+    return np.maximum(status, np.uint8(reason) * newly_invalid)  # a reason exceeds any valid status
