@@ -205,13 +205,13 @@ MUTATIONS = (
     Mutation("metrics/config.py", "return min(states, key", "return max(states, key"),
     Mutation("metrics/judge.py", "figure.n < limits.minimum_count", "figure.n <= limits.minimum_count"),
     Mutation(
-        "metrics/statistics.py",
+        "metrics/intervals.py",
         "1.0 - 1.0 / count) / (1.0 - 1.0 / independent",
         "1.0 - 1.0 / independent) / (1.0 - 1.0 / count",
     ),
-    Mutation("metrics/statistics.py", "np.sum(parts.squares + apart, axis=-2)", "np.sum(parts.squares, axis=-2)"),
-    Mutation("metrics/statistics.py", "1.0 - lags / float(block * size)", "1.0 - lags / float(block)"),
-    Mutation("metrics/statistics.py", "share *= 1.0 - 1.0 / independent\n    return", "return"),
+    Mutation("metrics/intervals.py", "np.sum(parts.squares + apart, axis=-2)", "np.sum(parts.squares, axis=-2)"),
+    Mutation("metrics/intervals.py", "1.0 - lags / float(block * size)", "1.0 - lags / float(block)"),
+    Mutation("metrics/intervals.py", "share *= 1.0 - 1.0 / independent\n    return", "return"),
     Mutation("metrics/comparison.py", "difference = other - first", "difference = first - other"),
     Mutation("metrics/catalogue.py", 'return kind.clause if part == TARGET else ""', "return kind.clause"),
     Mutation(
@@ -272,7 +272,7 @@ MUTATIONS = (
         "math.inf if item.value is None else item.value,",
         "0.0 if item.value is None else -item.value,",
     ),
-    Mutation("metrics/judge.py", "if score.failures:", "if score.failures and score.rules:"),
+    Mutation("metrics/judge.py", "if score.fatal_findings:", "if score.fatal_findings and score.rules:"),
     Mutation("metrics/judge.py", "interval[0] <= limit.limit < interval[1]", "interval[0] <= limit.limit"),
     # methods: what is shown to them, what a call takes
     Mutation(

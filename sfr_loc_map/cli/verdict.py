@@ -25,12 +25,12 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
     from sfr_loc_map.metrics.reasons import reasons_not_judged
     from sfr_loc_map.report.verdict_view import VerdictView
 
-    if score.failed:
+    if score.missed:
         wrong = {item.name for item in finding_verdicts(score)}
-        views = [VerdictView.of(item) for item in score.failed if item.name not in wrong]
+        views = [VerdictView.of(item) for item in score.missed if item.name not in wrong]
         missed = [f"{view.name}: {view.comparison}" for view in views]
         count = len(score.on_limits)
-        reasons = [f"the method failed: {', '.join(item.kind for item in score.failures)}"] if wrong else []
+        reasons = [f"the method failed: {', '.join(item.kind for item in score.fatal_findings)}"] if wrong else []
         reasons += [] if score.incomplete is None else [f"incomplete: {score.incomplete}"]
         reasons += [f"{len(missed)} of {count} limits missed: {'; '.join(missed)}"] if missed else []
         raise FailedVerdictError("; ".join(reasons))

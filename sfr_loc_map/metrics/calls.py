@@ -45,13 +45,13 @@ HOST_CLOCK = "host monotonic"
 OUTSIDE_CLOCK = "host monotonic, from publishing a pair to the answer"
 METHOD = "kernel high-water mark of resident memory (VmHWM), set back before each call"
 METHOD_UNAVAILABLE = "not measured: this system has no resettable high-water mark (/proc/self/clear_refs)"
-KINDS: dict[str, CallKind] = {
+STATE_KINDS: dict[str, CallKind] = {
     MappingState.MAPPED: CallKind.MAPPING,
     MappingState.FUSED: CallKind.FUSION,
     MappingState.MAPPED_SET: CallKind.MAPPING_CALL,
 }
 """Kind of call by its state; all other states are those of the localiser."""
-KINDS_OF = {Task.LOCALISATION: (CallKind.LOCALISATION,), Task.MAPPING: tuple(KINDS.values())}
+KINDS_OF = {Task.LOCALISATION: (CallKind.LOCALISATION,), Task.MAPPING: tuple(STATE_KINDS.values())}
 """Kinds of calls by their task."""
 HISTOGRAM_BINS = 40
 SERIES_ROWS = 2000  #: Calls of each kind that are kept for plots.
@@ -182,7 +182,7 @@ def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) 
     peak = np.where(calls.peak_bytes > 0.0, calls.peak_bytes, np.nan)
     above = np.where(np.isfinite(peak) | (calls.above_idle_bytes > 0.0), calls.above_idle_bytes, np.nan)
     calls = replace(calls, peak_bytes=peak, above_idle_bytes=above)
-    kinds = np.array([KINDS.get(state, CallKind.LOCALISATION) for state in calls.states], dtype=object)
+    kinds = np.array([STATE_KINDS.get(state, CallKind.LOCALISATION) for state in calls.states], dtype=object)
     times: list[Figure] = []
     peaks: list[Figure] = []
     clocks: dict[str, str] = {}
@@ -215,7 +215,7 @@ def completeness_rows(
     """Yield the rows of what of the expected calls was measured; of a kind that several have, those of the last."""
     found: dict[CallKind, tuple[Calls, NDArray[np.intp]]] = {}
     for item in calls:
-        kinds = np.array([KINDS.get(state, CallKind.LOCALISATION) for state in item.states], dtype=object)
+        kinds = np.array([STATE_KINDS.get(state, CallKind.LOCALISATION) for state in item.states], dtype=object)
         for kind in CallKind:
             if len(mine := np.flatnonzero(kinds == kind)):
                 found[kind] = item, mine
@@ -307,7 +307,8 @@ def score_target(
     """
     matched = None
     if has_stamps and estimate_ns is not None and len(estimate_ns):
-        localised = [stamp for stamp, state in zip(calls.stamps_ns, calls.states, strict=True) if state not in KINDS]
+        stamped = zip(calls.stamps_ns, calls.states, strict=True)
+        localised = [stamp for stamp, state in stamped if state not in STATE_KINDS]
         matched = float(np.isin(estimate_ns, localised).mean())
         if localised and not np.isin(localised, estimate_ns).all() and other_run is None:
             raise MetricsError(

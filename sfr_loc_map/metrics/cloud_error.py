@@ -17,6 +17,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.completeness import map_completeness
 from sfr_loc_map.metrics.config import CloudKind, MapScoreConfig
+from sfr_loc_map.metrics.intervals import chi2_interval95
 from sfr_loc_map.metrics.score import (
     CloudRecord,
     ErrorImage,
@@ -27,7 +28,6 @@ from sfr_loc_map.metrics.score import (
     column,
     figure_row,
 )
-from sfr_loc_map.metrics.statistics import chi2_interval95
 
 FOOTPRINTS = 2.0  #: A true point is covered by a point of a fused cloud nearer than so many pixel footprints, Z / f.
 BATCH = 262144

@@ -2,7 +2,7 @@
 
 Sub-trajectories of the same condition with the same first and last stamp are paired, so that an interval which is
 difficult for both does not add to the scatter of the difference. For the interval of the difference both series are
-resampled in the same blocks, which keeps the pairing (circular block bootstrap, see `metrics.statistics`).
+resampled in the same blocks, which keeps the pairing (circular block bootstrap, see `metrics.intervals`).
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.catalogue import KINDS, TOTAL, Subject
 from sfr_loc_map.metrics.formulas import statistics
+from sfr_loc_map.metrics.intervals import Interval, holm, scatter_of_difference
 from sfr_loc_map.metrics.record import Record
 from sfr_loc_map.metrics.score import Figure, MethodRecord, Score, SubTrajectoryRows
 from sfr_loc_map.metrics.score_json import to_plain
-from sfr_loc_map.metrics.statistics import Interval, holm, scatter_of_difference
 
 SCHEMA = "sfr-compare/1"
 SIGNIFICANT = 0.05  #: A corrected probability of chance above it shows no difference.

@@ -19,7 +19,7 @@ from sfr_loc_map.metrics.incomplete import shortfalls, why_incomplete
 from sfr_loc_map.metrics.limited import LimitedFigure, figure_of, truth_error_of
 from sfr_loc_map.metrics.limits import Limit, LimitPart, Limits, Rules, margin_of, meets
 from sfr_loc_map.metrics.proof import Proof, bound_row, prove, sample_of
-from sfr_loc_map.metrics.rules import about, limits_of, part_of, what_of
+from sfr_loc_map.metrics.rules import limits_of, part_of, task_of, tasks_of
 from sfr_loc_map.metrics.score import Figure, Score, Verdict
 from sfr_loc_map.metrics.terms import BOUND
 
@@ -65,7 +65,7 @@ def overall_verdict(score: Score) -> VerdictState | None:
 
     A method that did something wrong has failed, whatever its figures, and where no limit was given.
     """
-    if score.failures:
+    if score.fatal_findings:
         return VerdictState.FAIL
     if score.contradiction is not None:
         return None
@@ -108,7 +108,7 @@ def verdicts(score: Score, proofs: Mapping[Limit, Proof]) -> tuple[Verdict, ...]
 
 def finding_verdicts(score: Score) -> Iterator[Verdict]:
     """Yield a failed verdict for each kind of finding with which no score can be a pass."""
-    for item in score.failures:
+    for item in score.fatal_findings:
         yield plain_verdict(f"{item.kind.replace(' ', '_')}_calls", 0.0, float(item.count), VerdictState.FAIL)
 
 
@@ -249,13 +249,13 @@ def each_by_its_limits(scores: Sequence[Score]) -> list[Score]:
     A limit leaves a score only if another score, which is of the part that the limit is about, is judged by the same
     limit. A limit on a map therefore stays with every score where there are drives alone.
     """
-    every = [(what_of(score), limits_of(score)) for score in scores]
+    every = [(tasks_of(score), limits_of(score)) for score in scores]
     found = []
     for score, (own, limits) in zip(scores, every, strict=True):
         elsewhere = [
-            item for parts, given in every if given is not None for item in given.limits if about(item) in parts
+            item for parts, given in every if given is not None for item in given.limits if task_of(item) in parts
         ]
-        kept = [item for item in limits.limits if about(item) in own or item not in elsewhere] if limits else []
+        kept = [item for item in limits.limits if task_of(item) in own or item not in elsewhere] if limits else []
         if limits is not None and len(kept) < len(limits.limits):
             is_partial = score.rules is not None and score.rules.partial
             score = judged(score, struct_replace(limits, limits=tuple(kept)) if kept else None, partial=is_partial)

@@ -10,9 +10,9 @@ import numpy as np
 from sfr_loc_map.metrics.catalogue import ANY
 from sfr_loc_map.metrics.config import Rebase
 from sfr_loc_map.metrics.formulas import STATISTICS
+from sfr_loc_map.metrics.intervals import Interval, normal_quantile
 from sfr_loc_map.metrics.limits import WORST, Limit, LimitPart
 from sfr_loc_map.metrics.score import Figure, Score
-from sfr_loc_map.metrics.statistics import Interval, normal_quantile
 from sfr_loc_map.metrics.truth_error import ATTITUDE, TURN
 
 EXPANSION = {

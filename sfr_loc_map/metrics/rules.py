@@ -18,7 +18,7 @@ def limits_of(score: Score) -> Rules | None:
     return score.rules if score.rules is not None and score.rules.limits else None
 
 
-def about(limit: Limit) -> str:
+def task_of(limit: Limit) -> str:
     """Return whether a limit is about a drive or a map."""
     limited = limit.limited
     names = (limited.figure, limited.part or "") if limited.subject is Subject.MEMORY else (limited.figure,)
@@ -27,7 +27,7 @@ def about(limit: Limit) -> str:
     return MAP if limited.subject is Subject.MAP or limited.figure in OF_MAP else DRIVE
 
 
-def what_of(score: Score) -> list[str]:
+def tasks_of(score: Score) -> list[str]:
     """Return whether a score is about a drive, a map, or both."""
     found = []
     for part, subject in ((DRIVE, Subject.TRAJECTORY), (MAP, Subject.MAP)):
@@ -38,7 +38,7 @@ def what_of(score: Score) -> list[str]:
 
 def limits_about(limits: Limits | None, parts: Collection[str]) -> Limits | None:
     """Return the limits that are about a drive or a map; None if there is no such limit."""
-    chosen = () if limits is None else tuple(limit for limit in limits.limits if about(limit) in parts)
+    chosen = () if limits is None else tuple(limit for limit in limits.limits if task_of(limit) in parts)
     return struct_replace(limits, limits=chosen) if limits is not None and chosen else None
 
 
@@ -73,6 +73,7 @@ def parts_of(limits: Limits, score: Score) -> list[str]:
 
 def lacks_calls(limit: Limit, part: str, score: Score) -> bool:
     """Tell whether a limit is on time or memory of calls that a drive or a map must have and of which none is known."""
-    if limit.part not in (LimitPart.TIMING, LimitPart.MEMORY, LimitPart.TARGET) or about(limit) not in what_of(score):
+    is_on_calls = limit.part in (LimitPart.TIMING, LimitPart.MEMORY, LimitPart.TARGET)
+    if not is_on_calls or task_of(limit) not in tasks_of(score):
         return False
     return score.figure("judged", part=part.replace(MEMORY, CALLS)) is None

@@ -24,9 +24,9 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.catalogue import ANY, KINDS, Subject, clause_of
 from sfr_loc_map.metrics.config import AssociationMode, CloudKind, Condition, Rebase, VerdictState
 from sfr_loc_map.metrics.formulas import STATISTICS, Statistics
+from sfr_loc_map.metrics.intervals import Interval
 from sfr_loc_map.metrics.limits import Rules, is_lower_bound
 from sfr_loc_map.metrics.record import Record
-from sfr_loc_map.metrics.statistics import Interval
 
 if TYPE_CHECKING:
     import pandas
@@ -694,7 +694,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         return None if self.association is None else str(self.association.rebase)
 
     @property
-    def failures(self) -> tuple[FindingRecord, ...]:
+    def fatal_findings(self) -> tuple[FindingRecord, ...]:
         """The findings with which no score can be a pass."""
         return tuple(item for item in self.findings if item.kind.fails)
 
@@ -705,7 +705,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         return self.verdicts[len(self.verdicts) - count :]
 
     @property
-    def failed(self) -> tuple[Verdict, ...]:
+    def missed(self) -> tuple[Verdict, ...]:
         """The verdicts that are `fail`."""
         return tuple(item for item in self.verdicts if item.state is VerdictState.FAIL)
 

@@ -27,6 +27,7 @@ from sfr_loc_map.metrics.completeness import completeness
 from sfr_loc_map.metrics.config import AssociationConfig, Condition, ConditionKind, Rebase, TrajectoryScoreConfig
 from sfr_loc_map.metrics.consistency import StepSums, nees_rows, sums_of_steps
 from sfr_loc_map.metrics.formulas import Lengths, Poses, SubTrajectoryErrors
+from sfr_loc_map.metrics.intervals import interval95
 from sfr_loc_map.metrics.proof import evidence_rows
 from sfr_loc_map.metrics.score import (
     Association,
@@ -40,7 +41,6 @@ from sfr_loc_map.metrics.score import (
     column,
     figure_row,
 )
-from sfr_loc_map.metrics.statistics import interval95
 from sfr_loc_map.metrics.truth_error import truth_error_rows, turn_rows
 
 READINGS: dict[Rebase, Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors]] = {

@@ -145,11 +145,11 @@ def _overall(state: str | None, text: str, open_icon: str) -> Overall:
 def overall_of(score: Score) -> Overall:
     """Return the verdict over all limits, as it is shown."""
     state = score.verdict
-    if score.contradiction is not None and not score.failures:
+    if score.contradiction is not None and not score.fatal_findings:
         return _overall(None, f"Not judged: {score.contradiction}", NO_VERDICT_ICON)
     part = "" if score.incomplete is None else f"Incomplete: {score.incomplete}. "
-    if score.failures:
-        part = f"The method under test failed: {', '.join(item.kind for item in score.failures)}. {part}"
+    if score.fatal_findings:
+        part = f"The method under test failed: {', '.join(item.kind for item in score.fatal_findings)}. {part}"
     states = [item.state for item in score.on_limits]
     if not states:
         text = part.strip() or "No limits were given: there is no verdict."

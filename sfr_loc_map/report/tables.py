@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import quote
 
 from sfr_loc_map.inputs import printable
-from sfr_loc_map.metrics.statistics import Interval
+from sfr_loc_map.metrics.intervals import Interval
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable

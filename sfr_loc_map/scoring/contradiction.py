@@ -8,7 +8,7 @@ from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.convention import diagnose
 
 
-def contradiction_of(
+def convention_mismatch(
     estimate: Trajectory, truth: Trajectory, association: AssociationConfig, rig: StereoRig | None = None
 ) -> str | None:
     """Return the convention mismatch that explains how estimate and truth disagree, and its remedy; None without."""

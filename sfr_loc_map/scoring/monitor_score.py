@@ -29,7 +29,7 @@ from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, lost_by_covariance, unique_rows
-from sfr_loc_map.metrics.calls import KINDS, METHOD, Calls, ScoredCalls, completeness_rows, score_calls, stage_of
+from sfr_loc_map.metrics.calls import METHOD, STATE_KINDS, Calls, ScoredCalls, completeness_rows, score_calls, stage_of
 from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
 from sfr_loc_map.metrics.completeness import live_completeness, settled
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
@@ -39,7 +39,7 @@ from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import SCHEMA, Details, Figure, Provenance, Score
 from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
 from sfr_loc_map.runs.calls import CallRecord
-from sfr_loc_map.scoring.contradiction import contradiction_of
+from sfr_loc_map.scoring.contradiction import convention_mismatch
 
 T = TypeVar("T")
 MAX_STAGES = 16  #: Stages whose times are kept: their names come from the network.
@@ -267,7 +267,7 @@ class MonitorScore:
         pairs = np.array(sorted(self.map_inputs.pair_stamps_ns), np.int64)
         if len(self._calls):
             calls = self._calls.calls()
-            is_mapping = np.array([state in KINDS for state in calls.states])
+            is_mapping = np.array([state in STATE_KINDS for state in calls.states])
             known = {
                 Task.LOCALISATION: settled(expected, calls.stamps_ns[~is_mapping], in_flight_ns),
                 Task.MAPPING: settled(pairs, calls.stamps_ns[is_mapping], in_flight_ns),
@@ -300,7 +300,7 @@ class MonitorScore:
         truth, estimates = self._given_truth(), self._given_estimates()
         if truth is None or estimates is None:
             return None
-        return contradiction_of(estimates.trajectory, truth, self._config.trajectory.association)
+        return convention_mismatch(estimates.trajectory, truth, self._config.trajectory.association)
 
     @property
     def poses(self) -> int:

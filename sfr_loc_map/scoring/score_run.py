@@ -52,7 +52,7 @@ from sfr_loc_map.metrics.score import (
 )
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.runs.calls import CallStats
-from sfr_loc_map.scoring.contradiction import contradiction_of
+from sfr_loc_map.scoring.contradiction import convention_mismatch
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.provenance import provenance_of
 from sfr_loc_map.scoring.run import Correction, DriveToScore, Run, ScoreInputs
@@ -202,7 +202,7 @@ def _drive_part(
     if drive is None:
         return _DrivePart()
     association = config.trajectory.association
-    contradiction = contradiction_of(drive.estimates.trajectory, drive.truth, association, drive.rig)
+    contradiction = convention_mismatch(drive.estimates.trajectory, drive.truth, association, drive.rig)
     scored = score_trajectory(
         drive.estimates, drive.truth, config.trajectory, image_stamps_ns=drive.image_stamps_ns, bounded=bounded
     )

@@ -73,7 +73,7 @@ def test_coverage_is_a_lower_bound_and_times_have_counts() -> None:
     )
     assert judge(content, score) == ["pass", "not enough data", "fail"]
     assert judge({"map": {"coverage_min": 0.95}}, score) == ["fail"]
-    assert [item.name for item in judged(score, parse_limits(content, "limits")).failed] == ["mapping_peak_bytes"]
+    assert [item.name for item in judged(score, parse_limits(content, "limits")).missed] == ["mapping_peak_bytes"]
 
 
 @pytest.mark.clause("4.2.1")

@@ -269,7 +269,7 @@ def result_table(
             cells.append(Cell.number(score.number("coverage"), "coverage", PERCENT, ABSENT))
         else:
             cells += [_number_cell(score, unit, figure, statistic) for _, unit, figure, statistic in OF_DRIVES]
-        cells.append(Cell.number(len(score.failed)))
+        cells.append(Cell.number(len(score.missed)))
         cells.append(Cell(job.key[:SHORT_KEY], link=f"results/{job.key}.json"))
         rows.append(tuple(cells))
     return Table(name, title, tuple(columns), tuple(rows), note)

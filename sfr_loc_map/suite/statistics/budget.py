@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.statistics import student_quantile
+from sfr_loc_map.metrics.intervals import student_quantile
 from sfr_loc_map.suite.running.variants import ALL, NONE, variant_name
 
 MIN_DRIVES = 5  #: With fewer drives there is no interval.

@@ -18,8 +18,8 @@ import numpy as np
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.comparison import Outcome
+from sfr_loc_map.metrics.intervals import Interval, holm
 from sfr_loc_map.metrics.score_json import to_plain
-from sfr_loc_map.metrics.statistics import Interval, holm
 from sfr_loc_map.suite.statistics.figures import FigureKind, FigureName, figures_of
 from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary, drawn_weights
 

@@ -23,8 +23,8 @@ from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.inputs import refusing
 from sfr_loc_map.metrics.comparison import Outcome
+from sfr_loc_map.metrics.intervals import Interval
 from sfr_loc_map.metrics.score_json import MAX_NUMBER, to_plain
-from sfr_loc_map.metrics.statistics import Interval
 from sfr_loc_map.suite.statistics.figures import FigureKind, FigureName
 
 WINDOWS = (1, 4)  #: Nights whose mean is compared with those before: a large change at once, a small one later.

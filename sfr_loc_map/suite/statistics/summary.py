@@ -22,6 +22,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.catalogue import KINDS, SUITE, Subject
 from sfr_loc_map.metrics.completeness import expected_row
 from sfr_loc_map.metrics.config import VerdictState, worst_of
+from sfr_loc_map.metrics.intervals import student_quantile
 from sfr_loc_map.metrics.judge import (
     finding_verdicts,
     incomplete_verdict,
@@ -33,10 +34,9 @@ from sfr_loc_map.metrics.judge import (
 from sfr_loc_map.metrics.limited import LimitedFigure, figure_of, truth_error_of
 from sfr_loc_map.metrics.limits import Limit, Limits, meets
 from sfr_loc_map.metrics.proof import SEQUENTIAL, prove, sample_of
-from sfr_loc_map.metrics.rules import about, limits_about, what_of
+from sfr_loc_map.metrics.rules import limits_about, task_of, tasks_of
 from sfr_loc_map.metrics.score import POOLED, Figure, Score, Verdict, figure_row
 from sfr_loc_map.metrics.score_json import to_plain
-from sfr_loc_map.metrics.statistics import student_quantile
 from sfr_loc_map.metrics.terms import Interpretation, Terms
 from sfr_loc_map.metrics.tolerance import Sample
 from sfr_loc_map.suite.running.cluster import WorkerRecord
@@ -189,7 +189,7 @@ def summarise(store: Store) -> Summary:
     for job, state in entries:
         if state == "done":
             score = store.score(job)
-            of_score = limits_about(limits, what_of(score))
+            of_score = limits_about(limits, tasks_of(score))
             drives.append(ScoredJob(job, judged(score, of_score, partial=job.scoring.partial)))
     return Summary(
         tasks=len(entries),
@@ -236,7 +236,7 @@ def groups_of(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator[Gr
     members: dict[tuple[str, str, str], list[ScoredJob]] = {}
     for drive in drives:
         members.setdefault(drive.runs, []).append(drive)
-    parts_judged = {part for drive in drives for part in what_of(drive.score)}
+    parts_judged = {part for drive in drives for part in tasks_of(drive.score)}
     for (task, configuration, faults), jobs in members.items():
         scores = [job.score for job in jobs]
         trajectories = [score.association for score in scores if score.association is not None]
@@ -283,14 +283,14 @@ def verdicts_over(
         # a drive that is not covered is no pass, whatever the figures of the others
         whole = replace(incomplete_verdict(min(shares, default=None)), n=len(scores))
         yield _of_group(whole, "worst drive", len(parts))
-    parts_judged = {part for score in scores for part in what_of(score)}
+    parts_judged = {part for score in scores for part in tasks_of(score)}
     for limit in () if limits is None else limits.limits:
-        if about(limit) not in parts_judged and about(limit) in of_suite:
+        if task_of(limit) not in parts_judged and task_of(limit) in of_suite:
             continue  # maps are not judged by the limits of drives
         if limit.terms is not None:
             yield proof_over_drives(limit, limit.terms, results)
             continue
-        own = [score for score in scores if about(limit) in what_of(score)]
+        own = [score for score in scores if task_of(limit) in tasks_of(score)]
         of_each = [figure_of(limit, score) for score in own]
         values = [each.value for each in of_each if each.value is not None]
         worst_value = min(values, default=None) if limit.is_lower_bound else max(values, key=abs, default=None)
@@ -316,7 +316,7 @@ def independent_of_drives(limit: Limit, results: Sequence[tuple[str, Score]]) ->
     """Return how many values of a limited figure are independent; repeats of one drive count as one of them."""
     of_drives: dict[str, float] = {}
     for drive, score in results:
-        if about(limit) in what_of(score):
+        if task_of(limit) in tasks_of(score):
             of_drives[drive] = max(of_drives.get(drive, 0.0), figure_of(limit, score).independent or 0.0)
     return sum(of_drives.values())
 
