@@ -81,6 +81,8 @@ def run(
             say(f"sfr: warning: left out: {refusal.reason}", err=True)
         wanted = ("waiting", "failed") if retry_failed else ("waiting",)
         jobs = [job for job in planned if store.state(job.key) in wanted]
+        if settings.stop_when_decided:  # in the order in which a sequential test takes the drives
+            jobs.sort(key=lambda job: (job.drive, job.key))
         places = min(workers or max(1, _cores() // settings.threads), max(1, len(jobs)))
         if dry_run:
             for job in jobs:

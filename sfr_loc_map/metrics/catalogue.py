@@ -88,6 +88,8 @@ CATALOGUE = (
     FigureKind("degraded", Subject.COMPLETENESS, "", "1", "degraded"),
     FigureKind("unmatched", Subject.COMPLETENESS, "", "1", "estimates without ground truth"),
     FigureKind("doubled", Subject.COMPLETENESS, "", "1", "estimates with a repeated stamp"),
+    FigureKind("poses_repeated", Subject.COMPLETENESS, "", "1", "poses that repeat the pose before while moving"),
+    FigureKind("poses_of_truth", Subject.COMPLETENESS, "", "1", "poses that are those of the ground truth"),
     FigureKind("longest_gap", Subject.COMPLETENESS, "", "m", "longest gap"),
     FigureKind("points_without_truth", Subject.COMPLETENESS, "", "1", "map points without ground truth"),
     FigureKind("pairs_without_cloud", Subject.COMPLETENESS, "", "1", "mapping pairs without points"),

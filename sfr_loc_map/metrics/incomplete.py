@@ -18,6 +18,8 @@ NO_CALL = "no {part} call was measured: give the calls of the run (--stats)"
 NO_STAMP = "the {part} calls have no stamps, so that their pairs are unknown"
 NO_STATE = "which poses are {figure} is unknown: give the calls of the run (--stats)"
 OF_STATES = ("lost", "degraded")  #: Figures that need the state of each pose.
+NEVER_PARTIAL = ("calls_other", "calls_doubled", "doubled", "poses_of_truth")
+"""Figures that are no matter of a part: what is given is of something else, or twice."""
 STATES = "states"  #: Part of what is unknown of the states of poses.
 
 
@@ -87,7 +89,7 @@ def _shortfalls_of(score: Score, part: str, allowed: Collection[str]) -> Iterato
     of_calls = CALLS in words
     kind = part.replace(f"{CALLS} ", "") if of_calls else None
     for figure, _, most, text in (each for each in SHORTFALLS if each.part == (CALLS if of_calls else part)):
-        asked = is_partial and figure not in ("calls_other", "calls_doubled")
+        asked = is_partial and figure not in NEVER_PARTIAL
         found = score.figure(figure, subject=Subject.COMPLETENESS, part=kind)
         value = None if found is None else found.value
         if figure in allowed or asked or most is None or value is None or value <= most:

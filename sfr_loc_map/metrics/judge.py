@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map.metrics.catalogue import DRIVE, KINDS, LIVE
+from sfr_loc_map.metrics.catalogue import DRIVE, KINDS, LIVE, MAP
 from sfr_loc_map.metrics.config import Rebase, VerdictState, worst_of
 from sfr_loc_map.metrics.incomplete import shortfalls, why_incomplete
 from sfr_loc_map.metrics.limited import LimitedFigure, figure_of, truth_error_of
@@ -224,8 +224,16 @@ class Common(NamedTuple):
     text: str = ""
 
 
+OF_PART = {DRIVE: ("trajectory", "localisation"), MAP: ("map", "mapping")}
+"""First words of the settings that are about a drive or a map."""
+
+
 def common_verdict(scores: Sequence[Score]) -> Common:
-    """Return the verdict over scores: the worst, and a pass only if all are of one item under test, which is named."""
+    """Return the verdict over scores: the worst, and a pass only if all are of one run.
+
+    Scores are of one run if all name the same item under test and were made by the same version and configuration from
+    the same ground truth. Several drives have a verdict in common in a suite, which counts the drives that it planned.
+    """
     states = [score.verdict for score in scores]
     worst = worst_of(state for state in states if state is not None)
     if worst is VerdictState.PASS and None in states:
@@ -240,7 +248,32 @@ def common_verdict(scores: Sequence[Score]) -> Common:
         return Common(None, "There is no common verdict: not every score names its item under test.")
     if len(items) > 1:
         return Common(None, f"There is no common verdict: the scores are of {len(items)} items under test.")
+    if (difference := difference_of(scores)) is not None:
+        return Common(None, f"There is no common verdict: {difference}.")
     return Common(worst)
+
+
+def difference_of(scores: Sequence[Score]) -> str | None:
+    """Return in what scores of one item under test are not of one run; None if they are."""
+    made = [score.provenance for score in scores if score.provenance is not None]
+    if len(made) < len(scores):
+        return "not every score says what it was made of"
+    if len({(item.version, item.commit) for item in made}) > 1:
+        return "the scores were made by several versions of sfr_loc_map"
+    for role in ("truth", "map_truth"):
+        files = [item.inputs[role] for item in made if role in item.inputs]
+        if len({file.data_sha256 or file.sha256 for file in files}) > 1:
+            return "the scores are of several ground truths, which a suite judges together"
+    for part, words in OF_PART.items():
+        settings = [
+            {name: value for name, value in item.configuration.items() if name.partition(".")[0] in words}
+            for score, item in zip(scores, made, strict=True)
+            if part in tasks_of(score)
+        ]
+        names = sorted({name for mine in settings for name, value in mine.items()})
+        if odd := [name for name in names if any(mine.get(name) != settings[0].get(name) for mine in settings)]:
+            return f"the scores are of several configurations ({', '.join(odd)})"
+    return None
 
 
 def each_by_its_limits(scores: Sequence[Score]) -> list[Score]:

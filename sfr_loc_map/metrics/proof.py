@@ -95,8 +95,12 @@ def prove(terms: Terms, limit: float, drives: Mapping[str, Sequence[Sample]]) ->
 
 
 def sample_over_drives(interpretation: Interpretation, drives: Mapping[str, Sequence[Sample]]) -> Sample:
-    """Return the errors that represent drives, by name and each with its runs, in their order."""
-    chosen = [error_of_drive(interpretation, name, samples) for name, samples in drives.items()]
+    """Return the errors that represent drives, by name and each with its runs, in the order of their names.
+
+    The names of a suite's drives are hashes of their data. A sequential test therefore takes the drives in an order
+    that the order of a file does not change.
+    """
+    chosen = [error_of_drive(interpretation, name, samples) for name, samples in sorted(drives.items())]
     return Sample(np.array(chosen), float(len(chosen)))
 
 

@@ -32,7 +32,22 @@ SHORTFALLS = (
     ShortfallKind("lost", DRIVE),
     ShortfallKind("degraded", DRIVE),
     ShortfallKind("unmatched", DRIVE),
-    ShortfallKind("doubled", DRIVE),
+    ShortfallKind("doubled", DRIVE, 0.0, "{percent} % of the estimates have the stamp of another estimate"),
+    ShortfallKind(
+        "poses_repeated",
+        DRIVE,
+        0.0,
+        "{percent} % of the poses repeat the pose before although the rover moves, and are not reported as lost or "
+        "degraded",
+    ),
+    # an estimate that starts at the true pose is near it for a while
+    ShortfallKind(
+        "poses_of_truth",
+        DRIVE,
+        0.1,
+        "{percent} % of the steps are those of the ground truth, more exactly than any measurement: give the estimate "
+        "of the item under test",
+    ),
     ShortfallKind("pairs_without_cloud", MAP, 0.0, "{percent} % of the mapping pairs have no point in the cloud"),
     # a few points at the edges of the sky have no truth
     ShortfallKind(

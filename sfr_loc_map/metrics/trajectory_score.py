@@ -26,6 +26,7 @@ from sfr_loc_map.metrics.catalogue import KINDS
 from sfr_loc_map.metrics.completeness import completeness
 from sfr_loc_map.metrics.config import AssociationConfig, Condition, ConditionKind, Rebase, TrajectoryScoreConfig
 from sfr_loc_map.metrics.consistency import StepSums, nees_rows, sums_of_steps
+from sfr_loc_map.metrics.copies import copy_rows
 from sfr_loc_map.metrics.formulas import Lengths, Poses, SubTrajectoryErrors
 from sfr_loc_map.metrics.intervals import interval95
 from sfr_loc_map.metrics.proof import evidence_rows
@@ -151,6 +152,8 @@ def score_trajectory(
     )
     unknown = placed.estimates.unknown_states(frames.est_rows)
     covered = [msgspec.structs.replace(row, value=None) if row.figure in unknown else row for row in covered]
+    is_reported = (placed.estimates.lost | placed.estimates.degraded)[frames.est_rows]
+    covered += copy_rows(frames, truth, is_reported, interpolated=association.interpolated > 0)
     chosen = [select(condition, config.spacing, frames, length_m) for condition in conditions]
     sums = step_sums(placed.estimates, frames, chosen)
     figures: list[Figure] = []

@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from scipy.interpolate import CubicSpline
 
 from helpers.cli_result import Sfr
 from helpers.made_scene import nav_pair, write_folder
+from helpers.made_suites import made_suite
+from helpers.made_suites import straight as made_drive
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.clouds.cloud_file import save_cloud, save_points
@@ -129,3 +132,152 @@ def test_a_suite_refuses_a_result_that_names_no_job(tmp_path: Path, files: tuple
     done = sfr("suite", "report", out, "--overwrite")
     assert done.code == 2
     assert "does not name its job" in done.err
+
+
+def wandering(sigma_m: float, seed: int = 1, count: int = COUNT) -> Trajectory:
+    """A bend of 0.1 m a step with an error that accumulates on each step and on the heading."""
+    rng, heading = np.random.default_rng(seed), np.linspace(0.0, 2.0, count)
+    steps = 0.1 * np.column_stack((np.cos(heading), np.sin(heading), 0.2 * np.sin(8.0 * heading)))
+    positions = np.cumsum(steps + rng.normal(0.0, sigma_m, (count, 3)), axis=0)
+    turned = 0.5 * (heading + np.cumsum(rng.normal(0.0, sigma_m, count)))
+    quats = np.column_stack((np.zeros((count, 2)), np.sin(turned), np.cos(turned)))
+    return Trajectory(np.arange(count) * PERIOD_NS, positions, quats)
+
+
+def test_every_stamp_that_occurs_twice_and_every_pose_that_repeats_another_counts(tmp_path: Path, sfr: Sfr) -> None:
+    """One pose of 300, which earlier versions did not mention below a tenth; a slow start repeats nothing."""
+    paths, score = (tmp_path / "e.csv", tmp_path / "t.csv"), tmp_path / "s.json"
+    truth, good = wandering(0.0), wandering(1e-3)
+    save_trajectory(paths[1], truth)
+    again = np.insert(np.arange(COUNT), 50, 49)
+    doubled = Trajectory(good.stamps_ns[again], good.positions[again], good.quats_xyzw[again])
+    copied = np.arange(COUNT)
+    copied[101:104] = 100
+    repeated = Trajectory(good.stamps_ns, good.positions[copied], good.quats_xyzw[copied])
+    for estimate, figure, count, code in (
+        (good, "doubled", 0, 0),
+        (doubled, "doubled", 1, 3),
+        (repeated, "poses_repeated", 3, 3),
+    ):
+        save_trajectory(paths[0], estimate)
+        for more, expected in (({}, code), ({"completeness": {f"{figure}_max_share": 0.02}}, 0)):
+            rules = limits(tmp_path, {**POSITION, **more})
+            assert sfr("score", *paths, "--limits", rules, "--json", score, "--overwrite").code == expected, figure
+            (row,) = (
+                row
+                for row in json.loads(score.read_text())["figures"]
+                if (row["figure"], row.get("part")) == (figure, "count")
+            )
+            assert row["value"] == count
+    calls = tmp_path / "e.stats.csv"
+    states = ["lost" if row in (101, 102, 103) else "tracking" for row in range(COUNT)]
+    rows = [f"{stamp},0.1,{state}" for stamp, state in zip(good.stamps_ns, states, strict=True)]
+    calls.write_text("\n".join(["stamp_ns,processing_time_s,state", *rows]) + "\n")
+    assert sfr("score", *paths, "--limits", limits(tmp_path, POSITION)).code == 0, "reported as lost"
+
+
+def test_a_rover_that_stands_and_a_slow_start_repeat_no_pose(tmp_path: Path, sfr: Sfr) -> None:
+    """The truth has noise of 1 mm; the estimate knows that the rover stands."""
+    truth, good = wandering(0.0), wandering(1e-3)
+    stands = np.minimum(np.arange(COUNT), 250)
+    noise = np.random.default_rng(2).normal(0.0, 1e-3, (COUNT, 3))
+    save_trajectory(tmp_path / "t.csv", Trajectory(truth.stamps_ns, truth.positions[stands] + noise, truth.quats_xyzw))
+    save_trajectory(tmp_path / "e.csv", Trajectory(good.stamps_ns, good.positions[stands], good.quats_xyzw[stands]))
+    rules = limits(tmp_path, POSITION)
+    assert sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", rules).code == 0
+
+
+def test_a_copy_of_the_truth_is_found_if_it_is_changed_rounded_resampled_or_moved(tmp_path: Path, sfr: Sfr) -> None:
+    paths, truth = (tmp_path / "e.csv", tmp_path / "t.csv"), wandering(0.0)
+    save_trajectory(paths[1], truth)
+    fine_ns = truth.stamps_ns[:-1] + 3 * PERIOD_NS // 7
+    at_s, time_s = fine_ns * 1e-9, truth.stamps_ns * 1e-9
+    linear = np.stack([np.interp(at_s, time_s, axis) for axis in truth.positions.T], axis=1)
+    moved = truth.positions @ np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]).T + 3.0
+    half = np.sqrt(0.5)
+    x, y, z, w = truth.quats_xyzw.T
+    turned = np.column_stack((half * (x - y), half * (x + y), half * (z + w), half * (w - z)))
+    part = wandering(1e-3).positions
+    part[100:200] = part[100] - truth.positions[100] + truth.positions[100:200]
+    copies = {
+        "a bit": (truth.stamps_ns, np.nextafter(truth.positions, 9.0), truth.quats_xyzw),
+        "own attitudes": (truth.stamps_ns, truth.positions, wandering(1e-3).quats_xyzw),
+        "linear": (fine_ns, linear, truth.quats_xyzw[:-1]),
+        "spline": (fine_ns, CubicSpline(time_s, truth.positions)(at_s), truth.quats_xyzw[:-1]),
+        "moved": (truth.stamps_ns, moved, turned),
+        "a third of the drive": (truth.stamps_ns, part, truth.quats_xyzw),
+    }
+    for digits in (3, 4, 5, 6):
+        copies[f"{digits} decimals"] = (truth.stamps_ns, np.round(truth.positions, digits), truth.quats_xyzw)
+    for name, columns in copies.items():
+        save_trajectory(paths[0], Trajectory(*columns))
+        for option in ((), ("--partial",)):
+            done = sfr("score", *paths, "--limits", limits(tmp_path, POSITION), *option)
+            assert (done.code, "of the steps are those of the ground truth" in done.err) == (3, True), (name, done.err)
+    labelled = limits(tmp_path, {**POSITION, "completeness": {"poses_of_truth_max_share": 1.0}})
+    assert sfr("score", *paths, "--limits", labelled).code == 0, "a simulated estimate without an error says so"
+
+
+@pytest.mark.parametrize("digits", [3, 4, 6, 12])
+@pytest.mark.parametrize("sigma_m", [1e-4, 1e-3])
+def test_an_excellent_estimate_is_no_copy_of_the_truth(tmp_path: Path, sfr: Sfr, sigma_m: float, digits: int) -> None:
+    """Noise of 0.1 mm a step of 100 mm: at the end of 30 m the error is a few mm."""
+    paths, good = (tmp_path / "e.csv", tmp_path / "t.csv"), wandering(sigma_m)
+    save_trajectory(paths[1], wandering(0.0))
+    save_trajectory(paths[0], Trajectory(good.stamps_ns, np.round(good.positions, digits), good.quats_xyzw))
+    done = sfr("score", *paths, "--limits", limits(tmp_path, POSITION))
+    assert done.code == 0, done.err
+
+
+def test_scores_of_several_runs_have_no_pass_in_common(tmp_path: Path, sfr: Sfr) -> None:
+    """Other items, versions, configurations and sources: each score passes, and the test report has no verdict."""
+    paths = tmp_path / "e.csv", tmp_path / "t.csv"
+    save_trajectory(paths[1], wandering(0.0))
+    save_trajectory(paths[0], wandering(1e-3))
+    header = "stamp_ns,processing_time_s,state,method,method_version,method_kind"
+    stamps = wandering(0.0).stamps_ns
+
+    def scored(name: str, *options: str, version: str = "1", truth: Path = paths[1]) -> Path:
+        rows = [f"{stamp},0.1,tracking,mine,{version},python" for stamp in stamps]
+        (tmp_path / "e.stats.csv").write_text("\n".join([header, *rows]) + "\n")
+        found = tmp_path / f"{name}.json"
+        assert sfr("score", paths[0], truth, "--limits", rules, "--json", found, *options).code == 0
+        return found
+
+    rules, moved = limits(tmp_path, POSITION), tmp_path / "moved.csv"
+    other = wandering(0.0)
+    save_trajectory(moved, Trajectory(stamps, other.positions + 1.0, other.quats_xyzw))
+    first, same = scored("first"), scored("same")
+    changed = json.loads(first.read_text())
+    changed["provenance"]["version"] = "0.0.1"
+    (tmp_path / "version.json").write_text(json.dumps(changed))
+    mixed = {
+        "2 items under test": scored("item", version="2"),
+        "several versions": tmp_path / "version.json",
+        "several configurations (trajectory.spacing)": scored("spacing", "--spacing", "5"),
+        "several ground truths": scored("source", truth=moved),
+    }
+    page = tmp_path / "report.html"
+    assert sfr("report", first, same, "--test-report", page).code == 0
+    for text, path in mixed.items():
+        done = sfr("report", first, path, "--test-report", page, "--overwrite")
+        assert (done.code, text in done.err) == (3, True), (text, done.err)
+        assert "<strong>NO COMMON VERDICT" in page.read_text()
+
+
+def test_the_order_of_the_drives_in_the_file_decides_nothing(tmp_path: Path, sfr: Sfr) -> None:
+    """One of three drives is bad. The first drive decides; drives are taken in the order of their hashes."""
+    folder, found = tmp_path / "suite", []
+    made_suite(folder, 3, 1e-3)
+    save_trajectory(folder / "drive0.csv", made_drive(60, 0.1, 9))
+    content = yaml.safe_load((folder / "suite.yaml").read_text())
+    bound = {"limit": 0.02, "prob": 0.5, "confidence": 0.5, "power": 0.5, "good": 0.0, "interpretation": "ensemble"}
+    content["limits"] = {"trajectory": [{"condition": "distance=1", "position_bound_m": bound}]}
+    for number, step in enumerate((1, -1)):
+        suite = folder / f"suite{number}.yaml"
+        suite.write_text(yaml.safe_dump({**content, "sources": content["sources"][::step]}))
+        sfr("suite", "run", suite, "--out", tmp_path / f"out{number}", "--workers", "1")
+        found.append(json.loads((tmp_path / f"out{number}" / "suite.json").read_text()))
+    first, second = ([item for group in suite["groups"] for item in group["verdicts"]] for suite in found)
+    assert first == second
+    assert found[0]["groups"] == found[1]["groups"]

@@ -53,6 +53,11 @@ RESAMPLES = 2000
 SEED = 20260101
 
 
+def runs_of(job: Job) -> tuple[str, str, str]:
+    """Return what a job has in common with the others of its group: task, configuration, faults or variant."""
+    return job.kind.value, job.configuration, job.alteration
+
+
 @dataclass(frozen=True, slots=True)
 class ScoredJob:
     """A job with its score."""
@@ -63,7 +68,7 @@ class ScoredJob:
     @property
     def runs(self) -> tuple[str, str, str]:
         """What it has in common with the drives of its group: task, configuration, faults or variant of a budget."""
-        return self.job.kind.value, self.job.configuration, self.job.alteration
+        return runs_of(self.job)
 
     @property
     def figure(self) -> float | None:
@@ -194,7 +199,7 @@ def summarise(store: Store) -> Summary:
     return Summary(
         tasks=len(entries),
         waiting=sum(state == "waiting" for _, state in entries),
-        groups=tuple(groups_of(drives, limits)),
+        groups=tuple(groups_of(drives, limits, [job for job, state in entries if state != "done"])),
         drives=tuple(drives),
         failures=tuple(store.failure(job.key) for job, state in entries if state == "failed"),
         refusals=store.refusals,
@@ -231,13 +236,20 @@ def _drive_errors(score: Score, condition: str) -> DriveErrors | None:
     return DriveErrors(rows[0].n or 0, np.array(mean), np.array(sigma))
 
 
-def groups_of(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator[Group]:
-    """Yield the groups of results, in the order in which they first occur."""
+def groups_of(drives: Sequence[ScoredJob], limits: Limits | None, unfinished: Sequence[Job] = ()) -> Iterator[Group]:
+    """Yield the groups of results, in the order in which they first occur.
+
+    Within a group, results are in the order of the hashes of their drives and jobs, so that no figure and no verdict
+    depends on the order of the suite's file. `unfinished` are the jobs without a result.
+    """
     members: dict[tuple[str, str, str], list[ScoredJob]] = {}
     for drive in drives:
         members.setdefault(drive.runs, []).append(drive)
     parts_judged = {part for drive in drives for part in tasks_of(drive.score)}
-    for (task, configuration, faults), jobs in members.items():
+    for runs, jobs in members.items():
+        task, configuration, faults = runs
+        jobs = sorted(jobs, key=lambda item: (item.job.drive, item.job.key))
+        next_drive = min((job.drive for job in unfinished if runs_of(job) == runs), default=None)
         scores = [job.score for job in jobs]
         trajectories = [score.association for score in scores if score.association is not None]
         conditions = list(dict.fromkeys(condition for score in scores for condition in score.conditions))
@@ -251,7 +263,7 @@ def groups_of(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator[Gr
             lost=sum(item.lost for item in trajectories),
             matched=sum(item.matched for item in trajectories),
             figures=pooled,
-            verdicts=tuple(verdicts_over(limits, results, pooled, parts_judged)),
+            verdicts=tuple(verdicts_over(limits, results, pooled, parts_judged, next_drive)),
         )
 
 
@@ -260,11 +272,12 @@ def verdicts_over(
     results: Sequence[tuple[str, Score]],
     pooled: tuple[Figure, ...],
     of_suite: Collection[str] = (),
+    next_drive: str | None = None,
 ) -> Iterator[GroupVerdict]:
     """Yield the verdicts over drives that were run alike: those that need no limit, then one for each limit.
 
     `of_suite` are the parts that any result of the suite is about. A limit that is about none of them has not enough
-    data in every group.
+    data in every group. `next_drive` is the first drive, in the order of their hashes, that has no result yet.
     """
     scores = [score for _, score in results]
     wrong = [item for score in scores for item in finding_verdicts(score)]
@@ -288,7 +301,7 @@ def verdicts_over(
         if task_of(limit) not in parts_judged and task_of(limit) in of_suite:
             continue  # maps are not judged by the limits of drives
         if limit.terms is not None:
-            yield proof_over_drives(limit, limit.terms, results)
+            yield proof_over_drives(limit, limit.terms, results, next_drive)
             continue
         own = [score for score in scores if task_of(limit) in tasks_of(score)]
         of_each = [figure_of(limit, score) for score in own]
@@ -331,11 +344,19 @@ def samples_by_drive(limit: Limit, results: Sequence[tuple[str, Score]]) -> dict
     return samples
 
 
-def proof_over_drives(limit: Limit, terms: Terms, results: Sequence[tuple[str, Score]]) -> GroupVerdict:
-    """Return the verdict on a limit with a share and a confidence over drives."""
+def proof_over_drives(
+    limit: Limit, terms: Terms, results: Sequence[tuple[str, Score]], next_drive: str | None = None
+) -> GroupVerdict:
+    """Return the verdict on a limit with a share and a confidence over drives.
+
+    A sequential test takes the drives up to the first one that has no result, so that it does not matter which drives
+    happened to be finished.
+    """
     samples = samples_by_drive(limit, results)
+    is_sequential = terms.good is not None and next_drive is not None
+    taken = {drive: runs for drive, runs in samples.items() if not is_sequential or drive < (next_drive or "")}
     truth_error = max((truth_error_of(limit, score, score.reading) for _, score in results), default=0.0)
-    verdict = proof_verdict(limit, prove(terms, limit.limit, samples), None, truth_error)
+    verdict = proof_verdict(limit, prove(terms, limit.limit, taken), None, truth_error)
     exceeding = sum(any(not (run.sizes <= limit.limit).all() for run in runs) for runs in samples.values())
     over = "worst drive" if terms.interpretation is Interpretation.TEMPORAL else "all drives"
     return _of_group(verdict, over, exceeding)

@@ -1,0 +1,139 @@
+"""Estimates that nobody measured: copies of the pose before, and copies of the ground truth.
+
+Both are counted as figures of completeness. A pose is repeated if it equals the pose before bit by bit although the
+rover moves and no state reports it as lost or degraded. A pose is of the truth if its step is the true step more
+exactly than any measurement, or if the pose is the true one rounded. docs/metrics.md, "Completeness".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray, Mask
+from sfr_loc_map.geometry.rotation import quat_conjugate, quat_rotate
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.metrics.association import Frames
+from sfr_loc_map.metrics.completeness import share_rows
+from sfr_loc_map.metrics.score import Figure, figure_row
+
+NOISES = 5.0  #: Multiple of the truth's own scatter from which its displacement is a motion.
+MOVING_SHARE = 0.1  #: Multiple of the median true step from which a step is a motion.
+EXACT_SHARE = 1e-5  #: Error of a step over its length below which no odometry measures: 10 um a metre.
+RESOLUTIONS_M = (1e-3, 1e-4, 1e-5, 1e-6)  #: Resolutions of the positions of a file that are recognised, m.
+FINE_M = 1e-6  #: Up to this resolution, rounding is smaller than the error of any estimate.
+ROUNDED_IN_A_ROW = 50  #: Poses in a row that an estimate does not hit by chance.
+MIN_STEPS = 10  #: With fewer steps of a moving rover nothing is known.
+
+
+def copy_rows(frames: Frames, truth: Trajectory, is_reported: Mask, *, interpolated: bool) -> Iterator[Figure]:
+    """Yield how many poses of frames repeat the pose before, and how many are of the ground truth.
+
+    `is_reported` `(F,)` are the frames whose pose is reported as lost or degraded.
+    """
+    count = len(frames.stamps_ns)
+    repeated = int(np.count_nonzero(repeats_pose(frames) & ~is_reported))
+    yield from share_rows("poses_repeated", repeated, count)
+    references = [frames.gt_pos]
+    if interpolated:
+        references.append(spline_positions(truth, frames))
+    is_moving = moving_steps(frames.gt_pos)
+    moving = int(np.count_nonzero(is_moving))
+    copied = int(np.count_nonzero(is_of_truth(frames, references, is_moving)))
+    yield figure_row("poses_of_truth", n=moving, value=copied / moving if moving >= MIN_STEPS else None)
+    yield figure_row("poses_of_truth", part="count", n=moving, value=copied)
+
+
+def scatter_m(positions: FloatArray) -> float:
+    """Return the median of the second differences of positions `(F, 3)`: noise of a truth, or its acceleration."""
+    if len(positions) < 3:
+        return 0.0
+    return float(np.median(np.linalg.norm(np.diff(positions, n=2, axis=0), axis=1)))
+
+
+def repeats_pose(frames: Frames) -> Mask:
+    """Tell which poses `(F,)` equal the pose before although the rover has moved since that pose was new.
+
+    A motion is larger than the smallest and than half of the usual step of the estimate, so that the resolution of a
+    file and a slow start are not taken for copies, and than the scatter of the truth.
+    """
+    count = len(frames.stamps_ns)
+    is_same = np.zeros(count, np.bool_)
+    if count < 2:
+        return is_same
+    steps_m = np.linalg.norm(np.diff(frames.est_pos, axis=0), axis=1)
+    is_same[1:] = (steps_m == 0.0) & (frames.est_quat[1:] == frames.est_quat[:-1]).all(axis=1)
+    new = np.maximum.accumulate(np.where(is_same, 0, np.arange(count)))
+    moved_m = np.linalg.norm(frames.gt_pos - frames.gt_pos[new], axis=1)
+    own_m = steps_m[steps_m > 0.0]
+    least_m = NOISES * scatter_m(frames.gt_pos)
+    if len(own_m):
+        least_m = max(least_m, float(own_m.min()), 0.5 * float(np.median(own_m)))
+    return np.asarray(is_same & (moved_m > least_m))
+
+
+def moving_steps(true_pos: FloatArray) -> Mask:
+    """Tell at which frames `(F,)` the step from the frame before is a motion of the rover."""
+    is_moving = np.zeros(len(true_pos), np.bool_)
+    if len(true_pos) < 2:
+        return is_moving
+    steps_m = np.linalg.norm(np.diff(true_pos, axis=0), axis=1)
+    known = steps_m[steps_m > 0.0]
+    if len(known):
+        is_moving[1:] = steps_m > MOVING_SHARE * float(np.median(known))
+    return is_moving
+
+
+def is_of_truth(frames: Frames, references: list[FloatArray], is_moving: Mask) -> Mask:
+    """Tell which poses `(F,)` of a moving rover are those of the truth, whose positions at the frames are given."""
+    resolution_m = resolution_of(frames.est_pos)
+    found = np.zeros(len(frames.stamps_ns), np.bool_)
+    for true_pos in references:
+        found |= has_true_step(frames, true_pos, resolution_m if resolution_m <= FINE_M else 0.0)
+        if resolution_m > FINE_M:
+            found |= is_rounded_truth(frames.est_pos, true_pos, resolution_m, is_moving)
+    return found & is_moving
+
+
+def has_true_step(frames: Frames, true_pos: FloatArray, resolution_m: float) -> Mask:
+    """Tell at which frames `(F,)` the step is the true one, in DS or in RB before the step."""
+    found = np.zeros(len(true_pos), np.bool_)
+    if len(true_pos) < 2:
+        return found
+    step, true_step = np.diff(frames.est_pos, axis=0), np.diff(true_pos, axis=0)
+    in_body = quat_rotate(quat_conjugate(frames.est_quat[:-1]), step)
+    true_in_body = quat_rotate(quat_conjugate(frames.gt_quat[:-1]), true_step)
+    error_m = np.minimum(np.linalg.norm(step - true_step, axis=1), np.linalg.norm(in_body - true_in_body, axis=1))
+    found[1:] = error_m <= EXACT_SHARE * np.linalg.norm(true_step, axis=1) + np.sqrt(3.0) * resolution_m
+    return found
+
+
+def resolution_of(positions: FloatArray) -> float:
+    """Return the resolution of positions that were rounded to decimals, m; 0 if they were not."""
+    for resolution_m in RESOLUTIONS_M:
+        units = positions / resolution_m
+        if np.allclose(units, np.rint(units), rtol=0.0, atol=1e-4):
+            return resolution_m
+    return 0.0
+
+
+def is_rounded_truth(positions: FloatArray, true_pos: FloatArray, resolution_m: float, is_moving: Mask) -> Mask:
+    """Tell which positions `(F, 3)` are the rounded true ones, in a row of so many of a moving rover."""
+    is_equal = (np.rint(true_pos / resolution_m) == np.rint(positions / resolution_m)).all(axis=1)
+    found = np.zeros(len(positions), np.bool_)
+    edges = np.flatnonzero(np.diff(is_equal, prepend=False, append=False))
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        found[begin:end] = np.count_nonzero(is_moving[begin:end]) >= ROUNDED_IN_A_ROW
+    return found
+
+
+def spline_positions(truth: Trajectory, frames: Frames) -> FloatArray:
+    """Return true positions at frames by a cubic spline, as resampling does; the linear ones with too few poses."""
+    from scipy.interpolate import CubicSpline  # slow to import, and only resampled truths need it
+
+    stamps_ns, rows = np.unique(truth.stamps_ns, return_index=True)
+    if len(stamps_ns) < 4:
+        return frames.gt_pos
+    at_s = (frames.stamps_ns - stamps_ns[0]) * 1e-9
+    return np.asarray(CubicSpline((stamps_ns - stamps_ns[0]) * 1e-9, truth.positions[rows])(at_s))
