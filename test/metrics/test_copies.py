@@ -1,0 +1,106 @@
+"""Poses that repeat another and poses of the ground truth, at the bounds from which they count."""
+
+import numpy as np
+import pytest
+
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.metrics.association import Frames
+from sfr_loc_map.metrics.copies import copy_rows, moving_steps, repeats_pose, resolution_of, scatter_m
+from sfr_loc_map.metrics.score import Score
+
+COUNT = 200
+LEVEL = np.tile([0.0, 0.0, 0.0, 1.0], (COUNT, 1))
+STAMPS = np.arange(COUNT) * 100_000_000
+
+
+def along_x(places: np.ndarray) -> np.ndarray:
+    return np.column_stack((places, np.zeros((len(places), 2))))
+
+
+def frames(est_pos: np.ndarray, gt_pos: np.ndarray) -> Frames:
+    return Frames(STAMPS, gt_pos, LEVEL, est_pos, LEVEL, np.arange(COUNT))
+
+
+def counted(est_pos: np.ndarray, gt_pos: np.ndarray, reported: np.ndarray | None = None) -> tuple[float, float]:
+    """Return how many poses repeat the pose before, and how many are of the truth."""
+    none = np.zeros(COUNT, np.bool_) if reported is None else reported
+    truth = Trajectory(STAMPS, gt_pos, LEVEL)
+    rows = Score(figures=tuple(copy_rows(frames(est_pos, gt_pos), truth, none, interpolated=False)))
+    repeated, copied = (rows.number(name, part="count") for name in ("poses_repeated", "poses_of_truth"))
+    assert repeated is not None
+    assert copied is not None
+    return repeated, copied
+
+
+TRUE = along_x(0.1 * np.arange(COUNT))
+NOISE = np.cumsum(np.random.default_rng(1).normal(0.0, 1e-3, (COUNT, 3)), axis=0)
+
+
+def test_copies_in_a_row_count_each_unless_they_are_reported() -> None:
+    rows = np.arange(COUNT)
+    rows[60:65] = 59
+    copied = (TRUE + NOISE)[rows]
+    assert counted(copied, TRUE) == (5, 0)
+    reported = np.zeros(COUNT, np.bool_)
+    reported[60:63] = True
+    assert counted(copied, TRUE, reported) == (2, 0)
+
+
+def test_a_pose_that_is_repeated_is_told_from_a_stop_a_slow_start_and_the_resolution_of_a_file() -> None:
+    slow = np.append(np.linspace(0.0, 0.04, 50), 0.04 + 0.1 * np.arange(1, COUNT - 49))
+    held = slow.copy()
+    held[:50] = 0.0
+    assert not repeats_pose(frames(along_x(held) + [0, 0, 0], along_x(slow))).any(), "0.04 m is less than half a step"
+    held[49:51] = 0.0
+    assert repeats_pose(frames(along_x(held), along_x(slow))).sum() == 1, "0.14 m are more"
+    coarse = along_x(np.floor(0.07 * np.arange(COUNT)) * 0.1)
+    assert not repeats_pose(frames(coarse, along_x(0.007 * np.arange(COUNT)))).any(), "steps of 0.1 m or none"
+    stands = np.tile(TRUE[:1], (COUNT, 1))
+    jitter = np.random.default_rng(2).normal(0.0, 1e-2, (COUNT, 3))
+    assert not repeats_pose(frames(stands, stands + jitter)).any(), "the truth alone moves, by its noise"
+    assert repeats_pose(frames(stands, TRUE)).sum() == COUNT - 1
+
+
+def test_the_scatter_of_a_truth_is_that_of_its_noise() -> None:
+    assert scatter_m(TRUE) == pytest.approx(0.0, abs=1e-12)
+    assert scatter_m(TRUE[:2]) == 0.0
+    noisy = TRUE + np.random.default_rng(3).normal(0.0, 1e-3, (COUNT, 3))
+    assert scatter_m(noisy) == pytest.approx(1e-3 * np.sqrt(6.0) * 1.54, rel=0.1)
+
+
+def test_a_step_of_the_truth_is_one_to_10_um_a_metre() -> None:
+    growing = np.arange(COUNT)[:, None] * [1.0, 0.0, 0.0]
+    assert counted(TRUE + 0.9e-6 * growing, TRUE) == (0, COUNT - 1)
+    assert counted(TRUE + 1.1e-6 * growing, TRUE) == (0, 0)
+    assert counted(TRUE + NOISE, TRUE) == (0, 0)
+
+
+def test_rounded_truths_count_in_rows_of_fifty_and_up_to_a_millimetre() -> None:
+    curved = np.column_stack((TRUE[:, 0] * 0.987654321, np.sin(TRUE[:, 0]), np.cos(TRUE[:, 0])))
+    for digits, many in ((3, COUNT - 1), (5, COUNT - 1), (6, COUNT - 1), (2, 0)):
+        assert counted(np.round(curved, digits), curved)[1] == many
+    assert resolution_of(np.round(curved, 4)) == 1e-4
+    assert resolution_of(curved) == 0.0
+    for length, many in ((49, 0), (50, 50)):
+        part = np.round(curved + NOISE, 3)
+        part[100 : 100 + length] = np.round(curved[100 : 100 + length], 3)
+        part[[99, 100 + length]] += 0.01
+        assert counted(part, curved)[1] == many
+
+
+def test_steps_of_a_rover_that_stands_say_nothing() -> None:
+    places = np.append(np.zeros(100), 0.1 * np.arange(1, 101))
+    assert moving_steps(along_x(places)).sum() == 100
+    creeping = np.append(0.009 * np.arange(80), 0.711 + 0.1 * np.arange(1, 121))
+    assert moving_steps(along_x(creeping)).sum() == 120
+    few = Score(
+        figures=tuple(
+            copy_rows(
+                frames(TRUE, along_x(np.append(np.zeros(191), 0.1 * np.arange(1, 10)))),
+                Trajectory(STAMPS, TRUE, LEVEL),
+                np.zeros(COUNT, np.bool_),
+                interpolated=False,
+            )
+        )
+    )
+    assert few.number("poses_of_truth") is None
