@@ -40,7 +40,7 @@ FAULTS = (
     "yaw:amount=0.3", "shift",
 )  # fmt: skip
 """Faults of real rovers; 0.06 deg of rotation of the right camera is about half a pixel at 512 px and 60 deg."""
-LIMIT = 5.0  #: Largest error over the stated 3 sigma that still counts as stated.
+LIMIT = 5.0  #: Largest error over the stated 3 sigma that still counts as stated: 15 sigma is no chance (chosen).
 VALID = ("initialising", "tracking")  #: States whose pose and covariance are to be used.
 
 

@@ -38,7 +38,7 @@ from sfr_loc_map.metrics.trajectory_score import select
 SIGNIFICANCE = 0.05  #: Probability of a false finding, over all comparisons of a recording.
 MIN_WINDOWS = 3  #: Fewer sub-trajectories are not enough data.
 DEGREES = 6  #: Components of the error of a pose.
-SPACING = 5  #: Frames from one start of a sub-trajectory to the next.
+SPACING = 5  #: Frames from one start of a sub-trajectory to the next: half of that of a score, for short recordings.
 
 
 class CheckResult(StrEnum):

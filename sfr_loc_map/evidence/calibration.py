@@ -23,7 +23,7 @@ ANGLES = {"pitch": "vertical_offset_px", "roll": "roll_offset_px", "yaw": "dispa
 """Statistic of the localiser by the angle that causes it."""
 NAMES = {"right_camera": "right camera, ", "depth_error": "error of depth ", "scale": "excess of length, "}
 """Figures of the table of the calibration, and how their names begin."""
-LARGE_PX = 0.2  #: Smaller offsets are corrected on the way and cost less than matching noise.
+LARGE_PX = 0.2  #: Smaller offsets are corrected on the way and cost less than matching noise (chosen).
 RANGE_M = 4.0  #: Range at which the error of depth is stated.
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -16,8 +17,10 @@ from sfr_loc_map.io.layouts.folder import PLACES, open_folder
 from sfr_loc_map.io.layouts.image_folder import is_image_folder, open_image_folder
 from sfr_loc_map.io.layouts.kitti import is_kitti, open_kitti
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.source_config import SourceConfig, source_config
+from sfr_loc_map.io.source_config import SourceConfig, SyncConfig, source_config
 from sfr_loc_map.io.truth import TruthConfig, possible_truth, truth_of_file
+
+_log = logging.getLogger(__name__)
 
 Opener = Callable[[Path, SourceConfig], Source]
 
@@ -32,7 +35,7 @@ READERS: dict[str, tuple[Callable[[Path], bool], Opener]] = {
     "bag": (is_bag, _open_bag),
     "sfr": (lambda path: any((path / place).exists() for place in PLACES), lambda path, _: open_folder(path)),
     "kitti": (is_kitti, lambda path, _: open_kitti(path)),
-    "euroc": (is_euroc, lambda path, _: open_euroc(path)),
+    "euroc": (is_euroc, open_euroc),
     "images": (is_image_folder, open_image_folder),
 }
 """Name of a format, its test and opener, in the order of trying; a folder with rig.json or pairs.csv is `sfr`.
@@ -41,11 +44,16 @@ Formats of trajectories are in `trajectory_file.py`, those of clouds in `cloud_f
 """
 
 
+STATED_PAIRS = ("sfr", "kitti")  #: Formats that state which images are a pair.
+
+
 def open_source(path: Path, config: SourceConfig | None = None) -> Source:
     """Open a source of any format by a configuration, else by the one beside it; each pass opens its files."""
     path = Path(path)
     name = format_of(path)
     config = source_config(path) if config is None else config
+    if name in STATED_PAIRS and config.sync != SyncConfig():
+        _log.warning(f"'{path}': sync.* is ignored, because the files state which images are a pair")
     source = READERS[name][1](path, config)
     source = source if name == "bag" else _configured(source, config)
     return replace(source, configuration=config.path)

@@ -139,7 +139,6 @@ class PanoramaConfig:
         (20.0, 20.0, 20.0), doc="Tilt of each pair; positive down.", low=-90.0, high=90.0
     )
     period_s: float = param(1.0, unit="s", doc="Time between two pairs.", low=0.001, high=3600.0)
-    masks: bool = param(True, doc="Whether to write masks of sky, shadow and occlusion in the right image.")
 
 
 @dataclass(frozen=True, slots=True)

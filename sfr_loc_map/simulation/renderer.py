@@ -13,10 +13,17 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit
+from sfr_loc_map.simulation.ground_mesh import Mesh
 from sfr_loc_map.simulation.noise import hash2, mix, unit
-from sfr_loc_map.simulation.terrain import Mesh
 
 SKY, GROUND = -2, -1  #: Object that a ray hits, if it is not the rock of that number.
+BAND_RAYS = 1 << 17  #: Rays traced at once: few enough to stay in the processor's cache.
+LIFT_M = 2e-4  #: Shadow rays start this far above the surface, so that a triangle does not shade itself.
+LIFT_PER_RANGE = 1e-4  #: Addition to it per metre of range, because float32 coordinates are coarser there.
+NUDGE = 1e-5  #: Change of direction with which a ray that passed the seam of two tiles is traced again.
+LEVEL_RAY = -0.05  #: A ray that goes down by more than this must meet the ground.
+SKY_RANGE_M = 1e9  #: Range of a ray that meets no surface, m: beyond all haze.
+Float32s = NDArray[np.float32]
 
 
 class Hits(NamedTuple):
@@ -74,15 +81,6 @@ def camera_pose(T_ds_sb: Transform, rig: StereoRig, right: bool) -> Transform:
     if not right:
         return T_ds_left
     return T_ds_left @ Transform(np.eye(3), np.array([rig.baseline_m, 0.0, 0.0]))
-
-
-BAND_RAYS = 1 << 17  #: Rays traced at once: few enough to stay in the processor's cache.
-LIFT_M = 2e-4  #: Shadow rays start this far above the surface, so that a triangle does not shade itself.
-LIFT_PER_RANGE = 1e-4  #: Addition to it per metre of range, because float32 coordinates are coarser there.
-NUDGE = 1e-5  #: Change of direction with which a ray that passed the seam of two tiles is traced again.
-LEVEL_RAY = -0.05  #: A ray that goes down by more than this must meet the ground.
-SKY_RANGE_M = 1e9  #: Range of a ray that meets no surface, m: beyond all haze.
-Float32s = NDArray[np.float32]
 
 
 def require_tracer() -> None:

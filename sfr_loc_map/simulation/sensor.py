@@ -9,7 +9,7 @@ from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SensorConfig
 
-_LENS, _EXPOSURE, _NOISE = 6, 8, 9  # numbers in the seeds, so that the three are independent
+_RIGHT_EXPOSURE, _EXPOSURE, _NOISE = 6, 8, 9  # numbers in the seeds, so that the three are independent
 TASK_SEEDS = {Task.LOCALISATION: 0, Task.MAPPING: 1}  #: Number of a task in the seeds of what is random.
 
 
@@ -19,7 +19,7 @@ def sensor_image(bright: FloatImage, seed: int, config: SensorConfig, task: Task
     if config.blur_px > 0:
         image = cv2.GaussianBlur(image, (0, 0), config.blur_px, borderType=cv2.BORDER_REFLECT_101).astype(np.float32)
     both = np.random.default_rng([seed, _EXPOSURE, number, frame]).normal() * config.gain_step
-    one = np.random.default_rng([seed, _LENS, number]).normal() * config.gain_mismatch
+    one = np.random.default_rng([seed, _RIGHT_EXPOSURE, number]).normal() * config.gain_mismatch
     image = image * np.float32(np.exp(both + (one if camera else 0.0)))
     noise = np.random.default_rng([seed, _NOISE, number, frame, camera])
     if config.full_well > 0:

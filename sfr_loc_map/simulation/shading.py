@@ -16,8 +16,8 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.jit import jit, jit_inline
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.noise import hash2, mix, unit, value2, value3
+from sfr_loc_map.simulation.pebbles import PebbleCache, PebbleField, pebble_cache, pebbles
 from sfr_loc_map.simulation.renderer import GROUND, SKY, Hits
-from sfr_loc_map.simulation.rocks import PebbleCache, PebbleField, pebble_cache, pebbles
 from sfr_loc_map.simulation.terrain import Terrain, TerrainParameters, materials, smooth_step
 
 UNMESHED_M = 0.12

@@ -25,15 +25,14 @@ from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.child_process import end_with_parent
 from sfr_loc_map.config import build, flatten, load_yaml
 from sfr_loc_map.errors import ConfigError, OutputError
-from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.inputs import SIDES, Task
 from sfr_loc_map.io.bag.writer import STORAGE_BY_SUFFIX
 from sfr_loc_map.io.images.codec import encode_png
-from sfr_loc_map.io.layouts.folder import LOC_COLUMNS, NAV_COLUMNS, TRUTH_COLUMN, rig_json
+from sfr_loc_map.io.layouts.folder import LOC_COLUMNS, NAV_COLUMNS, TRUTH_COLUMN, pair_row, rig_json
 from sfr_loc_map.io.tables.trajectory_file import trajectory_text
 from sfr_loc_map.signals import deferred_signals
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.simulation.drive import Plan
+from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.renderer import require_tracer
 from sfr_loc_map.simulation.world import World
 
@@ -128,9 +127,8 @@ def _claim(config: SimulationConfig, out: Path) -> None:
 
 
 def _render(plan: Plan, out: Path, jobs: list[RenderJob], workers: int, progress: Callable[[int], None]) -> None:
-    text = settings_text(plan.config)
     if workers <= 1:
-        _prepare(text, out, is_worker=False)
+        _prepare(plan.config, out, is_worker=False)
         for done, job in enumerate(jobs, start=1):
             _run(job)
             progress(done)
@@ -138,7 +136,7 @@ def _render(plan: Plan, out: Path, jobs: list[RenderJob], workers: int, progress
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
     with deferred_signals():  # they may go to a whole group: this process ends its workers, and what tracks semaphores
-        pool = ProcessPoolExecutor(min(workers, len(jobs)), context, _prepare, (text, out))
+        pool = ProcessPoolExecutor(min(workers, len(jobs)), context, _prepare, (plan.config, out))
     try:
         with deferred_signals():
             futures = [pool.submit(_run, job) for job in jobs]
@@ -160,13 +158,13 @@ def _render(plan: Plan, out: Path, jobs: list[RenderJob], workers: int, progress
 _worker: tuple[World, dict[Task, Path]] | None = None
 
 
-def _prepare(text: str, out: Path, *, is_worker: bool = True) -> None:
+def _prepare(config: SimulationConfig, out: Path, *, is_worker: bool = True) -> None:
     global _worker
     if is_worker:
         end_with_parent(signal.SIGKILL)
         if (parent := multiprocessing.parent_process()) is None or not parent.is_alive():  # it was killed before
             os._exit(1)
-    plan = Plan.make(build(SimulationConfig, yaml.safe_load(text)))
+    plan = Plan.make(config)
     _worker = World(plan), task_folders(plan, out)
 
 
@@ -191,16 +189,14 @@ def _write(path: Path, content: bytes) -> None:
 
 def _write_lists(plan: Plan, task: Task, folder: Path) -> None:
     _write(folder / "rig.json", rig_json(plan.rig(task)).encode())
-    rows = []
+    rows: list[list[str]] = []
     for frame in range(plan.count(task)):
-        row = [str(plan.stamp_ns(task, frame)), *(f"{side}/{frame:06d}.png" for side in SIDES)]
-        if task is Task.MAPPING:
-            pose = plan.lm_pose(frame)
-            att_q_lm_to_navsb = quat_conjugate(pose.quat_xyzw)
-            row += [repr(v) for v in (*pose.translation.tolist(), *att_q_lm_to_navsb.tolist())]
-            row.append(f"truth/{frame:06d}.npy")
-        rows.append(",".join(row))
+        stamp_ns = plan.stamp_ns(task, frame)
+        if task is Task.LOCALISATION:
+            rows.append(pair_row(stamp_ns, frame))
+        else:
+            rows.append(pair_row(stamp_ns, frame, plan.lm_pose(frame), f"truth/{frame:06d}.npy"))
     header = LOC_COLUMNS if task is Task.LOCALISATION else (*NAV_COLUMNS, TRUTH_COLUMN)
     if task is Task.LOCALISATION:
         _write(folder / "groundtruth.csv", trajectory_text(plan.trajectory()).encode())
-    _write(folder / "pairs.csv", ("\n".join([",".join(header), *rows]) + "\n").encode())
+    _write(folder / "pairs.csv", ("\n".join(map(",".join, [header, *rows])) + "\n").encode())

@@ -12,12 +12,13 @@ from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, PointImage
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation import renderer
-from sfr_loc_map.simulation.drive import HALF_WIDTH_M, Plan, rover_mesh
+from sfr_loc_map.simulation.ground_mesh import Mesh, ground_mesh
 from sfr_loc_map.simulation.noise import sub_seed
+from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.rocks import place_rocks, rock_meshes
+from sfr_loc_map.simulation.rover import HALF_WIDTH_M, rover_mesh
 from sfr_loc_map.simulation.sensor import TASK_SEEDS, sensor_image
 from sfr_loc_map.simulation.shading import shade, shading_parameters
-from sfr_loc_map.simulation.terrain import Mesh, ground_mesh
 
 
 class MaskBit(IntFlag):

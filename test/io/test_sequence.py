@@ -14,6 +14,7 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import LocSequence
+from sfr_loc_map.io.source_config import SourceConfig, SyncConfig
 
 
 def opened(path: Path, name: str) -> LocSequence:
@@ -48,7 +49,8 @@ def test_euroc_has_the_known_answer(tmp_path: Path) -> None:
             cv2.imwrite(str(path), blob(at, (48, 64)))
     loc = opened(folder, "euroc")
     rig, truth = loc.rig, loc.ground_truth
-    assert len(loc) == 2  # the middle stamps differ by a nanosecond
+    assert len(loc) == 3  # the middle stamps differ by a nanosecond
+    assert len(open_source(folder, SourceConfig(sync=SyncConfig(stamp_tolerance_s=0.0))).loc) == 2
     assert rig.baseline_m == pytest.approx(0.11, abs=1e-12)
     # The bench is midway between the cameras; its x is along their view (z of B), its y to the left (-x of B).
     for on_bench, in_body in (([0, 0, 0], [0.105, -0.02, 0.5]), ([1, 0.055, 0], [0.05, -0.02, 1.5])):

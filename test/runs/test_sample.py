@@ -14,7 +14,7 @@ from sfr_loc_map.io.sequence import panorama_of
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.simulation.drive import Plan
+from sfr_loc_map.simulation.plan import Plan
 
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "sample" / "sample.mcap"

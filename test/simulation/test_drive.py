@@ -13,7 +13,8 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.extrinsics import mast_head_in_rb
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.simulation.drive import GROUND_HEIGHT_RB_M, Plan
+from sfr_loc_map.simulation.plan import Plan
+from sfr_loc_map.simulation.rover import GROUND_HEIGHT_RB_M
 
 Maker = Callable[..., SimulationConfig]
 

@@ -12,6 +12,7 @@ pytest.importorskip("embreex")
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.simulation.ground_mesh import Mesh
 from sfr_loc_map.simulation.renderer import (
     GROUND,
     SKY,
@@ -23,7 +24,6 @@ from sfr_loc_map.simulation.renderer import (
     trace_primary_rays,
     trace_shadow_rays,
 )
-from sfr_loc_map.simulation.terrain import Mesh
 
 RIG = StereoRig(64, 48, 50.0, 55.0, 31.5, 23.5, 0.2)
 

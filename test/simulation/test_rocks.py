@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.simulation.rocks import PebbleCover, PebbleField, pebble_cache, pebbles
+from sfr_loc_map.simulation.pebbles import PebbleCover, PebbleField, pebble_cache, pebbles
 
 SUN = np.array([0.8, 0.0, 0.6])
 FIELD = PebbleField.of(1.0, 1.0, np.uint32(7), SUN)

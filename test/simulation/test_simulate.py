@@ -16,7 +16,7 @@ from sfr_loc_map.errors import OutputError
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of, panorama_of
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.simulation.drive import Plan
+from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.simulate import SETTINGS, settings_text, simulate
 
 pytestmark = pytest.mark.slow

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.simulation.config import GroundConfig, ReliefConfig
+from sfr_loc_map.simulation.ground_mesh import CELLS, FINEST_M, ground_mesh
 from sfr_loc_map.simulation.rocks import rocks_per_area
-from sfr_loc_map.simulation.terrain import CELLS, FINEST_M, Terrain, ground_mesh
+from sfr_loc_map.simulation.terrain import Terrain
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.simulation.drive import Plan
+from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.world import MaskBit, World
 
 pytestmark = pytest.mark.slow

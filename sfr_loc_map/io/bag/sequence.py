@@ -8,7 +8,6 @@ from copy import copy
 from dataclasses import replace
 from functools import cache, cached_property
 from pathlib import Path
-from statistics import median_low
 from typing import Any
 
 import numpy as np
@@ -28,6 +27,7 @@ from sfr_loc_map.io.images.codec import SampleDepth, Samples, points_image, samp
 from sfr_loc_map.io.images.files import check_size
 from sfr_loc_map.io.sequence import RecordedBag, Source, SourceFormat
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
+from sfr_loc_map.io.stereo_pairs import stereo_pairs
 from sfr_loc_map.io.tables.text_table import check_order
 from sfr_loc_map.io.truth import TruthConfig, possible_truth, truth_of_file
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE
@@ -35,7 +35,6 @@ from sfr_loc_map.topics import NAV_POSE, RAW, RECTIFIED, TRUE_POINTS, TRUE_POSES
 
 LOOK_AHEAD = 32
 """Most stamps whose messages are waited for at a time: bounds the memory whatever the order in the bag."""
-NS_PER_MS = 1_000_000
 
 _log = logging.getLogger(__name__)
 
@@ -56,7 +55,7 @@ class _BagPairs:
         rig, of_drive = self.task.rig, self.task is Task.LOCALISATION
         self._bag, self._rig_name, self._config = bag, rig, config
         self._tolerance_ns = round(config.sync.stamp_tolerance_s * NS_PER_S)
-        self._offset_ns = round(config.sync.right_offset_s * NS_PER_S) if of_drive else 0
+        self._sync = config.sync if of_drive else replace(config.sync, right_offset_s=0.0)
         calibration = config.calibration if of_drive else CalibrationConfig()
         self._layout = calibration.stereo_layout
         kind = image_name(bag, rig)
@@ -123,24 +122,9 @@ class _BagPairs:
         left, right = (stamps[self._sides[at].name] for at in (0, -1))
         if self._layout:
             return {stamp: {self._sides[0].name: stamp} for stamp in left}
-        right = [stamp + self._offset_ns for stamp in right]
-        where, within = f"bag '{self._bag.path}', '{self._rig_name}'", f"{self._tolerance_ns / NS_PER_MS:g} ms"
-        matched = match_stamps(left, right, self._tolerance_ns)
-        if not matched:
-            raise InputError(
-                f"{where}: none of {len(left)} left and {len(right)} right images have stamps within {within}: record "
-                f"both from one trigger, or set sync.stamp_tolerance_s or sync.right_offset_s in sfr.yaml"
-            )
-        if apart := [abs(after - stamp) for stamp, after in matched.items() if after != stamp]:
-            typical, largest = (f"{value / NS_PER_MS:.3g}" for value in (median_low(apart), max(apart)))
-            _log.warning(
-                f"{where}: {len(apart)} of {len(matched)} pairs have stamps that differ, typically by {typical} ms, at "
-                f"most by {largest} ms: matched within {within}"
-            )
-        if single := len(left) + len(right) - 2 * len(matched):
-            _log.warning(f"{where}: {single} images without the other side left out")
+        matched = stereo_pairs(left, right, self._sync, f"bag '{self._bag.path}', '{self._rig_name}'")
         one, other = (topic.name for topic in self._sides)
-        pairs = {stamp: {one: stamp, other: after - self._offset_ns} for stamp, after in matched.items()}
+        pairs = {stamp: {one: stamp, other: partner} for stamp, partner in matched.items()}
         if self._points:
             for stamp, of_truth in match_stamps(list(pairs), stamps[self._points.name], self._tolerance_ns).items():
                 pairs[stamp][self._points.name] = of_truth

@@ -15,17 +15,17 @@ from pathlib import Path
 
 import numpy as np
 
-from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rectification import rectified_pair
-from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S, match_stamps
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S, read_text, refusing
+from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.io.calibration.files import parse_opencv_yaml, read_sensor_yaml
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair, TableWriter, whole_pairs
 from sfr_loc_map.io.sequence import Source, SourceFormat
+from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.stereo_pairs import stereo_pairs
 from sfr_loc_map.io.tables.text_table import check_order, parse_stamp_ns, read_lines
 from sfr_loc_map.io.tables.trajectory_file import TrajectoryFormat, read_trajectory_file, save_trajectory
 from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
@@ -42,21 +42,13 @@ def is_euroc(path: Path) -> bool:
     return (path / "mav0" / "cam0").is_dir() or (path / "cam0" / "sensor.yaml").exists()
 
 
-def open_euroc(path: Path) -> Source:
+def open_euroc(path: Path, config: SourceConfig) -> Source:
     """Open an EuRoC sequence."""
     folder = path / "mav0" if (path / "mav0").is_dir() else path
     rig, rectify = rectified_pair(f"'{folder}'", *(read_sensor_yaml(folder / name / "sensor.yaml") for name in CAMERAS))
     left, right = (_load_list(folder / name / "data.csv") for name in CAMERAS)
-    stamps = {stamp: stamp for stamp in sorted(left.keys() & right.keys())}
-    if not stamps:
-        stamps = match_stamps(list(left), list(right), round(STAMP_TOLERANCE_S * NS_PER_S))
-        _log.warning(f"'{folder}': {len(stamps)} pairs have stamps that differ, matched within {STAMP_TOLERANCE_S} s")
+    stamps = stereo_pairs(list(left), list(right), config.sync, f"'{folder}'")
     pairs = [ImagePair(stamp, left[stamp], right[other]) for stamp, other in stamps.items()]
-    if not pairs:
-        raise InputError(
-            f"'{folder}': none of {len(left)} left and {len(right)} right images have stamps within "
-            f"{STAMP_TOLERANCE_S} s: give data.csv of both cameras by one clock"
-        )
     entries, missing_ns = whole_pairs(pairs, f"'{folder}'")
     truth = _load_truth(folder)
     return Source(path, SourceFormat.EUROC, ImageFileSequence(rig, entries, truth, rectify), None, missing_ns)

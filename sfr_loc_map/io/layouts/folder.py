@@ -165,6 +165,20 @@ def rig_json(rig: StereoRig) -> str:
     return json.dumps(content, indent=1) + "\n"
 
 
+def image_names(index: int) -> list[str]:
+    """Return the files of the images of a pair, left and right."""
+    return [f"{side}/{index:06d}.png" for side in SIDES]
+
+
+def pair_row(stamp_ns: int, index: int, T_lm_navsb: Transform | None = None, truth: str = "") -> list[str]:
+    """Return a row of pairs.csv: `LOC_COLUMNS`, or `NAV_COLUMNS` and `TRUTH_COLUMN` of a pair with its pose."""
+    row = [str(stamp_ns), *image_names(index)]
+    if T_lm_navsb is None:
+        return row
+    attitude = quat_conjugate(T_lm_navsb.file_quat_xyzw)  # att_q_LmToNavsb, see docs/conventions
+    return [*row, *map(repr, (*T_lm_navsb.translation.tolist(), *attitude.tolist())), truth]
+
+
 class FolderWriter(TableWriter):
     """A data set folder that is being written, as a stream; with both tasks in `loc/` and `nav/`. A context manager."""
 
@@ -192,29 +206,25 @@ class FolderWriter(TableWriter):
 
     def write_loc_pair(self, pair: StereoPair) -> None:
         """Write a pair of the drive."""
-        names = self._write_images(self._loc, self._loc_count, pair)
-        self.append(f"{self._loc}/pairs.csv", ",".join([str(pair.stamp_ns), *names]), ",".join(LOC_COLUMNS))
+        self._write_images(self._loc, self._loc_count, pair)
+        self.append(f"{self._loc}/pairs.csv", ",".join(pair_row(pair.stamp_ns, self._loc_count)), ",".join(LOC_COLUMNS))
         self._loc_count += 1
 
     def write_nav_pair(self, nav: PosedStereoPair) -> None:
         """Write a mapping pair with its pose and truth."""
         index, truth = len(self._nav_rows), ""
-        attitude = quat_conjugate(nav.T_lm_navsb.file_quat_xyzw)  # att_q_LmToNavsb, see docs/conventions
-        numbers = [repr(value) for value in (*nav.T_lm_navsb.translation.tolist(), *attitude.tolist())]
         if nav.truth is not None:
             truth = f"truth/{index:06d}.npy"
             (self._path / self._nav / "truth").mkdir(exist_ok=True)
             np.save(self._path / self._nav / truth, np.asarray(nav.truth, np.float32))
-        names = self._write_images(self._nav, index, nav.pair)
-        self._nav_rows.append([str(nav.pair.stamp_ns), *names, *numbers, truth])
+        self._write_images(self._nav, index, nav.pair)
+        self._nav_rows.append(pair_row(nav.pair.stamp_ns, index, nav.T_lm_navsb, truth))
 
     def _start(self, part: str, rig: StereoRig) -> None:
         for name in (".", *SIDES):
             (self._path / part / name).mkdir(exist_ok=True)
         (self._path / part / "rig.json").write_text(rig_json(rig), encoding="utf-8")
 
-    def _write_images(self, part: str, index: int, pair: StereoPair) -> list[str]:
-        names = [f"{side}/{index:06d}.png" for side in SIDES]
-        for name, image in zip(names, (pair.left, pair.right), strict=True):
+    def _write_images(self, part: str, index: int, pair: StereoPair) -> None:
+        for name, image in zip(image_names(index), (pair.left, pair.right), strict=True):
             (self._path / part / name).write_bytes(encode_png(image))
-        return names

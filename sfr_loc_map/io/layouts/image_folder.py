@@ -10,13 +10,12 @@ from pathlib import Path
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rectification import rectified_rig, rig_of_rectified
-from sfr_loc_map.geometry.stamp_pairing import match_stamps
-from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.calibration.files import read_calibration
 from sfr_loc_map.io.images.codec import read_grey
 from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.stereo_pairs import stereo_pairs
 from sfr_loc_map.io.tables.pose_columns import TIMES, time_unit
 from sfr_loc_map.io.tables.text_table import parse_decimal
 
@@ -41,14 +40,7 @@ def open_image_folder(path: Path, config: SourceConfig) -> Source:
             f"'{path}' --calibration FILE (Kalibr, OpenCV, ROS, COLMAP, EuRoC, ORB-SLAM or rig.json)"
         )
     left, right = (_by_stamp(folder) for folder in folders)
-    offset_ns = round(config.sync.right_offset_s * NS_PER_S)
-    right = {stamp + offset_ns: file for stamp, file in right.items()}
-    pairs = match_stamps(sorted(left), sorted(right), round(config.sync.stamp_tolerance_s * NS_PER_S))
-    if not pairs:
-        raise InputError(
-            f"'{path}': none of {len(left)} left and {len(right)} right images have names of one time: set "
-            "sync.stamp_tolerance_s or sync.right_offset_s in sfr.yaml"
-        )
+    pairs = stereo_pairs(sorted(left), sorted(right), config.sync, f"'{path}'")
     entries = [ImagePair(stamp, left[stamp], right[other]) for stamp, other in pairs.items()]
     height, width = read_grey(entries[0].left).shape
     found = read_calibration(Path(config.calibration.file), (width, height))

@@ -143,7 +143,7 @@ def plan_simulation(path: Path) -> None:
     """Read a scenario as `sfr simulate` does, up to where images are rendered."""
     from sfr_loc_map.config import build, load_yaml
     from sfr_loc_map.simulation.config import SimulationConfig
-    from sfr_loc_map.simulation.drive import Plan
+    from sfr_loc_map.simulation.plan import Plan
 
     Plan.make(build(SimulationConfig, load_yaml(path), origin=str(path)))
 

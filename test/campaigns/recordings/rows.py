@@ -40,7 +40,7 @@ from sfr_loc_map.geometry.extrinsics import mast_head_in_rb
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.layouts.folder import rig_json as rig_text
 from sfr_loc_map.simulation.config import NavCamerasConfig, PanoramaConfig
-from sfr_loc_map.simulation.drive import rig_extrinsics
+from sfr_loc_map.simulation.rover import rig_extrinsics
 
 TRUTH = "/ground_truth/odom"
 

@@ -22,6 +22,7 @@ from sfr_loc_map.io.bag.messages import camera_info
 from sfr_loc_map.io.calibration.files import read_calibration
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.layouts.euroc import open_euroc
+from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.trajectory_file import TrajectoryFormat, save_trajectory
 
 LENSES = {
@@ -242,7 +243,7 @@ def test_sequences_in_the_layout_of_euroc_by_others(tmp_path: Path, truth: str) 
     lever = [0.5, 0.0, 0.0] if truth == "vicon0" else [0.0, 0.0, 0.0]
     pose = matrix([0.0, 0.0, 0.0], lever)
     (tmp_path / "mav0" / truth / "sensor.yaml").write_text(f"T_BS:\n  data: {pose.reshape(-1).tolist()}\n")
-    loc = open_euroc(tmp_path).loc
+    loc = open_euroc(tmp_path, SourceConfig()).loc
     assert loc is not None
     assert len(loc) == 2
     assert loc.ground_truth is not None

@@ -1,0 +1,39 @@
+"""Left and right images that belong together by their stamps, for all sources whose layout does not state the pairs."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from statistics import median_low
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.stamp_pairing import match_stamps
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.io.source_config import SyncConfig
+
+NS_PER_MS = 1_000_000
+_log = logging.getLogger(__name__)
+
+
+def stereo_pairs(left_ns: Sequence[int], right_ns: Sequence[int], sync: SyncConfig, where: str) -> dict[int, int]:
+    """Return the stamp of the right image by that of the left one; both increase.
+
+    Pairs whose stamps differ and images without the other side are reported. InputError if there is no pair.
+    """
+    tolerance_ns, offset_ns = round(sync.stamp_tolerance_s * NS_PER_S), round(sync.right_offset_s * NS_PER_S)
+    matched = match_stamps(left_ns, [stamp + offset_ns for stamp in right_ns], tolerance_ns)
+    within = f"{tolerance_ns / NS_PER_MS:g} ms"
+    if not matched:
+        raise InputError(
+            f"{where}: none of {len(left_ns)} left and {len(right_ns)} right images have stamps within {within}: "
+            f"record both from one trigger, or set sync.stamp_tolerance_s or sync.right_offset_s in sfr.yaml"
+        )
+    if differences := [abs(right - left) for left, right in matched.items() if right != left]:
+        typical, largest = (f"{value / NS_PER_MS:.3g}" for value in (median_low(differences), max(differences)))
+        _log.warning(
+            f"{where}: {len(differences)} of {len(matched)} pairs have stamps that differ, typically by {typical} ms, "
+            f"at most by {largest} ms: matched within {within}"
+        )
+    if single := len(left_ns) + len(right_ns) - 2 * len(matched):
+        _log.warning(f"{where}: {single} images without the other side left out")
+    return {left: right - offset_ns for left, right in matched.items()}

@@ -1,0 +1,112 @@
+"""The triangles that stand for the ground: finer near the path of the rover."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.simulation.terrain import Terrain
+
+CELLS = 32  #: Cells along the edge of a tile; a power of two.
+ROOT_M = 1024.0  #: Edge of the ground; a power of two keeps every vertex exact in binary.
+FINEST_M = ROOT_M / CELLS / 2**11  #: Smallest cell: 15.6 mm.
+CELL_PER_DISTANCE = 0.014
+"""Edge of a cell over its distance from the path, about five pixels of the localisation cameras."""
+FULL_DETAIL_POINTS = 40  #: Points of a path (some 0.3 m apart) up to which the cells are as small as above.
+
+
+class Mesh(NamedTuple):
+    """Triangles with smooth normals."""
+
+    vertices: NDArray[np.float32]  #: `(V, 3)` float32, metres, DS.
+    normals: NDArray[np.float32]  #: `(V, 3)` float32, unit, outwards.
+    triangles: NDArray[np.int32]  #: `(T, 3)` int32, indices of vertices.
+    objects: NDArray[np.int32]  #: `(T,)` int32, -1 for the ground, else the number of the rock.
+
+    @staticmethod
+    def join(parts: list[Mesh]) -> Mesh:
+        """Return one mesh with the triangles of all."""
+        starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+        return Mesh(
+            np.concatenate([part.vertices for part in parts]),
+            np.concatenate([part.normals for part in parts]),
+            np.concatenate([part.triangles + np.int32(s) for part, s in zip(parts, starts, strict=True)]),
+            np.concatenate([part.objects for part in parts]),
+        )
+
+
+def path_distance(xy: FloatArray, path: FloatArray) -> FloatArray:
+    """Return the distance of positions `(N, 2)` from the nearest point of a path `(P, 2)`, metres."""
+    return np.asarray(KDTree(path).query(xy)[0])
+
+
+def cell_size(terrain: Terrain, distance_m: FloatArray, path: FloatArray) -> FloatArray:
+    """Return the largest cell allowed at distances from a path, metres."""
+    return np.asarray(coarseness(terrain, path) * np.maximum(FINEST_M, CELL_PER_DISTANCE * distance_m))
+
+
+def coarseness(terrain: Terrain, path: FloatArray) -> float:
+    """Return how much coarser everything is: as configured, and along a long path, to bound memory."""
+    return terrain.coarseness * float(max(1.0, (len(path) / FULL_DETAIL_POINTS) ** 0.5))
+
+
+def ground_mesh(terrain: Terrain, path: FloatArray) -> Mesh:
+    """Return the ground around positions of the rover `(P, 2)`, metres, DS."""
+    corner = np.floor(0.5 * (path.min(axis=0) + path.max(axis=0))) - 0.5 * ROOT_M
+    # the tiles `(level, i, j)` whose cells are small enough for their distance from the path
+    leaves: list[tuple[int, int, int]] = []
+    level, todo = 0, np.zeros((1, 2), np.int64)
+    while len(todo):
+        size = ROOT_M / 2**level
+        low = corner + todo * size
+        gap = np.maximum(np.maximum(low[:, None] - path[None], path[None] - low[:, None] - size), 0.0)
+        distance = np.sqrt(np.square(gap).sum(axis=2).min(axis=1))
+        split = size / CELLS > cell_size(terrain, distance, path)
+        leaves += [(level, int(i), int(j)) for i, j in todo[~split]]
+        steps = np.array([(0, 0), (1, 0), (0, 1), (1, 1)])
+        todo = (2 * todo[split][:, None] + steps[None]).reshape(-1, 2)
+        level += 1
+    known = set(leaves)
+    side = np.arange(-1, CELLS + 2)
+    ii, jj = np.meshgrid(side, side, indexing="ij")
+    index = np.arange((CELLS + 1) ** 2, dtype=np.int32).reshape(CELLS + 1, CELLS + 1)
+    a, b, c, d = (q.ravel() for q in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]))
+    quads = np.concatenate((np.stack((a, b, c), axis=1), np.stack((a, c, d), axis=1)))
+    vertices = np.empty((len(leaves), CELLS + 1, CELLS + 1, 3), np.float32)
+    normals = np.empty_like(vertices)
+    for n, (level, i, j) in enumerate(leaves):
+        cell = ROOT_M / 2**level / CELLS
+        x = corner[0] + (i * CELLS + ii.ravel()) * cell
+        y = corner[1] + (j * CELLS + jj.ravel()) * cell
+        spacing = cell_size(terrain, path_distance(np.column_stack((x, y)), path), path)
+        z = terrain.height(x, y, spacing).reshape(ii.shape)
+        normal = np.stack(
+            (
+                (z[:-2, 1:-1] - z[2:, 1:-1]) / (2 * cell),
+                (z[1:-1, :-2] - z[1:-1, 2:]) / (2 * cell),
+                np.ones((CELLS + 1, CELLS + 1)),
+            ),
+            axis=-1,
+        )
+        normals[n] = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+        inner = z[1:-1, 1:-1].copy()
+        _stitch(inner, known, level, i, j)
+        vertices[n, ..., 0] = x.reshape(ii.shape)[1:-1, 1:-1]
+        vertices[n, ..., 1] = y.reshape(ii.shape)[1:-1, 1:-1]
+        vertices[n, ..., 2] = inner
+    starts = np.arange(len(leaves), dtype=np.int32)[:, None, None] * np.int32(index.size)
+    triangles = (quads[None] + starts).reshape(-1, 3)
+    return Mesh(vertices.reshape(-1, 3), normals.reshape(-1, 3), triangles, np.full(len(triangles), -1, np.int32))
+
+
+def _stitch(z: FloatArray, known: set[tuple[int, int, int]], level: int, i: int, j: int) -> None:
+    """Straighten the edges that a coarser tile shares."""
+    for di, dj, edge in ((-1, 0, z[0, :]), (1, 0, z[-1, :]), (0, -1, z[:, 0]), (0, 1, z[:, -1])):
+        beside = ((level - up, (i + di) >> up, (j + dj) >> up) for up in range(level + 1))
+        step = min(2 ** next((up for up, tile in enumerate(beside) if tile in known), 0), CELLS)
+        index = np.arange(CELLS + 1)
+        edge[:] = np.interp(index, index[::step], edge[::step])

@@ -1,0 +1,188 @@
+"""Pebbles, which are too many and too small to be triangles: their effect on shading, as a function of position.
+
+Lengths are metres, positions are in DS.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.jit import jit, jit_inline
+from sfr_loc_map.simulation.noise import hash2, mix, unit
+from sfr_loc_map.simulation.terrain import smooth_step
+
+SIZES = 5  #: Grids of pebbles, one for each size.
+LARGEST_CELL_M = 0.075  #: Cell of the grid with the largest pebbles, m; a cell has at most one pebble.
+RATIO = 0.56  #: Cell of a grid over that of the next larger pebbles, so that the smallest cell is 7 mm.
+_PEBBLE = np.uint32(101)
+_COSINES, _SINES = (f(np.arange(256) * (2.0 * np.pi / 255.0)) for f in (np.cos, np.sin))  # by eight bits of a hash
+PEBBLE = np.dtype([(name, np.float64) for name in (
+    "x", "y", "reach", "inverse_b", "px", "py", "qx", "qy", "shadow_p", "shadow_q", "skew", "tone", "tilt_x", "tilt_y",
+    "threshold",
+)])  # fmt: skip
+"""A pebble, lengths in cells: centre; reach; inverse of the smaller half axis; map `(px py; qx qy)` from an offset to
+outline coordinates; shift of the shadow in these; skew; tone; tilt; share of filled cells from which on it exists."""
+
+
+class PebbleField(NamedTuple):
+    """What all pebbles of a world have in common."""
+
+    fill: float  #: Largest share of filled cells on any ground, 0 to 1.
+    bump: float  #: Strength of their relief.
+    seed: np.uint32  #: Seed of the ground.
+    sun_x: float  #: East component of the unit vector in plan towards the sun.
+    sun_y: float  #: North component.
+    shadow_per_height: float  #: Length of a shadow over the height of what casts it.
+
+    @classmethod
+    def of(cls, fill: float, bump: float, seed: np.uint32, sun: FloatArray) -> PebbleField:
+        """Return the field in the light of a sun towards which a unit vector `(3,)` points, DS."""
+        level = math.hypot(sun[0], sun[1])
+        sun_x, sun_y = (float(part / max(level, 1e-6)) for part in sun[:2])
+        return cls(fill, bump, seed, sun_x, sun_y, float(max(level, 1e-3) / sun[2]))
+
+
+class PebbleCache(NamedTuple):
+    """Pebbles near the last position, of each size: neighbouring rays mostly hit the same ones."""
+
+    cells: FloatArray  #: `(SIZES, 2)` first of the four cells; infinite in an empty cache.
+    counts: IntArray  #: `(SIZES,)` number of pebbles in the four cells.
+    pebbles: NDArray[np.void]  #: `(SIZES, 4)` of `PEBBLE`.
+
+
+class PebbleCover(NamedTuple):
+    """Effect of the pebbles at a position."""
+
+    cover: float  #: Share covered by pebbles.
+    tone: float  #: Logarithm of their reflectance over the mean.
+    slope_x: float  #: Slope of their surface to the east.
+    slope_y: float  #: Slope of their surface to the north.
+    shadow: float  #: Share of the sun that they block beside them.
+
+
+@jit
+def pebble_cache() -> PebbleCache:
+    """Return an empty cache."""
+    return PebbleCache(np.full((SIZES, 2), np.inf), np.zeros(SIZES, np.int64), np.empty((SIZES, 4), PEBBLE))
+
+
+@jit
+def pebbles(x: float, y: float, footprint: float, fill: float, field: PebbleField, cache: PebbleCache) -> PebbleCover:
+    """Return the effect of pebbles at a position; larger pebbles lie on top of smaller ones."""
+    seen = PebbleCover(0.0, 0.0, 0.0, 0.0, 0.0)
+    if fill < 0.01:
+        return seen
+    cells = 1.0 / LARGEST_CELL_M
+    for k in range(SIZES):
+        pixel = footprint * cells
+        if 0.9 * pixel >= 0.5 or seen.cover > 0.97:
+            break
+        weight = min(0.5 / pixel - 0.9, 1.0)
+        share = _filled(fill, k)
+        qx, qy = x * cells, y * cells
+        i0, j0 = np.floor(qx - 0.5), np.floor(qy - 0.5)
+        if cache.cells[k, 0] != i0 or cache.cells[k, 1] != j0:
+            cache.cells[k, 0], cache.cells[k, 1] = i0, j0
+            cache.counts[k] = _scatter(np.int32(i0), np.int32(j0), k, field, cache.pebbles[k])
+        for m in range(cache.counts[k]):
+            pebble = cache.pebbles[k, m]
+            if pebble.threshold < share:
+                seen = _with_pebble(seen, pebble, qx - pebble.x, qy - pebble.y, pixel, weight, field.bump)
+        cells /= RATIO
+    return seen
+
+
+@jit_inline
+def _with_pebble(
+    seen: PebbleCover,
+    pebble: Any,  # noqa: ANN401 - a record of `PEBBLE`
+    dx: float,
+    dy: float,
+    pixel: float,
+    weight: float,
+    bump: float,
+) -> PebbleCover:
+    """Return the effect with one more pebble under the others.
+
+    Edges are blurred over a pixel. The rim's slope makes the pebble look round; its factors were chosen by eye.
+    """
+    cover, tone, sx, sy, shadow = seen
+    reach = pebble.reach + pixel
+    if dx * dx + dy * dy > reach * reach:
+        return seen
+    p, q = pebble.px * dx + pebble.py * dy, pebble.qx * dx + pebble.qy * dy
+    d = _outline(p, q, pebble.skew)
+    soft = pixel * pebble.inverse_b
+    inside = weight * (1.0 - smooth_step(1.0 - 0.6 * soft, 1.0 + 0.6 * soft + 1e-3, d))
+    if inside > 0.0:
+        part = (1.0 - cover) * inside
+        cover += part
+        keep = part / cover
+        rim = 0.9 * bump * smooth_step(0.5, 1.0, d) / max(math.sqrt(dx * dx + dy * dy), 1e-6)
+        tone += keep * (pebble.tone - tone)
+        sx += keep * (0.8 * bump * pebble.tilt_x - rim * dx - sx)
+        sy += keep * (0.8 * bump * pebble.tilt_y - rim * dy - sy)
+    else:
+        e = _outline(p + pebble.shadow_p, q + pebble.shadow_q, pebble.skew)
+        dark = weight * (1.0 - smooth_step(0.85 - 0.5 * soft, 1.1 + 0.5 * soft, e))
+        shadow = max(shadow, 0.85 * dark)
+    return PebbleCover(cover, tone, sx, sy, shadow)
+
+
+@jit
+def _scatter(i0: np.int32, j0: np.int32, k: int, field: PebbleField, out: NDArray[np.void]) -> int:
+    """Write the pebbles of four cells of a size; return their number.
+
+    Half axes of 0.16 to 0.42 cells keep each pebble near its cell, so that four cells hold all that reach a position.
+    The xor constants separate the hashes of one pebble; tones and tilts were chosen by eye.
+    """
+    count = 0
+    key, fill = field.seed ^ _PEBBLE ^ np.uint32(977 * k), _filled(field.fill, k)
+    for m in range(4):
+        i, j = i0 + m // 2, j0 + m % 2
+        h = hash2(i, j, key)
+        if unit(h) >= fill:
+            continue
+        pebble = out[count]
+        count += 1
+        pebble.threshold = unit(h)
+        h1, h2, h3 = mix(h ^ np.uint32(0x51ED27)), mix(h ^ np.uint32(0x2F6E2B)), mix(h ^ np.uint32(0x6C8E94))
+        a = 0.16 + 0.26 * _byte(h1, 2) * _byte(h2, 3)
+        b = a * (0.5 + 0.5 * _byte(h1, 3))
+        throw = 0.5 * min(0.5 * max(field.shadow_per_height, 0.1) * b, 0.45)
+        ca, sa = _COSINES[h2 & np.uint32(255)], _SINES[h2 & np.uint32(255)]
+        skew = 1.3 * (_byte(h2, 1) - 0.5)
+        pebble.x, pebble.y = i + 0.25 + 0.5 * _byte(h1, 0), j + 0.25 + 0.5 * _byte(h1, 1)
+        by_a, by_b = 1.0 / a, 1.0 / b
+        qx, qy = -sa * by_b, ca * by_b
+        px, py = ca * by_a + 0.5 * skew * qx, sa * by_a + 0.5 * skew * qy
+        pebble.reach, pebble.inverse_b = 1.6 * a + throw, by_b
+        pebble.px, pebble.py, pebble.qx, pebble.qy = px, py, qx, qy
+        pebble.shadow_p = throw * (px * field.sun_x + py * field.sun_y)
+        pebble.shadow_q = throw * (qx * field.sun_x + qy * field.sun_y)
+        pebble.skew = skew
+        pebble.tone = 0.55 * (_byte(h3, 0) - 0.45) + 0.3 * (_byte(h3, 3) - 0.5)
+        pebble.tilt_x, pebble.tilt_y = _byte(h3, 1) - 0.5, _byte(h3, 2) - 0.5
+    return count
+
+
+@jit_inline
+def _filled(fill: float, k: int) -> float:
+    """Return the share of the cells of a size that have a pebble: more of the smaller ones, as in nature."""
+    return min(fill * (0.25 + 0.26 * k), 0.95)
+
+
+@jit_inline
+def _byte(value: np.uint32, which: int) -> float:
+    return ((value >> np.uint32(8 * which)) & np.uint32(255)) * (1.0 / 255.0)
+
+
+@jit_inline
+def _outline(p: float, q: float, skew: float) -> float:
+    """Return 1 on the outline of a stone with seven unequal sides, less inside."""
+    return max(abs(p), abs(q), 0.74 * (p + q), 0.66 * (p - q), -0.7 * (p + q) * (1.0 + 0.3 * skew))

@@ -1,0 +1,84 @@
+"""The rover: where it stands on the ground, where its cameras are on it, and the boxes that cast its shadow.
+
+RB is x forward, y left, z up [3.2].
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.extrinsics import MAST_XY_RB_M, TILT_AXIS_Z_RB_M
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.simulation.config import CamerasConfig
+from sfr_loc_map.simulation.ground_mesh import Mesh
+from sfr_loc_map.simulation.terrain import Terrain
+
+GROUND_HEIGHT_RB_M = -0.540  #: Height of the ground plane in RB when deployed on flat ground [3.2.1].
+WHEELS_RB_M = np.array([(x, y) for x in (0.62, 0.0, -0.62) for y in (0.52, -0.52)])
+"""Positions of the six wheels in RB, metres (size of a fetch rover; the document gives none)."""
+WHEEL_RADIUS_M = 0.18  #: m; assumed, as the positions are.
+HALF_WIDTH_M = 0.70  #: Half of the width that is kept clear of large rocks; the wheels are at 0.52 m.
+_ROLLING = np.linspace(-0.75, 0.75, 7) * WHEEL_RADIUS_M
+"""Points under a wheel, along its direction, that can touch: a wheel of 0.18 m meets steps of up to 0.06 m there."""
+SPACING_M = 0.02  #: Spacing of the heights on which a wheel stands, m: the shortest wave that is geometry.
+
+
+def settle_on_terrain(
+    terrain: Terrain, x: FloatArray, y: FloatArray, heading: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return position and attitude of RB with all wheels on the ground.
+
+    Each wheel touches where its rim first meets the ground; a rocker-bogie suspension averages the wheels, so the
+    body is parallel to the least-squares plane through the six wheel centres. Places of the origin `(N,)` in DS, m,
+    headings from east to north; returns origins `(N, 3)` and rotations `(N, 3, 3)`, RB to DS.
+    """
+    c, s = np.cos(heading), np.sin(heading)
+    wx = x[:, None] + c[:, None] * WHEELS_RB_M[:, 0] - s[:, None] * WHEELS_RB_M[:, 1]
+    wy = y[:, None] + s[:, None] * WHEELS_RB_M[:, 0] + c[:, None] * WHEELS_RB_M[:, 1]
+    px = (wx[..., None] + c[:, None, None] * _ROLLING).ravel()
+    py = (wy[..., None] + s[:, None, None] * _ROLLING).ravel()
+    ground = terrain.height(px, py, np.full(len(px), SPACING_M)).reshape(*wx.shape, len(_ROLLING))
+    centres = (ground + np.sqrt(WHEEL_RADIUS_M**2 - _ROLLING**2)).max(axis=2)
+    design = np.column_stack((np.ones(len(WHEELS_RB_M)), WHEELS_RB_M))
+    plane = centres @ np.linalg.pinv(design).T
+    forward = np.stack((c, s, plane[:, 1]), axis=-1)
+    left = np.stack((-s, c, plane[:, 2]), axis=-1)
+    up = np.cross(forward, left)
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    rotation = np.stack((forward, np.cross(up, forward), up), axis=-1)
+    # The plane of the wheels' centres passes below the origin along z of RB, not along the plumb line.
+    height = plane[:, 0] + (-GROUND_HEIGHT_RB_M - WHEEL_RADIUS_M) / up[:, 2]
+    return np.stack((x, y, height), axis=-1), rotation
+
+
+def rover_mesh() -> Mesh:
+    """Return a rover of boxes in RB that casts the shadow: deck, wheels, mast and mast head.
+
+    The mast is where the document has it [3.2.6]; the sizes of the boxes are assumed.
+    """
+    mast_x, mast_y = MAST_XY_RB_M
+    boxes = [((-0.65, -0.45, -0.20), (0.55, 0.45, 0.10)), ((-0.75, -0.60, 0.10), (0.45, 0.60, 0.14))]
+    boxes.append(((mast_x - 0.04, mast_y - 0.04, 0.10), (mast_x + 0.04, mast_y + 0.04, TILT_AXIS_Z_RB_M)))
+    boxes.append(((mast_x - 0.08, mast_y - 0.18, TILT_AXIS_Z_RB_M), (mast_x + 0.08, mast_y + 0.18, 0.75)))
+    low, high = GROUND_HEIGHT_RB_M, GROUND_HEIGHT_RB_M + 2 * WHEEL_RADIUS_M
+    for x, y in WHEELS_RB_M:
+        boxes.append(((x - 0.15, y - 0.07, low + 0.01), (x + 0.15, y + 0.07, high)))
+    faces = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
+    triangles = np.array([t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))], np.int32)
+    parts = []
+    for ends in boxes:
+        corners = np.array([[ends[(k >> axis) & 1][axis] for axis in range(3)] for k in range(8)], np.float32)
+        parts.append(Mesh(corners, np.zeros_like(corners), triangles, np.zeros(len(triangles), np.int32)))
+    return Mesh.join(parts)
+
+
+def rig_extrinsics(cameras: CamerasConfig) -> Transform:
+    """Return the pose of a stereo rig on its carrier (RB or mast head)."""
+    angles = (cameras.roll_deg, cameras.pitch_deg, cameras.yaw_deg)
+    about_x, about_y, about_z = (matrix_from_rotvec(math.radians(a) * np.eye(3)[k]) for k, a in enumerate(angles))
+    return Transform(about_z @ about_y @ about_x, np.array([cameras.x_m, cameras.y_m, cameras.z_m]))
