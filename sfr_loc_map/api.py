@@ -19,7 +19,7 @@ from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import Task, hash_arrays
+from sfr_loc_map.inputs import OURS, Task, hash_arrays
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source, drive_of, panorama_of
@@ -27,13 +27,13 @@ from sfr_loc_map.io.source_config import source_config
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.methods.registry import OURS, MethodLimits, config_text, find_method, record_of_ours
+from sfr_loc_map.methods.registry import config_text, find_method
 from sfr_loc_map.metrics.config import aligned_error_config
 from sfr_loc_map.metrics.limits import Limits, load_limits, parse_limits
 from sfr_loc_map.metrics.pose_convention import PoseConvention
-from sfr_loc_map.metrics.score import MethodRecord, Score
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.runs import offline
-from sfr_loc_map.runs.calls import CallRecord, CallStats, stats_of
+from sfr_loc_map.runs.calls import CallStats, stats_of
 from sfr_loc_map.scoring.load import load_map_truth, load_run, with_fusion_flag
 from sfr_loc_map.scoring.run import CloudToScore, Correction, Run, ScoreInputs
 from sfr_loc_map.scoring.score_run import converted_run, score_run
@@ -46,7 +46,6 @@ Start = str | Transform | StartPose  #: Where a drive starts: `identity`, `truth
 Parameters = PathLike | Mapping[str, object]  #: Parameters: a YAML file, or values by name (`{"max_features": 300}`).
 Estimate = PathLike | Trajectory | PointCloud
 Truth = PathLike | Trajectory | Source
-Step = tuple[PoseEstimate, CallRecord, MethodRecord]
 
 
 def open(source: SourceLike, remap: Mapping[str, str] | None = None, config: str | Path | None = None) -> Source:
@@ -105,23 +104,18 @@ def localise(
         raise ConfigError(f"start is '{start}': must be identity, truth or a pose of RB in DS")
     with naming(opened.path):
         first = offline.start_pose(drive, start) if isinstance(start, str) else StartPose.of(start)
-    steps: Iterator[Step]
+    how: LocalisationConfig | offline.UnderTest
     if method == OURS:
-        about = record_of_ours(Task.LOCALISATION)
-        runs = offline.localise(drive, _parameters(LocalisationConfig, config, "localisation"), first)
-        steps = ((estimate, record, about) for estimate, record in runs)
+        how = _parameters(LocalisationConfig, config, "localisation")
     else:
-        chosen = find_method(method, Task.LOCALISATION, config_text(None if config is None else Path(str(config))))
-        steps = offline.localise_with(chosen, drive, first.T_ds_rb, MethodLimits(), [opened.path])
-    steps = _named(opened.path, steps)
+        how = _under_test(method, Task.LOCALISATION, config, opened.path)
+    steps = _named(opened.path, offline.drive(drive, how, first))
     if live:
-        return (estimate for estimate, _, _ in steps)
-    done = list(steps)
-    records = [record for _, record, _ in done]
-    if (text := offline.tracking_warning(records, opened.path)) is not None:
+        return (step.estimate for step in steps)
+    done = offline.DriveRun(list(steps))
+    if (text := offline.tracking_warning(done.records, opened.path)) is not None:
         warnings.warn(text, UserWarning, stacklevel=2)
-    poses = offline.trajectory_of(estimate for estimate, _, _ in done)
-    return replace(poses, records=tuple(records), method=done[-1][2])
+    return replace(done.trajectory, records=tuple(done.records), method=done.method)
 
 
 def map(
@@ -139,19 +133,19 @@ def map(
     opened = open(source)
     panorama = panorama_of(opened)
     with naming(opened.path):
+        how: MappingConfig | offline.UnderTest
         if method == OURS:
             parameters = _parameters(MappingConfig, config, "mapping")
-            parameters = replace(parameters, refine_poses=True) if refine_poses else parameters
-            run, about = offline.map_pairs(panorama, parameters), record_of_ours(Task.MAPPING)
+            how = replace(parameters, refine_poses=True) if refine_poses else parameters
         elif refine_poses:
             raise ConfigError(f"refine_poses is of our mapper: leave it out with method {method}")
         else:
-            chosen = find_method(method, Task.MAPPING, config_text(None if config is None else Path(str(config))))
-            run, about = offline.map_pairs_with(chosen, panorama, MethodLimits(), hidden=[opened.path])
+            how = _under_test(method, Task.MAPPING, config, opened.path)
+        run = offline.panorama(panorama, how)
     for line in run.warnings:
         warnings.warn(line, UserWarning, stacklevel=2)
     cloud = run.fused.cloud if fuse else run.unfused
-    return replace(cloud, records=tuple(run.records), method=about)
+    return replace(cloud, records=tuple(run.records), method=run.method)
 
 
 class ScoreOptions(ScoreSettings, total=False):
@@ -227,13 +221,19 @@ def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool 
     return replace(run, in_memory=hashes)
 
 
+def _under_test(method: str, task: Task, config: object, source: Path) -> offline.UnderTest:
+    """Return a method under test; `config` is the file of its configuration, if it has one."""
+    file = None if config is None else Path(str(config))
+    return offline.UnderTest(find_method(method, task, config_text(file)), hidden=[source])
+
+
 def _own_stats(estimate: object) -> list[CallStats]:
     if isinstance(estimate, (Trajectory, PointCloud)) and estimate.records:
         return [stats_of(estimate.records, estimate.method)]
     return []
 
 
-def _named(path: Path, steps: Iterator[Step]) -> Iterator[Step]:
+def _named(path: Path, steps: Iterator[offline.Step]) -> Iterator[offline.Step]:
     with naming(path):
         yield from steps
 

@@ -87,6 +87,7 @@ class Task(StrEnum):
         return f"{self}_node"
 
 
+OURS = "sfr"  #: Name of the suite's own localiser and mapper among the methods.
 MONITOR_NODE = "monitor_node"
 SUITE_NODES = (*(task.node for task in Task), MONITOR_NODE)
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import Annotated, TypeVar
 
 from typer import Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import (
-    OURS,
     CallTimeoutOption,
     ConfigOption,
     MemoryLimitOption,
@@ -20,7 +19,6 @@ from sfr_loc_map.cli.options import (
     RemapOption,
     SourceArgument,
     StartOption,
-    method_limits,
     method_under_test,
     open_as,
 )
@@ -28,13 +26,9 @@ from sfr_loc_map.cli.output import beside, check_outputs, check_suffix, progress
 from sfr_loc_map.cli.verdict import conclude_findings
 from sfr_loc_map.config import read_config
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
-from sfr_loc_map.inputs import Task
+from sfr_loc_map.inputs import OURS, Task
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.signals import hold
-
-if TYPE_CHECKING:
-    from sfr_loc_map.localisation.estimate import PoseEstimate
-    from sfr_loc_map.runs.calls import CallRecord
 
 R = TypeVar("R")
 
@@ -67,45 +61,38 @@ def localise(
     """Estimate the trajectory of a drive, with the same code as the node, or by another method."""
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.io.tables.trajectory_file import FILE_SUFFIXES, files_written, save_trajectory
-    from sfr_loc_map.methods.registry import record_of_ours
     from sfr_loc_map.runs import offline
     from sfr_loc_map.runs.calls import save_stats, stats_beside
 
     check_suffix(output, FILE_SUFFIXES)
     stats = stats_beside(output) if stats is None else stats
     check_outputs(*files_written(output), stats, video, inputs=(source, config), overwrite=overwrite)
-    theirs, limits = method_under_test(method, Task.LOCALISATION, config), method_limits(call_timeout, memory_limit)
+    theirs = method_under_test(method, Task.LOCALISATION, source, config, call_timeout, memory_limit)
     if theirs is not None and video is not None:
-        raise ConfigError(f"'--video' shows the tracks of our localiser: leave it out with --method {theirs.name}")
+        raise ConfigError(f"'--video' shows the tracks of our localiser: leave it out with --method {method}")
     opened, read_from = open_as(source, remap, config if theirs is None else None)
     parameters, sequence = read_config(LocalisationConfig, read_from, "localisation"), drive_of(opened)
-    done: list[tuple[PoseEstimate, CallRecord]]
     with ExitStack() as film, naming(source):
         first_pose = offline.start_pose(sequence, start)
         truth = source if sequence.ground_truth is not None else "TRUTH"
-        if theirs is None:
-            about = record_of_ours(Task.LOCALISATION)
-            watch = None if video is None else film.enter_context(offline.track_video(video, sequence.rig))
-            done = _finished(offline.localise(sequence, parameters, first_pose, watch), len(sequence))
-        else:
-            results = offline.localise_with(theirs, sequence, first_pose.T_ds_rb, limits, [source])
-            given = _finished(results, len(sequence))
-            done, about = [(estimate, record) for estimate, record, _ in given], given[-1][2]
-        records = [record for _, record in done]
-        save_trajectory(output, offline.trajectory_of(estimate for estimate, _ in done))
+        watch = None if video is None else film.enter_context(offline.track_video(video, sequence.rig))
+        steps = offline.drive(sequence, theirs or parameters, first_pose, watch)
+        done = offline.DriveRun(_finished(steps, len(sequence)))
+        save_trajectory(output, done.trajectory)
         with beside():
             film.close()
     with beside():
-        save_stats(stats, records, about)
-    say(f"{len(done)} poses, {offline.states_text(records)}: {output}", err=True)
+        save_stats(stats, done.records, done.method)
+    say(f"{len(done.steps)} poses, {offline.states_text(done.records)}: {output}", err=True)
     more = (("--stats", stats), ("--config", config if theirs is None else None))
     again = [word for option, file in more if file is not None for word in (option, file)]
     propose("sfr", "score", output, truth, *again, why="against the truth")
-    if (text := offline.tracking_warning(records, source)) is not None:
+    if (text := offline.tracking_warning(done.records, source)) is not None:
         warn(text)
-    if len(done) < len(sequence):
-        raise InterruptedRunError(f"interrupted: {len(done)} of {len(sequence)} pairs were localised, and written")
-    conclude_findings(about, records)
+    count = len(done.steps)
+    if count < len(sequence):
+        raise InterruptedRunError(f"interrupted: {count} of {len(sequence)} pairs were localised, and written")
+    conclude_findings(done.method, done.records)
 
 
 def _finished(results: Iterable[R], total: int) -> list[R]:

@@ -10,7 +10,6 @@ from typer import Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import (
-    OURS,
     CallTimeoutOption,
     ConfigOption,
     MemoryLimitOption,
@@ -18,7 +17,6 @@ from sfr_loc_map.cli.options import (
     OverwriteOption,
     RemapOption,
     SourceArgument,
-    method_limits,
     method_under_test,
     open_as,
 )
@@ -26,7 +24,7 @@ from sfr_loc_map.cli.output import beside, check_outputs, check_suffix, progress
 from sfr_loc_map.cli.verdict import conclude_findings
 from sfr_loc_map.config import read_config
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
-from sfr_loc_map.inputs import Task
+from sfr_loc_map.inputs import OURS, Task
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.signals import hold, stopping
 
@@ -70,14 +68,13 @@ def map_cloud(
     """Map up to three stereo pairs, with the same code as the node, or by another method."""
     from sfr_loc_map.io.clouds.cloud_file import SUFFIXES
     from sfr_loc_map.io.sequence import panorama_of
-    from sfr_loc_map.methods.registry import record_of_ours
     from sfr_loc_map.runs.calls import save_stats, stats_beside
     from sfr_loc_map.runs.map_files import MapOutputs, check_dems, save_map
-    from sfr_loc_map.runs.offline import map_pairs, map_pairs_with
+    from sfr_loc_map.runs.offline import panorama
 
     check_suffix(output, SUFFIXES)
     stats = stats_beside(output) if stats is None else stats
-    theirs, limits = method_under_test(method, Task.MAPPING, config), method_limits(call_timeout, memory_limit)
+    theirs = method_under_test(method, Task.MAPPING, source, config, call_timeout, memory_limit)
     opened, read_from = open_as(source, remap, config if theirs is None else None)
     parameters = read_config(MappingConfig, read_from, "mapping")
     parameters = replace(parameters, refine_poses=parameters.refine_poses or refine_poses)
@@ -85,7 +82,7 @@ def map_cloud(
     outputs = MapOutputs(output, fuse, dem or (), parameters.terrain, covariance)
     check_outputs(output, stats, *outputs.more, inputs=(source, config), overwrite=overwrite)
     if refine_poses and theirs is not None:
-        raise ConfigError(f"'--refine-poses' is of our mapper: leave it out with --method {theirs.name}")
+        raise ConfigError(f"'--refine-poses' is of our mapper: leave it out with --method {method}")
     sequence = panorama_of(opened)
     done = 0
 
@@ -100,14 +97,11 @@ def map_cloud(
 
     with naming(source), progress_bar("pairs") as bar, stopping(stop) as ended:
         task = bar.add_task("mapping", total=len(sequence))
-        if theirs is None:
-            run, about = map_pairs(sequence, parameters, progress, ended), record_of_ours(Task.MAPPING)
-        else:
-            run, about = map_pairs_with(theirs, sequence, limits, progress, ended, [source])
+        run = panorama(sequence, theirs or parameters, progress, ended)
         hold()
     cloud = save_map(run, sequence.rig.fx, outputs, beside)
     with beside():
-        save_stats(stats, run.records, about)
+        save_stats(stats, run.records, run.method)
     for line in run.warnings:
         warn(line)
     say(f"{len(cloud)} points of {len(run.maps)} pairs: {output}", err=True)
@@ -119,4 +113,4 @@ def map_cloud(
     propose("sfr", "score", output, source, *given, why="against the truth, if the source has it")
     if len(run.maps) < len(sequence):
         raise InterruptedRunError(f"interrupted: {len(run.maps)} of {len(sequence)} pairs were mapped, and written")
-    conclude_findings(about, run.records)
+    conclude_findings(run.method, run.records)

@@ -17,16 +17,15 @@ from typer import Argument, Option
 from sfr_loc_map.cli.output import say
 from sfr_loc_map.config import build, read_sections
 from sfr_loc_map.errors import ConfigError, MissingExtraError
-from sfr_loc_map.inputs import Task, parse_yaml
+from sfr_loc_map.inputs import OURS, Task, parse_yaml
 from sfr_loc_map.metrics.config import Condition
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
-    from sfr_loc_map.methods.registry import Method, MethodLimits
     from sfr_loc_map.metrics.limits import Limits
+    from sfr_loc_map.runs.offline import UnderTest
     from sfr_loc_map.scoring.run import Correction
 
-OURS = "sfr"  #: Name of the suite's own localiser and mapper, which run in the process of the command.
 MORE = "More"
 METHOD = "Method under test"
 CONVENTION = "Convention of the estimate, if it is not poses of RB in DS"
@@ -157,23 +156,20 @@ MemoryLimitOption = Annotated[
 ]
 
 
-def method_under_test(name: str, task: Task, config: Path | None) -> Method | None:
-    """Return a method with the text of its configuration, None for our own; raise MethodError or ConfigError."""
-    from sfr_loc_map.methods.registry import EXTERNAL, config_text, find_method
+def method_under_test(
+    name: str, task: Task, source: Path, config: Path | None, call_timeout_s: float, memory_mb: int
+) -> UnderTest | None:
+    """Return a method with its configuration and bounds, None for our own; raise MethodError or ConfigError."""
+    from sfr_loc_map.methods.registry import EXTERNAL, MethodLimits, config_text, find_method
+    from sfr_loc_map.runs.offline import UnderTest
 
+    values = {"call_timeout_s": call_timeout_s, "memory_mb": memory_mb}
+    limits = build(MethodLimits, values, origin="'--call-timeout', '--memory-limit'")
     if name == OURS:
         return None
     if name == EXTERNAL:
         raise ConfigError("'--method external': a node is scored by sfr replay SRC --external TASK")
-    return find_method(name, task, config_text(config))
-
-
-def method_limits(call_timeout_s: float, memory_mb: int) -> MethodLimits:
-    """Return what a method under test may take; raise ConfigError if an option is out of range."""
-    from sfr_loc_map.methods.registry import MethodLimits
-
-    values = {"call_timeout_s": call_timeout_s, "memory_mb": memory_mb}
-    return build(MethodLimits, values, origin="'--call-timeout', '--memory-limit'")
+    return UnderTest(find_method(name, task, config_text(config)), limits, [source])
 
 
 # ---- scores

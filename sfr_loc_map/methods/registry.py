@@ -13,11 +13,11 @@ from pathlib import Path
 from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, MethodError
-from sfr_loc_map.inputs import Task, hash_path, read_text
+from sfr_loc_map.inputs import OURS, Task, hash_path, read_text
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord
 
 ADAPTERS = Path(__file__).parent / "adapters"
-OURS, EXTERNAL = "sfr", "external"
+EXTERNAL = "external"
 OURS_IN_TABLES = "ours"  #: Name of our method in the tables and files of a comparison.
 LIBRARY_PREFIX = "lib:"
 CLASS_ADAPTER, LIBRARY_ADAPTER = "python_class.py", "c_library.py"

@@ -9,9 +9,10 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -22,7 +23,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, interpolated
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.inputs import NS_PER_S, Task
 from sfr_loc_map.io.sequence import LocSequence, NavSequence
 from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -34,7 +35,7 @@ from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.mapping.search_range import search_range
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
-from sfr_loc_map.methods.registry import Method, MethodLimits
+from sfr_loc_map.methods.registry import Method, MethodLimits, record_of_ours
 from sfr_loc_map.metrics.calls import CallMeter
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.score import MethodRecord
@@ -52,7 +53,46 @@ FrameObserver = Callable[[StereoPair, PoseEstimate], None]
 """Receives a pair and its estimate, with the tracks, after the call; its time is not part of the call."""
 
 
+@dataclass(frozen=True, slots=True)
+class UnderTest:
+    """A method under test, in place of ours."""
+
+    method: Method
+    limits: MethodLimits = field(default_factory=MethodLimits)
+    hidden: Sequence[Path] = ()  #: Files that it cannot read: the source, which may have the truth.
+
+
 # ---- drives
+
+
+class Step(NamedTuple):
+    """What a call of a localiser gives."""
+
+    estimate: PoseEstimate
+    record: CallRecord  #: State and cost.
+    method: MethodRecord  #: Whose they are.
+
+
+@dataclass(frozen=True, slots=True)
+class DriveRun:
+    """The steps of a drive, at least one."""
+
+    steps: Sequence[Step]
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The estimated trajectory."""
+        return trajectory_of(step.estimate for step in self.steps)
+
+    @property
+    def records(self) -> list[CallRecord]:
+        """State and cost of each call."""
+        return [step.record for step in self.steps]
+
+    @property
+    def method(self) -> MethodRecord:
+        """Whose the estimates are; a method states its version with its last call, too."""
+        return self.steps[-1].method
 
 
 def start_pose(sequence: LocSequence, start: str, from_ns: int = 0) -> StartPose:
@@ -80,6 +120,21 @@ def start_pose(sequence: LocSequence, start: str, from_ns: int = 0) -> StartPose
     return StartPose(interpolated(truth.pose(after - 1), truth.pose(after), share), stamp_ns=wanted)
 
 
+def drive(
+    sequence: LocSequence, how: LocalisationConfig | UnderTest, start: StartPose, watch: FrameObserver | None = None
+) -> Iterator[Step]:
+    """Yield the step of each pair of a drive, of our localiser with parameters or of a method under test.
+
+    `watch` is called after each pair of our localiser.
+    """
+    if isinstance(how, UnderTest):
+        yield from localise_with(how, sequence, start.T_ds_rb)
+        return
+    about = record_of_ours(Task.LOCALISATION)
+    for estimate, record in localise(sequence, how, start, watch):
+        yield Step(estimate, record, about)
+
+
 def localise(
     sequence: LocSequence, config: LocalisationConfig, start: StartPose, watch: FrameObserver | None = None
 ) -> Iterator[tuple[PoseEstimate, CallRecord]]:
@@ -97,22 +152,18 @@ def localise(
         yield replace(estimate, tracks=None), call_of_estimate(estimate, call)
 
 
-def localise_with(
-    method: Method, sequence: LocSequence, T_ds_rb: Transform, limits: MethodLimits, hidden: Sequence[Path] = ()
-) -> Iterator[tuple[PoseEstimate, CallRecord, MethodRecord]]:
-    """Yield the estimate and the cost of each pair of a drive by a method under test, and whose they are.
-
-    It cannot read what is hidden from it: the source.
-    """
+def localise_with(how: UnderTest, sequence: LocSequence, T_ds_rb: Transform) -> Iterator[Step]:
+    """Yield the step of each pair of a drive by a method under test."""
     first_ns, *later_ns = (pair.stamp_ns for pair in islice(sequence.pairs(), 2))
     step_s = next(((stamp_ns - first_ns) / NS_PER_S for stamp_ns in later_ns if stamp_ns > first_ns), DEFAULT_STEP_S)
-    with IsolatedLocaliser(method, sequence.rig, T_ds_rb, limits, rate_hz=1.0 / step_s, hidden=hidden) as localiser:
+    setup = (sequence.rig, T_ds_rb, how.limits)
+    with IsolatedLocaliser(how.method, *setup, rate_hz=1.0 / step_s, hidden=how.hidden) as localiser:
         for pair in sequence.pairs():
             estimate, call = localiser.localise(pair, (pair.stamp_ns - first_ns) / NS_PER_S)
             cost = call.usage.cost(estimate.state)
             figures, covariance = call.statistics, call.covariance
             record = CallRecord(pair.stamp_ns, *cost, figures, covariance, call.reason, call.step, call.finding)
-            yield estimate, record, localiser.record
+            yield Step(estimate, record, localiser.record)
 
 
 def trajectory_of(estimates: Iterable[PoseEstimate]) -> Trajectory:
@@ -177,6 +228,7 @@ class MapRun:
     maps: list[PairMap]
     fused: FusedMap
     records: list[CallRecord]  # one a pair, one for the fusion, one for the set; of a method that maps sets the last
+    method: MethodRecord  # whose it is
 
     @property
     def unfused(self) -> PointCloud:
@@ -189,6 +241,18 @@ class MapRun:
         """What is suspicious about each pair and about their fusion, one line each."""
         pairs = [f"pair {number}: {line}" for number, item in enumerate(self.maps) for line in item.warnings]
         return [*pairs, *self.fused.warnings]
+
+
+def panorama(
+    sequence: NavSequence,
+    how: MappingConfig | UnderTest,
+    progress: Progress = lambda done: None,
+    ended: Callable[[], bool] = lambda: False,
+) -> MapRun:
+    """Map the pairs of a source by our mapper with parameters or by a method under test; see `map_pairs`."""
+    if isinstance(how, UnderTest):
+        return map_pairs_with(sequence, how, progress, ended)
+    return map_pairs(sequence, how, progress, ended)
 
 
 def map_pairs(
@@ -219,32 +283,27 @@ def map_pairs(
         records.append(call_of_fusion(fused, [item.stamp_ns for item in maps], usage, MappingState.FUSED))
     usage = call_of_stages(records, whole.processing_time_s)
     records.append(CallRecord(maps[-1].stamp_ns, *usage.cost(MappingState.MAPPED_SET)))
-    return MapRun(maps, fused, records)
+    return MapRun(maps, fused, records, record_of_ours(Task.MAPPING))
 
 
 def map_pairs_with(
-    method: Method,
     sequence: NavSequence,
-    limits: MethodLimits,
+    how: UnderTest,
     progress: Progress = lambda done: None,
     ended: Callable[[], bool] = lambda: False,
-    hidden: Sequence[Path] = (),
-) -> tuple[MapRun, MethodRecord]:
-    """Map the pairs of a source by a method under test, which cannot read what is hidden; return map and method.
-
-    `ended` is as of `map_pairs`.
-    """
+) -> MapRun:
+    """Map the pairs of a source by a method under test; `ended` is as of `map_pairs`."""
     check_count(sequence)
     maps: list[PairMap] = []
     records: list[CallRecord] = []
     searched = search_range(sequence.rig, MappingConfig()).count
-    with IsolatedMapper(method, sequence.rig, limits, disparities=searched, hidden=hidden) as mapper:
+    with IsolatedMapper(how.method, sequence.rig, how.limits, disparities=searched, hidden=how.hidden) as mapper:
         if mapper.maps_sets:
             maps, fused, call = mapper.map_set(list(sequence.pairs()))
             progress(len(maps))
             cost = call.usage.cost(MappingState.MAPPED_SET)
             records.append(CallRecord(maps[-1].stamp_ns, *cost, fused.statistics, finding=call.finding))
-            return MapRun(maps, fused, records), mapper.record
+            return MapRun(maps, fused, records, mapper.record)
         for index, item in enumerate(sequence.pairs()):
             done, call = mapper.map_pair(item.pair, item.T_lm_navsb, index)
             stamp_ns = item.pair.stamp_ns
@@ -259,7 +318,7 @@ def map_pairs_with(
             cost = fusion.usage.cost(MappingState.FUSED)
             records.append(CallRecord(stamp_ns, *cost, fused.statistics, finding=fusion.finding))
         records.append(CallRecord(stamp_ns, *call_of_stages(records).cost(MappingState.MAPPED_SET)))
-        return MapRun(maps, fused, records), mapper.record
+        return MapRun(maps, fused, records, mapper.record)
 
 
 def check_count(sequence: NavSequence) -> None:

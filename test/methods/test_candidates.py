@@ -22,9 +22,9 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method_process import MethodCall
-from sfr_loc_map.methods.registry import MethodLimits, find_method
+from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord
-from sfr_loc_map.runs.offline import localise, map_pairs, map_pairs_with
+from sfr_loc_map.runs.offline import UnderTest, localise, map_pairs, map_pairs_with
 
 ROOT = Path(__file__).resolve().parents[2]
 TAKEN = {"stated_s", "cpu_s", "cpu_between_s", "threads", "processes"}  #: Seen from outside the process.
@@ -156,7 +156,7 @@ def test_the_example_in_c_localises_and_maps(example: Path) -> None:
 def test_a_class_may_map_a_set_in_one_call_and_ours_gives_the_bits_of_its_stages(drive: Path, tmp_path: Path) -> None:
     (tmp_path / "classes.py").write_text(CLASSES)
     nav = open_source(drive).nav
-    run, _ = map_pairs_with(find_method(f"{tmp_path}/classes.py:Set", Task.MAPPING), nav, MethodLimits())
+    run = map_pairs_with(nav, UnderTest(find_method(f"{tmp_path}/classes.py:Set", Task.MAPPING)))
     for config, finding in (
         (
             "disparity",
@@ -165,7 +165,7 @@ def test_a_class_may_map_a_set_in_one_call_and_ours_gives_the_bits_of_its_stages
         ("pair", "invalid result: a point names pair 2: there are 2, counted from 0"),
     ):
         method = find_method(f"{tmp_path}/classes.py:Set", Task.MAPPING, config)
-        assert map_pairs_with(method, nav, MethodLimits())[0].records[0].finding == finding
+        assert map_pairs_with(nav, UnderTest(method)).records[0].finding == finding
     ours = map_pairs(nav, MappingConfig())  # by process and fuse
     np.testing.assert_array_equal(run.fused.cloud.to_structured(), ours.fused.cloud.to_structured())
     assert [record.state for record in run.records] == ["mapped_set"]

@@ -24,7 +24,7 @@ from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method_process import LEAK_CALLS, MB, MethodCall, leak_in
 from sfr_loc_map.methods.registry import MethodLimits, find_method
-from sfr_loc_map.runs.offline import map_pairs_with
+from sfr_loc_map.runs.offline import UnderTest, map_pairs_with
 
 Build = Callable[..., Path]
 LIMITS = MethodLimits(call_timeout_s=3.0, memory_mb=400)
@@ -191,7 +191,7 @@ def mapper_library(build: Build, *options: str) -> Path:
 def test_a_set_is_one_call_and_its_points_are_checked(faulty: Path, drive: Path, config: str, finding: str) -> None:
     method, nav = find_method(f"lib:{faulty}", Task.MAPPING, config), open_source(drive).nav
     assert nav is not None
-    run, _ = map_pairs_with(method, nav, LIMITS)
+    run = map_pairs_with(nav, UnderTest(method, LIMITS))
     (record,) = run.records
     assert record.state == "mapped_set"
     assert record.finding.startswith(finding)
@@ -207,7 +207,9 @@ def test_a_set_is_one_call_and_its_points_are_checked(faulty: Path, drive: Path,
 def test_without_the_call_of_a_set_it_is_the_sum_of_its_stages(build: Build, drive: Path) -> None:
     nav = open_source(drive).nav
     assert nav is not None
-    run, _ = map_pairs_with(find_method(f"lib:{mapper_library(build, '-DPAIR_BY_PAIR')}", Task.MAPPING), nav, LIMITS)
+    run = map_pairs_with(
+        nav, UnderTest(find_method(f"lib:{mapper_library(build, '-DPAIR_BY_PAIR')}", Task.MAPPING), LIMITS)
+    )
     *stages, whole = run.records
     assert [record.state for record in run.records] == ["mapped", "mapped", "mapped_set"]
     assert whole.processing_time_s == sum(record.processing_time_s for record in stages)

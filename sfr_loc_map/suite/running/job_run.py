@@ -27,13 +27,12 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.methods.registry import MethodLimits, record_of_ours
 from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.runs.calls import load_call_stats, save_stats
-from sfr_loc_map.runs.offline import localise, localise_with, map_pairs, map_pairs_with, start_pose, trajectory_of
+from sfr_loc_map.runs.offline import DriveRun, UnderTest, drive, panorama, start_pose
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.run import CloudToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.score_run import score_run
@@ -69,15 +68,12 @@ def _localise(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
     if source.loc is None:
         raise InputError(f"no drive in '{job.source.path}': give a source that has one")
     section, start = _section(job, "localisation"), start_pose(source.loc, job.start)
-    method, about = chosen_method(section, Task.LOCALISATION), record_of_ours(Task.LOCALISATION)
-    if method is None:
-        results = list(localise(source.loc, build(LocalisationConfig, section), start))
-    else:
-        done = list(localise_with(method, source.loc, start.T_ds_rb, MethodLimits(), [truth]))
-        results, about = [(result, record) for result, record, _ in done], done[-1][2]
+    method = chosen_method(section, Task.LOCALISATION)
+    how = build(LocalisationConfig, section) if method is None else UnderTest(method, hidden=[truth])
+    done = DriveRun(list(drive(source.loc, how, start)))
     estimate, stats = scratch / "estimate.csv", scratch / "stats.csv"
-    save_trajectory(estimate, trajectory_of([result for result, _ in results]))
-    save_stats(stats, [record for _, record in results], about)
+    save_trajectory(estimate, done.trajectory)
+    save_stats(stats, done.records, done.method)
     run = load_run(ScoreInputs(estimate=estimate, truth=truth, stats=(stats,)))
     assert run.drive is not None  # estimate and truth are there
     expected_ns = source.expected_loc_ns()  # images that a fault has dropped cannot be covered
@@ -88,14 +84,12 @@ def _map(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
     if source.nav is None:
         raise InputError(f"no mapping pairs in '{job.source.path}': give a source that has them")
     section = _section(job, "mapping")
-    method, about = chosen_method(section, Task.MAPPING), record_of_ours(Task.MAPPING)
-    if method is None:
-        run = map_pairs(source.nav, build(MappingConfig, section))
-    else:
-        run, about = map_pairs_with(method, source.nav, MethodLimits(), hidden=[truth])
+    method = chosen_method(section, Task.MAPPING)
+    how = build(MappingConfig, section) if method is None else UnderTest(method, hidden=[truth])
+    run = panorama(source.nav, how)
     cloud, stats = scratch / "cloud.npz", scratch / "stats.csv"
     save_cloud(cloud, run.fused.cloud)
-    save_stats(stats, run.records, about)
+    save_stats(stats, run.records, run.method)
     scored = CloudToScore(load_cloud(cloud), truths_of(list(source.nav.pairs()), source.nav.rig))
     inputs = ScoreInputs(cloud=cloud, map_truth=truth, stats=(stats,))
     return Run(inputs, [load_call_stats(stats)], cloud=scored, nav_stamps_ns=source.expected_nav_ns())

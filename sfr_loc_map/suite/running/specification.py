@@ -11,10 +11,10 @@ from typing import Any
 from sfr_loc_map.config import build, flatten, load_yaml, param
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.faults.kinds import parse_fault
-from sfr_loc_map.inputs import Task, read_text, refusing
+from sfr_loc_map.inputs import OURS, Task, read_text, refusing
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.methods.registry import LIBRARY_PREFIX, OURS, Method, find_method
+from sfr_loc_map.methods.registry import LIBRARY_PREFIX, Method, find_method
 from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
 from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.simulation.config import SimulationConfig
