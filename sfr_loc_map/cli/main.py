@@ -6,15 +6,30 @@ only this module prints errors and exits, with the code of the error (`errors.Ex
 
 from __future__ import annotations
 
-import importlib
 import logging
 import os
-import pkgutil
 import sys
 from contextlib import suppress
 
 import typer
 
+from sfr_loc_map.cli import (  # noqa: F401 - most join `app` when they are imported
+    bench,
+    check,
+    convert,
+    doctor,
+    info,
+    init,
+    live,
+    localise,
+    map,
+    replay,
+    report,
+    run,
+    score,
+    simulate,
+    suite,
+)
 from sfr_loc_map.cli.app import PANELS, app, command_run
 from sfr_loc_map.errors import ExitCode, SfrError
 from sfr_loc_map.inputs import one_line, printable
@@ -22,11 +37,8 @@ from sfr_loc_map.signals import handle_signals, hold, ignore_signals
 
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]  # of click or of the copy within typer, by its version
 
-for _found in pkgutil.iter_modules([os.path.dirname(__file__)]):
-    if f"sfr_loc_map.cli.{_found.name}" != __name__:
-        _part = getattr(importlib.import_module(f"sfr_loc_map.cli.{_found.name}"), "app", app)
-        if _part is not app:
-            app.add_typer(_part, name=_found.name)
+app.add_typer(bench.app, name="bench")
+app.add_typer(suite.app, name="suite")
 _panel_of = {name: panel for panel, names in PANELS.items() for name in names}
 for _command in app.registered_commands:
     _command.name = _command.name or str(getattr(_command.callback, "__name__", ""))
@@ -45,12 +57,12 @@ class _LineFormatter(logging.Formatter):
 def main() -> int:
     """Run the command line; return the exit code."""
     handle_signals()
-    with command_run() as run:
+    with command_run() as record:
         code = _run()
     hold()
-    if run.failed_outputs and code == ExitCode.OK:
+    if record.failed_outputs and code == ExitCode.OK:
         code = ExitCode.BAD_INPUT
-    if line := run.last_line(code):
+    if line := record.last_line(code):
         with suppress(OSError):  # nobody reads it
             print(printable(line), file=sys.stderr)
     ignore_signals()

@@ -36,8 +36,8 @@ from sfr_loc_map.cli.options import (
 from sfr_loc_map.cli.output import check_outputs, make_folder, progress_bar, say, warn
 from sfr_loc_map.cli.score import present
 from sfr_loc_map.cli.verdict import conclude
-from sfr_loc_map.config import changed, read_config, section
-from sfr_loc_map.errors import ConfigError, InterruptedRunError, NodeError, naming
+from sfr_loc_map.config import read_config, section
+from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
 from sfr_loc_map.inputs import NS_PER_S, Task, printable
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
@@ -45,8 +45,10 @@ from sfr_loc_map.mapping.config import MappingConfig
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
     from sfr_loc_map.localisation.estimate import StartPose
+    from sfr_loc_map.metrics.limits import Limits
     from sfr_loc_map.nodes.replay.options import ExternalOptions, ReplayOptions
-    from sfr_loc_map.scoring.replay_result import ReplayFiles, ReplayResult
+    from sfr_loc_map.nodes.replay.run import ReplayOutcome
+    from sfr_loc_map.scoring.replay_result import ReplayFiles
     from sfr_loc_map.scoring.run import Correction
 
 PLAYED = "How the source is played"
@@ -157,7 +159,7 @@ def replay(
     """Play a source to the nodes over topics, record what they answer, score it."""
     propose("... --out out", why="keeps report, estimate and cloud")
     with live_beside(live, live_port, isolated=True) as page:  # first: its imports are the quicker ones
-        from sfr_loc_map.scoring.replay_result import ReplayFiles, save_replay, score_replay
+        from sfr_loc_map.scoring.replay_result import ReplayFiles
         from sfr_loc_map.scoring.settings import score_settings
 
         opened, read_from = open_as(source, remap, config)
@@ -184,32 +186,19 @@ def replay(
         )
         files = None if out is None else ReplayFiles(out)
         with _room_for(files, (source, limits, config), overwrite=overwrite):
-            with naming(source):
-                result, interruption = _play(opened, options)
-                result = result.with_converted_poses(opened, options.score, correction)
-            if files is not None:
-                files.remove()  # of an earlier run, which may have written more of them
-                save_replay(result, files)
-            score = score_replay(
-                opened,
-                result,
-                options.score,
-                by.limits,
-                files=files,
-                settings=changed(options.localisation, "localisation.") | changed(options.mapping, "mapping."),
-                limits_file=by.limits_file,
-                command=shlex.join(["sfr", *sys.argv[1:]]),
-            )
+            outcome = _replayed(opened, options, by.limits, correction, files)
             try:
-                present(score, None if files is None else str(files.report), None if files is None else files.page)
+                present(
+                    outcome.score, None if files is None else str(files.report), None if files is None else files.page
+                )
             finally:
-                _report_files(source, result, files)
+                _report_files(outcome, files)
                 if page is not None and files is not None:
                     page.run_is_over(report=str(files.page))
-        if interruption:
-            raise InterruptedRunError(interruption)
+        if outcome.interrupted:
+            raise InterruptedRunError(outcome.interrupted)
         # what could not be judged is a warning where nobody asked for a verdict
-        conclude(score, by.asked, lenient=lenient or not (by.limits_file or by.conditions))
+        conclude(outcome.score, by.asked, lenient=lenient or not (by.limits_file or by.conditions))
 
 
 def _task_under_test(source: Source, external: str | None, method: str) -> Task | None:
@@ -278,43 +267,38 @@ def _room_for(files: ReplayFiles | None, inputs: Iterable[Path | None], *, overw
             out.rmdir()
 
 
-def _play(source: Source, options: ReplayOptions) -> tuple[ReplayResult, str]:
-    """Replay with progress bars; return what came out, and what was finished if the user ended it."""
-    from sfr_loc_map.nodes.replay.session import replay as run
+def _replayed(
+    source: Source, options: ReplayOptions, limits: Limits | None, correction: Correction, files: ReplayFiles | None
+) -> ReplayOutcome:
+    """Replay and score with progress bars."""
+    from sfr_loc_map.nodes.replay.run import replay_and_score
 
-    totals = {name: len(part) for name, part in (("loc", source.loc), ("nav", source.nav)) if part is not None}
-    labels = {"loc": "localisation", "nav": "mapping"}
+    parts = ((Task.LOCALISATION, source.loc), (Task.MAPPING, source.nav))
     with progress_bar("pairs") as bar:
-        tasks = {name: bar.add_task(labels[name], total=total) for name, total in totals.items()}
+        shown = {task.rig: bar.add_task(task, total=len(part)) for task, part in parts if part is not None}
 
         def show_line(text: str) -> None:
             if bar.console.is_terminal:
                 bar.console.print(printable(text), highlight=False, markup=False)
 
-        received, was_interrupted = run(source, options, lambda task: bar.advance(tasks[task]), show_line)
-    if was_interrupted and not received.count:
-        raise KeyboardInterrupt
-    theirs = None if options.external is None else options.external.task  # its answers are counted in the score
-    played = len(received.published_stamps("loc"))
-    if (missing := played - len(received.rows)) > 0 and theirs != Task.LOCALISATION:
-        say(f"{missing} of {played} pairs have no odometry: the nodes could not keep up", err=True)
-    if received.published_stamps("nav") and not received.clouds and theirs != Task.MAPPING:
-        raise NodeError("mapping_node gave no cloud: play slower (--rate) or in lock step (--rate 0)")
-    text = f"interrupted: {len(received.published)} of {sum(totals.values())} pairs were played, and scored"
-    if (node := received.external) is not None:
-        answers = node.score.answers
-        say(f"external node {node.method.name}: {answers.answered} of {answers.pairs} pairs answered", err=True)
-    return received.result(), text if was_interrupted else ""
+        return replay_and_score(
+            source,
+            options,
+            limits,
+            correction,
+            files,
+            command=shlex.join(["sfr", *sys.argv[1:]]),
+            progress=lambda rig: bar.advance(shown[rig]),
+            say=show_line,
+        )
 
 
-def _report_files(source: Path, result: ReplayResult, files: ReplayFiles | None) -> None:
+def _report_files(outcome: ReplayOutcome, files: ReplayFiles | None) -> None:
     """Report the states of the poses and where the report is."""
-    from sfr_loc_map.runs.offline import states_text, tracking_warning
-
-    say(f"{len(result.estimate)} poses, {states_text(result.records)}", err=True)
-    localised = [record for record in result.records if record.covariance is not None]
-    if (text := tracking_warning(localised, source)) is not None:
-        warn(text)
+    for remark in outcome.remarks:
+        say(remark, err=True)
+    if outcome.warning is not None:
+        warn(outcome.warning)
     if files is not None:
         page = files.page if files.page.exists() else files.report
         say(f"report: {page}")

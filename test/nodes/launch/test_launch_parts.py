@@ -11,19 +11,15 @@ from typing import Any
 
 import pytest
 import yaml
-from typer.testing import CliRunner
 
-from sfr_loc_map.cli.main import app
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.nodes.launch.environment import PROFILE, PROFILE_VARIABLES
 
 ROOT = Path(__file__).resolve().parents[3]
 KINDS = {
     "launch": ["LaunchDescription", "LaunchContext"],
-    "launch.actions": [
-        *("DeclareLaunchArgument", "SetEnvironmentVariable", "ExecuteProcess", "OpaqueFunction", "Shutdown")
-    ],
-    "launch.substitutions": ["EnvironmentVariable", "LaunchConfiguration", "PythonExpression"],
+    "launch.actions": [*("DeclareLaunchArgument", "SetEnvironmentVariable", "OpaqueFunction", "Shutdown")],
+    "launch.substitutions": ["EnvironmentVariable", "LaunchConfiguration"],
     "launch_ros": [],
     "launch_ros.actions": ["Node"],
     "ament_index_python": [],
@@ -117,20 +113,3 @@ def test_values_of_arguments_reach_the_nodes(described: Any, name: str, file: st
     for argument, value in [(file, "/no"), ("remaps", "a"), ("remaps", "a:="), ("remaps", "a:=b:=c")]:
         with pytest.raises(ConfigError, match=f"^{argument}:={value}: "):
             described(name, **which, **{argument: value})
-
-
-def test_the_replay_calls_the_command_with_options_that_it_has(described: Any) -> None:
-    entities = described("replay")
-    python, dash_c, code, command, *options = entities["ExecuteProcess"][0].options["cmd"]
-    assert (python, dash_c, command) == (sys.executable, "-c", "replay")
-    compile(code, "launch", "exec")
-    text = CliRunner().invoke(app, ["replay", "--help"], env={"COLUMNS": "200", "TERM": "dumb"}).output
-    assert [o for o in options if isinstance(o, str)] == ["--out", "--rate", "--start", "--start-offset"]
-    assert all(option in text for option in options if isinstance(option, str))
-    declared = {item.args[0] for item in entities["DeclareLaunchArgument"]}
-    assert {o.args[0] for o in options if not isinstance(o, str) and o.kind == "LaunchConfiguration"} <= declared
-    for name, option in zip(("overwrite",), options[-1:], strict=True):
-        assert [part.args for part in option.args[0] if isinstance(part, Made)] == [(name,)] * 2
-        for value, made in (("true", f"--{name}"), ("True", f"--{name}"), ("false", f"--no-{name}")):
-            assert eval("".join(value if isinstance(part, Made) else part for part in option.args[0])) == made
-            assert made in text

@@ -1,0 +1,92 @@
+"""A replay from its source to its score and files: the work of `sfr replay`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from sfr_loc_map.config import changed
+from sfr_loc_map.errors import NodeError, naming
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.metrics.limits import Limits
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.nodes.replay.options import ReplayOptions
+from sfr_loc_map.nodes.replay.received import Received
+from sfr_loc_map.nodes.replay.session import replay
+from sfr_loc_map.runs.offline import states_text, tracking_warning
+from sfr_loc_map.scoring.replay_result import ReplayFiles, ReplayResult, save_replay, score_replay
+from sfr_loc_map.scoring.run import Correction
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayOutcome:
+    """What came out of a replay."""
+
+    result: ReplayResult
+    score: Score
+    remarks: tuple[str, ...]  #: What the user is told besides the score, a line each.
+    warning: str | None  #: That many poses are lost or degraded, None if few are.
+    interrupted: str  #: What was finished, if a signal ended the replay; empty otherwise.
+
+
+def replay_and_score(
+    source: Source,
+    options: ReplayOptions,
+    limits: Limits | None,
+    correction: Correction,
+    files: ReplayFiles | None,
+    command: str,
+    *,
+    progress: Callable[[str], None],
+    say: Callable[[str], None],
+) -> ReplayOutcome:
+    """Replay a source, write what came out to files, if any, and score it.
+
+    `progress` is called with the rig of each pair that was played, `say` with a line of what is being done. The
+    correction is that of an external localiser's poses. Of a replay that a signal ended, what was played is scored;
+    KeyboardInterrupt if that is nothing.
+    """
+    with naming(source.path):
+        received, was_interrupted = replay(source, options, progress, say)
+        if was_interrupted and not received.count:
+            raise KeyboardInterrupt
+        remarks = tuple(_remarks(received, options))
+        result = received.result().with_converted_poses(source, options.score, correction)
+    if files is not None:
+        files.remove()  # of an earlier run, which may have written more of them
+        save_replay(result, files)
+    score = score_replay(
+        source,
+        result,
+        options.score,
+        limits,
+        files=files,
+        settings=changed(options.localisation, "localisation.") | changed(options.mapping, "mapping."),
+        limits_file=options.limits,
+        command=command,
+    )
+    localised = [record for record in result.records if record.covariance is not None]
+    states = f"{len(result.estimate)} poses, {states_text(result.records)}"
+    total = sum(len(part) for part in (source.loc, source.nav) if part is not None)
+    interrupted = f"interrupted: {len(received.published)} of {total} pairs were played, and scored"
+    return ReplayOutcome(
+        result,
+        score,
+        (*remarks, states),
+        tracking_warning(localised, source.path),
+        interrupted if was_interrupted else "",
+    )
+
+
+def _remarks(received: Received, options: ReplayOptions) -> Iterator[str]:
+    """Yield what is missing of the results, and what an external node has answered; NodeError without any cloud."""
+    theirs = None if options.external is None else options.external.task  # its answers are counted in the score
+    played = len(received.published_stamps(Task.LOCALISATION.rig))
+    if (missing := played - len(received.rows)) > 0 and theirs is not Task.LOCALISATION:
+        yield f"{missing} of {played} pairs have no odometry: the nodes could not keep up"
+    if received.published_stamps(Task.MAPPING.rig) and not received.clouds and theirs is not Task.MAPPING:
+        raise NodeError("mapping_node gave no cloud: play slower (--rate) or in lock step (--rate 0)")
+    if (node := received.external) is not None:
+        answers = node.score.answers
+        yield f"external node {node.method.name}: {answers.answered} of {answers.pairs} pairs answered"
