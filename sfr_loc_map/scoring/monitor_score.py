@@ -24,22 +24,21 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import JUMP_BACK_NS, MAX_JSON_BYTES, NS_PER_S, Task, parse_json, read_text
+from sfr_loc_map.inputs import JUMP_BACK_NS, MAX_JSON_BYTES, NS_PER_S, parse_json, read_text
 from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, lost_by_covariance, unique_rows
-from sfr_loc_map.metrics.calls import METHOD, STATE_KINDS, Calls, ScoredCalls, completeness_rows, score_calls, stage_of
+from sfr_loc_map.metrics.calls import METHOD, Calls, stage_of
 from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
-from sfr_loc_map.metrics.completeness import live_completeness, settled
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.consistency import STEP_SIZE
-from sfr_loc_map.metrics.judge import judged
 from sfr_loc_map.metrics.limits import Limits
-from sfr_loc_map.metrics.score import SCHEMA, Details, Figure, Provenance, Score
-from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
-from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.metrics.score import SCHEMA, Provenance, Score
+from sfr_loc_map.runs.calls import CallRecord, CallStats
 from sfr_loc_map.scoring.contradiction import convention_mismatch
+from sfr_loc_map.scoring.run import DriveToScore, Run, ScoreInputs, UnderWay
+from sfr_loc_map.scoring.score_run import score_run
 
 T = TypeVar("T")
 MAX_STAGES = 16  #: Stages whose times are kept: their names come from the network.
@@ -234,66 +233,24 @@ class MonitorScore:
         While a run goes on, results of the last `in_flight_s` seconds are still expected and do not count as missing.
         `contradiction` is what the method of that name found.
         """
-        drive = self._scored_trajectory(image_stamps_ns, round(in_flight_s * NS_PER_S), details=details)
-        calls = score_calls(self._calls.calls(), details=details) if len(self._calls) else ScoredCalls()
-        figures = [
-            *(() if drive is None else drive.figures),
-            *(() if self.map_score is None else self.map_score.figures),
-            *calls.figures,
-            *self._completeness(image_stamps_ns, round(in_flight_s * NS_PER_S)),
-        ]
-        shown = Details(
-            trajectory=None if drive is None else drive.details,
-            map=None if self.map_score is None or not details else self.map_score.details,
-            calls=dict(calls.plots),
-        )
-        score = Score(
-            figures=tuple(figures),
-            association=None if drive is None else drive.association,
-            truth=None if drive is None else drive.truth,
-            provenance=provenance,
-            cloud=None if self.map_score is None else self.map_score.cloud,
-            calls=calls.records if len(self._calls) else None,
-            warnings=() if contradiction is None else (contradiction,),
-            contradiction=contradiction,
-            errors=() if drive is None else drive.errors,
-            details=shown if shown != Details() else None,
-        )
-        return judged(score, self._limits, partial=self._config.trajectory.partial)
-
-    def _completeness(self, image_stamps_ns: IntArray | None, in_flight_ns: int) -> Iterator[Figure]:
-        """Yield what of the expected calls came, and what of the messages was dropped."""
-        expected = image_stamps_ns if image_stamps_ns is not None else self._truth.all()["stamp_ns"]
-        pairs = np.array(sorted(self.map_inputs.pair_stamps_ns), np.int64)
-        if len(self._calls):
-            calls = self._calls.calls()
-            is_mapping = np.array([state in STATE_KINDS for state in calls.states])
-            known = {
-                Task.LOCALISATION: settled(expected, calls.stamps_ns[~is_mapping], in_flight_ns),
-                Task.MAPPING: settled(pairs, calls.stamps_ns[is_mapping], in_flight_ns),
-            }
-            yield from completeness_rows([calls], known)
-        if self.dropped or self.restarts:
-            received = len(self._estimates) + len(self._truth) + len(self._calls)
-            yield from live_completeness(received, self.dropped, self.restarts)
-
-    def _scored_trajectory(
-        self, image_stamps_ns: IntArray | None, in_flight_ns: int, *, details: bool
-    ) -> ScoredTrajectory | None:
-        """Return the score of the poses that have come, by the function that scores files."""
         truth, estimates = self._given_truth(), self._given_estimates()
-        if truth is None or estimates is None:
-            return None
-        return score_trajectory(
-            estimates,
-            truth,
-            self._config.trajectory,
-            image_stamps_ns=image_stamps_ns,
+        drive = None
+        if truth is not None and estimates is not None:
+            drive = DriveToScore(estimates, truth, image_stamps_ns=image_stamps_ns)
+        live = UnderWay(
+            in_flight_ns=round(in_flight_s * NS_PER_S),
             details=details,
-            under_way=True,
-            in_flight_ns=in_flight_ns,
-            bounded=() if self._limits is None else self._limits.bounded,
+            contradiction=contradiction,
+            scored_map=self.map_score,
+            received=self.poses + len(self._calls),
+            dropped=self.dropped,
+            restarts=self.restarts,
+            provenance=provenance,
         )
+        stats = [CallStats(self._calls.calls(), None, None)] if len(self._calls) else []
+        pairs = np.array(sorted(self.map_inputs.pair_stamps_ns), np.int64)
+        run = Run(ScoreInputs(), stats, drive=drive, nav_stamps_ns=pairs, under_way=live)
+        return score_run(run, self._config, self._limits)
 
     def contradiction(self) -> str | None:
         """Return the convention mismatch of estimate and truth so far, None without one; takes 0.1 s and more."""

@@ -15,6 +15,7 @@ from sfr_loc_map.inputs import Task, hash_arrays
 from sfr_loc_map.metrics.aligned_error import aligned_errors
 from sfr_loc_map.metrics.calls import (
     KINDS_OF,
+    STATE_KINDS,
     ScoredCalls,
     completeness_of_answers,
     completeness_rows,
@@ -25,7 +26,7 @@ from sfr_loc_map.metrics.calls import (
 )
 from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, MAP, MEMORY, TARGET, Subject
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest, typical_pixel_offset
-from sfr_loc_map.metrics.completeness import expected_row, share_rows
+from sfr_loc_map.metrics.completeness import expected_row, live_completeness, settled, share_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, Condition, ScoreConfig, label_of
 from sfr_loc_map.metrics.convention import Diagnosis, diagnose
 from sfr_loc_map.metrics.incomplete import why_incomplete
@@ -45,6 +46,7 @@ from sfr_loc_map.metrics.score import (
     MapDetails,
     MethodKind,
     MethodRecord,
+    Provenance,
     Score,
     TargetRun,
     TrajectoryDetails,
@@ -149,7 +151,7 @@ def score_run(
         figures=(*drive.figures, *cloud.figures, *calls.figures),
         association=drive.association,
         truth=drive.truth,
-        provenance=provenance_of(run, config, drive.data_sha256, cloud.data_sha256),
+        provenance=_provenance(run, config, drive.data_sha256, cloud.data_sha256),
         alignment=drive.alignment,
         cloud=cloud.cloud,
         calls=calls.records,
@@ -166,6 +168,12 @@ def score_run(
     )
     score = judged(score, limits, partial=config.trajectory.partial)
     return struct_replace(score, warnings=(*score.warnings, *_partial_warnings(score), *_reading_warnings(score)))
+
+
+def _provenance(run: Run, config: ScoreConfig, drive_sha256: str | None, map_sha256: str | None) -> Provenance | None:
+    if run.under_way is not None:
+        return run.under_way.provenance
+    return provenance_of(run, config, drive_sha256, map_sha256)
 
 
 def _partial_warnings(score: Score) -> Iterator[str]:
@@ -201,10 +209,21 @@ def _drive_part(
         return _DrivePart(figures=(expected_row(DRIVE, 0, many), *share_rows("missing", many, many)))
     if drive is None:
         return _DrivePart()
-    association = config.trajectory.association
-    contradiction = convention_mismatch(drive.estimates.trajectory, drive.truth, association, drive.rig)
+    live = run.under_way
+    if live is None:
+        association = config.trajectory.association
+        contradiction = convention_mismatch(drive.estimates.trajectory, drive.truth, association, drive.rig)
+    else:
+        contradiction = live.contradiction
     scored = score_trajectory(
-        drive.estimates, drive.truth, config.trajectory, image_stamps_ns=drive.image_stamps_ns, bounded=bounded
+        drive.estimates,
+        drive.truth,
+        config.trajectory,
+        image_stamps_ns=drive.image_stamps_ns,
+        details=live is None or live.details,
+        under_way=live is not None,
+        in_flight_ns=0 if live is None else live.in_flight_ns,
+        bounded=bounded,
     )
     figures, alignment = scored.figures, None
     if aligned is not None:
@@ -222,7 +241,7 @@ def _drive_part(
         contradiction=contradiction,
         errors=scored.errors,
         details=scored.details,
-        data_sha256=hash_arrays((drive.truth.stamps_ns, drive.truth.positions)),
+        data_sha256=hash_arrays((drive.truth.stamps_ns, drive.truth.positions)) if live is None else None,
     )
 
 
@@ -282,6 +301,11 @@ def truth_warnings(about: TruthRecord) -> Iterator[str]:
 
 
 def _map_part(run: Run, config: ScoreConfig) -> _MapPart:
+    if (live := run.under_way) is not None:
+        made = live.scored_map
+        if made is None:
+            return _MapPart()
+        return _MapPart(figures=made.figures, cloud=made.cloud, details=made.details if live.details else None)
     if run.cloud is None and run.unmapped_pairs:
         many = run.unmapped_pairs
         return _MapPart(figures=(expected_row(MAP, 0, many), *share_rows("pairs_without_cloud", many, many)))
@@ -317,13 +341,17 @@ def _pixel_warnings(cloud: PointCloud, truths: Sequence[PairTruth]) -> Iterator[
 
 
 def _calls_part(run: Run) -> _CallsPart:
-    of_host = score_calls(concatenated([item.calls for item in run.stats])) if run.stats else ScoredCalls()
+    live = run.under_way
+    every = [concatenated([item.calls for item in run.stats])] if run.stats else []
+    details = live is None or live.details
+    of_host = score_calls(every[0], details=details) if every else ScoredCalls()
     if run.external is not None:
         of_host = with_external(of_host, run.external)
     records = of_host.records if run.stats or run.external is not None else None
     expected = _expected_calls(run)
-    every = [concatenated([item.calls for item in run.stats])] if run.stats else []
     figures = [*of_host.figures, *completeness_rows(every, expected)]
+    if live is not None and (live.dropped or live.restarts):
+        figures += live_completeness(live.received, live.dropped, live.restarts)
     if (node := run.external) is not None:
         kinds, places = KINDS_OF[Task(node.task)], ("", f"{CALLS} ", f"{MEMORY} ")
         of_node = {f"{place}{kind}" for kind in kinds for place in places}
@@ -339,11 +367,23 @@ def _calls_part(run: Run) -> _CallsPart:
 
 
 def _expected_calls(run: Run) -> dict[Task, IntArray | None]:
-    """Return the stamps of the pairs that each task has a call for: those of the source, else of the truth."""
+    """Return the stamps of the pairs that each task has a call for: those of the source, else of the truth.
+
+    While a run goes on, the calls of the last pairs may still come.
+    """
     images = None if run.drive is None else run.drive.image_stamps_ns
     if images is None and run.drive is not None:
         images = run.drive.truth.stamps_ns
-    return {Task.LOCALISATION: images, Task.MAPPING: run.nav_stamps_ns}
+    expected = {Task.LOCALISATION: images, Task.MAPPING: run.nav_stamps_ns}
+    if (live := run.under_way) is None or not run.stats:
+        return expected
+    calls = concatenated([item.calls for item in run.stats])
+    is_mapping = np.array([state in STATE_KINDS for state in calls.states])
+    of_task = {Task.LOCALISATION: calls.stamps_ns[~is_mapping], Task.MAPPING: calls.stamps_ns[is_mapping]}
+    return {
+        task: None if stamps is None else settled(stamps, of_task[task], live.in_flight_ns)
+        for task, stamps in expected.items()
+    }
 
 
 def _scored_target(run: Run, calls: CallStats) -> tuple[tuple[Figure, ...], TargetRun]:
