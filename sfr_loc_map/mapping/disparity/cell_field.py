@@ -20,8 +20,8 @@ MEAN_RADIUS_CELLS = 3
 which has steps of 1/16 or 1/8 pixel."""
 MEAN_TOLERANCES_PX = (F(1.5), F(0.7))
 """Cells that differ by less are averaged, pixels, in the first and the second mean. The first tolerance exceeds the
-matcher's noise in noisy images (measurements/mapper_trials.md), the second keeps edges that the first mean has
-revealed."""
+matcher's noise in noisy images, the second keeps edges that the first mean has revealed. The optimum of the second one
+is flat (measurements/mapper_trials.md)."""
 NEAR_TAP = F(0.5625)  #: Bilinear weight `(3/4)^2` of a cell at its pixels, a quarter of a cell from its centre.
 SIDE_TAP = F(0.1875)  #: Bilinear weight `3/4 1/4` of the neighbours along the row and along the column.
 CORNER_TAP = F(0.0625)  #: Bilinear weight `(1/4)^2` of the diagonal neighbour.

@@ -21,8 +21,12 @@ from sfr_loc_map.jit import jit_rows_inline
 WINDOW_RADIUS = 4  #: Half side of the window, pixels: it covers the surface of its centre and little else.
 MAX_DIFFERENCE = F(30.0)  #: Absolute differences are truncated to this, grey levels: more of them are occlusions.
 MAX_COST = F(1e9)  #: Cost where no pixel of the window is inside the right image, grey levels: larger than any other.
-VALID_WEIGHT = F(0.3)  #: Weight of valid pixels in a window: they repeat the disparity that they already have.
-GREY_SCALE = 8.0  #: Difference at which the weight has decreased to 1/e, grey levels: a few times the noise.
+VALID_WEIGHT = F(0.3)
+"""Weight of valid pixels in a window: they repeat the disparity that they already have. The optimum is flat
+(measurements/mapper_trials.md)."""
+GREY_SCALE = 8.0
+"""Difference at which the weight has decreased to 1/e, grey levels: a few times the noise. The network beside jumps was
+trained with this value, as with the other constants of the window."""
 DISTANCE_SCALE_PX = 3.0  #: Distance at which the weight has decreased to 1/e, pixels; 0.26 at the window's edge.
 
 WEIGHT_BY_GREY = np.exp(-np.arange(256.0) / GREY_SCALE).astype(F)

@@ -57,15 +57,18 @@ SOLVER_ITERATIONS = (8, 12, 12)
 """Conjugate gradient steps on each grid, finest first; the coarse grids leave the finest one only short waves."""
 WINDOW_CELLS = 9
 """Side of the square over which figures of cells are averaged, cells: 324 residuals, whose mean square has a relative
-standard deviation of 8 %."""
+standard deviation of 8 %. Smaller windows suit real pairs, larger ones smooth ground
+(measurements/mapper_trials.md)."""
 HALF_WEIGHT_SIGMAS = 5.0
-"""Residuals of this many standard deviations have half the weight in the data term: noise keeps its full weight."""
+"""Residuals of this many standard deviations have half the weight in the data term: noise keeps its full weight. The
+optimum is flat (measurements/mapper_trials.md)."""
 ROBUST_FACTOR = F(1.0 / HALF_WEIGHT_SIGMAS**2)  #: Factor of the squared normalised residual in the Cauchy weight.
 CLIPPING_SIGMAS = 3.0
-"""Residuals are clipped to this many standard deviations in the brightness offset: noise is not, occlusions are."""
+"""Residuals are clipped to this many standard deviations in the brightness offset: noise is not, occlusions are. The
+optimum is flat (measurements/mapper_trials.md)."""
 TEMPLATE_SIGMAS = 4.0
 """The template is the left image alone where the residual exceeds this many standard deviations: the right image then
-shows another surface."""
+shows another surface. The optimum is flat (measurements/mapper_trials.md)."""
 MIN_WEIGHT = F(0.1)  #: Smallest mean weight of a cell that divides its squared residuals; it must not be 0.
 ROUGHNESS_SPACING = 4
 """Spacing of the second differences that measure roughness, cells: at 8 pixels they exceed the noise of the field."""
@@ -77,7 +80,9 @@ EDGE_FACTOR = 10.0
 ones none would be."""
 MIN_ROUGHNESS = 0.1  #: Smallest local roughness over the median of the image, so that flat regions can still bend.
 MIN_TYPICAL_PX = 1e-3  #: Smallest median of the second differences, pixels; it must not be 0.
-ROUGHNESS_WINDOW = 5  #: Side of the square over which the local roughness is smoothed, in units of its spacing.
+ROUGHNESS_WINDOW = 5
+"""Side of the square over which the local roughness is smoothed, in units of its spacing. The optimum is flat
+(measurements/mapper_trials.md)."""
 GRID_FACTOR = 2.8
 """Growth of the typical second difference per doubling of the spacing, `2^1.5`: between fractal ground (2 or less) and
 a surface of constant curvature (4). The optimum is flat (measurements/mapper_trials.md)."""
