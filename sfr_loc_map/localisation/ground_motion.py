@@ -5,9 +5,10 @@ searched for a second rigid motion. Of two motions the ground's is the one that 
 the motion before. Landmarks and image cells of the other one (own body, dirt on the lens, moving objects) are excluded.
 If the evidence does not separate the two, the pose is ambiguous.
 
+`GroundSelector.compare` compares the left image with an earlier one, cell by cell, while the landmarks are tracked.
 `GroundSelector.select` works in four steps:
 
-1. Compare the left image with an earlier one, cell by cell, and gather the `Evidence` (`ground_evidence.py`).
+1. Gather the `Evidence` of the tracks and of the comparison (`ground_evidence.py`).
 2. `decide` the case: the first row that applies of `FIRST_CASES`, then of the cases with or without a rival motion.
 3. Select the tracks that follow the ground, and what is excluded, by the case (`_selection`).
 4. Return the findings (`findings_of`) and the memory for the next pair (`_memory_after`; `ground_memory.py`).
@@ -28,7 +29,7 @@ from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.localisation.findings import Finding
 from sfr_loc_map.localisation.frontend.double_exposure import MIXTURE_LEVEL
-from sfr_loc_map.localisation.frontend.image_cells import LEVEL, MOVED_PX, ExcludedCells, change_of
+from sfr_loc_map.localisation.frontend.image_cells import LEVEL, MOVED_PX, Change, ExcludedCells, change_of
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
 from sfr_loc_map.localisation.ground_evidence import CLEAR_RATIO, ComparedPair, Evidence, MotionTools
@@ -42,6 +43,7 @@ from sfr_loc_map.localisation.ground_memory import (
     Phase,
 )
 from sfr_loc_map.localisation.motion_model import Prediction
+from sfr_loc_map.localisation.parallel import Pending, beside
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
 from sfr_loc_map.localisation.uncertainty import MotionSize
 
@@ -191,13 +193,23 @@ class GroundSelector:
         """The shape of the images is (height, width)."""
         self._tools = MotionTools(tracker, relocaliser, camera, shape, min_tracked)
 
+    def compare(self, frame: StereoFrame, memory: GroundMemory) -> Pending[Change]:
+        """Begin to compare the left image with an earlier one, cell by cell, while the landmarks are tracked."""
+        assert memory.compared is not None, "a window has begun"
+        return beside(change_of, memory.compared.image, frame.left[LEVEL].image)
+
     def select(
-        self, frame: StereoFrame, main: Tracks, prediction: Prediction, memory: GroundMemory, recovery: RecoveryImages
+        self,
+        frame: StereoFrame,
+        main: Tracks,
+        prediction: Prediction,
+        memory: GroundMemory,
+        recovery: RecoveryImages,
+        change: Change,
     ) -> Ground:
         """Return the ground's motion in a pair. The main tracks may follow any motion, trusted or not."""
         assert memory.compared is not None, "a window has begun"
         compared = memory.compared._replace(age=memory.compared.age + 1)
-        change = change_of(compared.image, frame.left[LEVEL].image)
         far_px = FAR_RATIO * self._tools.shape[1] * compared.age if memory.is_clear else np.inf
         pair = ComparedPair(frame, prediction, recovery, change, compared.pose, far_px)
         evidence = self._evidence(pair, main, memory)
@@ -344,7 +356,7 @@ class GroundSelector:
     def _excluded_after(self, evidence: Evidence, selection: Selection) -> ExcludedCells:
         """Return the excluded cells after a pair: those of the selection, and earlier ones for a while."""
         excluded = evidence.memory.excluded
-        if selection.fixed is not None:
+        if selection.fixed is not None and selection.fixed.any():
             excluded = excluded.with_fixed(selection.fixed)
         if selection.moving is not None:
             excluded = excluded.with_moving(selection.moving)

@@ -70,6 +70,7 @@ from sfr_loc_map.localisation.estimate import (
     lost_covariance,
 )
 from sfr_loc_map.localisation.findings import Action, Finding, Verdict, decide
+from sfr_loc_map.localisation.frontend.image_cells import Change
 from sfr_loc_map.localisation.frontend.patch import SIDE
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset, right_shift
 from sfr_loc_map.localisation.frontend.sparse_stereo import refine_slopes
@@ -228,10 +229,11 @@ class Localiser:
         # 2 predict
         guesses = state.path.motion.predict(pair.stamp_ns, odometry, self._model)
         prediction = Prediction(guesses, state.calibration.offset)
-        # 3 track, 4 relocalise
+        # 3 track, 4 relocalise; meanwhile stage 5 begins
+        change = self._ground.compare(frame, state.ground)
         tracks = self._track(frame, landmark_map, prediction, state.recovery, clock)
         # 5 select the ground's motion
-        ground = self._select_ground(frame, tracks, prediction, state, images)
+        ground = self._select_ground(frame, tracks, prediction, state, images, change.result())
         state = replace(state, ground=ground.memory_if_refused)
         findings |= ground.findings
         verdict = decide(findings | guards.check_landmarks(frame, are_enough=ground.tracks.is_trusted))
@@ -269,12 +271,18 @@ class Localiser:
         return found or tracks
 
     def _select_ground(
-        self, frame: StereoFrame, tracks: Tracks, prediction: Prediction, state: State, images: ImageComparison
+        self,
+        frame: StereoFrame,
+        tracks: Tracks,
+        prediction: Prediction,
+        state: State,
+        images: ImageComparison,
+        change: Change,
     ) -> Ground:
         """Select the ground's motion. A left image with blanked parts cannot be compared with earlier ones."""
         if images.is_left_frozen or images.stale_rows.any():
             return Ground.unselected(tracks, state.ground)
-        return self._ground.select(frame, tracks, prediction, state.ground, state.recovery)
+        return self._ground.select(frame, tracks, prediction, state.ground, state.recovery, change)
 
     def _correct_right_camera(
         self, tracks: Tracks, calibration: OnlineCalibration, shear_mean: ShearMean
@@ -333,14 +341,15 @@ class Localiser:
         tracks = candidate.tracks
         landmark_map = candidate.landmark_map
         landmarks = landmark_map.landmarks
-        if landmarks.among(tracks.landmarks).all():
+        was_tracked = landmarks.among(tracks.landmarks)
+        if was_tracked.all():
             return tracks
         if np.array_equal(tracks.landmarks.index, landmark_map.followed.index):
             rest = landmark_map.rest  # its patches are already copied
         else:
-            rest = landmarks.subset(~landmarks.among(tracks.landmarks))
+            rest = landmarks.subset(~was_tracked)
         offset = candidate.corrected.calibration.offset
-        return self._tracker.complete(candidate.frame, tracks, landmarks, rest, offset)
+        return self._tracker.complete(candidate.frame, tracks, landmarks, was_tracked, rest, offset)
 
     def _accept(self, state: State, candidate: Candidate, verdict: Verdict, final: FinalPose) -> Outcome:
         """Accept a pose: only here the state learns from one."""

@@ -1,4 +1,6 @@
-"""Work shared by two threads: left and right image, or two halves of many points. Results do not depend on timing.
+"""Work shared by two threads: left and right image, two halves of many points, or a call beside others.
+
+Results do not depend on timing.
 
 The functions release the interpreter's lock (`nogil` kernels, OpenCV), so that both threads run.
 """
@@ -13,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import cache
 from queue import SimpleQueue
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -26,6 +28,20 @@ R = TypeVar("R")
 Rows = TypeVar("Rows", bound=FloatArray | tuple[FloatArray, ...])
 """An array with a row for each point, or a `NamedTuple` of such arrays."""
 _current_core = getattr(ctypes.CDLL(None), "sched_getcpu", None)  #: Core of the calling thread; None on macOS.
+
+
+class Pending(Generic[R]):
+    """The result of a call that runs in the second thread."""
+
+    def __init__(self, done: SimpleQueue[R | BaseException]) -> None:
+        self._done = done
+
+    def result(self) -> R:
+        """Wait for the call and return its result, or raise its exception; once."""
+        result = self._done.get()
+        if isinstance(result, BaseException):
+            raise result
+        return result
 
 
 class _Task(NamedTuple):
@@ -58,17 +74,20 @@ def _second_thread() -> tuple[SimpleQueue[_Task], int]:
     return tasks, thread.native_id or 0
 
 
-def both(function: Callable[..., R], left: tuple[Any, ...], right: tuple[Any, ...]) -> tuple[R, R]:
-    """Return the results of a function for left and right arguments; the right call runs in the second thread."""
+def beside(function: Callable[..., R], *arguments: Any) -> Pending[R]:  # noqa: ANN401 - of the function
+    """Begin a call in the second thread. Calls run in the order in which they were begun."""
     tasks, thread = _second_thread()
     _keep_off_this_core(thread)
     done: SimpleQueue[R | BaseException] = SimpleQueue()
-    tasks.put(_Task(function, right, done))
-    left_result = function(*left)
-    right_result = done.get()
-    if isinstance(right_result, BaseException):
-        raise right_result
-    return left_result, right_result
+    tasks.put(_Task(function, arguments, done))
+    return Pending(done)
+
+
+def both(function: Callable[..., R], left: tuple[Any, ...], right: tuple[Any, ...]) -> tuple[R, R]:
+    """Return the results of a function for left and right arguments; the right call runs in the second thread."""
+    of_right = beside(function, *right)
+    of_left = function(*left)
+    return of_left, of_right.result()
 
 
 def _keep_off_this_core(thread: int) -> None:

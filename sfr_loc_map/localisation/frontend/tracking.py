@@ -103,7 +103,8 @@ class Tracks:
         """Fraction of the inliers of the image that shows more of them that the other image shows, too."""
         in_left = self.inliers & np.isfinite(self.observations[:, 0])
         in_right = self.inliers & np.isfinite(self.observations[:, 2])
-        return float((in_left & in_right).sum() / max(int(in_left.sum()), int(in_right.sum()), 1))
+        most = max(int(np.count_nonzero(in_left)), int(np.count_nonzero(in_right)), 1)
+        return int(np.count_nonzero(in_left & in_right)) / most
 
     @property
     def left_inlier_count(self) -> int:
@@ -197,11 +198,16 @@ class Tracker:
         return self.refine(frame, landmarks, self.align(frame.left, landmarks, [start], (0,)), offset)
 
     def complete(
-        self, frame: StereoFrame, tracks: Tracks, landmarks: Landmarks, rest: Landmarks, offset: RightOffset
+        self,
+        frame: StereoFrame,
+        tracks: Tracks,
+        landmarks: Landmarks,
+        was_tracked: Mask,
+        rest: Landmarks,
+        offset: RightOffset,
     ) -> Tracks:
-        """Solve for the pose by all landmarks: those that were tracked, and the rest, which is observed now."""
+        """Solve for the pose by all landmarks: those of a mask were tracked, and the rest is observed now."""
         of_rest = self.observe(frame, rest, tracks.pose, offset)
-        was_tracked = landmarks.among(tracks.landmarks)
         still_there = tracks.landmarks.among(landmarks)
         uv = np.empty((len(landmarks.index), 4))
         uv[was_tracked] = tracks.observations[still_there]
