@@ -18,6 +18,7 @@ from queue import SimpleQueue
 from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
 
@@ -25,7 +26,7 @@ MIN_POINTS = 64  #: Minimum number of points that are divided between threads: f
 BACKGROUND = ThreadPoolExecutor(max_workers=1, thread_name_prefix="keyframe")
 """Thread of keyframes, which may itself share its work by `both`; started with the first task."""
 R = TypeVar("R")
-Rows = TypeVar("Rows", bound=FloatArray | tuple[FloatArray, ...])
+Rows = TypeVar("Rows", bound=FloatArray | tuple[NDArray[Any], ...])
 """An array with a row for each point, or a `NamedTuple` of such arrays."""
 _current_core = getattr(ctypes.CDLL(None), "sched_getcpu", None)  #: Core of the calling thread; None on macOS.
 

@@ -76,6 +76,7 @@ class NormalEquations(NamedTuple):
     information: FloatArray  #: `(6 K + 1, 6 K + 1)`.
     rhs: FloatArray  #: `(6 K + 1,)`.
     blocks: LandmarkBlocks  #: Blocks of the landmarks.
+    motions_by_poses: FloatArray  #: `(K, 6 K + 1, 6 K + 1)` derivative of the motions relative to each host.
 
 
 class _System(NamedTuple):
@@ -370,7 +371,7 @@ def linearise(problem: BundleProblem) -> NormalEquations:
     to_poses = to_motions.swapaxes(1, 2)
     information_of_poses = np.asarray((to_poses @ information @ to_motions).sum(axis=0))
     rhs_of_poses = np.asarray((to_poses @ rhs[:, :, None]).sum(axis=0)[:, 0])
-    return NormalEquations(information_of_poses, rhs_of_poses, blocks)
+    return NormalEquations(information_of_poses, rhs_of_poses, blocks, to_motions)
 
 
 def _part_of(problem: BundleProblem, blocks: LandmarkBlocks, chosen: slice) -> tuple[BundleProblem, LandmarkBlocks]:
@@ -417,11 +418,11 @@ def adjust(problem: BundleProblem, prior: Prior, iterations: int) -> Adjustment:
     assert iterations >= 1, "an adjustment has at least one iteration"
     for _ in range(iterations):
         keyframes = problem.keyframes
-        system, system_rhs, blocks = linearise(problem)
+        system, system_rhs, blocks, to_motions = linearise(problem)
         information = system[:-1, :-1] + prior.information
         rhs = system_rhs[:-1] + prior.rhs(keyframes)
         update = np.asarray(np.linalg.solve(information, rhs), dtype=np.float64)
-        landmarks = _updated_landmarks(problem, blocks, update)
+        landmarks = _updated_landmarks(problem, blocks, to_motions, update)
         covariance = blocks.covariance
         del blocks  # These are the largest arrays; the next iteration reuses their memory.
         problem = problem._replace(keyframes=_updated_poses(keyframes, update), uv_inverse_depth=landmarks)
@@ -438,9 +439,11 @@ def _updated_poses(keyframes: Poses, update: FloatArray) -> Poses:
     return Poses(np.stack(rotations), keyframes.positions + step[:, :3])
 
 
-def _updated_landmarks(problem: BundleProblem, blocks: LandmarkBlocks, update: FloatArray) -> FloatArray:
+def _updated_landmarks(
+    problem: BundleProblem, blocks: LandmarkBlocks, to_motions: FloatArray, update: FloatArray
+) -> FloatArray:
     """Return the landmarks `(N, 3)` after a step `(6 K,)` of the poses, by back substitution: `C (r - B m)`."""
-    motions = motions_by_poses(problem.keyframes)[:, :-1, :-1] @ update
+    motions = to_motions[:, :-1, :-1] @ update
     rhs = blocks.rhs - np.einsum("nij,nj->ni", blocks.coupling[:, :, :-1], motions[problem.host])
     step = np.einsum("nij,nj->ni", blocks.covariance, rhs)
     return np.asarray(problem.uv_inverse_depth + np.asarray(step))

@@ -48,7 +48,10 @@ def find_corners(
         strength[mask == 0] = 0.0
     height, width = image.shape
     side = max(MIN_CELL_PX, int(np.sqrt(height * width / wanted)))
-    corners = _strongest(strength, side, border)
+    rows = -(-height // side)
+    corners = np.concatenate(
+        both(_strongest, (strength, side, border, 0, rows // 2), (strength, side, border, rows // 2, rows))
+    )
     distance = MIN_DISTANCE_RATIO * side
     by_row = np.ascontiguousarray(occupied[np.argsort(occupied[:, 1])])
     first = np.searchsorted(by_row[:, 1], corners[:, 1] - distance)
@@ -138,15 +141,17 @@ def _fill_strength(image: FloatImage, strength: FloatImage, first: int, end: int
 
 
 @jit
-def _strongest(strength: FloatImage, side: int, border: int) -> FloatArray:
-    """Return the strongest pixel of each cell of a side, `(N, 3)` u, v, strength, for cells with positive strength."""
+def _strongest(strength: FloatImage, side: int, border: int, first: int, end: int) -> FloatArray:
+    """Return the strongest pixel of each cell of a side in some rows of cells, if its strength is positive.
+
+    The result is `(N, 3)` u, v, strength.
+    """
     height, width = strength.shape
-    rows = -(-height // side)
     columns = -(-width // side)
-    best = np.zeros((rows * columns, 3))
-    for row in range(rows):
+    best = np.zeros(((end - first) * columns, 3))
+    for row in range(first, end):
         for column in range(columns):
-            cell = best[row * columns + column]
+            cell = best[(row - first) * columns + column]
             for y in range(max(border, row * side), min(height - border, row * side + side)):
                 for x in range(max(border, column * side), min(width - border, column * side + side)):
                     if strength[y, x] > cell[2]:

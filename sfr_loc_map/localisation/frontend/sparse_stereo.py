@@ -40,19 +40,24 @@ from sfr_loc_map.localisation.parallel import in_halves
 from sfr_loc_map.localisation.small_linalg import copy_row, fill_inverse_4, solve
 
 
+class Neighbours(NamedTuple):
+    """Nearest points of N points, k for each of them, nearest first."""
+
+    distance: FloatArray  #: `(N, k)` pixels.
+    numbers: NDArray[np.intp]  #: `(N, k)`.
+
+
 @jit
-def nearest(
-    points: FloatArray, support: FloatArray, begin: NDArray[np.intp], count: int
-) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return the nearest support points of each point: distances and numbers, `(N, count)` each, nearest first.
+def nearest(points: FloatArray, begin: NDArray[np.intp], support: FloatArray, count: int) -> Neighbours:
+    """Return the nearest support points of each point.
 
     The search goes from the place of a point in the order of u to both sides. It ends where the distance along u alone
     exceeds that of the last of the nearest.
 
     Args:
         points: `(N, 2)`.
-        support: `(M, 2)` in the order of u; M is at least `count`.
         begin: `(N,)` places of the points in the support, as by `np.searchsorted`.
+        support: `(M, 2)` in the order of u; M is at least `count`.
         count: Number of nearest points.
     """
     index = np.zeros((len(points), count), np.intp)
@@ -89,7 +94,7 @@ def nearest(
                 nearest_index[place] = candidate
         for k in range(count):
             nearest_squares[k] = np.sqrt(nearest_squares[k])
-    return distance, index
+    return Neighbours(distance, index)
 
 
 MIN_PEAK_DISTANCE = 2  #: Positions beside the best correlation that do not count as a second peak.
@@ -410,13 +415,6 @@ class StereoMatches:
     patches: Templates  #: Templates of the left patches.
 
 
-class _Neighbours(NamedTuple):
-    """Nearest points of N corners among the corners themselves and M known points, which follow them."""
-
-    distance: FloatArray  #: `(N, k)` pixels, nearest first.
-    numbers: NDArray[np.intp]  #: `(N, k)`.
-
-
 def match_corners(
     left: Pyramid,
     right: Pyramid,
@@ -487,15 +485,19 @@ def _searched(
     return uv[good], disparity[good] * scale
 
 
-def _neighbours(uv: FloatArray, known: FloatArray) -> _Neighbours | None:
-    """Return the neighbours of corners `(N, 2)` among these and known points `(M, 3)`; None if there are too few."""
+def _neighbours(uv: FloatArray, known: FloatArray) -> Neighbours | None:
+    """Return the neighbours of corners `(N, 2)` among these and known points `(M, 3)`, which follow the corners.
+
+    None if there are too few points.
+    """
     support = np.concatenate((uv, known[:, :2]))
     if not len(uv) or len(support) < MIN_NEIGHBOURS:
         return None
     order = np.argsort(support[:, 0], kind="stable")
     begin = np.searchsorted(support[order, 0], uv[:, 0])
-    distance, index = nearest(uv, np.ascontiguousarray(support[order]), begin, min(NEIGHBOURS, len(support)))
-    return _Neighbours(distance, order[index])
+    search = partial(nearest, support=np.ascontiguousarray(support[order]), count=min(NEIGHBOURS, len(support)))
+    found = in_halves(search, uv, begin)
+    return Neighbours(found.distance, order[found.numbers])
 
 
 def _refined(
@@ -521,7 +523,7 @@ def _is_free(mask: NDArray[np.uint8], uv: FloatArray) -> Mask:
 
 
 def _slopes(
-    uv: FloatArray, disparity: FloatArray, good: Mask, known: FloatArray, neighbours: _Neighbours | None
+    uv: FloatArray, disparity: FloatArray, good: Mask, known: FloatArray, neighbours: Neighbours | None
 ) -> FloatArray:
     """Return the slopes `(N, 2)` of the planes through corners and their neighbours; 0 without neighbours.
 
@@ -550,8 +552,11 @@ def _fit_slopes(
     """
     slopes = np.zeros((len(uv), 2))
     row = np.ones(3)  # derivative of the disparity by the unknowns: disparity at the corner, slopes
+    nearness = np.empty(index.shape[1])
     for n in range(len(uv)):
         reach = max(distance[n, -1], 1.0)
+        for k in range(index.shape[1]):
+            nearness[k] = np.exp(-2.0 * (distance[n, k] / reach) ** 2)
         plane = np.zeros(3)
         for _ in range(PLANE_ITERATIONS):
             information = np.zeros((3, 3))
@@ -568,7 +573,7 @@ def _fit_slopes(
                 row[2] = support[m, 1] - uv[n, 1]
                 level = support[m, 2] - disparity[n]
                 residual = (level - plane[0] - row[1] * plane[1] - row[2] * plane[2]) / PLANE_NOISE_PX
-                weight = np.exp(-2.0 * (distance[n, k] / reach) ** 2) / (1.0 + residual * residual)
+                weight = nearness[k] / (1.0 + residual * residual)
                 for i in range(3):
                     rhs[i] += weight * row[i] * level
                     for j in range(3):

@@ -50,7 +50,7 @@ def test_the_same_as_a_search_tree(seed: int, points: int, others: int, count: i
     support = np.concatenate((uv, random.uniform(0.0, 1.0, (others, 2)) * [flat, 1.0]))
     count, order = min(count, len(support)), np.argsort(support[:, 0])
     ordered = support[order]
-    distance, index = nearest(uv, ordered, np.searchsorted(ordered[:, 0], uv[:, 0]), count)
+    distance, index = nearest(uv, np.searchsorted(ordered[:, 0], uv[:, 0]), ordered, count)
     expected, which = (np.reshape(part, (points, count)) for part in cKDTree(support).query(uv, k=count))
     assert np.array_equal(distance, expected)
     assert np.array_equal(order[index], which)
