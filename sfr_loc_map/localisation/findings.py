@@ -161,11 +161,15 @@ class Verdict(NamedTuple):
         return self.action.refuses
 
 
+NO_FINDING: Final = Verdict(None, Action.ACCEPT, None, Inflation.NONE, is_comparable=True)
+"""What happens to a pair without findings."""
+
+
 def decide(findings: Collection[Finding]) -> Verdict:
     """Return what follows from the findings of a pair."""
+    if not findings:
+        return NO_FINDING
     present = [finding for finding in RULES if finding in findings]
-    if not present:
-        return Verdict(None, Action.ACCEPT, None, Inflation.NONE, is_comparable=True)
     rules = [RULES[finding] for finding in present]
     inflation = Inflation.NONE
     for rule in rules:

@@ -75,7 +75,8 @@ def check_pose(tracks: Tracks, motion: Motion, stamp_ns: int, bounds: MotionBoun
 
     A determined pose is finite, and its information matrix is positive definite.
     """
-    is_finite = np.isfinite(tracks.information).all() and np.isfinite(np.column_stack(tracks.pose)).all()
+    numbers = (tracks.information, tracks.pose.rotation, tracks.pose.position)
+    is_finite = all(np.isfinite(array).all() for array in numbers)
     is_determined = is_finite and np.linalg.eigvalsh(tracks.information)[0] > 0.0
     if not is_determined:
         return frozenset({Finding.SINGULAR})
@@ -87,8 +88,9 @@ def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: Ri
 
     The images are then swapped, which the tracker tests, or one of them is old.
     """
-    other = frame.right if tracks.is_left_fuller else frame.left
-    if tracks.stereo_fraction > MIN_STEREO_FRACTION or not is_textured(other):
+    if tracks.stereo_fraction > MIN_STEREO_FRACTION:
+        return frozenset()
+    if not is_textured(frame.right if tracks.is_left_fuller else frame.left):
         return frozenset()
     is_swapped = tracker.fits_swapped(frame, tracks, offset)
     return frozenset({Finding.SWAPPED if is_swapped else Finding.ONE_SIDED})

@@ -93,8 +93,8 @@ class KeyframeMaker:
         last_seen = tracks.landmarks.last_seen
         flow = np.linalg.norm(tracks.observations[:, :2] - last_seen[:, :2], axis=1)[tracks.inliers]
         flow = flow[np.isfinite(flow)]
-        still_active = last_seen[tracks.landmarks.among(landmark_map.landmarks)]
-        in_last_keyframe = np.count_nonzero(np.isfinite(still_active[:, 0]))
+        is_active = landmark_map.window.active[tracks.landmarks.index]
+        in_last_keyframe = np.count_nonzero(is_active & np.isfinite(last_seen[:, 0]))
         if len(flow) < KEYFRAME_INLIER_RATIO * in_last_keyframe:
             return True
         return len(flow) > 0 and median(flow) > KEYFRAME_FLOW * self._rig.width

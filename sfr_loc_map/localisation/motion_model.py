@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import numpy as np
-
+from sfr_loc_map.geometry.arrays import length
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.transform import Transform
@@ -109,16 +108,15 @@ class Motion:
 
 def size_of(motion: Transform) -> MotionSize:
     """Return the size of a motion."""
-    angle = np.linalg.norm(rotvec_from_matrix(motion.rotation))
-    return MotionSize(float(np.linalg.norm(motion.translation)), float(angle))
+    return MotionSize(length(motion.translation), length(rotvec_from_matrix(motion.rotation)))
 
 
 def is_plausible(motion: Motion, stamp_ns: int, pose: Pose, bounds: MotionBounds) -> bool:
     """Return whether a rover can have moved to a pose of the left camera since the last known one; NaN is not."""
     seconds = motion.unobserved_s(stamp_ns)
     last = motion.T_world_left
-    metres = np.linalg.norm(pose.position - last.translation)
-    radians = np.linalg.norm(rotvec_from_matrix(last.rotation.T @ pose.rotation))
+    metres = length(pose.position - last.translation)
+    radians = length(rotvec_from_matrix(last.rotation.T @ pose.rotation))
     max_m = SLACK.metres + bounds.max_speed_m_s * seconds
     max_rad = SLACK.radians + bounds.max_turn_rad_s * seconds
-    return bool(metres <= max_m and radians <= max_rad)
+    return metres <= max_m and radians <= max_rad

@@ -43,7 +43,7 @@ makes a tenth of the pixels of two exposures differ."""
 MIN_ROW_RANGE: Final = 8  #: Range of grey levels of a textured row: sky and saturated rows are equal in all images.
 MIN_STALE_FRACTION: Final = 0.05
 """Fraction of stale rows from which an image is partially transferred: fewer rows hold few landmarks."""
-PROBE: Final = 64  #: Column and row step of a first comparison, which decides for nearly all images.
+PROBE: Final = 64  #: Row step of a first comparison, which decides for nearly all images.
 
 
 class StaleRows(NamedTuple):
@@ -85,6 +85,8 @@ def compare(pair: StereoPair, memory: ImageMemory | None) -> ImageComparison:
     right = stale_rows(before.right, pair.right)
     if is_swapped_repeat(before, pair) or (left.is_same and right.is_same):
         return ImageComparison(pair, memory, nothing, is_repeated=True)
+    if not (left.rows.any() or right.rows.any()):
+        return ImageComparison(pair, ImageMemory(pair, left, right), nothing)
     # a frozen image is always compared with the one that was exposed
     exposed_left = before.left if left.is_frozen else pair.left
     exposed_right = before.right if right.is_frozen else pair.right
@@ -110,14 +112,22 @@ def stale_rows(before: GreyImage, now: GreyImage) -> StaleRows:
     is_small = cv2.meanStdDev(change)[1].item() ** 2 <= NOISE_MARGIN * MAX_NOISE**2
     if is_small and is_repeated_with_noise(before, now):
         return StaleRows(np.ones(len(now), np.bool_), is_frozen=True, is_same=True)
-    same = (before[:, ::PROBE] == now[:, ::PROBE]).all(axis=1)
+    same = equal_rows(before, now)
     if same.any():
-        same &= (before == now).all(axis=1)
         textured = np.ptp(now, axis=1) >= MIN_ROW_RANGE
         rows = same & textured
         if np.count_nonzero(rows) >= MIN_STALE_FRACTION * len(now):
             return StaleRows(rows, is_frozen=bool(same[textured].all()), is_same=bool(same.all()))
     return StaleRows(np.zeros(len(now), np.bool_), is_frozen=False, is_same=bool(same.all()))
+
+
+def equal_rows(before: GreyImage, now: GreyImage) -> Mask:
+    """Return which rows `(H,)` of two images are equal; one column decides for most rows."""
+    middle = before.shape[1] // 2
+    candidates = np.flatnonzero(before[:, middle] == now[:, middle])
+    same = np.zeros(len(now), np.bool_)
+    same[candidates] = (before[candidates] == now[candidates]).all(axis=1)
+    return same
 
 
 def is_swapped_repeat(before: StereoPair, now: StereoPair) -> bool:

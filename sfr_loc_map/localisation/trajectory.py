@@ -173,10 +173,11 @@ def _errors_with(
     depth_m = landmark_map.landmarks.median_depth
     per_px = (position - path.motion.T_world_left.translation) * depth_m / model.focal_baseline
     bias = DisparityBias(errors.bias.total + per_px, errors.bias.corrected + per_px * calibration.corrected_px)
+    unobserved_rb = pose.added.unobserved_rb
     return replace(
         errors,
         in_window=pose.given_landmarks + landmark_map.window.covariance,
-        suspected=_of_left(path, pose.added.unobserved_rb, model),
+        suspected=ZERO if unobserved_rb is None else _of_left(path, unobserved_rb, model),
         unseen=ZERO,
         bias=bias,
     )

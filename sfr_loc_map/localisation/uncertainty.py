@@ -73,7 +73,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, length
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
@@ -375,13 +375,15 @@ def unobserved_motion(speed: Speed, seconds: float, model: RoverModel) -> FloatA
 class AddedError(NamedTuple):
     """What findings add to the covariance of a pose, and of the steps to it and from it."""
 
-    unobserved_rb: FloatArray  #: `(6, 6)` motion since the last pose, in RB there; zero without such a finding.
+    #: `(6, 6)` motion since the last pose, in RB there; None without such a finding.
+    unobserved_rb: FloatArray | None
     ambiguity: DirectedError | None  #: Distance to another possible pose; None without such a finding.
 
     @property
     def of_step(self) -> FloatArray:
         """Covariance `(6, 6)` added to a step."""
-        return self.unobserved_rb if self.ambiguity is None else self.unobserved_rb + self.ambiguity.covariance
+        unobserved = ZERO if self.unobserved_rb is None else self.unobserved_rb
+        return unobserved if self.ambiguity is None else unobserved + self.ambiguity.covariance
 
 
 def inflation_of(
@@ -402,7 +404,7 @@ def inflation_of(
             max(rival_distance.metres, moved.metres, forwards_m),
             max(rival_distance.radians, moved.radians, heading_rad),
         )
-    return AddedError(unobserved_rb if Inflation.UNOBSERVED in inflation else ZERO, ambiguity)
+    return AddedError(unobserved_rb if Inflation.UNOBSERVED in inflation else None, ambiguity)
 
 
 # ---- a step
@@ -429,8 +431,8 @@ class StepMotion:
             of_rb=of_rb,
             vector=np.concatenate((of_rb.translation, rotvec_from_matrix(of_rb.rotation))),
             displacement=now.translation - before.translation,
-            metres=float(np.linalg.norm(of_left.translation)),
-            radians=float(np.linalg.norm(rotvec_from_matrix(of_left.rotation))),
+            metres=length(of_left.translation),
+            radians=length(rotvec_from_matrix(of_left.rotation)),
             R_rb_world=model.T_rb_left.rotation @ before.rotation.T,
         )
 

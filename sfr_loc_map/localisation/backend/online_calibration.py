@@ -70,7 +70,9 @@ class LensResidual(NamedTuple):
         rows, columns = LENS_BLOCKS
         row = np.int64(uv[:, 1] * rows / (2.0 * camera.cy))
         column = np.int64(uv[:, 0] * columns / (2.0 * camera.cx))
-        block = np.clip(row, 0, rows - 1) * columns + np.clip(column, 0, columns - 1)
+        row = np.minimum(np.maximum(row, 0), rows - 1)  # faster than `clip` for so few numbers
+        column = np.minimum(np.maximum(column, 0), columns - 1)
+        block = row * columns + column
         size = rows * columns
         count = self.sums[0] + np.bincount(block, None, size)
         total = self.sums[1] + np.bincount(block, disparity, size)
