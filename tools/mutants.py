@@ -263,8 +263,8 @@ MUTATIONS = (
     Mutation("metrics/incomplete.py", "row.n and row.value is None", "row.n and row.value == 0.0"),
     Mutation(
         "metrics/rules.py",
-        "not in what_of(score):\n        return False",
-        "not in what_of(score) or True:\n        return False",
+        "not in tasks_of(score):\n        return False",
+        "not in tasks_of(score) or True:\n        return False",
     ),
     Mutation(SHORTFALLS, '"doubled", DRIVE, 0.0', '"doubled", DRIVE, 0.1'),
     # poses that repeat another, poses of the ground truth

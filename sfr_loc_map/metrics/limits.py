@@ -182,8 +182,8 @@ class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
 
     @property
     def bounded(self) -> frozenset[tuple[str, str]]:
-        """Figures and conditions whose tolerance bound is limited, so that all their errors are needed."""
-        pairs = ((item.limited.figure, item.condition) for item in self.limits if item.terms is not None)
+        """Figures and conditions that are limited, so that a score keeps all their errors to be derived again."""
+        pairs = ((item.limited.figure, item.condition) for item in self.limits if item.part is LimitPart.TRAJECTORY)
         return frozenset((figure, condition) for figure, condition in pairs if condition is not None)
 
     @property

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from sfr_loc_map.metrics.judge import judged_again
+from sfr_loc_map.metrics.raw_values import raw_contradiction
 from sfr_loc_map.metrics.score import Figure, Score, Verdict
 
 ROUNDING = 1e-9  #: Relative difference up to which a stored number is the derived one.
@@ -19,6 +20,8 @@ def stored_contradiction(score: Score) -> str | None:
         expected = abs(row.mean) + 3.0 * row.sigma
         if abs(row.mean_plus_3sigma - expected) > ROUNDING * max(expected, 1e-300):
             return f"mean_plus_3sigma of {label(row)} is {row.mean_plus_3sigma:.9g}, |mean| + 3 sigma is {expected:.9g}"
+    if (problem := raw_contradiction(score)) is not None:
+        return problem
     again = judged_again(score)
     if not _are_near(again.figures, score.figures):
         return "its tolerance bounds do not follow from its sub-trajectories"

@@ -112,8 +112,8 @@ def half(score: Score) -> Score:
     """The score of an estimate of half of the images."""
     rows = []
     for row in score.figures:
-        is_missing = (row.figure, row.part) == ("missing", None)
-        rows.append(replace(row, value=0.5) if is_missing else row)
+        values = {None: 0.5, "count": 0.5 * (row.n or 0)}
+        rows.append(replace(row, value=values[row.part]) if row.figure == "missing" and row.part in values else row)
     return judged_again(replace(score, figures=tuple(rows)))
 
 

@@ -1,0 +1,159 @@
+"""Whether the table of figures follows from the raw values that a score keeps beside it.
+
+A score keeps the errors of sub-trajectories, a sample of the map points, and the times of calls, for plots and for
+tolerance bounds. Where all values are there, statistics are computed again. Where a score keeps every n-th value, the
+statistics must agree with this sample. Counts and fractions of the same thing must agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.metrics.formulas import STATISTICS, statistics
+from sfr_loc_map.metrics.proof import errors_of
+from sfr_loc_map.metrics.score import CallPlots, Figure, Score, SubTrajectoryRows
+
+EXACT = 1e-9  #: Relative difference of a statistic that was computed again.
+DIGITS_M, POINT_DIGITS_M = 1e-8, 2e-4
+"""Difference by the digits of the errors of sub-trajectories and of map points that are kept for plots."""
+SIGMAS = 5.0  #: Deviations of a sample from the whole at which a statistic contradicts the sample.
+CORRELATED = 10.0  #: Kept values that are worth an independent one.
+SHARES = {"p50": 0.5, "p95": 0.05, "p99": 0.01}
+"""Fraction of the values that is beyond a quantile."""
+COUNTED = (
+    "missing",
+    "images_without_truth",
+    "unmatched",
+    "doubled",
+    "poses_repeated",
+    "poses_of_truth",
+    "pairs_without_cloud",
+    "points_without_truth",
+    "points_not_finite",
+    "points_repeated",
+)
+"""Figures of completeness that stand in the table as a fraction and as a count."""
+
+
+def raw_contradiction(score: Score) -> str | None:
+    """Return which figure does not follow from the raw values of a score; None if all do."""
+    found = (*_of_sub_trajectories(score), *_of_points(score), *_of_calls(score), *_of_counts(score))
+    return next(iter(found), None)
+
+
+def _of_sub_trajectories(score: Score) -> Iterator[str]:
+    details = None if score.details is None else score.details.trajectory
+    thinned = {} if details is None else {rows.condition: rows for rows in details.sub_trajectories if rows.every > 1}
+    exact = {(item.figure, item.condition) for item in score.errors}
+    for row in score.figures:
+        if row.condition is None or row.part != score.reading:
+            continue
+        errors = errors_of(score, row.figure, row.condition)
+        if errors is not None:
+            rounding_m = 0.0 if (row.figure, row.condition) in exact else DIGITS_M
+            yield from _computed_again(row, errors, rounding_m)
+        elif (rows := thinned.get(row.condition)) is not None:
+            yield from _of_thinned(row, rows)
+
+
+def _of_thinned(row: Figure, rows: SubTrajectoryRows) -> Iterator[str]:
+    columns = rows.errors_of(row.figure)
+    if not columns or any(None in column for column in columns):
+        return
+    kept = np.stack([np.array(values, np.float64) for values in columns], axis=1)
+    if row.n is not None and not (len(kept) - 1) * rows.every < row.n <= len(kept) * rows.every:
+        yield f"n of {_named(row)} is {row.n}, every {rows.every}th of them are {len(kept)}"
+    yield from _as_the_sample(row, np.linalg.norm(kept, axis=1), DIGITS_M)
+
+
+def _computed_again(row: Figure, errors: FloatArray, rounding: float) -> Iterator[str]:
+    """Yield the statistics of a row that all its errors `(n, d)` do not give."""
+    again = statistics(errors if errors.shape[1] > 1 else errors[:, 0])
+    for name in ("n", "unknown", *STATISTICS):
+        stored, derived = getattr(row, name), getattr(again, name)
+        if stored == derived:
+            continue
+        if stored is None or derived is None or abs(stored - derived) > 4.0 * rounding + EXACT * abs(derived):
+            yield f"{name} of {_named(row)} is {_text(stored)}, from its errors follows {_text(derived)}"
+
+
+def _as_the_sample(row: Figure, sizes: FloatArray, rounding: float) -> Iterator[str]:
+    """Yield the statistics of a row that cannot be those of values of which some are kept."""
+    if row.n is None or not len(sizes):
+        return
+    if row.max is not None and sizes.max() > row.max + rounding:
+        yield f"max of {_named(row)} is {row.max:.9g}, one of its errors is {sizes.max():.9g}"
+    if row.rmse is not None and np.sum(np.square(sizes)) > row.n * (row.rmse + rounding) ** 2:
+        yield f"rmse of {_named(row)} is {row.rmse:.9g}, less than its errors have"
+    for name, share in SHARES.items():
+        value = getattr(row, name)
+        beyond = 0.0 if value is None else float(np.mean(sizes > value + rounding))
+        deviation = SIGMAS * np.sqrt(CORRELATED * share * (1.0 - share) / len(sizes))
+        if beyond > share + deviation:
+            yield f"{name} of {_named(row)} is {value:.9g}, {100.0 * beyond:.3g} % of its errors are larger"
+
+
+def _of_points(score: Score) -> Iterator[str]:
+    details = None if score.details is None else score.details.map
+    row = score.figure("point_error", part=None)
+    if details is None or row is None or None in details.cloud.error_m:
+        return
+    sizes = np.array(details.cloud.error_m, np.float64)
+    if len(sizes) == row.n:
+        yield from _computed_again(row, sizes[:, None], POINT_DIGITS_M)
+    else:
+        yield from _as_the_sample(row, sizes, POINT_DIGITS_M)
+
+
+def _of_calls(score: Score) -> Iterator[str]:
+    for kind, plots in () if score.details is None else score.details.calls.items():
+        row = score.figure(kind, part=None)
+        if row is not None:
+            yield from _of_times(row, plots)
+
+
+def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:
+    """Yield the statistics of times that contradict the slowest calls of each block, or the histogram of all."""
+    times = [value for value in plots.series.processing_time_s if value is not None]
+    if times and row.max is not None and max(times) != row.max:
+        yield f"max of {_named(row)} is {row.max:.9g}, from its calls follows {max(times):.9g}"
+    if plots.series.slowest_of == 1 and len(times) == len(plots.series.processing_time_s) and times:
+        yield from _computed_again(row, np.array(times)[:, None], 0.0)
+        return
+    counts, edges = np.array(plots.histogram.counts), np.array(plots.histogram.edges_s)
+    if row.n is None or not len(counts) or counts.sum() != row.n:
+        return
+    bounds_s = np.sum(counts * edges[:-1]) / row.n, np.sum(counts * edges[1:]) / row.n
+    if row.mean is not None and not bounds_s[0] * (1.0 - EXACT) <= row.mean <= bounds_s[1] * (1.0 + EXACT):
+        yield f"mean of {_named(row)} is {row.mean:.9g}, by the histogram {bounds_s[0]:.9g} to {bounds_s[1]:.9g}"
+    reached = np.cumsum(counts)
+    for name, share in SHARES.items():
+        place = (1.0 - share) * (row.n - 1)  # between these two of the sorted times
+        low, high = (edges[np.searchsorted(reached, int(rank), "right")] for rank in (np.floor(place), np.ceil(place)))
+        high *= edges[1] / edges[0]  # bins are of equal ratio
+        value = getattr(row, name)
+        if value is not None and not low * (1.0 - 1e-6) <= value <= high * (1.0 + 1e-6):
+            yield f"{name} of {_named(row)} is {value:.9g}, by the histogram {low:.9g} to {high:.9g}"
+
+
+def _of_counts(score: Score) -> Iterator[str]:
+    for name in COUNTED:
+        share, count = score.figure(name, part=None), score.figure(name, part="count")
+        if share is None or count is None or share.value is None or count.value is None or not count.n:
+            continue
+        if abs(share.value * count.n - count.value) > EXACT * count.n:
+            yield f"{name} is {share.value:.9g} of {count.n}, its count is {count.value:.9g}"
+    drive, doubled = score.association, score.figure("doubled", part="count")
+    if drive is not None and doubled is not None and doubled.value != drive.estimate_duplicates:
+        yield f"doubled is {_text(doubled.value)}, of the estimates {drive.estimate_duplicates} have a repeated stamp"
+
+
+def _named(row: Figure) -> str:
+    return " ".join(filter(None, (row.figure, row.condition, row.part)))
+
+
+def _text(value: float | None) -> str:
+    return "null" if value is None else f"{value:.9g}"

@@ -1,0 +1,93 @@
+"""A table of figures that was edited while the raw values of its file were left: each edit is found and named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from msgspec.structs import replace
+
+from helpers.cli_result import Sfr
+from helpers.made_scores import calls, cloud, drive
+from sfr_loc_map.metrics.calls import score_calls
+from sfr_loc_map.metrics.cloud_error import score_map
+from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
+from sfr_loc_map.metrics.judge import judged
+from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.raw_values import raw_contradiction
+from sfr_loc_map.metrics.score import Details, Score
+from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
+
+LIMITS = {"trajectory": [{"condition": "distance=5", "position_p95_m": 1.0}]}
+
+
+def scored(frames: int, side: int, *, bounded: bool = False) -> Score:
+    """A score of a drive, a map and calls; of long ones every n-th value is kept."""
+    kept = {("position", "distance=5")} if bounded else ()
+    driven = score_trajectory(
+        *drive(frames), TrajectoryScoreConfig(conditions=("distance=5",), spacing=1), bounded=kept
+    )
+    mapped, called = score_map(*cloud(side, 2), MapScoreConfig()), score_calls(calls(frames, 2))
+    return Score(
+        figures=(*driven.figures, *mapped.figures, *called.figures),
+        association=driven.association,
+        truth=driven.truth,
+        details=Details(trajectory=driven.details, map=mapped.details, calls=dict(called.plots)),
+        errors=driven.errors,
+    )
+
+
+def edited(score: Score, figure: str, statistic: str, factor: float, part: str | None) -> Score:
+    rows = list(score.figures)
+    place = next(n for n, row in enumerate(rows) if (row.figure, row.part) == (figure, part))
+    rows[place] = replace(rows[place], **{statistic: factor * getattr(rows[place], statistic)})
+    return replace(score, figures=tuple(rows))
+
+
+@pytest.mark.parametrize("long", [False, True])
+@pytest.mark.parametrize(
+    ("figure", "part"), [("position", "pose"), ("chord", "pose"), ("point_error", None), ("localisation", None)]
+)
+@pytest.mark.parametrize("statistic", ["p50", "p95", "p99", "max", "mean"])
+def test_a_statistic_that_was_made_smaller_contradicts_the_raw_values(
+    figure: str, part: str | None, statistic: str, *, long: bool
+) -> None:
+    score = scored(5000, 200) if long else scored(300, 48)
+    assert raw_contradiction(score) is None
+    thinned_mean = long and statistic == "mean" and figure != "localisation"
+    problem = raw_contradiction(edited(score, figure, statistic, 0.1 if long else 0.999, part))
+    if thinned_mean:  # a sample bounds the mean by the root mean square alone
+        assert raw_contradiction(edited(score, figure, "rmse", 0.1, part)) is not None
+    else:
+        assert problem is not None
+        assert problem.startswith(f"{statistic} of {figure}"), problem
+
+
+def test_a_limited_figure_keeps_all_errors_of_a_long_drive() -> None:
+    """One part in a million is found, and a number of errors that is one less."""
+    score = scored(5000, 48, bounded=True)
+    assert raw_contradiction(score) is None
+    for statistic in ("p50", "p95", "max", "mean", "sigma"):
+        assert raw_contradiction(edited(score, "position", statistic, 1.0 - 1e-6, "pose")) is not None
+    rows = [replace(row, n=(row.n or 0) - 1) if row.figure == "position" else row for row in score.figures]
+    assert (raw_contradiction(replace(score, figures=tuple(rows))) or "").startswith("n of position")
+
+
+def test_counts_and_fractions_of_completeness_agree() -> None:
+    score = scored(300, 48)
+    for name in ("missing", "doubled", "poses_of_truth", "points_without_truth"):
+        rows = [replace(row, value=0.25) if (row.figure, row.part) == (name, "count") else row for row in score.figures]
+        assert (raw_contradiction(replace(score, figures=tuple(rows))) or "").startswith(name)
+
+
+def test_a_file_whose_table_was_edited_is_refused_by_the_report(tmp_path: Path, sfr: Sfr) -> None:
+    """The verdicts follow from the edited table; the errors of its sub-trajectories do not."""
+    path, limits = tmp_path / "s.json", parse_limits({**LIMITS, "minimum_independent": 1}, "test")
+    good = judged(scored(300, 48), limits, partial=True)
+    path.write_text(to_json(good))
+    assert sfr("report", path, "-o", tmp_path / "page.html").code in (0, 3)
+    path.write_text(to_json(judged(edited(good, "position", "p95", 0.01, "pose"), limits, partial=True)))
+    done = sfr("report", path, "-o", tmp_path / "page.html", "--overwrite")
+    assert done.code == 2
+    assert "contradicts itself: p95 of position distance=5 pose is" in done.err
