@@ -1,5 +1,6 @@
 from .config import MappingConfig as MappingConfig
 from .config import TerrainConfig as TerrainConfig
+from .disparity.pixel_status import PixelStatus as PixelStatus
 from .mapper import FusedMap as FusedMap
 from .mapper import Mapper as Mapper
 from .mapper import PairMap as PairMap

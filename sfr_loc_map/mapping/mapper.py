@@ -164,7 +164,7 @@ class Mapper:
         calibration = calibration_sigma(rotation, self._rig, self._config.calibration)
         only_pair = np.zeros(view.points.size, np.uint8)
         sigma = point_sigma(view.points, only_pair, [T_lm_left], [filled.saturation], calibration, self._rig)
-        findings = findings_of_pair(estimated, rotation, view.points.size, self._rig, self._config.calibration)
+        findings = findings_of_pair(estimated, status, rotation, self._rig, self._config.calibration)
         pair_in_set = np.full(view.points.size, index, np.uint8)
         return PairMap(
             stamp_ns=pair.stamp_ns,

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.config import CalibrationUncertainty
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
+from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus, StatusImage, is_valid
 from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
 from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.point_sigma import is_yaw_significant
@@ -25,19 +28,22 @@ MAX_SATURATED_FRACTION = 0.1
 
 def findings_of_pair(
     disparity: DisparityMap,
+    status: StatusImage,
     rotation: CameraRotation,
-    point_count: int,
     rig: StereoRig,
     configured: CalibrationUncertainty,
 ) -> Findings:
-    """Return the findings of a pair's map with so many points, given the configured uncertainty of the calibration.
+    """Return the findings of a pair's map, given the configured uncertainty of the calibration.
 
-    The disparity map is the one before holes are filled; the points include those of filled pixels.
+    The disparity map is the one before holes are filled. The status `(H, W)` is that of the pixels of the map.
     """
     correction = disparity.correction
+    point_count = int(np.count_nonzero(is_valid(status)))
+    filled_count = int(np.count_nonzero(status == np.uint8(PixelStatus.FILLED)))
     statistics = {
         "points": float(point_count),
-        "density": point_count / disparity.px.size,
+        "density": point_count / status.size,
+        "filled_share": filled_count / max(point_count, 1),
         "noise_grey": disparity.noise_grey,
         "gain": correction.gain,
         "offset_grey": correction.offset_grey,

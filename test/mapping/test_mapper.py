@@ -211,6 +211,9 @@ def test_the_status_of_a_pixel_says_why_it_has_no_point() -> None:
     hidden = (PixelStatus.UNMATCHED, PixelStatus.CHANGED, PixelStatus.OCCLUDED)
     assert np.isin(result.pixel_status[outside], hidden).mean() > 0.98
     assert result.statistics["density"] == pytest.approx(is_valid.mean())
+    filled = result.pixel_status == PixelStatus.FILLED
+    assert filled.any()
+    assert result.statistics["filled_share"] == pytest.approx(filled.sum() / len(result.cloud))
 
 
 FAULTS: dict[str, tuple[Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]], str]] = {
