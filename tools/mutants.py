@@ -280,6 +280,46 @@ MUTATIONS = (
     Mutation("metrics/copies.py", "max(least_m, float(own_m.min()), 0.5", "max(least_m, 0.5"),
     Mutation("metrics/copies.py", "float(own_m.min()), 0.5 *", "float(own_m.min()), 1.5 *"),
     Mutation("metrics/copies.py", "return found & is_moving", "return found"),
+    # the table against the raw values of a file
+    Mutation("metrics/stored.py", "if (problem := raw_contradiction(score)) is not None:", "if (problem := None):"),
+    Mutation("metrics/raw_values.py", "DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5", "DIGITS_M, POINT_DIGITS_M = 1e-2, 5e-2"),
+    Mutation("metrics/raw_values.py", "EXACT = 1e-9", "EXACT = 1e-5"),
+    Mutation("metrics/raw_values.py", "SIGMAS = 5.0", "SIGMAS = 50.0"),
+    Mutation("metrics/raw_values.py", "max(times) != row.max", "max(times) < row.max"),
+    Mutation("metrics/raw_values.py", "sizes.max() > row.max + rounding", "sizes.max() < row.max - rounding"),
+    Mutation(
+        "metrics/raw_values.py", "> row.n * (row.rmse + rounding) ** 2", "> 1e9 * row.n * (row.rmse + rounding) ** 2"
+    ),
+    Mutation(
+        "metrics/raw_values.py",
+        "abs(share.value * count.n - count.value) > EXACT",
+        "count.value - share.value * count.n > EXACT",
+    ),
+    Mutation(
+        "metrics/limits.py",
+        "for item in self.limits if item.part is LimitPart.TRAJECTORY)",
+        "for item in self.limits if item.terms is not None)",
+    ),
+    # several scores, several drives
+    Mutation("metrics/judge.py", "if len(made) < len(scores):", "if not made:"),
+    Mutation(
+        "metrics/judge.py",
+        "(item.version, item.commit) for item in made}) > 1",
+        "(item.version, item.commit) for item in made}) > 2",
+    ),
+    Mutation(
+        "metrics/judge.py",
+        "file.data_sha256 or file.sha256 for file in files}) > 1",
+        "file.data_sha256 or file.sha256 for file in files}) > 2",
+    ),
+    Mutation("metrics/proof.py", "in sorted(drives.items())]", "in drives.items()]"),
+    Mutation(
+        "metrics/calls.py",
+        "if row.figure in kinds or row.part in kinds else row",
+        "if row.figure in kinds[:1] else row",
+    ),
+    Mutation("metrics/catalogue.py", ' or (part or "").partition(" ")[0] == STATED:', ":"),
+    Mutation("metrics/cloud_error.py", "max(len(xyz) - len(np.unique(xyz, axis=0)), len(xyz) - pixels, 0)", "0"),
     Mutation("metrics/judge.py", "if len(items) > 1:", "if len(items) > 2:"),
     Mutation("metrics/judge.py", "if None in items:", "if items == {None, 0}:"),
     Mutation("metrics/judge.py", "(figure.independent or 0.0) >= limits", "(figure.independent or 0.0) > limits"),

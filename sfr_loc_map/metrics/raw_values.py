@@ -17,7 +17,7 @@ from sfr_loc_map.metrics.proof import errors_of
 from sfr_loc_map.metrics.score import CallPlots, Figure, Score, SubTrajectoryRows
 
 EXACT = 1e-9  #: Relative difference of a statistic that was computed again.
-DIGITS_M, POINT_DIGITS_M = 1e-8, 2e-4
+DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5
 """Difference by the digits of the errors of sub-trajectories and of map points that are kept for plots."""
 SIGMAS = 5.0  #: Deviations of a sample from the whole at which a statistic contradicts the sample.
 CORRELATED = 10.0  #: Kept values that are worth an independent one.

@@ -1,20 +1,22 @@
-"""The position errors of sub-trajectories as a figure of a printed page: values here, drawn as SVG by the template."""
+"""Errors of sub-trajectories and of map points as figures of a printed page: values here, SVG in the template."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from sfr_loc_map.metrics.score import Figure, Score
 from sfr_loc_map.report.plots import error_scale, largest
-from sfr_loc_map.report.score_figures import error_sizes, parts_of
+from sfr_loc_map.report.score_figures import error_sizes, map_of, parts_of
 from sfr_loc_map.report.score_tables import limits_on
-from sfr_loc_map.report.tables import number
+from sfr_loc_map.report.tables import UNKNOWN, number
 
 WIDTH, HEIGHT = 640.0, 220.0  #: Size of the drawing, px.
 LEFT, BOTTOM, TOP, RIGHT = 64.0, 46.0, 12.0, 12.0  #: Margins of the axes, px.
 TICKS = 5  #: Most ticks of an axis.
+POINTS = 1000  #: Most marks of map points.
 
 
 class Tick(NamedTuple):
@@ -37,6 +39,8 @@ class PrintedFigure:
     """Marks and axes of one condition, in px of the drawing."""
 
     title: str
+    x_title: str
+    y_title: str  #: With the unit.
     unit: str
     count: int
     points: list[tuple[float, float]]
@@ -46,26 +50,61 @@ class PrintedFigure:
     beyond: str  #: Limits that are above the drawing, in words.
 
 
+class Series(NamedTuple):
+    """What one figure shows: a mark for each error, and lines at the statistics and the limits of the errors."""
+
+    title: str
+    x_title: str
+    y_title: str  #: Without the unit.
+    x: Sequence[float | None]
+    sizes: Sequence[float | None]  #: Of the errors, in the unit of the figure.
+    row: Figure | None
+    limits: dict[str, float]
+    scale: tuple[float, str]  #: Factor and unit of the drawing.
+    mean: str = "mean"  #: What the mean of the row is.
+
+
 def printed_figures(score: Score) -> list[PrintedFigure]:
-    """Return the position errors over the distance travelled, of each condition that has sub-trajectories."""
-    found = []
+    """Return the errors of position and attitude over the distance travelled, and of map points over their range."""
+    return [_drawn(series) for series in (*_of_drive(score), *_of_map(score))]
+
+
+def _of_drive(score: Score) -> Iterator[Series]:
+    at_the_end = "distance travelled at the end, m"
     for part in parts_of(score):
         condition = part.rows.condition
-        row = score.figure("position", condition=condition)
-        limits = limits_on(score, "position", condition)
-        found.append(_drawn(part.over, part.travelled_m, error_sizes(part.rows), row, limits))
-    return found
+        sizes = error_sizes(part.rows)
+        scale = error_scale(largest(sizes))
+        title = f"Position error over {part.over}, at the end of each sub-trajectory"
+        row, limits = score.figure("position", condition=condition), limits_on(score, "position", condition)
+        yield Series(
+            title, at_the_end, "position error", part.travelled_m, sizes, row, limits, scale, "norm of the mean"
+        )
+        if any(value is not None for value in part.rows.attitude_deg):
+            title = f"Attitude error over {part.over}, at the end of each sub-trajectory"
+            row, limits = score.figure("attitude", condition=condition), limits_on(score, "attitude", condition)
+            angles = part.rows.attitude_deg
+            yield Series(title, at_the_end, "attitude error", part.travelled_m, angles, row, limits, (1.0, "deg"))
 
 
-def _drawn(
-    over: str, travelled_m: list[float], sizes_m: list[float | None], row: Figure | None, limits: dict[str, float]
-) -> PrintedFigure:
-    factor, unit = error_scale(largest(sizes_m))
-    statistics = (
-        () if row is None else (("norm of the mean", row.mean, "2 3"), ("mean + 3 sigma", row.mean_plus_3sigma, ""))
-    )
+def _of_map(score: Score) -> Iterator[Series]:
+    details = map_of(score)
+    if details is None or not details.cloud.error_m:
+        return
+    every = -(-len(details.cloud.error_m) // POINTS)
+    sizes, ranges = details.cloud.error_m[::every], details.cloud.range_m[::every]
+    row, limits = score.figure("point_error", part=None), limits_on(score, "point_error")
+    title = f"Error of map points over their range, {len(sizes)} of {UNKNOWN if row is None else row.n} points"
+    scale = error_scale(largest(list(sizes)))
+    yield Series(title, "range of the true point, m", "point error", ranges, sizes, row, limits, scale)
+
+
+def _drawn(series: Series) -> PrintedFigure:
+    row, (factor, unit) = series.row, series.scale
+    statistics = () if row is None else ((series.mean, row.mean, "2 3"), ("mean + 3 sigma", row.mean_plus_3sigma, ""))
     known = [(name, value * factor, dash) for name, value, dash in statistics if value is not None]
-    pairs = [(x, size * factor) for x, size in zip(travelled_m, sizes_m, strict=True) if size is not None]
+    both = zip(series.x, series.sizes, strict=True)
+    pairs = [(x, size * factor) for x, size in both if x is not None and size is not None]
     x_most, x_step = _end_of(max((x for x, _ in pairs), default=0.0))
     y_most, y_step = _end_of(max([y for _, y in pairs] + [value for _, value, _ in known], default=0.0))
     interval = None if row is None or row.interval is None else [number(bound * factor) for bound in row.interval]
@@ -73,9 +112,11 @@ def _drawn(
     lines = [
         (f"{name} {number(value)} {unit}{certain if not dash else ''}", value, dash) for name, value, dash in known
     ]
-    lines += [(f"limit {number(limit * factor)} {unit}", limit * factor, "8 4") for limit in limits.values()]
+    lines += [(f"limit {number(limit * factor)} {unit}", limit * factor, "8 4") for limit in series.limits.values()]
     return PrintedFigure(
-        title=f"Position error over {over}, at the end of each sub-trajectory",
+        title=series.title,
+        x_title=series.x_title,
+        y_title=f"{series.y_title}, {unit}",
         unit=unit,
         count=len(pairs),
         points=[(_x(x, x_most), _y(y, y_most)) for x, y in pairs],

@@ -56,7 +56,7 @@ def test_a_statistic_that_was_made_smaller_contradicts_the_raw_values(
     score = scored(5000, 200) if long else scored(300, 48)
     assert raw_contradiction(score) is None
     thinned_mean = long and statistic == "mean" and figure != "localisation"
-    problem = raw_contradiction(edited(score, figure, statistic, 0.1 if long else 0.999, part))
+    problem = raw_contradiction(edited(score, figure, statistic, 0.1 if long else 0.95, part))
     if thinned_mean:  # a sample bounds the mean by the root mean square alone
         assert raw_contradiction(edited(score, figure, "rmse", 0.1, part)) is not None
     else:

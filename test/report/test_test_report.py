@@ -235,7 +235,8 @@ def test_the_figure_on_paper_shows_the_error_of_each_sub_trajectory() -> None:
     assert score.details is not None
     assert score.details.trajectory is not None
     errors = [error_sizes(rows) for rows in score.details.trajectory.sub_trajectories if rows.start_frame]
-    drawn = printed_figures(score)
+    every = printed_figures(score)
+    drawn = [figure for figure in every if figure.title.startswith("Position")]
     assert [figure.count for figure in drawn] == [len(sizes) for sizes in errors]
     for figure, sizes in zip(drawn, errors, strict=True):
         zero, top = figure.y_ticks[0], figure.y_ticks[-1]
@@ -244,4 +245,28 @@ def test_the_figure_on_paper_shows_the_error_of_each_sub_trajectory() -> None:
         shown = [(zero.at - y) * scale for _, y in figure.points]
         assert shown == pytest.approx([size * factor for size in sizes if size is not None], abs=0.02 * scale)
         assert all(figure.x_ticks[0].at <= x <= figure.x_ticks[-1].at for x, _ in figure.points)
-    assert render_test_report([score]).count("<circle") == sum(map(len, errors))
+    assert render_test_report([score]).count("<circle") == sum(figure.count for figure in every)
+
+
+def test_the_report_on_paper_shows_attitude_and_map_with_their_limits() -> None:
+    limits = {"trajectory": [{"condition": "distance=5", "attitude_p95_deg": 0.5}], "map": {"point_error_p95_m": 0.25}}
+    score = judged(whole_score(), parse_limits(limits, "test"))
+    assert score.details is not None
+    assert score.details.map is not None
+    figures = {figure.y_title.partition(",")[0]: figure for figure in printed_figures(score)}
+    attitude, points = figures["attitude error"], figures["point error"]
+    row = score.figure("attitude", condition="distance=5")
+    assert row is not None
+    assert attitude.count == row.n
+    shown = [*attitude.levels, *points.levels]
+    assert "limit 0.5 deg" in attitude.beyond + str(shown)
+    assert "limit 0.25 m" in points.beyond + str(shown)
+    kept = score.details.map.cloud
+    assert points.count == len(kept.error_m[:: -(-len(kept.error_m) // 1000)]) > 100
+    zero, top = points.y_ticks[0], points.y_ticks[-1]
+    scale = float(top.text) / (zero.at - top.at)
+    errors = [value for value in kept.error_m[:: -(-len(kept.error_m) // 1000)] if value is not None]
+    assert [(zero.at - y) * scale for _, y in points.points] == pytest.approx(errors, abs=0.02 * scale)
+    page = render_test_report([score])
+    assert "range of the true point, m" in page
+    assert "attitude error, deg" in page
