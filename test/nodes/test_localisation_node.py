@@ -23,6 +23,7 @@ from helpers.peers import Capture, LocalNode, Manager, localised
 from helpers.processes import Peer
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.rectification import rectified_rig, rig_of_rectified
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, Task, stamp_of
@@ -33,7 +34,14 @@ from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.nodes.diagnostics import Level, values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
-from sfr_loc_map.nodes.messages import covariance_of, header_msg, odometry_row, pose_msg, tracks_from_msg
+from sfr_loc_map.nodes.messages import (
+    covariance_of,
+    header_msg,
+    odometry_row,
+    pose_msg,
+    tracks_from_msg,
+    transform_from_pose,
+)
 from sfr_loc_map.nodes.motion_prior import OdometryBuffer
 from sfr_loc_map.runs.calls import decode_call
 
@@ -295,6 +303,26 @@ def test_localisation_restarts_by_service_by_pose_and_when_stamps_go_back(ros: N
         assert "stamps have gone to another time" in node.text
         assert peer.call("localisation_node/reset").success
         assert peer.play(5) == ORIGIN
+
+
+@pytest.mark.parametrize("unknown", [0.0, 1e6], ids=["the pose tool of RViz", "a filter on a plane"])
+def test_a_pose_set_on_a_plane_keeps_height_and_tilt_on_a_slope(ros: None, capfd: Capture, unknown: float) -> None:
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT):
+        answers = peer.listen(PoseWithCovarianceStamped, "localisation/initialpose_set")
+        send_infos(peer, "loc", LOC_RIG)
+        slope = Transform(matrix_from_rotvec([0.08, 0.14, 0.0]), np.array([1.0, 2.0, 3.0]))
+        peer.publish(PoseWithCovarianceStamped, "initialpose", start_pose(slope))
+        peer.until(lambda: answers, "the slope")
+        peer.play(0)
+        tool = start_pose(Transform(matrix_from_rotvec([0.0, 0.0, 0.7]), np.array([5.0, 6.0, 0.0])))
+        for place, variance in {0: 0.25, 7: 0.25, 35: 0.07, 14: unknown, 21: unknown, 28: unknown}.items():
+            tool.pose.covariance[place] = variance
+        peer.publish(PoseWithCovarianceStamped, "initialpose", tool)
+        peer.until(lambda: len(answers) == 2, "the pose on the plane")
+        assert peer.play(1) == pytest.approx((5.0, 6.0, 3.0), abs=1e-9)
+        turned = transform_from_pose(peer.odometry[-1].pose.pose, "odometry").rotation
+        np.testing.assert_allclose(turned[2], slope.rotation[2], atol=1e-9)  # the vertical in RB: roll and pitch
+        assert np.arctan2(turned[1, 0], turned[0, 0]) == pytest.approx(0.7, abs=1e-9)
 
 
 @pytest.mark.parametrize("stray", ["old", "unstamped", "both", "of tomorrow", "of the camera_info"])
