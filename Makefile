@@ -80,7 +80,7 @@ example-candidate: $(STAMP)  ## Compile the example candidate in C and run it on
 fuzz: $(COMPILED)  ## Feed 2000 mutated files to all readers (SEED=N); what fails is kept in out/fuzz
 	$(CAMPAIGN) fuzz --seed $(SEED) $(ARGUMENTS)
 
-recordings: $(COMPILED)  ## From 53 kinds of recordings to a verdict: commands, seconds, error, what is said without (ROWS=)
+recordings: $(COMPILED)  ## From 56 kinds of recordings to a verdict: commands, seconds, error, what is said without (ROWS=)
 	$(CAMPAIGN) recordings $(ROWS)
 
 random-faults: $(COMPILED)  ## Localise 100 drives with random faults: is one wrong without saying so (SEED=N)

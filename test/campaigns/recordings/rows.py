@@ -33,6 +33,7 @@ from campaigns.recordings.bags import (
     odometry,
     pose,
     transform,
+    vector,
     with_covariance,
 )
 from campaigns.recordings.drive import ANTENNA_M, BEGIN_NS, MARKERS_XYZW, Drive
@@ -263,8 +264,8 @@ def without_info(folder: Path, drive: Drive, *, raw: bool) -> Path:
     return camera_of(seen, left, right, STEREO[2], STEREO_LINKS, infos=None).write(folder / "no_info")
 
 
-@row(5.0, "images are distorted and rectified again: two interpolations, and a border that is lost")
-def kalibr_yaml(folder: Path, drive: Drive) -> Made:
+def kalibr_chain(folder: Path, drive: Drive) -> Path:
+    """Write the calibration of two raw cameras as Kalibr does."""
     rig, file = drive.rig, folder / "camchain.yaml"
     cameras = {}
     for name, d in (("cam0", D_LEFT), ("cam1", D_RIGHT)):
@@ -280,7 +281,28 @@ def kalibr_yaml(folder: Path, drive: Drive) -> Made:
             "rostopic": f"/stereo/{side}/image_raw",
         }
     file.write_text(yaml.safe_dump(cameras))
-    return Made(without_info(folder, drive, raw=True), file)
+    return file
+
+
+@row(5.0, "images are distorted and rectified again: two interpolations, and a border that is lost")
+def kalibr_yaml(folder: Path, drive: Drive) -> Made:
+    return Made(without_info(folder, drive, raw=True), kalibr_chain(folder, drive))
+
+
+@row(5.0, "images are distorted and rectified again")
+def image_folder(folder: Path, drive: Drive) -> Made:
+    """PNG files that are named by their times, the truth of another program beside them."""
+    place, rig = folder / "photos", drive.rig
+    for side, name in enumerate(("left", "right")):
+        (place / name).mkdir(parents=True)
+        for stamp_ns, pair in zip(drive.stamps_ns, raw_pair(drive).images, strict=True):
+            cv2.imwrite(str(place / name / f"{stamp_ns}.png"), pair[side])
+    lines = [(seconds(s), *pose_.translation.tolist(), *pose_.quat_xyzw.tolist()) for s, pose_ in drive.truth(5)]
+    truth = table(folder / "truth.tum", "# t x y z qx qy qz qw", lines, " ")
+    assert rig.T_rb_sb is not None
+    own = {"truth.source": str(truth), "extrinsics.translation_m": rig.T_rb_sb.translation.tolist()}
+    own["extrinsics.quat_xyzw"] = rig.T_rb_sb.quat_xyzw.tolist()
+    return Made(place, kalibr_chain(folder, drive), own)
 
 
 def moved(x_m: float) -> Transform:
@@ -508,6 +530,13 @@ def truth_nav_sat_fix(folder: Path, drive: Drive) -> Made:
     antenna, first = np.array(ANTENNA_M), drive.positions[0]
     recording = truth_by(drive, "/fix", lambda head, T_ds_rb: nav_sat_fix(head, T_ds_rb.apply(antenna) - first, 0.008))
     return Made(recording.write(folder / "bag"), settings={"truth.lever_arm_m": list(ANTENNA_M)})
+
+
+@row(2.0, "positions alone, of a prism: chords have no direction", figure="chord")
+def truth_points(folder: Path, drive: Drive) -> Made:
+    prism, kind = np.array(ANTENNA_M), T["geometry_msgs/msg/PointStamped"]
+    by = "/leica/position", lambda head, T_ds_rb: kind(head, vector("Point", T_ds_rb.apply(prism)))
+    return Made(truth_by(drive, *by).write(folder / "bag"), settings={"truth.lever_arm_m": list(ANTENNA_M)})
 
 
 @row(2.0, "positions alone, of an antenna: chords have no direction", figure="chord")
