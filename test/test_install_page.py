@@ -51,3 +51,8 @@ def test_the_environment_of_the_page_installs_where_the_system_refuses(tmp_path:
     code = "import sys; print(any(path.endswith('dist-packages') for path in sys.path))"
     seen = subprocess.run([folder / "bin" / "python", "-c", code], capture_output=True, text=True, check=True)
     assert seen.stdout.strip() == "True"
+
+
+def test_the_installation_of_the_demo_has_the_live_page() -> None:
+    recipe = (ROOT / "Makefile").read_text().partition("\n$(STAMP): $(CORE)\n")[2].partition("\n\n")[0]
+    assert 'live]")' in recipe

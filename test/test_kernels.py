@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from numba.core import event
 
 from sfr_loc_map import kernels
 from sfr_loc_map.child_process import child_environment
@@ -90,3 +92,17 @@ def test_maps_and_scores_of_the_sample_find_all_kernels_loaded(tmp_path: Path) -
     for path, late_ns in zip(paths, (0, 5_000_000), strict=True):  # the second lies between the true stamps
         save_trajectory(path, replace(loc.ground_truth, stamps_ns=loc.ground_truth.stamps_ns + late_ns))
     run_python("-c", NOTHING_LEFT, str(sample), *map(str, paths))
+
+
+def test_the_number_of_a_kernel_never_exceeds_how_many_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Functions of libraries are compiled meanwhile, too."""
+    monkeypatch.setattr(kernels, "PERIOD_S", 0.0)
+    lines: list[str] = []
+    compiled = [*kernels.KERNELS, *(object() for _ in range(5))]
+    with kernels.announce_compilation(lines.append):
+        for kernel in compiled:
+            event.start_event(kernels.COMPILE, data={"dispatcher": kernel})
+    counted = [tuple(map(int, found)) for line in lines for found in re.findall(r"kernel (\d+) of at most (\d+)", line)]
+    assert len(counted) == len(compiled) - 1
+    assert all(number <= most for number, most in counted)
+    assert lines[-1].startswith(f"{len(kernels.KERNELS)} kernels compiled in")

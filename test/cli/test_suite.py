@@ -59,6 +59,9 @@ def test_a_suite_is_run_once_judged_and_reported(sfr: Sfr, suite: Path, serial: 
     links = set(re.findall(r'<a href="([^":]+)"', page))
     assert {drive["file"] for drive in summary["drives"]} | {"suite.json"} <= links
     assert all((serial / link).is_file() for link in links)
+    shown = sfr("suite", "run", suite, "--out", serial)
+    last = [line for line in shown.out.splitlines() if line.strip()][-1]
+    assert last.startswith(f"verdict: pass. {DRIVES} of {DRIVES} tasks have a result")
     assert json.loads((serial / "suite.json").read_text())["groups"] == summary["groups"]
 
 
