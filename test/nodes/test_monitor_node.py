@@ -259,3 +259,29 @@ def test_a_truth_in_ned_is_found_live_as_offline(ros: None, capfd: Capture) -> N
         peer.until(lambda: association_of(report).get("matched") == 40, "the report of the whole drive")
         peer.well(Level.WARN, "the estimate looks wrong:")
         assert json.loads(report[-1].data)["contradiction"]
+
+
+def test_a_truth_on_tf_is_scored(ros: None, capfd: Capture) -> None:
+    """A chain of two moving transforms, the second one at half the rate, as odometry and a map correction."""
+    kind = pytest.importorskip("tf2_msgs.msg", reason="not part of the ROS wheels").TFMessage
+    arguments = params("publish_period_s:=0.1", "score.trajectory.conditions:=['distance=1']")
+    positions, quats = turning_drive(41)
+    shift = Transform(matrix_from_quat(np.array([0.0, 0.0, 0.6, 0.8])), np.array([3.0, -2.0, 0.5]))
+    with (
+        Manager("monitor_node") as peer,
+        LocalNode(peer, capfd, MonitorNode, *arguments, *params("truth.frame:=map:base")),
+    ):
+        report = peer.listen(String, "metrics/report", latched=True)
+        for k in range(41):
+            stamp_ns, pose = START_NS + k * 10**8, Transform.from_quat(positions[k], quats[k])
+            message = bag_messages.odometry(stamp_ns, positions[k], quats[k])
+            peer.publish(Odometry, "localisation/odometry", raw(message))
+            edges = [("odom", "base", shift.inverse() @ pose)] + [("map", "odom", shift)] * (k % 2 == 0)
+            for parent, child, edge in edges:
+                header = header_msg(stamp_ns, parent)
+                moved = transform_msg(header, child, pose_msg(edge, edge.file_quat_xyzw))
+                peer.publish(kind, "/tf", kind(transforms=[moved]))
+        peer.until(lambda: association_of(report).get("matched") == 41, "the report of the whole drive")
+        error = row(json.loads(report[-1].data), "position")
+        assert error["n"] > 0
+        assert error["max"] < 1e-6

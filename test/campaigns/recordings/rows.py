@@ -205,7 +205,7 @@ ENCODED = {
     "grey_16_bit": ("mono16", 0.01, "16 bits that are 257 times 8 bits"),
     "grey_12_bit": (
         "mono12",
-        0.3,
+        0.5,
         "16 times 8 bits: the depth is found, rounding changes half of the pixels by a grey level",
     ),
     "grey_10_bit": ("mono10", 0.1, "4 times 8 bits: the depth is found, rounding changes one pixel of a hundred"),
