@@ -143,8 +143,8 @@ def possible_truth(
         has_tilt = not poses.has_attitude or not (no_tilt or has_no_tilt(poses))
         names = [name for name, is_known in (("height", has_height), ("roll and pitch", has_tilt)) if not is_known]
         if names:
-            text = f"{', '.join(names)}: the same although the path turns, or marked as unknown: not judged"
-            findings = (*findings, f"{text} (truth.unknown=none keeps them)")
+            text = f"unknown are {', '.join(names)} (constant along a path that turns, or marked by variances)"
+            findings = (*findings, f"{text}: they are not judged, but for truth.unknown=none")
     for text in findings:
         _warn_once(f"truth {read_from}: {text}")
     if not (has_height and has_tilt):
