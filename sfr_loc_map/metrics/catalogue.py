@@ -2,8 +2,13 @@
 
 To add a figure, add its line here and, for an error of sub-trajectories, the function that computes its errors in
 `metrics.trajectory_score.ERRORS`. To show one more statistic of a figure, add its name to the line. To add a
-statistic, add it to `metrics.formulas.Statistics`. Reports, comparisons, suites, histories, limits and the topics of
-the monitor follow.
+statistic, add it to `metrics.formulas.Statistics`, compute it in `metrics.formulas.statistics`, and state in
+`metrics.limited.EXPANSION` how the error of the truth counts in it. Reports, comparisons, suites, histories, limits and
+the topics of the monitor follow.
+
+What does not follow: the topics that `config/sros2_policy.xml` allows by name; plots, which draw mean, mean + 3 sigma,
+p50 and p95; quantiles over the drives of a suite, which are judged by the worst drive. A statistic that is added to
+`compared` is one more test of comparisons and histories, so that the Holm correction of all others changes.
 """
 
 from __future__ import annotations
@@ -41,23 +46,26 @@ class FigureKind(NamedTuple):
     is_count: bool = False  #: Whether a figure in `1` is a count; the others are fractions.
 
 
+ALIGNED = ("ape", "rpe")  #: Figures of the estimate as it was aligned with the truth, which cannot be limited.
 TOTAL = "mean_plus_3sigma"  #: The statistic that the specification limits.
 OF_ERRORS = ("mean", "sigma", TOTAL)
 OF_CALLS = ("mean", "p50", "p95")
 ONE_NUMBER = ("value",)
 CATALOGUE = (
     # errors of sub-trajectories
-    FigureKind("position", Subject.TRAJECTORY, "4.2.3.1", "m", "position error", OF_ERRORS, (TOTAL,), "position"),
+    FigureKind("position", Subject.TRAJECTORY, "4.2.3.1", "m", "position error", OF_ERRORS, (TOTAL,), topic="position"),
     FigureKind(
-        "attitude", Subject.TRAJECTORY, "4.2.3.2", "deg", "attitude error", OF_ERRORS, (TOTAL,), "attitude", True
+        *("attitude", Subject.TRAJECTORY, "4.2.3.2", "deg", "attitude error", OF_ERRORS, (TOTAL,)),
+        topic="attitude",
+        is_unsigned=True,
     ),
-    FigureKind("heading", Subject.TRAJECTORY, "4.2.3.3", "deg", "heading error", OF_ERRORS, (TOTAL,), "heading"),
+    FigureKind("heading", Subject.TRAJECTORY, "4.2.3.3", "deg", "heading error", OF_ERRORS, (TOTAL,), topic="heading"),
     FigureKind("horizontal", Subject.TRAJECTORY, "", "m", "horizontal position error"),
     FigureKind("chord", Subject.TRAJECTORY, "", "m", "chord error"),
     FigureKind("ape", Subject.TRAJECTORY, "", "m", "absolute pose error (APE)"),
     FigureKind("rpe", Subject.TRAJECTORY, "", "m", "relative pose error (RPE)"),
     # the map; the document defines the error of a point alone
-    FigureKind("point_error", Subject.MAP, "4.3.4", "m", "point error", OF_ERRORS, (TOTAL,), "point"),
+    FigureKind("point_error", Subject.MAP, "4.3.4", "m", "point error", OF_ERRORS, (TOTAL,), topic="point"),
     FigureKind("nearest_distance", Subject.MAP, "", "m", "distance to the nearest true point", OF_ERRORS, (TOTAL,)),
     FigureKind("disparity_error", Subject.MAP, "", "px", "disparity error"),
     FigureKind(

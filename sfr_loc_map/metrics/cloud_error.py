@@ -171,7 +171,7 @@ def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
         distance = np.linalg.norm(ray, axis=1)
         depth, true_depth = truth.depths_m(estimated), truth.depths_m(true)
         disparity = formulas.disparity_error(truth.rig.fx, truth.rig.baseline_m, depth, true_depth)
-        error = formulas.point_error(true, estimated)
+        error = formulas.point_error(estimated, true)
         along = np.sum((estimated - true) * ray, axis=1) / distance
         offset = estimated - true
         horizontal = np.hypot(offset[:, 0], offset[:, 1])

@@ -5,6 +5,9 @@ of such frames, so that `true_position[ends]` is the true position at N+x of eve
 are of the RB origin in DS, metres. Quaternions `(F, 4)` are scalar last [3.1.1], of unit length, and take components
 in RB to components in DS (the conjugate of `att_q_DsToRb` [3.1.2]).
 
+The statistics of errors, at the end of the page, are the columns of a row of the table of figures. The function
+`metrics.trajectory_score.select` decides which sub-trajectories are valid and joins several conditions.
+
 test/helpers/metrics_reference.py has the same formulas with loops and SciPy's rotations. It shares no code with this
 module.
 """
@@ -54,7 +57,7 @@ def ends_by_time(starts: IntArray, stamps_ns: IntArray, time_ns: int) -> IntArra
 
 
 def ends_by_frames(starts: IntArray, frames: int) -> IntArray:
-    """Return the frame N+x that is the given number of frames after N."""
+    """Return the frame N+x that is the given number of frames after N; the number of frames or more without one."""
     return starts + frames
 
 
@@ -118,7 +121,11 @@ def pose_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajector
 
 
 def displacement_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajectoryErrors:
-    """Return the errors to the letter of the document: displacements in DS, and changes since N, are compared."""
+    """Return the errors to the letter of the document: displacements in DS, and changes since N, are compared.
+
+    The attitude errors are those of `pose_reading`. With `R = true_N^-1 true_N+x` and `E = est_N^-1 est_N+x`, both are
+    the angle of `R^-1 E`: `(true_N+x)^-1 true_N est_N^-1 est_N+x = R^-1 E`.
+    """
     true_position, true_attitude, position, attitude = poses
     true_change = quat_multiply(quat_conjugate(true_attitude[starts]), true_attitude[ends])
     change = quat_multiply(quat_conjugate(attitude[starts]), attitude[ends])
@@ -148,6 +155,9 @@ def standard_deviation(errors: FloatArray) -> FloatArray:
     """Return the standard deviation of each column, with Bessel's correction: `sqrt(sum (x - mean)^2 / (n - 1))`."""
     squares = np.square(errors - np.mean(errors, axis=0))
     return np.asarray(np.sqrt(np.sum(squares, axis=0) / (len(errors) - 1)))
+
+
+# ---- 4.2.1, 4.2.2 Time and memory of a localisation call, 4.3.1, 4.3.2 of a mapping call: `metrics.calls`
 
 
 # ---- 4.2.3.1 3D position error
@@ -208,7 +218,7 @@ def heading_error_deg(estimated: FloatArray, actual: FloatArray) -> FloatArray:
 # ---- 4.3.4 Error in the output point cloud
 
 
-def point_error(actual: FloatArray, estimated: FloatArray) -> FloatArray:
+def point_error(estimated: FloatArray, actual: FloatArray) -> FloatArray:
     """Return `pointErr_n = norm(pos_n_ref - pos_n_est)` of each point `(P, 3)`."""
     return np.asarray(np.linalg.norm(actual - estimated, axis=1))
 

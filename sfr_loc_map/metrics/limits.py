@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from sfr_loc_map.config import load_yaml, suggestion
 from sfr_loc_map.errors import ConfigError, MetricsError
-from sfr_loc_map.metrics.catalogue import ANY, CALLS, CATALOGUE, KINDS, MAP, TARGET, FigureKind, Subject
+from sfr_loc_map.metrics.catalogue import ALIGNED, ANY, CALLS, CATALOGUE, KINDS, MAP, TARGET, FigureKind, Subject
 from sfr_loc_map.metrics.config import CallKind, Condition
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.record import Record
@@ -75,7 +75,7 @@ PLACES: dict[LimitPart, dict[str, Limited]] = {
         if not KINDS[kind.figure].is_count
     },
     LimitPart.TRAJECTORY: names_of(
-        [kind for kind in CATALOGUE if kind.subject is Subject.TRAJECTORY and kind.name not in ("ape", "rpe")],
+        [kind for kind in CATALOGUE if kind.subject is Subject.TRAJECTORY and kind.name not in ALIGNED],
         (*STATISTICS, BOUND),
     ),
     LimitPart.MAP: {

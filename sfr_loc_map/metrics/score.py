@@ -86,6 +86,19 @@ class Figure(Numbers, frozen=True):
         """Both bounds of the 95 % interval, None where it is undefined."""
         return None if self.low95 is None or self.high95 is None else (self.low95, self.high95)
 
+    @property
+    def is_defined(self) -> bool:
+        """Whether the row has its number: the one number of its figure, else the statistics of several values."""
+        if self.is_one_number:
+            return self.value is not None
+        return self.mean is not None and (self.n or 0) > 1
+
+    @property
+    def is_one_number(self) -> bool:
+        """Whether the row has one number: a count, a fraction, a peak."""
+        has_value = self.value is not None and self.mean is None
+        return has_value or self.subject in (Subject.MEMORY, Subject.COMPLETENESS) or self.figure == "coverage"
+
     def statistic(self, name: str) -> float | None:
         """Return the number of a column."""
         found: float | None = self.as_dict()[name]

@@ -432,8 +432,9 @@ def score_statuses(score: Score) -> list[DiagnosticStatus]:
     for row in score.figures:
         names = (row.subject, row.condition, row.part, row.figure)
         numbers = {name: value for name, value in row.as_dict().items() if isinstance(value, int | float)}
-        is_known = row.value is not None or row.mean_plus_3sigma is not None
-        level, text = (Level.OK, "") if is_known else (Level.WARN, "not enough data")
+        level, text = Level.OK, "" if row.is_defined else "unknown"
+        if not row.is_defined and not row.is_one_number:
+            level, text = Level.WARN, VerdictState.NOT_ENOUGH_DATA.value
         found.append(status_msg("/".join(filter(None, names)), level, text, {**numbers, "unit": row.unit}))
     for item in score.verdicts:
         values: dict[str, Value] = {"limit": item.limit}

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import msgspec
 
 from sfr_loc_map.metrics.calls import AFTER_FIRST, FIRST
-from sfr_loc_map.metrics.catalogue import KINDS, TARGET, Subject, statistic_title, title_of
+from sfr_loc_map.metrics.catalogue import ALIGNED, KINDS, TARGET, Subject, statistic_title, title_of
 from sfr_loc_map.metrics.config import CallKind, Rebase, label_of
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.score import NUMBERS, Figure, Score, Verdict
@@ -47,7 +47,6 @@ EVIDENCE = (
     "Mean + 3 sigma of n independent sub-trajectories exceeds the share of all position errors with this confidence, "
     "if errors are normal. One axis that dominates lowers it."
 )
-ALIGNED = ("ape", "rpe")  #: Figures of the estimate as it was aligned with the truth.
 CALL_PARTS = (None, FIRST, AFTER_FIRST)  #: Parts of the times of complete calls on this host.
 DIRECTIONS = {
     **{"x": "x (east)", "y": "y (north)", "z": "z (up)"},
@@ -290,12 +289,9 @@ def figure_table(
 
 def undefined_of(row: Figure, statistic: str) -> str:
     """Return the text of an undefined number: not enough data where the figure has this number."""
-    is_number = row.value is not None or row.subject in (Subject.MEMORY, Subject.COMPLETENESS)
-    if statistic == "value":
-        return UNKNOWN if is_number or row.figure == "coverage" else ABSENT
-    if is_number or row.figure == "coverage":
-        return ABSENT
-    return NOT_ENOUGH if row.mean is None or (row.n or 0) < 2 else ABSENT
+    if row.is_one_number or row.value is not None:
+        return UNKNOWN if statistic == "value" else ABSENT
+    return NOT_ENOUGH if statistic != "value" and not row.is_defined else ABSENT
 
 
 def row_title(row: Figure) -> str:

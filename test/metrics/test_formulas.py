@@ -144,7 +144,7 @@ def test_statistics_by_numpy(offset: float) -> None:
 @pytest.mark.clause("4.3.4")
 def test_a_point_error_is_a_distance() -> None:
     actual, estimated = np.array([[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]]), np.array([[1.0, 5.0, 7.0], [0.0, 0.0, 0.0]])
-    assert formulas.point_error(actual, estimated).tolist() == [5.0, 0.0]
+    assert formulas.point_error(estimated, actual).tolist() == [5.0, 0.0]
 
 
 def test_an_unknown_error_leaves_its_count_and_no_statistic() -> None:

@@ -176,6 +176,22 @@ def test_the_noise_of_the_truth_is_in_the_consistency() -> None:
     assert stated.truth.path_excess > 0.1
 
 
+@pytest.mark.parametrize(
+    ("statistic", "times"),
+    [("mean", 1), ("sigma", 1), ("rmse", 1), ("p50", 1), ("p95", 2), ("p99", 3), ("max", 3), ("mean_plus_3sigma", 3)],
+)
+def test_the_error_of_the_truth_counts_as_often_as_its_standard_deviation_does(statistic: str, times: int) -> None:
+    truth, estimate = drive()
+    sigma_m = 0.001
+    noisy = scored(estimate, Truth(truth.stamps_ns, truth.positions, truth.quats_xyzw, sigma_m=sigma_m))
+    error = times * np.sqrt(2.0) * np.sqrt(3.0) * sigma_m  # three axes at both ends
+    value = noisy.number("position", statistic, condition="distance=2")
+    for beyond, state in ((0.95, "not enough data"), (1.05, "pass")):
+        entry = {"condition": "distance=2", f"position_{statistic}_m": value + beyond * error}
+        limits = parse_limits({"minimum_independent": 1, "trajectory": [entry]}, "limits")
+        assert judged(noisy, limits).on_limits[0].state == state
+
+
 def test_the_truth_error_of_a_position_has_the_attitude_by_which_the_estimate_is_turned() -> None:
     """0.1 deg of the true attitude at N moves the end of 2 m by 5 mm; re-based by displacements, it moves nothing."""
     truth, estimate = drive()

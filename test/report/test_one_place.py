@@ -18,11 +18,11 @@ from sfr_loc_map.metrics import catalogue, judge, limits, trajectory_score
 from sfr_loc_map.metrics.catalogue import OF_ERRORS, TOTAL, FigureKind, Subject
 from sfr_loc_map.metrics.comparison import compare_scores
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.score import Details, Score
+from sfr_loc_map.metrics.score import Details, Score, figure_row
 from sfr_loc_map.nodes.monitor_node import figure_topics, score_statuses
 from sfr_loc_map.report.comparison import comparison_tables, methods_tables
 from sfr_loc_map.report.page import render_page
-from sfr_loc_map.report.score_tables import score_markdown, score_tables, summary_tables
+from sfr_loc_map.report.score_tables import score_markdown, score_tables, summary_tables, undefined_of
 from sfr_loc_map.report.tables import Table, to_csv, to_rich
 from sfr_loc_map.report.test_report import junit, render_test_report
 from sfr_loc_map.suite.pages.tables import result_table
@@ -153,3 +153,15 @@ def test_a_figure_is_in_the_tables_of_suites_and_in_the_history(tmp_path: Path) 
     assert pooled["slip"].n == 2 * (row.n or 0)
     drives = result_table("drives", "", [ScoredJob(JOB, score)], set(), Subject.TRAJECTORY)
     assert drives.rows[0][titles(drives).index("slip, mean + 3 sigma")].value == row.mean_plus_3sigma
+
+
+def test_a_row_without_its_number_is_said_in_one_word_by_tables_and_diagnostics() -> None:
+    unknown = figure_row("above_idle", part="localisation")
+    few = figure_row("position", "distance=5", "pose", n=1, mean=0.1)
+    known = figure_row("missing", value=0.0)
+    for row, text in ((unknown, "unknown"), (few, "not enough data"), (known, "")):
+        (status,) = score_statuses(Score(figures=(row,)))
+        assert status.message == text
+        assert row.is_defined == (not text)
+        if text:
+            assert undefined_of(row, "value" if row.is_one_number else "sigma") == text
