@@ -213,6 +213,18 @@ def test_a_verdict_on_what_contradicts_is_not_judged_but_a_crash_has_failed() ->
     assert judged(replace(score, findings=()), limits).verdict is None
 
 
+def test_a_verdict_is_certain_where_the_interval_is_on_one_side_of_the_limit() -> None:
+    for interval, total, state, certain in (
+        ((0.3, 0.49), 0.4, "pass", True),
+        ((0.3, 0.5), 0.4, "pass", True),  # an interval that ends at the limit meets it
+        ((0.3, 0.51), 0.4, "pass", False),
+        ((0.5, 0.7), 0.6, "fail", False),
+        ((0.51, 0.7), 0.6, "fail", True),
+    ):
+        (verdict,) = judged(with_position(total, interval), parse_limits(LIMIT, "limits")).on_limits
+        assert (verdict.state, verdict.certain) == (state, certain), interval
+
+
 def test_what_a_live_run_misses_at_its_end_leaves_no_pass() -> None:
     score = judged_at_the_end(judged(with_position(0.4), parse_limits(LIMIT, "limits")), "3 pairs have no answer")
     assert [score.verdict, *(item.state for item in score.verdicts)] == ["incomplete", "incomplete"]
