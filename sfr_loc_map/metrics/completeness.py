@@ -245,12 +245,17 @@ def why_not_covered(gaps: Gaps, sizes: GapSizes, conditions: Sequence[Condition]
     hides_one = any(longest.get(part.kind, 0.0) > part.value for part in parts)
     if sizes.missing_share <= MISSING_SHARE and not hides_one:
         return None
-    judged = 100.0 * (1.0 - sizes.missing_share)
-    text = f"the estimate covers {judged:.4g} % of the {'images' if images else 'true path'}"
-    if len(gaps.ends_ns):
-        text += f", its longest gap is {sizes.longest_m:.4g} m and {sizes.longest_s:.4g} s"
-    if images is None:
-        text += "; where the truth is longer than the images, score against the source with its images"
+    longest_gap = (sizes.longest_m, sizes.longest_s) if len(gaps.ends_ns) else None
+    return covered_text(1.0 - sizes.missing_share, "images" if images else "true path", longest_gap)
+
+
+def covered_text(share: float, of: str, longest_gap: tuple[float, float] | None) -> str:
+    """Return which fraction of the images, the true poses or the true path is covered; the longest gap in m and s."""
+    text = f"the estimate covers {100.0 * share:.4g} % of the {of}"
+    if longest_gap is not None:
+        text += f", its longest gap is {longest_gap[0]:.4g} m and {longest_gap[1]:.4g} s"
+    if of != "images":
+        text += "; where the truth is longer or denser than the images, score against the source with its images"
     return text
 
 

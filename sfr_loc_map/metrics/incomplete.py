@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
 from sfr_loc_map.metrics.catalogue import CALLS, KINDS, MAP, MEMORY, TARGET, Subject
+from sfr_loc_map.metrics.completeness import covered_text
 from sfr_loc_map.metrics.config import CallKind, VerdictState
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, LimitPart, margin_of
 from sfr_loc_map.metrics.rules import limits_of, parts_of
@@ -117,33 +118,39 @@ def missing_text(score: Score) -> str:
     what = "images" if drive is None or drive.images else "true poses"
     if value == 1.0 and drive is None:
         return f"no pose for any of {score.number('missing', 'n', part=None):.0f} {what}"
-    text = f"the estimate covers {100.0 * (1.0 - value):.4g} % of the {what}"
     longest_m, longest_s = (score.number("longest_gap", part=part) for part in ("distance", "time"))
-    if longest_m is not None and longest_s is not None:
-        text += f", its longest gap is {longest_m:.4g} m and {longest_s:.4g} s"
-    if what == "true poses":
-        text += "; where the truth is longer or denser than the images, score against the source with its images"
-    return text
+    longest_gap = None if longest_m is None or longest_s is None else (longest_m, longest_s)
+    return covered_text(1.0 - value, what, longest_gap)
 
 
 def why_incomplete(score: Score) -> str | None:
     """Return what of the expected data cannot be judged; without limits only what is plainly absent."""
-    if score.rules is not None and score.rules.limits:
+    rules = score.rules
+    if rules is not None and rules.limits:
         texts = [item.text for item in shortfalls(score)]
-    elif score.rules is not None and score.rules.partial:
+    elif rules is not None and rules.partial:
         texts = []
     else:
-        texts = [] if score.association is None or not score.association.incomplete else [score.association.incomplete]
-        if score.association is None and score.number("missing", part=None):
-            texts = [missing_text(score)]
-        pairs, bare = score.number("pairs"), score.number("pairs_without_cloud", part="count")
-        row = score.figure("judged", part=MAP)
-        if row is not None and row.n and bare and row.n > (pairs or 0.0):
-            texts.append(f"the map holds {row.n - bare:.0f} of {row.n} pairs")
-    node = score.external
-    is_partial = score.rules is not None and score.rules.partial
-    allows = score.rules is not None and score.rules.allow_missing
-    is_silent = node is not None and node.task == CallKind.LOCALISATION and node.answers.missing
-    if node is not None and is_silent and not is_partial and not allows:
-        texts.append(f"{node.answers.missing} of {node.answers.pairs} pairs have no answer")
+        texts = [*plainly_absent(score)]
+    if rules is None or not (rules.partial or rules.allow_missing):
+        texts += unanswered(score)
     return "; ".join(dict.fromkeys(texts)) or None
+
+
+def plainly_absent(score: Score) -> Iterator[str]:
+    """Yield what is absent of a drive and a map that no limits judge."""
+    drive, row = score.association, score.figure("judged", part=MAP)
+    if drive is not None and drive.incomplete:
+        yield drive.incomplete
+    if drive is None and score.number("missing", part=None):
+        yield missing_text(score)
+    bare = score.number("pairs_without_cloud", part="count")
+    if row is not None and row.n and bare and row.n > (score.number("pairs") or 0.0):
+        yield f"the map holds {row.n - bare:.0f} of {row.n} pairs"
+
+
+def unanswered(score: Score) -> Iterator[str]:
+    """Yield how many pairs an external localiser did not answer."""
+    node = score.external
+    if node is not None and node.task == CallKind.LOCALISATION and node.answers.missing:
+        yield f"{node.answers.missing} of {node.answers.pairs} pairs have no answer"
