@@ -213,7 +213,7 @@ def points_table(cloud: PointCloud, truths: Sequence[PairTruth]) -> dict[str, ND
 
 
 class ScoredMap(NamedTuple):
-    """What a cloud adds to the score."""
+    """The figures of a cloud, and how it was compared with the ground truth."""
 
     figures: tuple[Figure, ...]
     cloud: CloudRecord

@@ -118,7 +118,7 @@ def incomplete_verdict(share: float | None) -> Verdict:
 
 
 def plain_verdict(name: str, limit: float, value: float | None, state: VerdictState) -> Verdict:
-    """Return a verdict that is on no figure of the table."""
+    """Return a verdict that is not tied to a figure."""
     margin = None if value is None else margin_of(name, limit, value)
     return Verdict(name=name, limit=limit, value=value, margin=margin, state=state)
 

@@ -193,7 +193,7 @@ class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
 
 
 class Rules(Limits, frozen=True, kw_only=True, omit_defaults=False):
-    """By what the verdicts follow from the table of figures."""
+    """The rules by which the verdicts follow from the table of figures."""
 
     partial: bool = False  #: Whether a part of what was expected is judged as if it were the whole.
 

@@ -529,7 +529,7 @@ class SubTrajectoryRows(Columns, frozen=True, kw_only=True):
     heading_deg: Column  #: Heading error, with its sign.
     chord_m: Column  #: Straight distance, estimate less truth.
     along_m: Column  #: Position error along the true displacement.
-    cross_m: Column  #: Position error to the left of it.
+    cross_m: Column  #: Position error across it, positive to the left.
     travelled_m: Column  #: Length of the true path from start to end.
     others: dict[str, Column] = {}  #: Errors of all other figures of sub-trajectories, by figure, in its unit.
 
@@ -633,7 +633,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     warnings: tuple[str, ...] = ()  #: One line for each.
     contradiction: str | None = None  #: Convention mismatch of estimate and truth: no figure of them judges anything.
     incomplete: str | None = None  #: What of the expected data cannot be judged, unless a part was asked for.
-    rules: Rules | None = None  #: By what the verdicts follow from the figures; null where there are no limits.
+    rules: Rules | None = None  #: Rules by which the verdicts follow from the figures; null where there are no limits.
     errors: tuple[ErrorRows, ...] = ()  #: Errors that limits with a share and a confidence are judged by.
     details: Details | None = None  #: What plots are drawn from.
 

@@ -217,7 +217,7 @@ def normality(values: FloatArray) -> float | None:
 
 
 class Sample(NamedTuple):
-    """Errors in order, `(n,)` or vectors `(n, d)`, of which so many are independent."""
+    """Errors in order, `(n,)` or vectors `(n, d)`, with their effective sample size."""
 
     errors: FloatArray
     independent: float

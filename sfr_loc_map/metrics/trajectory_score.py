@@ -5,7 +5,7 @@ The same function scores a file and a live run.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -142,53 +142,38 @@ def score_trajectory(
     """
     conditions = parsed_conditions(config)
     placed = placed_frames(estimates, truth, conditions, config)
-    frames, association = placed.frames, placed.association
-    if not association.matched and not under_way:
+    if not placed.association.matched and not under_way:
         raise MetricsError(nothing_matched(estimates.trajectory, truth))
-    known, poses = known_of(truth), placed.poses
-    length_m = formulas.path_length_m(frames.gt_pos)
+    frames = placed.frames
     association, covered = completeness(
-        estimates.trajectory, truth, association, frames.stamps_ns, conditions, image_stamps_ns, in_flight_ns
+        estimates.trajectory, truth, placed.association, frames.stamps_ns, conditions, image_stamps_ns, in_flight_ns
     )
     unknown = placed.estimates.unknown_states(frames.est_rows)
     covered = [msgspec.structs.replace(row, value=None) if row.figure in unknown else row for row in covered]
     is_reported = (placed.estimates.lost | placed.estimates.degraded)[frames.est_rows]
     covered += copy_rows(frames, truth, is_reported, interpolated=association.interpolated > 0)
-    chosen = [select(condition, config.spacing, frames, length_m) for condition in conditions]
+    chosen = [select(condition, config.spacing, frames, placed.length_m) for condition in conditions]
     sums = step_sums(placed.estimates, frames, chosen)
     figures: list[Figure] = []
     rows: list[SubTrajectoryRows] = []
     errors: list[ErrorRows] = []
     for condition, (starts, ends) in zip(conditions, chosen, strict=True):
-        pieces = Pieces(starts, ends, poses, placed.reading(poses, starts, ends))
+        pieces = Pieces(starts, ends, placed.poses, placed.reading(placed.poses, starts, ends))
         overlap = overlap_of(starts, ends, config.spacing)
-        figures += condition_rows(condition.setting, str(association.rebase), pieces, overlap)
-        if not known.has_height:
-            figures.append(error_row(HORIZONTAL, condition.setting, str(association.rebase), pieces, overlap))
-        for name, reading in READINGS.items() if truth.has_attitude else ():
-            if name is not association.rebase:
-                other = pieces._replace(errors=of_known(known, reading)(poses, starts, ends))
-                figures += [error_row(kind, condition.setting, str(name), other) for kind in ERRORS]
+        figures += error_rows(condition.setting, pieces, overlap, placed, truth)
+        figures += evidence_of(condition.setting, pieces, overlap, placed, truth, sums)
         errors += error_columns(condition.setting, pieces, bounded)
-        if association.rebase is Rebase.POSE:
-            figures += turn_rows(condition.setting, noise_of(truth)[1], pieces.true_displacement())
-        if known.has_height:
-            figures += evidence_rows(condition.setting, pieces.errors.position_m, overlap)
-        if known.has_height and known.has_tilt:
-            noise = noise_of(truth)
-            figures += nees_rows(condition.setting, placed.estimates, frames, sums, starts, ends, noise)
-        rows.append(sub_trajectory_rows(condition.setting, pieces, frames.stamps_ns, length_m))
-    figures += growth_rows(poses, length_m, config.spacing, placed.reading)
-    association = msgspec.structs.replace(
-        association,
-        path_length_m=float(length_m[-1]) if len(length_m) else 0.0,
-        duration_s=int(frames.stamps_ns[-1] - frames.stamps_ns[0]) / NS_PER_S if len(length_m) else None,
-    )
-    path = path_rows(placed.estimates, frames, length_m) if details else None
-    plotted = TrajectoryDetails(path=path, sub_trajectories=tuple(rows))
-    about = truth_record(truth, frames, placed.placement)
+        rows.append(sub_trajectory_rows(condition.setting, pieces, frames.stamps_ns, placed.length_m))
+    figures += growth_rows(placed.poses, placed.length_m, config.spacing, placed.reading)
     figures += truth_error_rows(truth, frames.stamps_ns if association.interpolated else frames.stamps_ns[:0])
-    return ScoredTrajectory((*figures, *covered), association, about, plotted, tuple(errors))
+    path = path_rows(placed.estimates, frames, placed.length_m) if details else None
+    return ScoredTrajectory(
+        figures=(*figures, *covered),
+        association=association,
+        truth=truth_record(truth, frames, placed.placement),
+        details=TrajectoryDetails(path=path, sub_trajectories=tuple(rows)),
+        errors=tuple(errors),
+    )
 
 
 # ---- associate
@@ -211,6 +196,7 @@ class PlacedFrames(NamedTuple):
     reading: Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors]
     placement: Placement | None
     poses: Poses  #: Of all frames, true heights NaN where they are unknown.
+    length_m: Lengths  #: Length of the true path up to each frame.
 
 
 def parsed_conditions(config: TrajectoryScoreConfig) -> list[Condition]:
@@ -242,14 +228,17 @@ def placed_frames(
         true_position = true_position.copy()
         true_position[:, 2] = np.nan
     poses = Poses(true_position, frames.gt_quat, frames.est_pos, frames.est_quat)
+    length_m = formulas.path_length_m(frames.gt_pos)
     association = msgspec.structs.replace(
         association,
         lost=int(np.count_nonzero(estimates.lost[frames.est_rows])),
         degraded=int(np.count_nonzero(estimates.degraded[frames.est_rows])),
         spacing_frames=config.spacing,
         rebase=rebase,
+        path_length_m=float(length_m[-1]) if len(length_m) else 0.0,
+        duration_s=int(frames.stamps_ns[-1] - frames.stamps_ns[0]) / NS_PER_S if len(length_m) else None,
     )
-    return PlacedFrames(frames, association, estimates, reading, placement, poses)
+    return PlacedFrames(frames, association, estimates, reading, placement, poses, length_m)
 
 
 Reading = Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors]
@@ -410,6 +399,39 @@ def condition_rows(condition: str, part: str, pieces: Pieces, overlap: float) ->
         yield figure_row("position", condition, direction, statistics=formulas.statistics(errors))
 
 
+def error_rows(
+    condition: str, pieces: Pieces, overlap: float, placed: PlacedFrames, truth: Trajectory
+) -> Iterator[Figure]:
+    """Yield the errors of one condition: by the reading that is judged, then by the other readings of the document."""
+    known, rebase = known_of(truth), placed.association.rebase
+    yield from condition_rows(condition, str(rebase), pieces, overlap)
+    if not known.has_height:
+        yield error_row(HORIZONTAL, condition, str(rebase), pieces, overlap)
+    for name, reading in READINGS.items() if truth.has_attitude else ():
+        if name is not rebase:
+            other = pieces._replace(errors=of_known(known, reading)(placed.poses, pieces.starts, pieces.ends))
+            for kind in ERRORS:
+                yield error_row(kind, condition, str(name), other)
+
+
+def evidence_of(
+    condition: str,
+    pieces: Pieces,
+    overlap: float,
+    placed: PlacedFrames,
+    truth: Trajectory,
+    sums: Mapping[int, StepSums],
+) -> Iterator[Figure]:
+    """Yield what the errors of one condition rest on: the error of the truth, what they prove, the covariance."""
+    known, noise = known_of(truth), noise_of(truth)
+    if placed.association.rebase is Rebase.POSE:
+        yield from turn_rows(condition, noise[1], pieces.true_displacement())
+    if known.has_height:
+        yield from evidence_rows(condition, pieces.errors.position_m, overlap)
+    if known.has_height and known.has_tilt:
+        yield from nees_rows(condition, placed.estimates, placed.frames, sums, pieces.starts, pieces.ends, noise)
+
+
 def error_columns(condition: str, pieces: Pieces, bounded: Collection[tuple[str, str]]) -> Iterator[ErrorRows]:
     """Yield all errors of the figures whose tolerance bound over a condition is limited."""
     for kind in (*ERRORS, *ERRORS_OF_ALL_READINGS):
@@ -478,8 +500,7 @@ def pieces_table(estimates: Estimates, truth: Trajectory, config: TrajectoryScor
     """
     conditions = parsed_conditions(config)
     placed = placed_frames(estimates, truth, conditions, config)
-    frames, judged, poses = placed.frames, placed.association.rebase, placed.poses
-    length_m = formulas.path_length_m(frames.gt_pos)
+    frames, judged, poses, length_m = placed.frames, placed.association.rebase, placed.poses, placed.length_m
     readings = {judged: placed.reading}
     if truth.has_attitude:
         readings |= {name: of_known(known_of(truth), reading) for name, reading in READINGS.items()}

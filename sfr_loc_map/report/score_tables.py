@@ -50,7 +50,7 @@ EVIDENCE = (
 CALL_PARTS = (None, FIRST, AFTER_FIRST)  #: Parts of the times of complete calls on this host.
 DIRECTIONS = {
     **{"x": "x (east)", "y": "y (north)", "z": "z (up)"},
-    **{"along": "along the path", "cross": "to the left of it", "vertical": "vertical"},
+    **{"along": "along the path", "cross": "across the path", "vertical": "vertical"},
 }
 READINGS = {
     Rebase.POSE: "the estimate is re-based at the start by its complete pose, then poses are compared",
@@ -74,7 +74,7 @@ TERMS: Mapping[str, str] = {
     "not enough data": "the figure is not defined, or made of fewer values than the limits require",
     "DS": "the fixed world frame of the drive: x east, y north, z up",
     "LM": "the local map frame: fixed to the ground, z up; coordinates of the map are in it",
-    "along, to the left": "in the direction of the true path, and to its left",
+    "along, across": "in the direction of the true path, and to its left",
     "NEES": "squared error divided by the variance estimated for it; if that is honest, about the number of components",
     "point error": "distance from a map point to the true point of its pixel",
     "distance to the nearest true point": "distance from a map point to any true point; reads lower than point error",
@@ -555,13 +555,13 @@ def on_target(subject: Subject) -> Callable[[Score, Figure], bool]:
 
 VIEWS = (
     View("headline", "Figures", is_headline, headline_note, shown_statistics),
-    View("covered", "What is judged", about(Subject.COMPLETENESS), covered_note),
+    View("covered", "Completeness", about(Subject.COMPLETENESS), covered_note),
     View("readings", "Each reading of the document", is_of_a_reading, readings_note, compared_statistics),
     View("aligned", "Absolute and relative pose error", lambda score, row: row.figure in ALIGNED, aligned_note),
     View("growth", "Error against the length of the sub-trajectory", is_growth),
     View("directions", "Position error by direction", is_by_direction, directions_note),
     View("map", "Map", about(Subject.MAP), map_note),
-    View("evidence", "How sure", about(Subject.EVIDENCE), evidence_note),
+    View("evidence", "Confidence", about(Subject.EVIDENCE), evidence_note),
     View("consistency", "Consistency of the uncertainty", about(Subject.CONSISTENCY), nees_note),
     View("time", "Time per call", is_time, clock_text),
     View("deadline", "Calls against the period", is_deadline, deadline_note),
@@ -570,4 +570,4 @@ VIEWS = (
     View("target-time", "Time per call on the target", on_target(Subject.TIMING), target_note),
     View("target-memory", "Peak memory on the target", on_target(Subject.MEMORY), target_note),
 )
-"""The tables of figures. Rows that none of them shows are in a last one."""
+"""The tables of figures. Other rows go to a final table."""

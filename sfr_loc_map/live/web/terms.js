@@ -16,7 +16,7 @@ export const TERMS = {
   mean: "Mean over all sub-trajectories (of position the length of the mean vector).",
   sigma: "Standard deviation over all sub-trajectories.",
   "mean + 3 sigma": "Mean plus three standard deviations, to which a limit usually applies.",
-  "95 % interval": "95 % confidence interval of mean + 3 sigma; it needs about ten independent sub-trajectories.",
+  "95 % interval": "95 % confidence interval of mean + 3 sigma; it requires at least two independent sub-trajectories.",
   limit: "Upper bound of the figure, from the limits file.",
   verdict: "Pass if the figure is within its limit, fail if it is not, not enough data if it is undefined.",
   value: "The statistic to which the limit applies, else mean plus three standard deviations.",
