@@ -48,32 +48,52 @@ class RegisteredViews(NamedTuple):
     findings: Findings  #: Motions, and poses that could not be registered or were not changed.
 
 
+class MotionSize(NamedTuple):
+    """How far a motion moves a pair."""
+
+    rotation_deg: float
+    translation_m: float
+
+    @classmethod
+    def of(cls, motion: Transform) -> MotionSize:
+        """Return the size of a motion."""
+        rotation_deg = float(np.rad2deg(np.linalg.norm(rotvec_from_matrix(motion.rotation))))
+        return cls(rotation_deg, float(np.linalg.norm(motion.translation)))
+
+    @property
+    def is_accepted(self) -> bool:
+        """Whether a given pose may err by so much."""
+        return self.rotation_deg <= MAX_ROTATION_DEG and self.translation_m <= MAX_TRANSLATION_M
+
+
 def register_views(views: Sequence[PairView], rig: StereoRig) -> RegisteredViews:
     """Return the views, each moved to fit those before where they overlap."""
     registered = [views[0]]
     findings = Findings()
     for index, view in enumerate(views[1:], start=1):
         motion = estimate_motion(registered, view, rig)
-        if motion is None:
+        findings += _findings_of_motion(index, motion)
+        if motion is None or not MotionSize.of(motion).is_accepted:
             registered.append(view)
-            warning = (
-                f"pair {index} overlaps the pairs before it too little to be registered: its pose is left as given"
-            )
-            findings += Findings(warnings=(warning,))
-            continue
-        rotation_deg = float(np.rad2deg(np.linalg.norm(rotvec_from_matrix(motion.rotation))))
-        translation_m = float(np.linalg.norm(motion.translation))
-        findings += Findings({f"pose_turned_deg_{index}": rotation_deg, f"pose_moved_m_{index}": translation_m})
-        if rotation_deg <= MAX_ROTATION_DEG and translation_m <= MAX_TRANSLATION_M:
+        else:
             registered.append(view.with_pose(view.T_lm_left @ motion))
-            continue
-        registered.append(view)
-        warning = (
-            f"pair {index} would fit if moved by {rotation_deg:.1f} deg and {translation_m:.2f} m: more than "
-            f"{MAX_ROTATION_DEG} deg or {MAX_TRANSLATION_M} m, its pose is left as given"
-        )
-        findings += Findings(warnings=(warning,))
     return RegisteredViews(registered, findings)
+
+
+def _findings_of_motion(index: int, motion: Transform | None) -> Findings:
+    """Return the size of the motion of a pair, and a warning if its pose is left as given."""
+    if motion is None:
+        warning = f"pair {index} overlaps the pairs before it too little to be registered: its pose is left as given"
+        return Findings(warnings=(warning,))
+    size = MotionSize.of(motion)
+    statistics = {f"pose_turned_deg_{index}": size.rotation_deg, f"pose_moved_m_{index}": size.translation_m}
+    if size.is_accepted:
+        return Findings(statistics)
+    warning = (
+        f"pair {index} would fit if moved by {size.rotation_deg:.1f} deg and {size.translation_m:.2f} m: more than "
+        f"{MAX_ROTATION_DEG} deg or {MAX_TRANSLATION_M} m, its pose is left as given"
+    )
+    return Findings(statistics, (warning,))
 
 
 def estimate_motion(fixed: Sequence[PairView], moved: PairView, rig: StereoRig) -> Transform | None:
@@ -127,7 +147,7 @@ def _gauss_newton_step(
     """
 
     def residuals(parameters: FloatArray) -> FloatArray:
-        """Return normalised range differences and grey level differences `(2, N)`; NaN where there are none."""
+        """Return normalised range differences and grey level differences `(2, N)`; NaN where unobserved."""
         indices, seen = project_into_view(points.xyz, pose @ _motion(parameters), images, rig)
         sigma = np.sqrt(np.square(points.fusion_sigma[indices]) + np.square(seen.sigma))
         out = np.full((2, points.size), np.nan)
