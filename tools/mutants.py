@@ -39,6 +39,7 @@ GROUPS = (
     ("test/metrics",),
     ("test/geometry",),
     ("test/scoring/test_incomplete_everywhere.py",),
+    ("test/scoring/test_hidden_shortfalls.py",),
     ("test/cli/test_signed_verdict.py", "test/report/test_test_report.py"),
 )
 """The tests."""

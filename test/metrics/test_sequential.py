@@ -74,3 +74,12 @@ def test_the_order_of_drives_draws_no_other_errors() -> None:
     terms = Terms(0.9, 0.9, Interpretation.MIXED)
     reverse = dict(reversed(drives.items()))
     assert prove(terms, 1.0, drives).bound == prove(terms, 1.0, reverse).bound
+
+
+def test_a_sequential_test_takes_drives_by_their_names_whatever_their_order() -> None:
+    """The first drive decides: that of the first name, which is good."""
+    terms = Terms(0.5, 0.5, Interpretation.ENSEMBLE, power=0.5, good=0.0)
+    drives = {"b": [Sample(np.full(5, 9.0), 5.0)], "a": [Sample(np.full(5, 0.1), 5.0)]}
+    for order in (("a", "b"), ("b", "a")):
+        proof = prove(terms, 1.0, {name: drives[name] for name in order})
+        assert (proof.state, proof.n, proof.bound) == (VerdictState.PASS, 1, 0.1)

@@ -109,6 +109,7 @@ def test_points_without_pixels_are_repeated_at_one_place(tmp_path: Path, sfr: Sf
         assert sfr("score", path, folder, "--limits", rules).code == code, (len(points), code)
 
 
+@pytest.mark.slow
 def test_a_suite_of_maps_passes_a_limit_on_the_mapping_call(tmp_path: Path, sfr: Sfr) -> None:
     """The pairs of its sources are expected, so that the calls are known to be complete; a deleted pair is missing."""
     rules = {"map": {"point_error_p95_m": 10.0, "coverage_min": 0.1}, "timing": {"mapping_call_s": 100.0}}
@@ -122,6 +123,7 @@ def test_a_suite_of_maps_passes_a_limit_on_the_mapping_call(tmp_path: Path, sfr:
         assert done.code == code, done.out + done.err
 
 
+@pytest.mark.slow
 def test_a_suite_refuses_a_result_that_names_no_job(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
     suite, out = tmp_path / "suite.yaml", tmp_path / "out"
     pairs = [{"estimate": "estimate.csv", "truth": "truth.csv"}]
@@ -267,6 +269,7 @@ def test_scores_of_several_runs_have_no_pass_in_common(tmp_path: Path, sfr: Sfr)
         assert "<strong>NO COMMON VERDICT" in page.read_text()
 
 
+@pytest.mark.slow
 def test_the_order_of_the_drives_in_the_file_decides_nothing(tmp_path: Path, sfr: Sfr) -> None:
     """One of three drives is bad. The first drive decides; drives are taken in the order of their hashes."""
     folder, found = tmp_path / "suite", []
@@ -283,3 +286,53 @@ def test_the_order_of_the_drives_in_the_file_decides_nothing(tmp_path: Path, sfr
     first, second = ([item for group in suite["groups"] for item in group["verdicts"]] for suite in found)
     assert first == second
     assert found[0]["groups"] == found[1]["groups"]
+
+
+FAILING = """
+import numpy as np
+
+
+class Failing:
+    version = "1"
+
+    def __init__(self, rig, config):
+        self.count = 0
+
+    def process(self, pair):
+        self.count += 1
+        if self.count == 5:
+            raise RuntimeError("out of features")
+        pose = np.eye(4)
+        pose[0, 3] = 0.02 * self.count
+        return pose
+"""
+
+
+def test_a_failed_call_is_found_although_nobody_names_the_calls(tmp_path: Path, sfr: Sfr) -> None:
+    """Without `--stats` the calls are written beside the result, and the score reads them."""
+    source, method, estimate = write_folder(tmp_path / "data", 12, 0), tmp_path / "mine.py", tmp_path / "e.csv"
+    method.write_text(FAILING)
+    done = sfr("localise", source, "-o", estimate, "--start", "truth", "--method", f"{method}:Failing")
+    assert done.code == 1
+    assert (tmp_path / "e.stats.csv").is_file()
+    loose = {"minimum_independent": 1, "trajectory": [{"condition": "frames=2", "position_mean_plus_3sigma_m": 9.0}]}
+    rules, score = limits(tmp_path, loose), tmp_path / "s.json"
+    assert sfr("score", estimate, source, "--limits", rules, "--json", score).code == 1
+    assert [item["kind"] for item in json.loads(score.read_text())["findings"]] == ["raised"]
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"timing": {"localisation_max_s": 1.0}},
+        {"memory": {"localisation_peak_bytes": 1e9}},
+        {"trajectory": [{"condition": "distance=5", "lost_max_share": 0.0}]},
+    ],
+)
+def test_without_calls_a_limit_on_them_is_incomplete(
+    tmp_path: Path, files: tuple[Path, Path], sfr: Sfr, content: dict[str, object]
+) -> None:
+    score = tmp_path / "s.json"
+    done = sfr("score", *files, "--limits", limits(tmp_path, content), "--json", score)
+    assert (done.code, json.loads(score.read_text())["verdict"]) == (3, "incomplete")
+    assert "give the calls of the run (--stats)" in done.err
