@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray32
+from sfr_loc_map.geometry.arrays import F, FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.rays import rays_from_cameras
 
 
 def point_covariances(cloud: PointCloud, T_lm_left: Sequence[Transform], focal_px: float) -> FloatArray32:
@@ -19,11 +20,11 @@ def point_covariances(cloud: PointCloud, T_lm_left: Sequence[Transform], focal_p
     points' `pair`.
     """
     axes = np.stack([pose.rotation[:, 2] for pose in T_lm_left])[cloud.pair]
-    ray = cloud.xyz - np.stack([pose.translation for pose in T_lm_left])[cloud.pair]
+    ray = rays_from_cameras(cloud.xyz, cloud.pair, T_lm_left)
     depth = np.einsum("ij,ij->i", ray, axes)
     ray /= np.sqrt(np.einsum("ij,ij->i", ray, ray))[:, None]
     across = np.square(depth / focal_px) / 12.0
     along = np.square(cloud.sigma.astype(np.float64))
     covariance = np.einsum("n,ni,nj->nij", along - across, ray, ray)
     covariance[:, [0, 1, 2], [0, 1, 2]] += across[:, None]
-    return np.asarray(covariance, np.float32)
+    return np.asarray(covariance, F)

@@ -13,6 +13,7 @@ from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import F, FloatArray, FloatArray32
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.rays import rays_from_cameras
 
 MAX_CELLS = 2_500_000  #: Largest number of cells: a grid takes up to 120 bytes per cell while it is made, 300 MB.
 TYPICAL_SLOPE = 0.1  #: Typical slope of ground, metres per metre: a displaced point has the height of other ground.
@@ -169,6 +170,5 @@ def height_variance_ratio(xyz: FloatArray32, pair: NDArray[np.uint8], poses: Seq
     """
     if poses is None:
         return np.full(len(xyz), 1.0 + TYPICAL_SLOPE**2)
-    centres = np.stack([pose.translation for pose in poses])
-    x_squared, y_squared, z_squared = np.square(xyz - centres.take(pair, axis=0)).T
+    x_squared, y_squared, z_squared = np.square(rays_from_cameras(xyz, pair, poses)).T
     return np.asarray(z_squared / (x_squared + y_squared + z_squared) + TYPICAL_SLOPE**2)

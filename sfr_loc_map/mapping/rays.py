@@ -1,0 +1,20 @@
+"""Rays from the left cameras to the points of a cloud."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
+from sfr_loc_map.geometry.transform import Transform
+
+
+def rays_from_cameras(xyz: FloatArray32, pair: NDArray[np.uint8], poses: Sequence[Transform]) -> FloatArray:
+    """Return the vector `(N, 3)` from the left camera of each point's pair to the point, metres, LM.
+
+    Poses of the left cameras are in the order of the pairs.
+    """
+    centres = np.stack([pose.translation for pose in poses])
+    return np.asarray(xyz - centres.take(pair, axis=0))
