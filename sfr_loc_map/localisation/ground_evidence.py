@@ -89,12 +89,11 @@ class MotionTools(NamedTuple):
             pair.far_px,
         )
 
-    def shows_other(self, image: FloatImage, tracks: Tracks, shown: Pose, other: Pose) -> bool:
-        """Return whether an image at the pose `shown` also shows the scene from another pose.
+    def shows_other(self, image: FloatImage, landmarks: Landmarks, shown: Pose, other: Pose) -> bool:
+        """Return whether an image at the pose `shown` also shows some landmarks from another pose.
 
-        The inliers of some tracks are compared; the image is level `MIXTURE_LEVEL` of a left image.
+        The image is level `MIXTURE_LEVEL` of a left image.
         """
-        landmarks = tracks.landmarks.subset(tracks.inliers).thinned(MIXTURE_LANDMARKS)
         mixture = mixture_of(image, landmarks, shown, other, self.camera)
         lower_bound = mixture.weight - MIXTURE_SIGMAS * mixture.standard_error
         return mixture.patches >= self.min_tracked and lower_bound > MIN_MIXTURE_WEIGHT
@@ -197,12 +196,14 @@ class Evidence:
         """
         if self.explained.unexplained_fraction < SEARCHED_UNEXPLAINED:
             return False
+        landmarks = self.main.landmarks.subset(self.main.inliers).thinned(MIXTURE_LANDMARKS)
+        now = self.main.pose
         last = self.pair.prediction.guesses.standstill
         image = self.pair.frame.left[MIXTURE_LEVEL].image
-        if self.tools.shows_other(image, self.main, self.main.pose, last):
+        if self.tools.shows_other(image, landmarks, now, last):
             return True
         previous = self.memory.previous
-        return previous is not None and self.tools.shows_other(previous, self.main, last, self.main.pose)
+        return previous is not None and self.tools.shows_other(previous, landmarks, last, now)
 
     # ---- other motions
 
