@@ -1,7 +1,8 @@
 """Why no message of a topic is received, from what the graph shows; nodes, `sfr doctor` and `sfr record` share it.
 
-The true reason is one of these, in this order: the topic has no publisher; every publisher has another type; every
-publisher offers less reliability than is requested; every publisher has shared memory of its own; nothing is sent.
+The reason is one of these, in this order: the topic has no publisher; every publisher has another type; every publisher
+offers less reliability than is requested; no message arrives, because none is sent or a container has a /dev/shm of its
+own.
 """
 
 from __future__ import annotations
@@ -29,8 +30,6 @@ class Publisher:
     """Its node with the namespace."""
     msgtype: str
     reliability: Reliability = Reliability.RELIABLE
-    is_apart: bool = False
-    """Whether it runs on this host with a /dev/shm of its own, so that Fast DDS sends it nothing over the network."""
 
 
 def silence_of(
@@ -51,17 +50,9 @@ def silence_of(
         text = f"the publisher {names} offers best_effort, reliable is requested: nothing is received"
         fix = "set input.reliability of the node to best_effort, or the publisher's reliability to reliable"
         return Finding(Cause.QOS, topic, text, fix)
-    if all(publisher.is_apart for publisher in of_type):
-        text = f"the publisher {names} runs on this host with a /dev/shm of its own (a container): nothing is received"
-        return Finding(Cause.TRANSPORT, topic, text, SHARED_MEMORY_FIX)
     text = f"the publisher {names} is there, but no message was received"
-    return Finding(Cause.SILENT, topic, text, "check the publisher")
-
-
-SHARED_MEMORY_FIX = (
-    "start the container with --ipc=host beside --net=host, so that both have one /dev/shm; or start the publisher "
-    "with FASTDDS_BUILTIN_TRANSPORTS=UDPv4 and without ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
-)
+    fix = "check whether it sends; a container with --net=host needs --ipc=host too, so that both have one /dev/shm"
+    return Finding(Cause.SILENT, topic, text, fix)
 
 
 def _fix_of_type(topic: str, wanted: Sequence[str], found: str) -> str:

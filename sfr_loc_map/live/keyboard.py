@@ -9,7 +9,6 @@ import termios
 import tty
 from typing import Any
 
-ARROWS = {b"\x1b[A": "up", b"\x1b[B": "down", b"\x1b[C": "right", b"\x1b[D": "left"}
 MAX_BYTES = 64
 
 
@@ -36,13 +35,8 @@ class Keyboard:
         if self.is_there:
             termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
 
-    def pressed(self) -> list[str]:
-        """Return the keys that were pressed: characters, or `up`, `down`, `left`, `right`."""
+    def pressed(self) -> str:
+        """Return the characters of the keys that were pressed."""
         if not self.is_there or not select.select([self._descriptor], [], [], 0.0)[0]:
-            return []
-        data, keys = os.read(self._descriptor, MAX_BYTES), []
-        while data:
-            arrow = ARROWS.get(data[:3])
-            keys.append(arrow or chr(data[0]))
-            data = data[3 if arrow else 1 :]
-        return keys
+            return ""
+        return os.read(self._descriptor, MAX_BYTES).decode("utf-8", errors="replace")

@@ -137,9 +137,7 @@ class LiveServer:
     def end(self) -> None:
         """Tell the pages that the run is over, so that later silence is not reported as stale data."""
         now_s = time.time()
-        with self.state.lock:
-            if self.state.ended_s is None:
-                self.state.ended_s = now_s
+        self.state.stop(now_s)
         self._nodes_sent_s = 0.0
         self._notify_pages(now_s)
 

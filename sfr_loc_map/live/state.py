@@ -186,6 +186,9 @@ class LiveState:
         """Actions that are possible now."""
         return [] if self.operator is None else sorted(self.operator.actions)
 
+    def _actions_of(self, node: str) -> dict[str, list[updates.Action]]:
+        return {"actions": [] if self.operator is None else list(self.operator.node_actions.get(node, ()))}
+
     def run(self, command: updates.Command) -> str:
         """Carry out a command and return what was done; SfrError with the reason if it is impossible."""
         if self.operator is None:
@@ -205,12 +208,17 @@ class LiveState:
                 self.problems.append(one_line(str(error)))
         self.on_change()
 
-    def end(self, missing: str = "", aborted: str = "", now_s: float = 0.0) -> None:
-        """Note that the run is over, or was aborted: from now on an uncovered part of the drive is missing."""
+    def stop(self, now_s: float) -> None:
+        """Note that no more is received, so that later silence is not reported as stale data."""
         with self.lock:
             if self.ended_s is None:
                 self.timeline.end(now_s)
                 self.ended_s = now_s
+
+    def end(self, missing: str = "", aborted: str = "", now_s: float = 0.0) -> None:
+        """Note that the run is over, or was aborted: from now on an uncovered part of the drive is missing."""
+        with self.lock:
+            self.stop(now_s)
             self._missing = missing
             if aborted and self.aborted is None:
                 self.aborted = {"by": aborted, "at": now_s}
@@ -260,7 +268,7 @@ class LiveState:
                 "aborted": self.aborted,
                 "has_report": bool(self.report_page),
                 "report_age_s": None if report is None else round(now_s - report.received_s, 3),
-                "nodes": [node.to_plain(now_s) for _, node in sorted(self.nodes.items())],
+                "nodes": [node.to_plain(now_s) | self._actions_of(name) for name, node in sorted(self.nodes.items())],
                 "topics": topics,
                 "localisation": localisation,
                 "last_call": {call["node"]: call for call in self.calls},

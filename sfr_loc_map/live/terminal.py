@@ -48,7 +48,7 @@ class Terminal:
                 keyboard = stack.enter_context(Keyboard())
                 screen = stack.enter_context(Live(console=console, screen=True, auto_refresh=False))
             while not self._ended:
-                for key in keyboard.pressed() if keyboard is not None else ():
+                for key in keyboard.pressed() if keyboard is not None else "":
                     self._press(key)
                     due_s = 0.0
                 if time.monotonic() >= due_s:

@@ -5,7 +5,7 @@ Times are seconds of the host's system clock, stamps are those of the messages.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import ClassVar, Protocol
@@ -196,6 +196,9 @@ class Operator(Protocol):
 
     @property
     def actions(self) -> frozenset[Action]: ...  # noqa: D102
+
+    @property
+    def node_actions(self) -> Mapping[str, Sequence[Action]]: ...  # noqa: D102
 
     def run(self, command: Command) -> str: ...  # noqa: D102
 

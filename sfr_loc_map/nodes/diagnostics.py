@@ -154,7 +154,6 @@ class StatusReporter:
             self._counts: dict[str, int] = {}
             self._drops: dict[str, float] = {}
             self._last_call: tuple[Level, str] | None = None
-            self._last_values: dict[str, Value] = {}
             self._offsets: dict[str, float] = {}
 
     def note_arrival(self) -> None:
@@ -168,7 +167,6 @@ class StatusReporter:
         with self._lock:
             self._remember(self._calls, time.monotonic())
             self._last_call = (level, state)
-            self._last_values = {f"last_{name}": value for name, value in values.items()}
             self._offsets |= {name: float(statistics[name]) for name in OFFSETS if name in statistics}
             for name, value in values.items():
                 if name.startswith("latency_"):
@@ -211,7 +209,7 @@ class StatusReporter:
                 words[MAX_REASONS:] = [f"and {len(words) - MAX_REASONS} more"]
             message = "; ".join(words) or (activity.lifecycle if self._last_call is None else self._last_call[1])
             before, self._last_kind = self._last_kind, (activity.lifecycle, level.name, *(text for _, text in lasting))
-            values |= self._last_values | dict(activity.counts)
+            values |= dict(activity.counts)
         if not only_changes or before != self._last_kind:
             self._publish("health", level, message, values)
 

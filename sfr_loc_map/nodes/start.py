@@ -13,14 +13,14 @@ import signal
 import sys
 from functools import partial
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+from sfr_loc_map.signals import END_SIGNALS
 
 
 def start(module: str) -> int:
     """Import a module of this package and run its `main`; return its exit code."""
     sys.argv[0] = module.rpartition(".")[2]
-    before = {number: signal.signal(number, lambda *_: os._exit(0)) for number in SIGNALS}
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)  # one that came while Python itself started comes now
+    before = {number: signal.signal(number, lambda *_: os._exit(0)) for number in END_SIGNALS}
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, END_SIGNALS)  # one that came while Python itself started comes now
     gc.disable()
     main = importlib.import_module(f"sfr_loc_map.{module}").main
     gc.freeze()  # modules live as long as the process: no search for what can be freed looks through them, now or later

@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.inputs import SUITE_NODES
 from sfr_loc_map.live.server import LiveConfig, LiveServer
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import Action, Command
@@ -17,6 +18,7 @@ class Recorder:
     """Carries out nothing."""
 
     actions = frozenset(Action)
+    node_actions = dict.fromkeys(SUITE_NODES, tuple(action for action in Action if action is not Action.BOOKMARK))
 
     def __init__(self) -> None:
         self.commands: list[Command] = []

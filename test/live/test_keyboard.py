@@ -10,13 +10,13 @@ import sys
 READ = """
 import sys, time, termios
 from sfr_loc_map.live.keyboard import Keyboard
-before, keys = termios.tcgetattr(0), []
+before, keys = termios.tcgetattr(0), ""
 with Keyboard() as keyboard:
     print("there", keyboard.is_there, keyboard.pressed(), flush=True)
     while keyboard.is_there and "q" not in keys:
         keys += keyboard.pressed()
         time.sleep(0.01)
-print(keys, termios.tcgetattr(0) == before, flush=True)
+print([keys], termios.tcgetattr(0) == before, flush=True)
 """
 
 
@@ -27,7 +27,7 @@ def test_keys_of_a_terminal_come_one_by_one_and_the_terminal_is_restored() -> No
     text = b""
     while not re.search(rb"\] (True|False)", text):
         text += os.read(terminal, 1000)
-        if text.endswith(b"there True []\r\n"):
-            os.write(terminal, b" s\x1b[C\x1b[Aq")
+        if text.endswith(b"there True \r\n"):
+            os.write(terminal, b" sq")
     os.waitpid(pid, 0)
-    assert b"[' ', 's', 'right', 'up', 'q'] True" in text
+    assert b"[' sq'] True" in text

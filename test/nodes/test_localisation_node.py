@@ -131,7 +131,7 @@ def test_health_and_latency_say_what_is_wrong_and_when_it_is_over(ros: None, cap
         assert last["processing_time_s"] <= last["latency_receive_to_publish_s"]
         assert last["latency_receive_to_publish_s"] <= last["latency_stamp_to_publish_s"] + 1e-3 < 5.0
         values = values_of(peer.well(Level.OK, "tracking"))
-        assert min(float(values[name]) for name in ("processed_hz", "last_processing_time_s")) > 0
+        assert float(values["processed_hz"]) > 0
         assert int(values["resident_memory_bytes"]) > 50e6
         black = np.zeros((LOC_RIG.height, LOC_RIG.width), np.uint8)
         send_pair(peer, "loc", StereoPair(loc_pair(4).stamp_ns + shift, black, black))

@@ -6,11 +6,6 @@ import { helpButton } from "./terms.js";
 
 const ICONS = { ok: "✔", warning: "!", error: "✖", stale: "○", ended: "■" };
 const STYLES = { ok: "pass", warning: "open", error: "fail", stale: "stale", ended: "stale" };
-const ACTIONS = {
-  localisation_node: ["activate", "deactivate", "reset"],
-  mapping_node: ["activate", "deactivate", "reset", "finish"],
-  monitor_node: ["activate", "deactivate", "reset", "save"],
-};
 const CONFIRMED = new Set(["deactivate", "reset"]);
 const ASKS_MS = 3000;
 const cards = new Map();
@@ -19,7 +14,7 @@ const cards = new Map();
 export function showNodes(run) {
   const { nodes, ended } = run;
   if (!nodes) return;
-  for (const node of nodes.nodes) showNode(node, new Set(nodes.actions), ended);
+  for (const node of nodes.nodes) showNode(node, ended);
   showTopics(nodes.topics, ended);
   showDrops(nodes.nodes);
 }
@@ -42,9 +37,10 @@ function showDrops(nodes) {
   showRows(byId("drops"), headings, rows);
 }
 
-function showNode(node, actions, ended) {
+function showNode(node, ended) {
   if (!cards.has(node.name)) cards.set(node.name, makeCard(node.name));
   const card = cards.get(node.name);
+  for (const action of node.actions) addButton(card, node.name, action);
   const level = node.level === "stale" && ended ? "ended" : node.level;
   card.box.className = `node ${STYLES[level] ?? "open"}`;
   card.box.dataset.level = level;
@@ -53,12 +49,12 @@ function showNode(node, actions, ended) {
   setText(card.lifecycle, node.lifecycle);
   setText(card.message, node.problem && node.level !== "ok" ? `${node.message}; ${node.problem}` : node.message || "–");
   setText(card.rates, ratesText(node.values));
-  card.row.hidden = ended || !Object.keys(card.buttons).some((name) => actions.has(name));
+  card.row.hidden = ended || !node.actions.length;
   const isGone = node.level === "stale" && node.in_graph === false;
   const isActive = node.lifecycle === "active";
   for (const [name, button] of Object.entries(card.buttons)) {
     const isIdle = (name === "activate" && isActive) || (name === "deactivate" && !isActive);
-    button.disabled = !actions.has(name) || isIdle || isGone;
+    button.disabled = isIdle || isGone;
   }
 }
 
@@ -88,17 +84,18 @@ function makeCard(name) {
   const answer = element("p", "answer");
   icon.setAttribute("aria-hidden", "true");
   answer.setAttribute("role", "status");
-  const buttons = {};
   const row = element("div", "buttons");
-  for (const action of ACTIONS[name] ?? []) {
-    buttons[action] = makeButton(name, action, answer);
-    row.append(buttons[action]);
-  }
   const head = element("h3", "", "", icon, " ", element("span", "", name.replace("_node", "")));
   const facts = element("p", "facts-line", "", level, " · ", lifecycle, " ", helpButton("lifecycle"));
   const box = element("article", "node", "", head, facts, message, rates, row, answer);
   byId("nodes").append(box);
-  return { box, icon, level, lifecycle, message, rates, row, buttons };
+  return { box, icon, level, lifecycle, message, rates, answer, row, buttons: {} };
+}
+
+function addButton(card, name, action) {
+  if (card.buttons[action]) return;
+  card.buttons[action] = makeButton(name, action, card.answer);
+  card.row.append(card.buttons[action]);
 }
 
 /** Return a button; an action that cannot be undone needs a second press. */

@@ -17,7 +17,7 @@ from sfr_loc_map.errors import SfrError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.nodes.launch import environment
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
-from sfr_loc_map.nodes.start import SIGNALS
+from sfr_loc_map.signals import END_SIGNALS
 
 
 def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
@@ -65,5 +65,5 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
 
 
 def _set_handlers(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -> None:
-    for number in SIGNALS:
+    for number in END_SIGNALS:
         signal.signal(number, handler)

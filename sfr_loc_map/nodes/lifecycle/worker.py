@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import StrEnum
 from threading import Condition, Thread
 
@@ -21,6 +22,15 @@ class Overload(StrEnum):
     """The newest alone; the value is that of the nodes' parameter `overload`."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Waiting:
+    """A job that waits."""
+
+    job: Job
+    is_droppable: bool = False
+    size_bytes: int = 0  #: Of what it holds; 0 where that does not matter.
+
+
 class Worker:
     """Does jobs in the order in which they were given.
 
@@ -33,7 +43,7 @@ class Worker:
         self.dropped = self.waiting = 0
         self._capacity = 1 if overload is Overload.NEWEST_ONLY else capacity
         self._on_fault = on_fault
-        self._jobs: deque[tuple[Job, int | None]] = deque()  # with the bytes of droppable ones
+        self._jobs: deque[Waiting] = deque()
         self._changed = Condition()
         self._busy = self._ending = False
         self._thread = Thread(target=self._work, name=name, daemon=True)
@@ -42,7 +52,7 @@ class Worker:
     def enqueue(self, job: Job) -> None:
         """Add a job that is never dropped."""
         with self._changed:
-            self._append(job, None)
+            self._append(Waiting(job))
 
     def enqueue_droppable(self, job: Job, size_bytes: int = 0) -> None:
         """Add a job that may be dropped, with its size, 0 where that does not matter.
@@ -53,9 +63,9 @@ class Worker:
         with self._changed:
             while self.waiting >= self._capacity:
                 self._drop_oldest(0)
-            while size_bytes and 0 < sum(other or 0 for _, other in self._jobs) > MAX_WAITING_BYTES - size_bytes:
+            while size_bytes and 0 < sum(item.size_bytes for item in self._jobs) > MAX_WAITING_BYTES - size_bytes:
                 self._drop_oldest(1)
-            self._append(job, size_bytes)
+            self._append(Waiting(job, True, size_bytes))
 
     @property
     def is_idle(self) -> bool:
@@ -66,7 +76,7 @@ class Worker:
         """Drop the droppable jobs that wait; they do not count as dropped."""
         with self._changed:
             self.waiting = 0
-            self._jobs = deque(job for job in self._jobs if job[1] is None)
+            self._jobs = deque(item for item in self._jobs if not item.is_droppable)
 
     def wait_idle(self) -> None:
         """Return when no job waits or runs."""
@@ -82,36 +92,38 @@ class Worker:
             self._changed.notify_all()
         self._thread.join(timeout_s)
 
-    def _append(self, job: Job, size_bytes: int | None) -> None:
+    def _append(self, item: Waiting) -> None:
         if not self._ending:
-            self._jobs.append((job, size_bytes))
-            self.waiting += size_bytes is not None
+            self._jobs.append(item)
+            self.waiting += item.is_droppable
             self._changed.notify_all()
 
     def _drop_oldest(self, least_bytes: int) -> None:
-        sizes = enumerate(size for _, size in self._jobs)
-        del self._jobs[next(number for number, size in sizes if size is not None and size >= least_bytes)]
+        """Drop the oldest droppable job of at least a size."""
+        for item in self._jobs:
+            if item.is_droppable and item.size_bytes >= least_bytes:
+                self._jobs.remove(item)
+                break
         self.waiting -= 1
         self.dropped += 1
 
     def _work(self) -> None:
-        while (taken := self._next()) is not None:
-            job, size_bytes = taken
+        while (item := self._next()) is not None:
             try:
-                job()
+                item.job()
             except Exception as error:
-                self._on_fault(error, size_bytes is not None)
-            del job, taken  # an image must not be held until the next one comes
+                self._on_fault(error, item.is_droppable)
+            del item  # an image must not be held until the next one comes
             with self._changed:
                 self._busy = False
                 self._changed.notify_all()
 
-    def _next(self) -> tuple[Job, int | None] | None:
+    def _next(self) -> Waiting | None:
         with self._changed:
             self._changed.wait_for(lambda: bool(self._jobs) or self._ending)
             if self._ending:
                 return None
-            job, size_bytes = self._jobs.popleft()
-            self.waiting -= size_bytes is not None
+            item = self._jobs.popleft()
+            self.waiting -= item.is_droppable
             self._busy = True
-            return job, size_bytes
+            return item

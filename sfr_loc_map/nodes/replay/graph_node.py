@@ -8,12 +8,12 @@ from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.srv import ListParameters
-from rclpy.client import Client
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.inputs import MONITOR_NODE, Task
 from sfr_loc_map.nodes.graph.peer import POLL_S, Peer
+from sfr_loc_map.nodes.graph.services import call_service
 from sfr_loc_map.nodes.launch.processes import LivePage, Supervisor
 from sfr_loc_map.topics import ESTIMATE, REPORT, RESULTS, TRUE_POSES, call_topic
 
@@ -61,15 +61,17 @@ class ReplayNode(Peer):
 
     def call(self, service: str, problem: str) -> str:
         """Call a Trigger service, wait for its answer and return its text."""
-        client = self.node.create_client(Trigger, service)
-        return str(self.request(client, Trigger.Request(), problem).message)
+        return str(self.request(Trigger, service, Trigger.Request(), problem).message)
 
-    def request(self, client: Client, request: Any, problem: str) -> Any:  # noqa: ANN401 - any service
+    def request(self, kind: type[Any], service: str, request: Any, problem: str) -> Any:  # noqa: ANN401 - any service
         """Call a service and wait for its answer."""
-        self.wait_for(client.service_is_ready, ANSWER_TIMEOUT_S, lambda: problem)
-        future = client.call_async(request)
-        self.wait_for(future.done, ANSWER_TIMEOUT_S, lambda: problem)
-        return future.result()
+
+        def wait(condition: Callable[[], bool], seconds: float) -> bool:
+            self.wait_for(condition, seconds, lambda: problem)
+            return True
+
+        bounds = {"found_s": ANSWER_TIMEOUT_S, "answer_s": ANSWER_TIMEOUT_S}
+        return call_service(self.node, kind, service, request, wait=wait, **bounds)
 
     def wait_until_known(self) -> None:
         """Wait until each node knows all subscriptions of this one, and this one knows those of the monitor.
@@ -78,8 +80,8 @@ class ReplayNode(Peer):
         that a node that answers knows the others.
         """
         for name in self.supervisor.processes:
-            client = self.node.create_client(ListParameters, f"{name}/list_parameters")
-            self.request(client, ListParameters.Request(), f"{name} did not answer")
+            problem = f"{name} did not answer"
+            self.request(ListParameters, f"{name}/list_parameters", ListParameters.Request(), problem)
 
         def monitor_listens() -> bool:
             tasks = [task for task in Task if task.node in self.supervisor.processes]

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from threading import Event
-from typing import Any
+from typing import Any, ClassVar
 
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -16,13 +16,13 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import InputError, NodeError
-from sfr_loc_map.inputs import SUITE_NODES
+from sfr_loc_map.inputs import MONITOR_NODE, SUITE_NODES, Task
 from sfr_loc_map.live.updates import Action, Command
 from sfr_loc_map.nodes.graph.services import call_service
 from sfr_loc_map.topics import BOOKMARK
 
 TRANSITIONS = {Action.ACTIVATE: Transition.TRANSITION_ACTIVATE, Action.DEACTIVATE: Transition.TRANSITION_DEACTIVATE}
-SERVICES = {Action.RESET: SUITE_NODES, Action.FINISH: ("mapping_node",), Action.SAVE: ("monitor_node",)}
+SERVICES = {Action.RESET: SUITE_NODES, Action.FINISH: (Task.MAPPING.node, MONITOR_NODE), Action.SAVE: (MONITOR_NODE,)}
 """Nodes that offer each service."""
 FOUND_S, ANSWER_S, POLL_S = 2.0, 10.0, 0.02
 """Time to find a service, time for its answer, period at which both are checked."""
@@ -32,6 +32,9 @@ class NodeOperator:
     """Calls services of the nodes in the namespace of a node, which its owner spins in another thread."""
 
     actions = frozenset({*TRANSITIONS, *SERVICES, Action.BOOKMARK})
+    node_actions: ClassVar[Mapping[str, tuple[Action, ...]]] = {
+        node: (*TRANSITIONS, *(action for action, nodes in SERVICES.items() if node in nodes)) for node in SUITE_NODES
+    }
 
     def __init__(self, node: Node) -> None:
         self._node = node

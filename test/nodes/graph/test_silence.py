@@ -4,26 +4,21 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
-from helpers.peers import Capture, LocalNode, Manager
 from helpers.processes import PATIENCE_S, Process
 from sfr_loc_map.doctor.findings import Cause
 from sfr_loc_map.doctor.silence import COMPRESSED, IMAGE, Publisher, Reliability, silence_of
 from sfr_loc_map.nodes.launch.environment import see_whole_graph
-from sfr_loc_map.nodes.localisation_node import LocalisationNode
 
 SFR = ("-m", "sfr_loc_map")
 ROVER = ("-m", "helpers.rover_process", "good")
-OWN_MEMORY = 'mount -t tmpfs -o size=256m tmpfs /dev/shm && exec "$@"'
 BEST_EFFORT, RELIABLE = Reliability.BEST_EFFORT, Reliability.RELIABLE
 CASES = {
     "nobody": ([], BEST_EFFORT, Cause.NO_PUBLISHER),
@@ -31,8 +26,7 @@ CASES = {
     "another type besides": ([Publisher("/a", COMPRESSED), Publisher("/b", IMAGE)], BEST_EFFORT, Cause.SILENT),
     "less reliability": ([Publisher("/a", IMAGE, BEST_EFFORT)], RELIABLE, Cause.QOS),
     "less reliability of one": ([Publisher("/a", IMAGE, BEST_EFFORT), Publisher("/b", IMAGE)], RELIABLE, Cause.SILENT),
-    "memory of its own": ([Publisher("/a", IMAGE, is_apart=True)], BEST_EFFORT, Cause.TRANSPORT),
-    "memory of one": ([Publisher("/a", IMAGE, is_apart=True), Publisher("/b", IMAGE)], BEST_EFFORT, Cause.SILENT),
+    "nothing arrives": ([Publisher("/a", IMAGE)], BEST_EFFORT, Cause.SILENT),
 }
 
 
@@ -44,48 +38,12 @@ def test_one_reason_is_reported(case: str) -> None:
     assert found.fix
 
 
-def can_unshare() -> bool:
-    command = ["unshare", "--mount", "sh", "-c", OWN_MEMORY, "sh", "true"]
-    found = shutil.which("unshare") is not None
-    return found and subprocess.run(command, capture_output=True, check=False).returncode == 0
-
-
-def in_container(folder: Path) -> Process:
-    """Return a rover with a /dev/shm of its own, as in a container with --net=host."""
-    script = "import os, sys; os.execvp(sys.argv[1], sys.argv[1:])"
-    words = ["unshare", "--mount", "sh", "-c", OWN_MEMORY, "sh", sys.executable, *ROVER]
-    return Process(folder / "rover.log", "-c", script, *words)
-
-
 def findings(folder: Path, *words: str) -> tuple[dict[str, str], str]:
     """Return the causes that the doctor finds, by topic or node, and its exit code."""
     with Process(folder / "doctor.log", *SFR, "doctor", "--json", str(folder / "d.json"), *words) as doctor:
         doctor.popen.wait(PATIENCE_S)
         report = json.loads((folder / "d.json").read_text())
         return {item["where"]: item["cause"] for item in report["findings"]}, doctor.text
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not can_unshare(), reason="a mount namespace of its own needs the rights of root")
-def test_a_container_with_a_dev_shm_of_its_own_is_named_by_node_doctor_and_recorder(
-    ros: None, capfd: Capture, tmp_path: Path
-) -> None:
-    with ExitStack() as stack:
-        stack.enter_context(in_container(tmp_path)).wait_for("ready")
-        peer = stack.enter_context(Manager())
-        node = stack.enter_context(LocalNode(peer, capfd, LocalisationNode))
-        peer.until(lambda: peer.node.count_publishers("loc/left/image_rect"), "the rover on the graph")
-        peer.spin(1.0)
-        node.node.look_around()
-        assert "runs on this host with a /dev/shm of its own (a container): nothing is received" in node.text
-        causes, text = findings(tmp_path, "--seconds", "1")
-        assert causes["/loc/left/image_rect"] == causes["/loc/right/camera_info"] == "transport", text
-        assert "--ipc=host" in text
-        words = ["record", str(tmp_path / "bag.mcap"), "--duration", "2"]
-        with Process(tmp_path / "record.log", *SFR, *words) as recorder:
-            recorder.popen.wait(PATIENCE_S)
-            assert "a /dev/shm of its own (a container)" in recorder.text
-            assert "no message of /loc/left/image_rect: the publisher" in recorder.text
 
 
 @pytest.fixture
