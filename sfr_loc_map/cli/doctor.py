@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 from typer import Argument, Option
 
-from sfr_loc_map.cli.app import app, examples, propose
+from sfr_loc_map.cli.app import app, examples
+from sfr_loc_map.cli.findings import FindingsReport
 from sfr_loc_map.cli.options import (
     CalibrationOption,
     ConfigOption,
@@ -20,12 +20,8 @@ from sfr_loc_map.cli.options import (
     require_ros,
     sections_of,
 )
-from sfr_loc_map.cli.output import STANDARD_OUTPUT, check_outputs, say, show
-from sfr_loc_map.errors import ConfigError, FailedVerdictError
-
-if TYPE_CHECKING:
-    from sfr_loc_map.doctor.findings import Finding
-    from sfr_loc_map.report.tables import Table
+from sfr_loc_map.cli.output import check_outputs
+from sfr_loc_map.errors import ConfigError
 
 
 @app.command(epilog=examples("sfr doctor", "sfr doctor --namespace rover1 --seconds 5"))
@@ -59,39 +55,3 @@ def doctor(
     report = FindingsReport(seen.subject, examine(seen))
     report.propose(["sfr", "record", "drive"], why="inputs and outputs into a bag")
     report.show(json_path, {}, [])
-
-
-@dataclass(frozen=True, slots=True)
-class FindingsReport:
-    """Findings on a subject, as `sfr info` and `sfr doctor` show them."""
-
-    subject: str
-    findings: list[Finding]
-
-    @property
-    def stops(self) -> int:
-        """Number of the findings that block."""
-        return sum(finding.is_blocking for finding in self.findings)
-
-    def propose(self, after: list[str], why: str) -> None:
-        """Propose the first fix that is a command, else the same command again, else `after`."""
-        fix = next((item.fix.partition(";")[0] for item in self.findings if item.fix.startswith("sfr info")), "")
-        if fix:
-            propose(fix, why="writes the sfr.yaml of the source")
-        elif self.stops:
-            propose("...", why="again, after the fix")
-        else:
-            propose(*after, why=why)
-
-    def show(self, json_path: str | None, facts: dict[str, Any], tables: list[Table]) -> None:
-        """Print tables and findings, write the JSON; raise FailedVerdictError if a finding blocks."""
-        found = [finding.as_dict() for finding in self.findings]
-        show({"subject": self.subject, **facts, "stops": self.stops, "findings": found}, json_path, tables)
-        if json_path != STANDARD_OUTPUT:
-            for finding in self.findings:
-                say(f"{'BLOCKING' if finding.is_blocking else 'warning '}  {finding.where}: {finding.text}")
-                say(f"          fix: {finding.fix}")
-            if not self.findings:
-                say(f"{self.subject}: no blocking issue")
-        if self.stops:
-            raise FailedVerdictError(f"{self.stops} blocking issue{'s' * (self.stops > 1)} on {self.subject}")

@@ -8,7 +8,7 @@ from typer import Option
 
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples
-from sfr_loc_map.cli.doctor import FindingsReport
+from sfr_loc_map.cli.findings import FindingsReport
 from sfr_loc_map.cli.options import (
     CalibrationOption,
     ConfigOption,

@@ -3,74 +3,21 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from importlib.util import find_spec
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
+from sfr_loc_map.cli.live_page import require_live
 from sfr_loc_map.cli.options import ConfigOption, NamespaceOption, require_ros
 from sfr_loc_map.config import build, read_sections
-from sfr_loc_map.errors import (
-    ConfigError,
-    FailedVerdictError,
-    InterruptedRunError,
-    MissingExtraError,
-    NodeError,
-    NotJudgedError,
-)
-from sfr_loc_map.inputs import one_line
+from sfr_loc_map.errors import ConfigError, InterruptedRunError, MissingExtraError
 from sfr_loc_map.io.source_config import SourceConfig
 
 if TYPE_CHECKING:
     from sfr_loc_map.live.foxglove import FoxgloveView
-    from sfr_loc_map.nodes.launch.processes import LivePage
-
-LiveOption = Annotated[bool, Option("--live", help="Show the run on a page while it goes on (see sfr live).")]
-LivePortOption = Annotated[int, Option(metavar="P", min=0, max=65535, help="Port of that page; 0: a free one.")]
-
-
-def require_live() -> None:
-    """Check that the web server can be imported; raises MissingExtraError if it cannot."""
-    if find_spec("aiohttp") is None:
-        raise MissingExtraError("sfr live needs a web server, aiohttp: pip install 'sfr_loc_map[live]'")
-
-
-@contextmanager
-def live_beside(
-    wanted: bool, port: int, namespace: str = "", remaps: Sequence[str] = (), *, isolated: bool = False
-) -> Iterator[LivePage | None]:
-    """Show what the `with` block runs on a page, if it is wanted; yield the page, None if it is not.
-
-    The page receives topics with the remappings `FROM:=TO` of the nodes.
-    The page of a replay (`isolated`) is in the domain that the run chooses, and is served after it until Ctrl-C.
-    """
-    if not wanted:
-        yield None
-        return
-    require_live()
-    from sfr_loc_map.nodes.launch import environment
-    from sfr_loc_map.nodes.launch.processes import LivePage
-
-    if isolated:
-        environment.isolate()
-    words = [word for remap in remaps for word in ("-r", remap)]
-    with LivePage(("--port", str(port), "--namespace", namespace, *words)) as page:
-        try:
-            yield page
-        except NodeError as error:
-            page.run_is_over(aborted=one_line(str(error)).partition(": ")[0])
-            if isolated:
-                page.stay(f"{one_line(str(error))}\n")
-            raise
-        except (FailedVerdictError, NotJudgedError):
-            page.stay()
-            raise
-        if isolated:
-            page.stay()
 
 
 @app.command(

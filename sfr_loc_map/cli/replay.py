@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from typer import Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.live import LiveOption, LivePortOption, live_beside
+from sfr_loc_map.cli.live_page import LiveOption, LivePortOption, live_beside
 from sfr_loc_map.cli.options import (
     ApplyDiagnosisOption,
     ConditionOption,
@@ -34,8 +34,7 @@ from sfr_loc_map.cli.options import (
     require_ros,
 )
 from sfr_loc_map.cli.output import check_outputs, make_folder, progress_bar, say, warn
-from sfr_loc_map.cli.score import present
-from sfr_loc_map.cli.verdict import conclude
+from sfr_loc_map.cli.verdict import conclude, present
 from sfr_loc_map.config import read_config, section
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
 from sfr_loc_map.inputs import NS_PER_S, Task, printable

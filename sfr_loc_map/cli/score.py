@@ -35,8 +35,8 @@ from sfr_loc_map.cli.options import (
     named_beside,
     parse_settings,
 )
-from sfr_loc_map.cli.output import HTML_SUFFIXES, STANDARD_OUTPUT, beside, check_outputs, check_suffix, say, show, warn
-from sfr_loc_map.cli.verdict import conclude, not_judged
+from sfr_loc_map.cli.output import HTML_SUFFIXES, STANDARD_OUTPUT, beside, check_outputs, check_suffix, say, show
+from sfr_loc_map.cli.verdict import conclude, not_judged, present
 from sfr_loc_map.config import build, flatten
 from sfr_loc_map.errors import ConfigError, FailedVerdictError
 from sfr_loc_map.io.bag.files import is_bag
@@ -304,37 +304,6 @@ def _propose_next(result: Score, json_path: str | None, html: Path | None) -> No
         propose("sfr", "report", json_path, why="the same as a page with figures")
     else:
         propose("... --html report.html", why="the same command, with a page of figures")
-
-
-def present(score: Score, json_path: str | None, html: Path | None) -> None:
-    """Write and print a score, its verdict and what to look at first; raise ConfigError if there is nothing in it."""
-    from sfr_loc_map.metrics.score_json import to_dict
-    from sfr_loc_map.report.page import look_first, overall_of, run_facts, write_page
-    from sfr_loc_map.report.score_tables import summary_tables
-
-    tables = summary_tables(score)
-    if not tables and json_path != STANDARD_OUTPUT:
-        raise ConfigError("nothing was scored: give an estimate and its truth")
-    show(to_dict(score), json_path, tables)
-    if json_path != STANDARD_OUTPUT:
-        if score.incomplete is not None:
-            say(f"incomplete: {score.incomplete}")
-        if score.verdicts:
-            facts, overall, made = dict(run_facts(score)), overall_of(score), score.provenance
-            limits = None if made is None else made.inputs.get("limits")
-            by = "" if limits is None else f"; by {limits.path}"
-            say(f"judged: {'; '.join(facts[name] for name in ('Drive', 'Map') if name in facts)}{by}")
-            say(f"verdict: {overall.state}. {overall.text}")
-        for item in look_first(score)[:1]:
-            say(f"look at this first: {item.what}. {item.why}")
-    if html is not None:
-        with beside():
-            write_page(score, html)
-    for finding in score.findings:
-        warn(f"method {score.method.name if score.method else 'under test'}: {finding}")
-    for warning in score.warnings:
-        if warning != score.contradiction:  # that ends the command
-            warn(warning)
 
 
 def _diagnose(inputs: ScoreInputs, estimate: Path, json_path: str | None, *, lenient: bool) -> None:

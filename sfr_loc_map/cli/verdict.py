@@ -1,18 +1,50 @@
-"""How a command ends that judges: the verdicts and what could not be judged as exit codes."""
+"""How a command ends that judges: the score as it is shown, the verdicts and what could not be judged as exit codes."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sfr_loc_map.cli.output import warn
-from sfr_loc_map.errors import FailedVerdictError, NotJudgedError
+from sfr_loc_map.cli.output import STANDARD_OUTPUT, beside, say, show, warn
+from sfr_loc_map.errors import ConfigError, FailedVerdictError, NotJudgedError
 from sfr_loc_map.metrics.config import Condition, VerdictState
 
 if TYPE_CHECKING:
     from sfr_loc_map.geometry.trajectory import Trajectory
     from sfr_loc_map.metrics.score import MethodRecord, Score
     from sfr_loc_map.runs.calls import CallRecord
+
+
+def present(score: Score, json_path: str | None, html: Path | None) -> None:
+    """Write and print a score, its verdict and what to look at first; raise ConfigError if there is nothing in it."""
+    from sfr_loc_map.metrics.score_json import to_dict
+    from sfr_loc_map.report.page import look_first, overall_of, run_facts, write_page
+    from sfr_loc_map.report.score_tables import summary_tables
+
+    tables = summary_tables(score)
+    if not tables and json_path != STANDARD_OUTPUT:
+        raise ConfigError("nothing was scored: give an estimate and its truth")
+    show(to_dict(score), json_path, tables)
+    if json_path != STANDARD_OUTPUT:
+        if score.incomplete is not None:
+            say(f"incomplete: {score.incomplete}")
+        if score.verdicts:
+            facts, overall, made = dict(run_facts(score)), overall_of(score), score.provenance
+            limits = None if made is None else made.inputs.get("limits")
+            by = "" if limits is None else f"; by {limits.path}"
+            say(f"judged: {'; '.join(facts[name] for name in ('Drive', 'Map') if name in facts)}{by}")
+            say(f"verdict: {overall.state}. {overall.text}")
+        for item in look_first(score)[:1]:
+            say(f"look at this first: {item.what}. {item.why}")
+    if html is not None:
+        with beside():
+            write_page(score, html)
+    for finding in score.findings:
+        warn(f"method {score.method.name if score.method else 'under test'}: {finding}")
+    for warning in score.warnings:
+        if warning != score.contradiction:  # that ends the command
+            warn(warning)
 
 
 def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> None:

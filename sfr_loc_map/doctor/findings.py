@@ -44,6 +44,7 @@ class Finding:
     text: str
     fix: str
     is_blocking: bool = True
+    command: str = ""  #: Command line that removes the cause; empty if there is none.
 
     def as_dict(self) -> dict[str, str | bool]:
         """Return it for JSON, under the public keys."""

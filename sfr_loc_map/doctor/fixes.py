@@ -37,13 +37,14 @@ def with_fix(
         left = {finding.cause for finding in examine(observe(source, found.config)) if finding.is_blocking}
     except SfrError:
         return findings
-    command = shlex.join(words)
+    command = fix = shlex.join(words)
     added = {name: values for name, values in found.sections.items() if values != sections.get(name) and values}
     if added.keys() - {"conditions"} == {"topics"}:  # these alone will do
         remaps = [word for name, topic in added["topics"].items() for word in ("--remap", f"{topic}:={name}")]
-        command += f"; for a command alone: {shlex.join(remaps)}"
+        fix += f"; for a command alone: {shlex.join(remaps)}"
     missing = "".join(f"; still missing: {text}" for text in found.missing)
+    is_removed = [finding.is_blocking and finding.cause not in left for finding in findings]
     return [
-        replace(finding, fix=command + missing) if finding.is_blocking and finding.cause not in left else finding
-        for finding in findings
+        replace(finding, fix=fix + missing, command=command) if removed else finding
+        for finding, removed in zip(findings, is_removed, strict=True)
     ]

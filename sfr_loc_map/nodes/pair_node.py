@@ -73,12 +73,24 @@ class PairNodeConfig(NodeConfig):
 P = TypeVar("P", bound=PairNodeConfig)
 
 
+class Silence:
+    """Counts periods without input; those that are reported become rarer: the first, second, fourth, eighth, ..."""
+
+    def __init__(self) -> None:
+        self._periods = 0
+
+    def note(self, is_silent: bool) -> bool:
+        """Note whether a period was silent; return whether what the node waits for is reported."""
+        self._periods = self._periods + 1 if is_silent else 0
+        return self._periods & (self._periods - 1) == 0
+
+
 class PairNode(ManagedNode[P]):
     """A managed node whose worker processes the pairs of one rig; its input is handled in the executor's thread."""
 
     rig_name: ClassVar[str]
     rig: StereoRig | None = None  #: The rig that was received last, None before.
-    _calls_before = _silent_periods = 0
+    _calls_before = 0
 
     @abstractmethod
     def _on_pair(self, pair: ReceivedPair) -> None:
@@ -103,6 +115,7 @@ class PairNode(ManagedNode[P]):
     def teardown(self) -> None:
         """Forget everything."""
         self.rig = None
+        self._silence = Silence()
         self._stereo = StereoInput(
             self.rig_name,
             self.config.input,
@@ -131,19 +144,18 @@ class PairNode(ManagedNode[P]):
         super().look_around()
         if doubled := self._stereo.doubled_text():
             self.status.warn(doubled, "publishers")
-        calls, before = self.status.calls, self._calls_before
-        self._calls_before = calls
+        has_worked = self.status.calls > self._calls_before or not self.worker.is_idle
+        self._calls_before = self.status.calls
         is_silent = not any(item.received for item in self.inputs() if CameraInfo not in item.topics.values())
+        is_reported = self._silence.note(is_silent)
         text = self.waits_for()
         self.forget_received()
-        self._silent_periods = periods = self._silent_periods + 1 if is_silent else 0
-        if calls > before or not self.worker.is_idle or not text or (is_silent and not self.expects_input()):
+        if has_worked or not text or (is_silent and not self.expects_input()):
             return
-        if is_silent and calls:
+        if is_silent and self.status.calls:
             text = f"The source has ended or is silent. {text}"
         self.status.note_problem(Level.WARN, text)
-        is_power_of_two = periods & (periods - 1) == 0  # ever more rarely: after 5, 10, 20, 40 s of silence and so on
-        if is_power_of_two:
+        if is_reported:
             self.get_logger().warning(text)
 
     def inputs(self) -> list[Input]:
