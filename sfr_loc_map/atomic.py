@@ -1,14 +1,13 @@
 """Outputs that are either complete or absent: one rule for every file and folder that the suite writes.
 
-An output is written in a hidden folder `.NAME.xxxxxxxx.part` beside its place, and is renamed in one step when it is
-complete. Only a regular file or an empty folder is replaced, and a full folder if that is wanted; of a link its target
-is replaced. The hidden folder of a killed process is removed by the next process that writes to the same name, because
-a process holds a lock on its folder while it writes.
+An output is written in a hidden folder `.NAME.xxxxxxxx.part` beside its place, and is renamed when it is complete. Only
+a regular file or an empty folder is replaced, and a full folder if that is wanted; of a link its target is replaced.
+The hidden folder of a killed process is removed by the next process that writes to the same name, because a process
+holds a lock on its folder while it writes.
 """
 
 from __future__ import annotations
 
-import ctypes
 import fcntl
 import glob
 import os
@@ -25,7 +24,6 @@ from sfr_loc_map.signals import deferred_signals
 SUFFIX = ".part"
 BEFORE = "before"  #: Name, in the hidden folder, of what is about to be replaced.
 _RANDOM = "[a-z0-9_]" * 8  #: What `tempfile` puts into names.
-_AT_FDCWD, _RENAME_EXCHANGE = -100, 2
 
 
 @contextmanager
@@ -58,23 +56,20 @@ def replace(new: Path, target: Path) -> None:
 
 
 def exchange(new: Path, target: Path) -> None:
-    """Let a new file or folder take the place of what is at the target, if anything, in one step; `new` is then that.
+    """Let a new file or folder take the place of what is at the target, if anything; that is then beside the new one.
 
-    Where the system cannot (not Linux, some file systems) it is two steps; see `_scratch` for an end between them.
+    A folder that is not empty is replaced in two steps; see `_scratch` for an end between them.
     """
     if not target.exists():
         os.replace(new, target)
         return
-    call = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
-    if call is None or call(_AT_FDCWD, os.fsencode(new), _AT_FDCWD, os.fsencode(target), _RENAME_EXCHANGE):
-        before = new.with_name(BEFORE)
-        os.rename(target, before)
-        try:
-            os.rename(new, target)
-        except OSError:
-            os.rename(before, target)
-            raise
-        os.rename(before, new)
+    before = new.with_name(BEFORE)
+    os.rename(target, before)
+    try:
+        os.rename(new, target)
+    except OSError:
+        os.rename(before, target)
+        raise
 
 
 def check_output(path: Path) -> None:

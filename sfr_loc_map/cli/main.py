@@ -54,6 +54,21 @@ class _LineFormatter(logging.Formatter):
         return f"sfr: {record.levelname.lower()}: {one_line(record.getMessage())}"
 
 
+class _Once(logging.Filter):
+    """Drops a warning that was written before: sources are opened and read several times by one command."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._written: set[str] = set()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        text = record.getMessage()
+        if text in self._written:
+            return False
+        self._written.add(text)
+        return True
+
+
 def main() -> int:
     """Run the command line; return the exit code."""
     handle_signals()
@@ -72,6 +87,7 @@ def main() -> int:
 def _run() -> int:
     if logging.lastResort is not None:  # what writes where no program has set up logging
         logging.lastResort.setFormatter(_LineFormatter())
+        logging.lastResort.filters = [_Once()]
     try:
         code = app(standalone_mode=False, prog_name="sfr")
     except SystemExit:  # the reader of the output (`| head`) has closed it

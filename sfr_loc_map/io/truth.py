@@ -10,7 +10,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -119,7 +118,7 @@ def possible_truth(
     unknown: str = "auto",
     variances: FloatArray | None = None,
 ) -> tuple[Mask, Trajectory]:
-    """Return which poses of a truth can be true, and these poses; what is wrong with the others is reported once.
+    """Return which poses of a truth can be true, and these poses; what is wrong with the others is reported.
 
     An attitude that never changes along a path that turns is invalid. Positions alone are then kept, unless `attitude`
     is yes. If height or tilt is unknown, the poses are a `Truth` that says so.
@@ -146,7 +145,7 @@ def possible_truth(
             text = f"unknown are {', '.join(names)} (constant along a path that turns, or marked by variances)"
             findings = (*findings, f"{text}: they are not judged, but for truth.unknown=none")
     for text in findings:
-        _warn_once(f"truth {read_from}: {text}")
+        _log.warning(f"truth {read_from}: {text}")
     if not (has_height and has_tilt):
         values = poses.stamps_ns, poses.positions, poses.quats_xyzw
         poses = Truth(*values, has_height=has_height, has_tilt=has_tilt)
@@ -164,11 +163,6 @@ def marked_as_unknown(variances: FloatArray) -> tuple[bool, bool]:
     is_lost = (variances >= LOST_VARIANCE) | (variances < 0.0)
     is_planar = bool((variances[:, 2:5] == 0.0).all() and (variances[:, [0, 1, 5]] > 0.0).all())
     return is_planar or bool(is_lost[:, 2].mean() > 0.5), is_planar or bool(is_lost[:, 3:5].all())
-
-
-@cache
-def _warn_once(text: str) -> None:
-    _log.warning(text)
 
 
 RB_ITSELF = TrackedBody()  #: The truth is of RB, as exact as its messages say.
@@ -291,7 +285,7 @@ def _single_poses(bag: Bag, topic: Topic) -> Poses:
     found = [row for _, _, message in bag.messages([topic]) for row in reader.rows(message)]
     if reader.invalid:
         text = f"{reader.invalid} fixes at 0, 0 or without numbers are left out, {len(found)} are used"
-        _warn_once(f"truth '{topic.bag_name}' of bag '{bag.path}': {text}")
+        _log.warning(f"truth '{topic.bag_name}' of bag '{bag.path}': {text}")
     variances = np.reshape([variance for _, _, variance in found], (-1, 6))
     return trajectory_of([(stamp_ns, pose) for stamp_ns, pose, _ in found]), variances
 

@@ -10,7 +10,6 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from copy import copy
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -67,11 +66,6 @@ class Topic:
     msgtype: str
 
 
-@cache
-def _warn_unfinished(path: Path) -> None:
-    _log.warning("bag '%s' was not finished: it is read up to its last whole part", path)
-
-
 class Bag:
     """A bag, and its `topics` by name; `unfinished` where its recording broke off: what was written whole is read."""
 
@@ -85,7 +79,7 @@ class Bag:
         self._files = reader_paths(path)
         self.unfinished = any(is_unfinished(file) for file in self._files if file.is_file())
         if self.unfinished:
-            _warn_unfinished(path)
+            _log.warning(f"bag '{path}' was not finished: it is read up to its last whole part")
         with self._reading() as readers:
             connections = readable([c for reader in readers for c in reader.connections])
             self.topics: dict[str, str] = {c.topic: c.msgtype for c in connections}

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Iterator, Mapping
 from copy import copy
 from dataclasses import replace
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -37,12 +37,6 @@ LOOK_AHEAD = 32
 """Most stamps whose messages are waited for at a time: bounds the memory whatever the order in the bag."""
 
 _log = logging.getLogger(__name__)
-
-
-@cache
-def _say(text: str) -> None:
-    """Say a text once, however often a bag is read."""
-    _log.warning(text)
 
 
 class _BagPairs:
@@ -135,7 +129,7 @@ class _BagPairs:
         pair_of = {part: stamp for stamp, parts in self._pairs.items() for part in parts.items()}
         order, waiting = iter(self._pairs), dict[int, dict[str, bytes]]()
         stamp = next(order, None)
-        depth = SampleDepth(_say, f"{self._bag.path}, {self._rig_name}")
+        depth = SampleDepth(_log.warning, f"{self._bag.path}, {self._rig_name}")
         for topic, stamp_ns, raw in self._bag.stream(self._topics):
             if (part := pair_of.get((topic.name, stamp_ns))) is None:
                 continue

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import IO, Self
@@ -21,12 +20,6 @@ from sfr_loc_map.io.images.codec import SampleDepth, read_samples
 
 _log = logging.getLogger(__name__)
 NAMED_FILES = 3  #: Missing files that a message names.
-
-
-@cache
-def _say(text: str) -> None:
-    """Say a text once, however often a source is read."""
-    _log.warning(text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +83,7 @@ class ImageFiles:
 
     def sample_depth(self) -> SampleDepth:
         """Return what finds the depth of the samples of the images in a pass through them."""
-        return SampleDepth(_say, str(self.entries[0].left.parent.parent) if self.entries else "")
+        return SampleDepth(_log.warning, str(self.entries[0].left.parent.parent) if self.entries else "")
 
     def __len__(self) -> int:
         return len(self.entries)
