@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 OUT ?= out/demo
+DIR ?= metrics geometry localisation
 SEED ?= 1
 HOURS ?= 8
 SEEDS ?= 8101
@@ -53,13 +54,13 @@ test: $(COMPILED)  ## Run all tests
 test-fast: $(COMPILED)  ## Run the tests that need neither running nodes nor seconds each, for daily work
 	$(BIN)/python -m pytest $(PARALLEL) -m "not ros and not slow"
 
-test-quick: $(TEST_STAMP)  ## Run the tests of metrics, geometry and localisation: no ROS, no simulator, no replay of the sample
-	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not ros and not slow and not sample" test/metrics test/geometry test/localisation
+test-quick: $(TEST_STAMP)  ## Run the quick tests of some folders (DIR="metrics geometry localisation"): no ROS, no sample, none slow
+	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not ros and not slow and not sample" $(addprefix test/,$(DIR))
 
 faults: $(STAMP)  ## Inject one fault after the other into the nodes (FAULTS=); what was observed goes to out/faults.json
 	$(CAMPAIGN) faults $(FAULTS)
 
-misbehaviour: $(STAMP)  ## Run 38 methods that misbehave, and print the table of docs/candidates.md (CASES="crash hang")
+misbehaviour: $(STAMP)  ## Run methods that misbehave, and print the table of docs/candidates.md (CASES="crash hang")
 	$(CAMPAIGN) misbehaviour $(CASES)
 
 signals: $(DEV_STAMP)  ## Send signals to every long command at random times (COUNT=100): is anything lost or left
@@ -80,7 +81,7 @@ example-candidate: $(STAMP)  ## Compile the example candidate in C and run it on
 fuzz: $(COMPILED)  ## Feed 2000 mutated files to all readers (SEED=N); what fails is kept in out/fuzz
 	$(CAMPAIGN) fuzz --seed $(SEED) $(ARGUMENTS)
 
-recordings: $(COMPILED)  ## From 56 kinds of recordings to a verdict: commands, seconds, error, what is said without (ROWS=)
+recordings: $(COMPILED)  ## From each kind of recording to a verdict: commands, seconds, error, what is said without (ROWS=)
 	$(CAMPAIGN) recordings $(ROWS)
 
 random-faults: $(COMPILED)  ## Localise 100 drives with random faults: is one wrong without saying so (SEED=N)
@@ -116,7 +117,7 @@ docs: $(DOCS_STAMP)  ## Build the documentation site, warnings are errors; it is
 	PYTHONPATH=. $(BIN)/sphinx-build -q -W --keep-going -j auto docs out/docs
 
 docs-check: docs $(DEV_STAMP)  ## Open every page of the site in a browser, at 1280 and 390 px, and search: needs chromium
-	$(BIN)/python test/site_check.py
+	$(BIN)/python tools/site_check.py
 
 figures: $(DOCS_STAMP)  ## Draw the figures of the concept pages again
 	PYTHONPATH=. $(BIN)/python docs/_figures/draw.py
@@ -132,7 +133,7 @@ traceability: $(BIN)/python  ## Write docs/traceability.md from the clauses and 
 	$(BIN)/python docs/_ext/traceability.py
 
 docs-test: $(DEV_STAMP)  ## Run every command of the tutorials as it stands; some ten minutes
-	$(BIN)/python test/tutorial_runner.py
+	$(BIN)/python tools/tutorial_runner.py
 
 dist: $(BIN)/python  ## Build the source distribution, with the sample, and the wheel into dist/
 	rm -rf build dist

@@ -24,8 +24,8 @@ from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 
 from campaigns.camera_driver import ENCODINGS
-from campaigns.own_domain import in_own_domain
 from helpers.node_scenes import DRIVERS, params
+from helpers.own_domain import in_own_domain
 from helpers.processes import IMPORTS, ROOT, Peer
 from sfr_loc_map.child_process import child_environment
 from sfr_loc_map.geometry.camera_info import projection

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from campaigns.node_harness import Harness
-from campaigns.own_domain import in_own_domain
+from helpers.node_harness import Harness
+from helpers.own_domain import in_own_domain
 
 WARM_UP_SHARE = 1.0 / 3.0
 """Share of a run before memory is judged: buffers fill, the allocator reaches its size."""

@@ -57,6 +57,7 @@ def library(what: str, config: str, finding: str, **more: Any) -> Case:
 
 EACH = " ".join(["ok"] * 7)
 CONVENTION = "not judged"
+STANDING = "incomplete"  # a method that stands still repeats its pose although the rover moves
 CASES = (
     python("raises an error", "raises", "raised"),
     python("returns NaN", "nan", "not finite"),
@@ -73,12 +74,12 @@ CASES = (
     python("takes 480 MB of 400", "takes", "out of memory"),
     python("keeps 500 MB in a child process", "child", "out of memory", daily=True),
     python("leaks 3 MB a call behind a saw-tooth of 90 MB", "sawtooth", "leaking", pairs=52, daily=True),
-    Case("works on in 8 threads while its result is read", "class", "later", (), "pass", (0, 0)),
+    Case("works on in 8 threads while its result is read", "class", "later", (), STANDING, (0, 3)),
     python("works when its result is read", "lazy", "misstated", daily=True),
     python("slows its clock to a tenth", "clock", "misstated", daily=True),
-    Case("prints 60 MB a call", "class", "prints", (), "pass", (0, 0), daily=True),
-    Case("leaves a process in a session of its own", "class", "session", (), "pass", (0, 0), daily=True),
-    Case("leaves an orphan", "class", "orphan", (), "pass", (0, 0)),
+    Case("prints 60 MB a call", "class", "prints", (), STANDING, (0, 3), daily=True),
+    Case("leaves a process in a session of its own", "class", "session", (), STANDING, (0, 3), daily=True),
+    Case("leaves an orphan", "class", "orphan", (), STANDING, (0, 3)),
     Case("reads /proc/PPID/cmdline and the truth", "class", "parent", (), "fail", (0, 1), says="opened 0", daily=True),
     Case("guesses, searches, links to the truth", "class", "guesses", (), "fail", (0, 1), says="opened 0", daily=True),
     Case("reads its parents' memory", "class", "memory", (), "fail", (0, 1), says="opened 0", daily=True),

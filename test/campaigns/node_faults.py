@@ -12,8 +12,8 @@ from functools import partial
 from pathlib import Path
 
 from campaigns import malformed_messages as malformed
-from campaigns.node_harness import LOCALISATION, MAPPING, MONITOR, NODES, Harness
-from campaigns.own_domain import in_own_domain
+from helpers.node_harness import LOCALISATION, MAPPING, MONITOR, NODES, Harness
+from helpers.own_domain import in_own_domain
 from sfr_loc_map.errors import NodeError, SfrError
 from sfr_loc_map.nodes.messages import covariance_of, odometry_row
 
