@@ -106,15 +106,18 @@ class SlidingWindow:
         """Return the active landmarks of a window with at least one keyframe."""
         rows = np.flatnonzero(self.active)
         problem = self.problem
-        rays = np.column_stack((problem.camera.normalised(problem.uv_inverse_depth[rows, :2]), np.ones(len(rows))))
+        # `take` gives what an index gives, and is up to ten times faster for rows of few numbers
+        uv_inverse_depth = problem.uv_inverse_depth.take(rows, axis=0)
+        rays = np.column_stack((problem.camera.normalised(uv_inverse_depth[:, :2]), np.ones(len(rows))))
         host = problem.host[rows]
-        hosts = Poses(problem.keyframes.rotations[host], problem.keyframes.positions[host])
-        inverse_depth = problem.uv_inverse_depth[rows, 2]
+        keyframes = problem.keyframes
+        hosts = Poses(keyframes.rotations.take(host, axis=0), keyframes.positions.take(host, axis=0))
+        inverse_depth = uv_inverse_depth[:, 2].copy()
         return Landmarks(
             rows,
             host,
-            LocalPlanes(hosts, self.uv[rows], inverse_depth, self.slopes[rows]),
-            LandmarkEstimates(hosts, rays, inverse_depth, self.landmark_covariance[rows]),
+            LocalPlanes(hosts, self.uv.take(rows, axis=0), inverse_depth, self.slopes.take(rows, axis=0)),
+            LandmarkEstimates(hosts, rays, inverse_depth, self.landmark_covariance.take(rows, axis=0)),
             Patches(self.patches, rows),
             problem.observations[rows, -1],
         )
@@ -172,8 +175,8 @@ class SlidingWindow:
                 prior.keyframes,
                 problem.host[kept] - 1,
                 problem.uv_inverse_depth[kept],
-                problem.observations[kept, 1:].copy(),
-                problem.variance[kept, 1:].copy(),
+                np.ascontiguousarray(problem.observations[kept, 1:]),
+                np.ascontiguousarray(problem.variance[kept, 1:]),
                 problem.camera,
             ),
             active=self.active[kept],

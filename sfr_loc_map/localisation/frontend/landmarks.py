@@ -112,17 +112,20 @@ class Landmarks:
 
     def subset(self, kept: Mask) -> Landmarks:
         """Return the landmarks of a mask `(M,)`."""
-        _, uv, inverse_depth, slopes = self.planes
-        hosts, rays, _, covariance = self.estimates
-        hosts = Poses(hosts.rotations[kept], hosts.positions[kept])
-        inverse_depth = inverse_depth[kept]
+        rows = np.flatnonzero(kept)
+        planes = self.planes
+        estimates = self.estimates
+        # `take` gives what an index gives, and is up to ten times faster for rows of few numbers
+        hosts = Poses(planes.hosts.rotations.take(rows, axis=0), planes.hosts.positions.take(rows, axis=0))
+        inverse_depth = planes.inverse_depth[rows]
+        rays = estimates.rays.take(rows, axis=0)
         return Landmarks(
-            self.index[kept],
-            self.host[kept],
-            LocalPlanes(hosts, uv[kept], inverse_depth, slopes[kept]),
-            LandmarkEstimates(hosts, rays[kept], inverse_depth, covariance[kept]),
-            Patches(self.patches.hosted, self.patches.rows[kept]),
-            self.last_seen[kept],
+            self.index[rows],
+            self.host[rows],
+            LocalPlanes(hosts, planes.uv.take(rows, axis=0), inverse_depth, planes.slopes.take(rows, axis=0)),
+            LandmarkEstimates(hosts, rays, inverse_depth, estimates.covariance.take(rows, axis=0)),
+            Patches(self.patches.hosted, self.patches.rows[rows]),
+            self.last_seen.take(rows, axis=0),
         )
 
     def thinned(self, count: int) -> Landmarks:

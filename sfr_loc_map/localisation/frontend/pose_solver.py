@@ -315,11 +315,13 @@ def _in_both_images(
     count = len(observations.uv)
     chosen = np.arange(0, count, max(1, count // ENOUGH_LANDMARKS))
     in_both = chosen[np.isfinite(observations.uv[chosen, 0] + observations.uv[chosen, 2])]
-    hosts = Poses(landmarks.hosts.rotations[in_both], landmarks.hosts.positions[in_both])
-    rays = landmarks.rays[in_both]
-    inverse_depth = landmarks.inverse_depth[in_both]
-    of_chosen = LandmarkEstimates(hosts, rays, inverse_depth, landmarks.covariance[in_both])
-    return of_chosen, StereoObservations(observations.uv[in_both], observations.variance[in_both])
+    # `take` gives what an index gives, and is up to ten times faster for rows of few numbers
+    hosts = Poses(landmarks.hosts.rotations.take(in_both, axis=0), landmarks.hosts.positions.take(in_both, axis=0))
+    rays = landmarks.rays.take(in_both, axis=0)
+    covariance = landmarks.covariance.take(in_both, axis=0)
+    of_chosen = LandmarkEstimates(hosts, rays, landmarks.inverse_depth[in_both], covariance)
+    uv = observations.uv.take(in_both, axis=0)
+    return of_chosen, StereoObservations(uv, observations.variance.take(in_both, axis=0))
 
 
 def _step_equations(
