@@ -31,7 +31,8 @@ def median(values: NDArray[np.floating[Any]]) -> float:
     if count == 0:
         return float("nan")
     half = count // 2
-    ordered = np.partition(values.reshape(-1), half)
+    ordered = values.flatten()
+    ordered.partition(half)
     if count % 2:
         return float(ordered[half])
     return float((ordered[:half].max() + ordered[half]) / 2.0)
