@@ -53,34 +53,53 @@ class _Task(NamedTuple):
     done: SimpleQueue[Any]
 
 
-@cache
-def _second_thread() -> tuple[SimpleQueue[_Task], int]:
-    """Return the tasks of a thread that works beside its caller, and the number of the thread.
+class _SecondThread:
+    """A thread that works beside its caller.
 
     The hand-over with a `ThreadPoolExecutor` and its futures takes five times as long.
     """
-    tasks: SimpleQueue[_Task] = SimpleQueue()
 
-    def work() -> None:
+    def __init__(self) -> None:
+        self.tasks: SimpleQueue[_Task] = SimpleQueue()
+        self._avoided_core: int | None = None
+        thread = threading.Thread(target=self._work, name="right", daemon=True)
+        thread.start()
+        self._number = thread.native_id or 0
+
+    def _work(self) -> None:
         while True:
-            task = tasks.get()
+            task = self.tasks.get()
             try:
                 task.done.put(task.function(*task.arguments))
             except BaseException as error:
                 task.done.put(error)
             del task  # so that images are freed before the next task
 
-    thread = threading.Thread(target=work, name="right", daemon=True)
-    thread.start()
-    return tasks, thread.native_id or 0
+    def keep_off_this_core(self) -> None:
+        """Restrict the thread to the other cores, whenever the caller runs on another core than before.
+
+        A scheduler may leave a thread that it wakes on the core of the waking thread, and behind it, for milliseconds.
+        That is longer than the work takes.
+        """
+        core = None if _current_core is None else _current_core()
+        if core is None or core == self._avoided_core:
+            return
+        self._avoided_core = core
+        others = os.sched_getaffinity(0) - {core}
+        if others:
+            with suppress(OSError):  # a container may forbid it
+                os.sched_setaffinity(self._number, others)
+
+
+_second_thread = cache(_SecondThread)  #: The thread, which starts with the first task.
 
 
 def beside(function: Callable[..., R], *arguments: Any) -> Pending[R]:  # noqa: ANN401 - of the function
     """Begin a call in the second thread. Calls run in the order in which they were begun."""
-    tasks, thread = _second_thread()
-    _keep_off_this_core(thread)
+    thread = _second_thread()
+    thread.keep_off_this_core()
     done: SimpleQueue[R | BaseException] = SimpleQueue()
-    tasks.put(_Task(function, arguments, done))
+    thread.tasks.put(_Task(function, arguments, done))
     return Pending(done)
 
 
@@ -89,20 +108,6 @@ def both(function: Callable[..., R], left: tuple[Any, ...], right: tuple[Any, ..
     of_right = beside(function, *right)
     of_left = function(*left)
     return of_left, of_right.result()
-
-
-def _keep_off_this_core(thread: int) -> None:
-    """Restrict a thread to the other cores.
-
-    A scheduler may leave a thread that it wakes on the core of the waking thread, and behind it, for milliseconds. That
-    is longer than the work takes.
-    """
-    if _current_core is None:
-        return
-    others = os.sched_getaffinity(0) - {_current_core()}
-    if others and os.sched_getaffinity(thread) != others:
-        with suppress(OSError):  # a container may forbid it
-            os.sched_setaffinity(thread, others)
 
 
 def in_halves(function: Callable[..., Rows], *points: Any) -> Rows:  # noqa: ANN401 - any arrays
