@@ -54,10 +54,11 @@ from sfr_loc_map.nodes.messages import (
     transform_from_pose,
 )
 from sfr_loc_map.nodes.reception import AnyOrder, TransportGaps
+from sfr_loc_map.nodes.report_file import ReportFile
 from sfr_loc_map.nodes.stereo_input import StereoInputConfig
 from sfr_loc_map.nodes.truth_input import TruthFrame, TruthTopic
 from sfr_loc_map.runs.calls import decode_call
-from sfr_loc_map.scoring.monitor_score import MonitorScore, ReportFile
+from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.topics import (
     CLOUD,
     ESTIMATE,

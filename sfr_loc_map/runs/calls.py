@@ -73,7 +73,8 @@ class CallRecord:
     finding: str = ""  #: What the method did wrong in this call, `KIND: text`.
     pair_stamps_ns: tuple[int, ...] = ()  #: Stamps of the pairs of a fused cloud, in the order of the points' `pair`.
     fused: bool | None = None  #: Whether the cloud holds each surface once; None where the mapper does not report it.
-    times: Mapping[str, float] = field(default_factory=dict)  #: Seconds around the call: decoding, latencies.
+    #: Seconds around the call: decoding, latencies. Like `counts` they are shown live, and no file has them.
+    times: Mapping[str, float] = field(default_factory=dict)
     counts: Mapping[str, int] = field(default_factory=dict)  #: Messages dropped since the start, by cause.
     version: str = ""  #: Version of the method, where a node reports it.
 

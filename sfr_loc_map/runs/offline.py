@@ -5,22 +5,17 @@ The calls of `process` are those that the nodes make.
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
-from sfr_loc_map.atomic import atomic_path
-from sfr_loc_map.errors import InputError, MappingError, OutputError
+from sfr_loc_map.errors import InputError, MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.inputs import NS_PER_S, Task
@@ -29,7 +24,6 @@ from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.localisation.visualisation import STRIP, draw_tracks
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.mapping.search_range import search_range
@@ -40,17 +34,13 @@ from sfr_loc_map.metrics.calls import CallMeter
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.score import MethodRecord
 from sfr_loc_map.runs.calls import CallRecord, call_of_estimate, call_of_fusion, call_of_stages
+from sfr_loc_map.runs.track_video import FrameObserver
 from sfr_loc_map.signals import stopping
 
 MAX_START_GAP_NS = NS_PER_S  #: Longest gap of the truth in which a drive can start.
 DEFAULT_STEP_S = 0.1
-CODECS = {".avi": "MJPG", ".mp4": "mp4v"}
-"""Coding of a film by the ending of the file's name; both are part of OpenCV's wheels."""
-FRAMES_PER_SECOND = 10.0
 MANY = 0.05  #: Share of pairs without a good pose from which there is a warning.
 Progress = Callable[[int], None]
-FrameObserver = Callable[[StereoPair, PoseEstimate], None]
-"""Receives a pair and its estimate, with the tracks, after the call; its time is not part of the call."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,34 +159,6 @@ def localise_with(how: UnderTest, sequence: LocSequence, T_ds_rb: Transform) -> 
 def trajectory_of(estimates: Iterable[PoseEstimate]) -> Trajectory:
     """Return the trajectory of estimates."""
     return Trajectory.from_poses((estimate.stamp_ns, estimate.T_ds_rb) for estimate in estimates)
-
-
-@contextmanager
-def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
-    """Give an observer that appends an image of the tracks of each pair to a film, which is there if all ends well."""
-    if path.suffix not in CODECS:
-        raise OutputError(f"'{path}' is not the name of a video: give one that ends in {' or '.join(CODECS)}")
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet, both: errors are reported in one line
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    with atomic_path(path) as temporary:
-        code = cv2.VideoWriter.fourcc(*CODECS[path.suffix])
-        writer = cv2.VideoWriter(str(temporary), code, FRAMES_PER_SECOND, (rig.width, rig.height + STRIP))
-        if not writer.isOpened():
-            raise OutputError(f"cannot write '{path}': this OpenCV has no coder {CODECS[path.suffix]}")
-        count = 0
-
-        def add(pair: StereoPair, estimate: PoseEstimate) -> None:
-            nonlocal count
-            writer.write(draw_tracks(pair.left, estimate))
-            count += 1
-
-        try:
-            yield add
-        finally:
-            writer.release()
-        film = cv2.VideoCapture(str(temporary))  # the writer does not tell when the disk is full
-        if (found := round(film.get(cv2.CAP_PROP_FRAME_COUNT))) < count:
-            raise OutputError(f"cannot write '{path}': {max(found, 0)} of {count} frames were kept; is the disk full?")
 
 
 def states_text(records: Sequence[CallRecord]) -> str:

@@ -7,24 +7,21 @@ step 400, a call 230 (docs/metrics.md, "While a run goes on").
 
 from __future__ import annotations
 
-import os
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from sfr_loc_map.atomic import check_output, output_target, write_text
-from sfr_loc_map.errors import InputError, OutputError
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, PointImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import JUMP_BACK_NS, MAX_JSON_BYTES, NS_PER_S, parse_json, read_text
+from sfr_loc_map.inputs import JUMP_BACK_NS, NS_PER_S
 from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MAX_PAIRS
@@ -34,7 +31,7 @@ from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.consistency import STEP_SIZE
 from sfr_loc_map.metrics.limits import Limits
-from sfr_loc_map.metrics.score import SCHEMA, Provenance, Score
+from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.runs.calls import CallRecord, CallStats
 from sfr_loc_map.scoring.contradiction import convention_mismatch
 from sfr_loc_map.scoring.run import DriveToScore, Run, ScoreInputs, UnderWay
@@ -295,43 +292,3 @@ class MonitorScore:
 
 def _check(stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float]) -> None:
     Trajectory(np.array([stamp_ns]), np.array([position], np.float64), np.array([quat_xyzw], np.float64))
-
-
-class ReportFile:
-    """The file of a report that is saved again and again, and that of a run before; only reports are replaced."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def check(self) -> None:
-        """Check that reports can be saved: there is a report or nothing, and its folder can be written to."""
-        check_output(self._path)
-        path = output_target(self._path)
-        for file in (path, _before(path)):
-            try:
-                content = parse_json(read_text(file, MAX_JSON_BYTES))
-            except FileNotFoundError:
-                continue
-            except (OSError, ValueError):
-                content = None
-            if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-                raise OutputError(f"save_file '{self._path}': '{file}' is not a report: choose another name")
-
-    def keep_previous(self) -> None:
-        """Rename the report of a run before to `*.before.json`: it may be all that is left of it."""
-        self.check()
-        path = output_target(self._path)
-        try:
-            if path.is_file():
-                os.replace(path, _before(path))
-        except OSError as error:
-            raise OutputError(f"cannot keep '{path}' of the run before: {error.strerror}") from error
-
-    def save(self, text: str) -> Path:
-        """Replace the report as a whole; return its path."""
-        write_text(text, self._path)
-        return self._path
-
-
-def _before(path: Path) -> Path:
-    return path.with_name(f"{path.stem}.before{path.suffix}")

@@ -19,7 +19,8 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.visualisation import STRIP
-from sfr_loc_map.runs.offline import localise, start_pose, track_video
+from sfr_loc_map.runs.offline import localise, start_pose
+from sfr_loc_map.runs.track_video import track_video
 
 FIRST_NS = 1_000_000_000_000
 IMAGE = np.zeros((2, 2), np.uint8)

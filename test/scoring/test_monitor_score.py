@@ -22,8 +22,9 @@ from sfr_loc_map.metrics.judge import judged
 from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.metrics.score import Details, Score
 from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
+from sfr_loc_map.nodes.report_file import ReportFile
 from sfr_loc_map.runs.calls import CallRecord
-from sfr_loc_map.scoring.monitor_score import MonitorScore, ReportFile
+from sfr_loc_map.scoring.monitor_score import MonitorScore
 
 CONFIG = TrajectoryScoreConfig(conditions=("distance=0.5",), spacing=3)
 COUNT = 14

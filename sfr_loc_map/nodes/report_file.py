@@ -1,0 +1,51 @@
+"""The file that the monitor saves its report to."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from sfr_loc_map.atomic import check_output, output_target, write_text
+from sfr_loc_map.errors import OutputError
+from sfr_loc_map.inputs import MAX_JSON_BYTES, parse_json, read_text
+from sfr_loc_map.metrics.score import SCHEMA
+
+
+class ReportFile:
+    """The file of a report that is saved again and again, and that of a run before; only reports are replaced."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def check(self) -> None:
+        """Check that reports can be saved: there is a report or nothing, and its folder can be written to."""
+        check_output(self._path)
+        path = output_target(self._path)
+        for file in (path, _before(path)):
+            try:
+                content = parse_json(read_text(file, MAX_JSON_BYTES))
+            except FileNotFoundError:
+                continue
+            except (OSError, ValueError):
+                content = None
+            if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+                raise OutputError(f"save_file '{self._path}': '{file}' is not a report: choose another name")
+
+    def keep_previous(self) -> None:
+        """Rename the report of a run before to `*.before.json`: it may be all that is left of it."""
+        self.check()
+        path = output_target(self._path)
+        try:
+            if path.is_file():
+                os.replace(path, _before(path))
+        except OSError as error:
+            raise OutputError(f"cannot keep '{path}' of the run before: {error.strerror}") from error
+
+    def save(self, text: str) -> Path:
+        """Replace the report as a whole; return its path."""
+        write_text(text, self._path)
+        return self._path
+
+
+def _before(path: Path) -> Path:
+    return path.with_name(f"{path.stem}.before{path.suffix}")

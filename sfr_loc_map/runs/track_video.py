@@ -1,0 +1,50 @@
+"""A film of the feature tracks of a drive."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+
+from sfr_loc_map.atomic import atomic_path
+from sfr_loc_map.errors import OutputError
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.localisation.estimate import PoseEstimate
+from sfr_loc_map.localisation.visualisation import STRIP, draw_tracks
+
+CODECS = {".avi": "MJPG", ".mp4": "mp4v"}
+"""Coding of a film by the ending of the file's name; both are part of OpenCV's wheels."""
+FRAMES_PER_SECOND = 10.0
+FrameObserver = Callable[[StereoPair, PoseEstimate], None]
+"""Receives a pair and its estimate, with the tracks, after the call; its time is not part of the call."""
+
+
+@contextmanager
+def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
+    """Give an observer that appends an image of the tracks of each pair to a film, which is there if all ends well."""
+    if path.suffix not in CODECS:
+        raise OutputError(f"'{path}' is not the name of a video: give one that ends in {' or '.join(CODECS)}")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet, both: errors are reported in one line
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    with atomic_path(path) as temporary:
+        code = cv2.VideoWriter.fourcc(*CODECS[path.suffix])
+        writer = cv2.VideoWriter(str(temporary), code, FRAMES_PER_SECOND, (rig.width, rig.height + STRIP))
+        if not writer.isOpened():
+            raise OutputError(f"cannot write '{path}': this OpenCV has no coder {CODECS[path.suffix]}")
+        count = 0
+
+        def add(pair: StereoPair, estimate: PoseEstimate) -> None:
+            nonlocal count
+            writer.write(draw_tracks(pair.left, estimate))
+            count += 1
+
+        try:
+            yield add
+        finally:
+            writer.release()
+        film = cv2.VideoCapture(str(temporary))  # the writer does not tell when the disk is full
+        if (found := round(film.get(cv2.CAP_PROP_FRAME_COUNT))) < count:
+            raise OutputError(f"cannot write '{path}': {max(found, 0)} of {count} frames were kept; is the disk full?")
