@@ -42,7 +42,8 @@ class Judge:
 
     def __init__(self, sfr: Sfr, folder: Path) -> None:
         self.sfr, self.folder = sfr, folder
-        heading = Rotation.from_euler("z", 0.4 * np.sin(0.02 * np.arange(COUNT))[:, None])
+        place = np.arange(COUNT)  # a bend over hills: height, roll and pitch of a plane would not be judged
+        heading = Rotation.from_euler("ZY", np.column_stack((0.4 * np.sin(0.02 * place), 0.05 * np.sin(0.05 * place))))
         self.steps = heading.apply(np.tile([STEP_M, 0.0, 0.0], (COUNT, 1)))
         self.heading = heading
         stamps = 100 * 10**9 + PERIOD_NS * np.arange(COUNT, dtype=np.int64)

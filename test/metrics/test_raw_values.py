@@ -77,8 +77,17 @@ def test_a_limited_figure_keeps_all_errors_of_a_long_drive() -> None:
 def test_counts_and_fractions_of_completeness_agree() -> None:
     score = scored(300, 48)
     for name in ("missing", "doubled", "poses_of_truth", "points_without_truth"):
-        rows = [replace(row, value=0.25) if (row.figure, row.part) == (name, "count") else row for row in score.figures]
-        assert (raw_contradiction(replace(score, figures=tuple(rows))) or "").startswith(name)
+        for part in ("count", None):
+            rows = [
+                replace(row, value=0.25) if (row.figure, row.part) == (name, part) else row for row in score.figures
+            ]
+            assert (raw_contradiction(replace(score, figures=tuple(rows))) or "").startswith(name)
+
+
+def test_the_errors_of_each_limited_figure_of_a_drive_are_kept() -> None:
+    assert parse_limits({**LIMITS, "timing": {"localisation_max_s": 1.0}}, "test").bounded == {
+        ("position", "distance=5")
+    }
 
 
 def test_a_file_whose_table_was_edited_is_refused_by_the_report(tmp_path: Path, sfr: Sfr) -> None:
