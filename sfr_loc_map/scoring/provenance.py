@@ -51,7 +51,7 @@ def provenance_of(run: Run, config: ScoreConfig, truth_sha256: str | None, map_t
         commit=COMMIT,
         command=inputs.command,
         inputs=files,
-        configuration=flatten(config),
+        configuration={**flatten(config), **run.settings},
         host=host_facts(),
         time=datetime.now(UTC).isoformat(timespec="seconds"),
     )

@@ -8,7 +8,6 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.geometry.arrays import FloatArray
@@ -182,15 +181,21 @@ def score_replay(
         else:
             in_memory["cloud"] = hash_arrays([cloud.loaded.xyz])
     task = Task.MAPPING if drive is None else Task.LOCALISATION
-    run = Run(inputs, stats, drive=drive, cloud=cloud, method=record_of_ours(task), unposed_images=unposed)
-    run = replace(run, in_memory=in_memory, nav_stamps_ns=nav_stamps_ns, unmapped_pairs=unmapped)
+    run = Run(
+        inputs,
+        stats,
+        drive=drive,
+        cloud=cloud,
+        method=record_of_ours(task),
+        unposed_images=unposed,
+        nav_stamps_ns=nav_stamps_ns,
+        unmapped_pairs=unmapped,
+        in_memory=in_memory,
+        settings=settings,
+    )
     if (node := result.external) is not None:
         run = replace(run, method=node.method, external=node.score, findings=node.findings, convention=node.convention)
-    score = score_run(run, config, limits)
-    if (made := score.provenance) is None:
-        return score
-    made = struct_replace(made, configuration={**made.configuration, **settings})
-    return struct_replace(score, provenance=made)
+    return score_run(run, config, limits)
 
 
 def _scored_cloud(source: Source, result: ReplayResult) -> CloudToScore | None:

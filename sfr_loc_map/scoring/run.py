@@ -135,4 +135,6 @@ class Run:
     nav_stamps_ns: IntArray | None = None  #: Stamps of the mapping pairs of the source, None where they are not known.
     unmapped_pairs: int = 0  #: Mapping pairs of the source, where there is no cloud that can be scored.
     in_memory: Mapping[str, str] = field(default_factory=dict)  #: Hash of inputs that are no file, by role.
+    #: Settings of localiser and mapper that differ from the defaults, for provenance.
+    settings: Mapping[str, object] = field(default_factory=dict)
     under_way: UnderWay | None = None  #: What is known of a run that goes on; None of one that is over.

@@ -101,14 +101,14 @@ def first_position(figures: tuple[Figure, ...]) -> Figure | None:
 def render_history(history: History) -> str:
     """Return the page of a history as HTML."""
     worse = [change.text for change in history.worse]
-    state = VerdictState.FAIL if worse else VerdictState.PASS
+    heading = "worse" if worse else "not worse"  # no verdict: no limit is judged
     text = "; ".join(worse) or "No figure is certainly worse than before."
     plots, caption = [], "Mean over the drives; geometric but for counts."
     for number, (figure, values) in enumerate(history.figures.items()):
         trace = marks("all drives", _columns([*enumerate(values, 1)]), "@one")
         layout = {"xaxis": axis("night", dtick=None), "yaxis": axis(figure)}
         plots.append(Plot(f"history-{number}", figure, caption, [trace], layout))
-    return render_overview("History of suites", state, text, history_tables(history), [("Figures", plots)])
+    return render_overview("History of suites", None, text, history_tables(history), [("Figures", plots)], heading)
 
 
 def _columns(rows: Sequence[tuple[int, float | None]], factor: float = 1.0) -> list[Column]:
