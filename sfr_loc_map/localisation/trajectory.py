@@ -319,7 +319,9 @@ def _step_to_same_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tup
     covariance = growth + MIN_VARIANCE * np.eye(6)
     now = path.motion.T_world_left
     published = replace(before, stamp_ns=stamp_ns, T_world_left=now, unseen=unobserved)
-    motion = StepMotion.between(before.T_world_left or now, now, model).vector
+    motion = np.zeros(6)
+    if before.T_world_left is not None:
+        motion = StepMotion.between(before.T_world_left, now, model).vector
     step = StepEstimate(seconds, motion, covariance, np.zeros(6), before.noise, before.noise, ZERO)
     return published, step
 
