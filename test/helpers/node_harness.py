@@ -38,7 +38,6 @@ from sfr_loc_map.nodes.diagnostics import TOPIC, Level, level_of, values_of
 from sfr_loc_map.nodes.launch.environment import start_ros
 from sfr_loc_map.nodes.launch.processes import ChildProcess, end_processes, node_process
 from sfr_loc_map.nodes.messages import pose_msg
-from sfr_loc_map.nodes.replay.options import RELIABLE_INPUT
 
 LOCALISATION, MAPPING, MONITOR = NODES = ("localisation_node", "mapping_node", "monitor_node")
 START_S = 300.0
@@ -116,7 +115,7 @@ class Harness:
             MAPPING: [],
             MONITOR: params("publish_period_s:=0.2", "save_period_s:=1.0", f"save_file:={self.saved_report}"),
         }[name]
-        arguments = ["--ros-args", *params("health.period_s:=0.2", f"{RELIABLE_INPUT[name]}:=reliable"), *own]
+        arguments = ["--ros-args", *params("health.period_s:=0.2", "input.reliability:=reliable"), *own]
         return node_process(f"nodes.{name}", arguments, self.folder)
 
     def kill(self, name: str) -> None:
