@@ -16,7 +16,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.registry import LIBRARY_PREFIX, Method, find_method
 from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
-from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.limits import Limits, parse_limits
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import method_hash
 from sfr_loc_map.suite.running.job import JobKind, JobSource, SourceKind, digest
@@ -127,9 +127,15 @@ def load_specification(path: Path) -> SuiteSpecification:
         budget=tuple(source.name for source in budget),
         scoring=TrajectoryScoreConfig(conditions, settings.spacing, settings.rebase, settings.partial),
         limits=limits,
-        kept_errors=() if parsed is None else tuple(sorted(parsed.bounded)),
+        kept_errors=() if parsed is None else _kept_errors(parsed),
         settings=settings,
     )
+
+
+def _kept_errors(limits: Limits) -> tuple[tuple[str, str], ...]:
+    """Return the figures and conditions whose tolerance bound is limited, which the errors of all drives prove."""
+    pairs = ((item.limited.figure, item.condition) for item in limits.limits if item.terms is not None)
+    return tuple(sorted({(figure, condition) for figure, condition in pairs if condition is not None}))
 
 
 def _sources(entry: object, folder: Path, origin: str) -> Iterator[JobSource]:

@@ -64,6 +64,9 @@ def test_the_key_follows_from_what_the_result_depends_on(tmp_path: Path) -> None
     assert plan_of(tmp_path, sources=["copy/drive_elsewhere"])[0][0].key == job.key
     limits = {"trajectory": [{"condition": "distance=5", "position_mean_m": 0.1}]}
     assert plan_of(tmp_path, sources=["drive1"], limits=limits)[0][0].key == job.key
+    terms = {"limit": 10.0, "prob": 0.9, "confidence": 0.9, "interpretation": "ensemble"}
+    bound = {"trajectory": [{"condition": "distance=5", "position_bound_m": terms}]}
+    assert plan_of(tmp_path, sources=["drive1"], limits=bound)[0][0].key != job.key, "it needs all errors"
     assert plan_of(tmp_path, sources=["drive1"], memory_mb=900, timeout_s=5.0)[0][0].key == job.key
     changes = {"spacing": 3, "start": "identity", "conditions": ["time=3"], "threads": 2}
     for name, value in changes.items():
