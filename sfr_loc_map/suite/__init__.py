@@ -1,7 +1,4 @@
-"""Many runs: suites of sources, configurations and faults on Dask, what follows from them, and two benchmarks.
-
-The benchmarks of methods and of faults run one source again and again, without Dask.
-"""
+"""Many runs on Dask: suites of sources, configurations and faults, what follows from all of them, and searches."""
 
 import lazy_loader
 

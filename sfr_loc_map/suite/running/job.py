@@ -45,7 +45,7 @@ class JobSource:
     settings: Mapping[str, object] = field(default_factory=dict)  #: All settings of a simulation, otherwise empty.
     sha256: str  #: Hash of the content, or of the settings; empty before the plan.
     truth_sha256: str = ""  #: Hash of the truth of an estimate alone, otherwise empty.
-    variant: str = ""  #: Variant of an error budget (`suite/budget.py`), otherwise empty.
+    variant: str = ""  #: Variant of an error budget (`suite/running/variants.py`), otherwise empty.
     faults: str = ""  #: Faults that belong to the variant, joined by `+`.
     seed: int = 0  #: Seed of a simulation, otherwise 0.
 
