@@ -55,12 +55,12 @@ def check_images(pair: StereoPair, rig: StereoRig) -> None:
         )
 
 
-def check_matches(pair: StereoPair, disparity: DisparityMap, disparity_count: int) -> None:
+def check_matches(pair: StereoPair, disparity_map: DisparityMap, disparity_count: int) -> None:
     """Raise MappingError if so few textured pixels are measured that their matches are due to chance.
 
     If too few pixels are textured, the fraction is NaN and the pair passes, with a warning of `findings_of_pair`.
     """
-    fraction = disparity.measured_textured_fraction
+    fraction = disparity_map.measured_textured_fraction
     if fraction < MIN_VALID_TEXTURED_FRACTION:
         raise MappingError(
             f"images of stamp {pair.stamp_ns} do not match: {100 * fraction:.0f} % of the textured pixels are valid, "

@@ -1,46 +1,42 @@
 """The mapper: one call per stereo pair, and one call that fuses up to three of them.
 
-The stages of `Mapper.process`, with their modules:
+LM is the local map, the frame of the points. NAVSB is the frame of the stereo rig for mapping, which the rig calls SB:
+`T_lm_navsb` is the pose of a pair, and `T_sb_left` is that of its left camera in NAVSB. Disparities are those of the
+left image, in pixels. Lengths are in metres.
+
+The stages of `Mapper.process`, with their modules and results:
 
 1. `check_images` (`checks`): images that are textureless, identical or of another size are refused.
-2. `estimate_disparity` (`disparity/estimation`) makes a `DisparityMap`:
-   - the initial disparity by semi-global matching (Hirschmueller 2008), wide images at half their width
-     (`semi_global_matching`, `exposure`);
-   - the initial field on cells of 2 x 2 pixels, without holes (`cell_field`);
-   - exposure and vertical disparity of the right image, which are measured and removed (`right_image_correction`,
-     `vertical_disparity`);
-   - one disparity field that fits both images: photometric residuals and weighted second differences over the whole
-     image (variational, after Horn and Schunck 1981), solved coarse to fine by conjugate gradients
-     (`variational_refinement`, `photometric_residual`, `image_noise`, `smoothness`);
-   - the standard deviation of each disparity: the posterior of that field, the bias of smoothing and an error beside
-     creases (`uncertainty`);
-   - the saturated pixels of both images (`saturation`);
-   - the status of each pixel, measured or the reason why it is invalid: unmatched, changed by the refinement, occluded,
-     mismatched, on a ramp, in a small segment or one without common content, on the wrong surface beside a jump (a
-     small network on matching costs with adaptive support weights, Yoon and Kweon 2006), saturated (`validity`,
-     `surfaces`, `segments`, `wrong_surface`, `matching_cost`).
+2. `estimate_disparity` (`disparity/estimation`) -> `DisparityMap`: disparity, sigma and status of each pixel of the
+   left image, and the fraction of the textured pixels that are measured.
 3. `check_matches` (`checks`): a pair of which too few textured pixels are measured is refused.
-4. `measure_right_camera` (`disparity/right_camera`): the rotation of the right camera, from the vertical disparity.
-5. `fill_holes` (`disparity/hole_filling`): invalid pixels take the surface beside them where the images agree.
-6. `without_roll` (`disparity/right_camera`): the effect of a roll is removed from the disparities.
-7. `status_within_range`, `view_of_pair` (`reprojection`): disparities within the largest range become points in LM, a
-   `PairView`.
-8. `calibration_sigma`, `point_sigma` (`point_sigma`): sigma of the points, increased by saturation and the uncertainty
-   of the calibration.
-9. `findings_of_pair` (`pair_findings`): statistics and warnings.
+4. `measure_right_camera` (`disparity/right_camera`) -> `CameraRotation`: yaw, pitch and roll of the right camera
+   relative to its calibration, from the vertical disparity.
+5. `fill_holes` (`disparity/hole_filling`) -> `DisparityMap`: invalid pixels take the surface beside them where the
+   images agree.
+6. `without_roll` (`disparity/right_camera`) -> `DisparityMap`: the effect of a roll is removed from the disparities.
+7. `within_range` (`reprojection`) -> `DisparityMap`: pixels beyond the largest range become invalid.
+8. `view_of_pair` (`reprojection`) -> `PairView`: the valid disparities become points in LM.
+9. `calibration_sigma` (`calibration_sigma`) -> `CalibrationSigma`: the uncertainty of the calibration given the
+   rotation of the right camera.
+10. `point_sigma` (`point_sigma`) -> `PointSigma`: sigma of the points, increased by saturation (the random part) and by
+    the uncertainty of the calibration (the total).
+11. `findings_of_pair` (`pair_findings`) -> `Findings`: statistics and warnings.
 
 The stages of `Mapper.fuse`:
 
-1. `without_fixed_content` (`multiview/fixed_content`): content that is fixed to the image is removed.
-2. `register_views` (`multiview/registration`), on request: later pairs are moved to fit those before.
-3. `fuse_views` (`multiview/fusion`, `multiview/projection`): points on which pairs agree move along their rays to the
-   mean by inverse variance. Of points that sample the same spot one is kept, and points are dropped where a pair of
-   larger weight observes a farther surface.
-4. `point_sigma` (`point_sigma`): sigma of the fused points, as above.
+1. `without_fixed_content` (`multiview/fixed_content`) -> views and `Findings`: content that is fixed to the image is
+   removed.
+2. `register_views` (`multiview/registration`), on request -> views and `Findings`: later pairs are moved to fit those
+   before.
+3. `fuse_views` (`multiview/fusion`, `multiview/projection`) -> `FusedViews`: points on which pairs agree move along
+   their rays to the mean by inverse variance. Of points that sample the same spot one is kept, and points are dropped
+   where a pair of larger weight observes a farther surface.
+4. `point_sigma` (`point_sigma`) -> `PointSigma`: sigma of the fused points, as above.
 
 No stage changes its arguments, and the mapper has no state but its rig and its parameters. Compiled kernels and the
-network beside jumps are loaded once for a process. Elevation and hazard grids are made of a cloud by `terrain`, not by
-the mapper.
+network beside jumps are loaded once for a process. During small solves numba's number of threads is 1
+(`conjugate_gradients`). Elevation and hazard grids are made of a cloud by `terrain`, not by the mapper.
 """
 
 from __future__ import annotations
@@ -57,6 +53,7 @@ from sfr_loc_map.geometry.arrays import FloatArray32, FloatImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.calibration_sigma import CalibrationSigma, calibration_sigma, largest_of
 from sfr_loc_map.mapping.checks import check_images, check_index, check_matches
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
@@ -69,8 +66,8 @@ from sfr_loc_map.mapping.multiview.fusion import fuse_views
 from sfr_loc_map.mapping.multiview.registration import register_views
 from sfr_loc_map.mapping.pair_findings import findings_of_pair
 from sfr_loc_map.mapping.pair_view import PairView
-from sfr_loc_map.mapping.point_sigma import CalibrationSigma, calibration_sigma, largest_of, point_sigma
-from sfr_loc_map.mapping.reprojection import status_within_range, view_of_pair
+from sfr_loc_map.mapping.point_sigma import point_sigma
+from sfr_loc_map.mapping.reprojection import view_of_pair, within_range
 from sfr_loc_map.mapping.search_range import search_range
 
 
@@ -157,14 +154,15 @@ class Mapper:
         check_matches(pair, estimated, self._search.count)
         rotation = measure_right_camera(estimated, self._rig)
         filled = fill_holes(estimated)
-        disparity_px = without_roll(filled.px, rotation, self._rig)
-        status = status_within_range(filled.status, disparity_px, self._search.min_disparity_px)
+        unrolled = without_roll(filled, rotation, self._rig)
+        disparity_map = within_range(unrolled, self._search.min_disparity_px)
         T_lm_left = T_lm_navsb @ self._rig.T_sb_left
-        view = view_of_pair(disparity_px, status, filled, self._rig, T_lm_left)
+        view = view_of_pair(disparity_map, self._rig, T_lm_left)
         calibration = calibration_sigma(rotation, self._rig, self._config.calibration)
-        only_pair = np.zeros(view.points.size, np.uint8)
-        sigma = point_sigma(view.points, only_pair, [T_lm_left], [filled.saturation], calibration, self._rig)
-        findings = findings_of_pair(estimated, status, rotation, self._rig, self._config.calibration)
+        list_index = np.zeros(view.points.size, np.uint8)  # of each point, in the lists of one pose and one saturation
+        saturation = disparity_map.saturation
+        sigma = point_sigma(view.points, list_index, [T_lm_left], [saturation], calibration, self._rig)
+        findings = findings_of_pair(disparity_map, rotation, self._rig, self._config.calibration)
         pair_in_set = np.full(view.points.size, index, np.uint8)
         return PairMap(
             stamp_ns=pair.stamp_ns,
@@ -172,8 +170,8 @@ class Mapper:
             random_sigma=sigma.random,
             T_lm_left=T_lm_left,
             disparity_px=view.disparity_px,
-            pixel_status=status,
-            fusion_input=FusionInput(self._rig, view, filled.saturation, calibration),
+            pixel_status=disparity_map.status,
+            fusion_input=FusionInput(self._rig, view, saturation, calibration),
             statistics=findings.statistics,
             warnings=findings.warnings,
         )
@@ -182,7 +180,7 @@ class Mapper:
         """Return one cloud of up to three pairs; the `pair` of its points is the position of their map in the order.
 
         Raises MappingError for no map or more than three, for a map that `process` did not make or whose points were
-        changed since, and for maps of other cameras than those of the mapper.
+        replaced since, and for maps of other cameras than those of the mapper.
         """
         if not 1 <= len(maps) <= MAX_PAIRS:
             raise MappingError(f"a map is fused from 1 to {MAX_PAIRS} pairs: got {len(maps)}")
@@ -213,8 +211,8 @@ class Mapper:
 def _fusion_input(pair_map: PairMap, rig: StereoRig) -> FusionInput:
     """Return what the fusion uses of a pair.
 
-    Raises MappingError for a map of another method or of other cameras, and for one whose points were changed: the
-    change would be ignored.
+    Raises MappingError for a map of another method or of other cameras, and for one whose points were replaced, because
+    the others would be ignored. They cannot be changed in place (`ViewPoints.to_cloud`).
     """
     found = pair_map.fusion_input
     if found is None:

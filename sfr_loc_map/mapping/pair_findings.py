@@ -7,12 +7,12 @@ import math
 import numpy as np
 
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.mapping.calibration_sigma import is_yaw_significant
 from sfr_loc_map.mapping.config import CalibrationUncertainty
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
-from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus, StatusImage, is_valid
+from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus
 from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.point_sigma import is_yaw_significant
 
 LOW_VALID_TEXTURED_FRACTION = 0.6
 """Fraction of measured pixels among the textured ones below which a warning is given: twice
@@ -27,35 +27,29 @@ MAX_SATURATED_FRACTION = 0.1
 
 
 def findings_of_pair(
-    disparity: DisparityMap,
-    status: StatusImage,
-    rotation: CameraRotation,
-    rig: StereoRig,
-    configured: CalibrationUncertainty,
+    disparity_map: DisparityMap, rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty
 ) -> Findings:
-    """Return the findings of a pair's map, given the configured uncertainty of the calibration.
-
-    The disparity map is the one before holes are filled. The status `(H, W)` is that of the pixels of the map.
-    """
-    correction = disparity.correction
-    point_count = int(np.count_nonzero(is_valid(status)))
+    """Return the findings of a pair's map after all stages, given the configured uncertainty of the calibration."""
+    correction = disparity_map.correction
+    status = disparity_map.status
+    point_count = int(np.count_nonzero(disparity_map.valid))
     filled_count = int(np.count_nonzero(status == np.uint8(PixelStatus.FILLED)))
     statistics = {
         "points": float(point_count),
         "density": point_count / status.size,
         "filled_share": filled_count / max(point_count, 1),
-        "noise_grey": disparity.noise_grey,
+        "noise_grey": disparity_map.noise_grey,
         "gain": correction.gain,
         "offset_grey": correction.offset_grey,
         "vertical_offset_px": correction.vertical.offset_px,
         "vertical_offset_largest_px": correction.vertical.max_px,
-        "matched_share": disparity.measured_textured_fraction,
+        "matched_share": disparity_map.measured_textured_fraction,
         "right_yaw_deg": math.degrees(rotation.yaw_rad) if rotation.is_measured else math.nan,
         "right_yaw_sigma_deg": math.degrees(rotation.yaw_sigma_rad) if rotation.is_measured else math.nan,
         "right_roll_deg": math.degrees(rotation.roll_rad),
-        "saturated_share": disparity.saturation.fraction,
+        "saturated_share": disparity_map.saturation.fraction,
     }
-    warnings = _warnings_of_images(disparity, configured) + _warnings_of_rotation(rotation, rig, configured)
+    warnings = _warnings_of_images(disparity_map, configured) + _warnings_of_rotation(rotation, rig, configured)
     return Findings(statistics, warnings)
 
 
@@ -64,11 +58,11 @@ def vertical_warning_px(configured: CalibrationUncertainty) -> float:
     return max(MIN_VERTICAL_WARNING_PX, VERTICAL_WARNING_FACTOR * configured.distortion_px)
 
 
-def _warnings_of_images(disparity: DisparityMap, configured: CalibrationUncertainty) -> tuple[str, ...]:
+def _warnings_of_images(disparity_map: DisparityMap, configured: CalibrationUncertainty) -> tuple[str, ...]:
     """Return warnings about matches, rectification, exposure and saturation."""
-    fraction = disparity.measured_textured_fraction
-    correction = disparity.correction
-    saturated = disparity.saturation.fraction
+    fraction = disparity_map.measured_textured_fraction
+    correction = disparity_map.correction
+    saturated = disparity_map.saturation.fraction
     warnings = []
     if math.isnan(fraction):
         warnings.append("too few pixels have texture above the noise: whether the images match is unknown")

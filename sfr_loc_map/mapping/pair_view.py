@@ -50,8 +50,13 @@ class ViewPoints(NamedTuple):
         return cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
     def to_cloud(self, sigma: FloatArray32, pair: NDArray[np.uint8], *, fused: bool) -> PointCloud:
-        """Return the points as a cloud with the standard deviation and the index of the pair of each point `(N,)`."""
-        return PointCloud(self.xyz, sigma, self.intensity, self.u, self.v, pair, fused=fused)
+        """Return the points as a cloud with the standard deviation and the index of the pair of each point `(N,)`.
+
+        The cloud has the same positions, not a copy, and they cannot be changed through it.
+        """
+        xyz = self.xyz.view()
+        xyz.setflags(write=False)
+        return PointCloud(xyz, sigma, self.intensity, self.u, self.v, pair, fused=fused)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,7 +26,7 @@ total_sigma                            variance sigma^2 + r^2 (a^2 (fx / d)^2 + 
                                        of the uncertainty of `calibration_sigma`
 =====================================  =================================================================================
 
-A significant yaw and a pitch are added to the configured ones as squares. A set of pairs has the largest calibration
+A significant yaw and a pitch are added to the configured ones in quadrature. A set of pairs has the largest calibration
 sigma of its pairs. Compensating a roll and registering poses add nothing: sigma is conditional on the pose.
 
 A new source of error that differs from pixel to pixel is a term in `uncertainty`. One that all points share has a
@@ -42,8 +42,7 @@ reduce it. The factor of saturation is an allowance and not a measured noise.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -55,8 +54,7 @@ from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
-from sfr_loc_map.mapping.config import CalibrationUncertainty
-from sfr_loc_map.mapping.disparity.right_camera import MIN_ROTATION_PX, CameraRotation
+from sfr_loc_map.mapping.calibration_sigma import CalibrationSigma
 from sfr_loc_map.mapping.disparity.saturation import Saturation
 from sfr_loc_map.mapping.pair_view import ViewPoints
 
@@ -66,21 +64,6 @@ growth of large errors, which is 1.3 to 2.1 times (measurements/mapper_trials.md
 SIGMA_FACTORS = F(1.0) + SIGMA_GROWTH / F(255.0) * np.arange(256, dtype=F)
 """By the mean of a neighbourhood, 0 to 255: factor on sigma. The noise that is measured in the images is too small
 there, because clipping removes it."""
-SIGNIFICANT_SIGMAS = 3.0  #: A yaw is significant from this many of its standard deviations on: 0.3 % by chance.
-MIN_SIGNIFICANT_YAW_DEG = 0.02
-"""Smallest significant yaw, deg, however small the configured uncertainty is: at a focal length of 800 pixels it
-changes disparities by 0.3 pixels."""
-
-
-class CalibrationSigma(NamedTuple):
-    """Standard deviations of a calibration, in the units of the kernels; the default is an exact calibration."""
-
-    yaw_rad: float = 0.0  #: Of the right camera.
-    pitch_rad: float = 0.0  #: Of the right camera.
-    roll_rad: float = 0.0  #: Of the right camera.
-    focal_fraction: float = 0.0  #: Of the focal length.
-    baseline_fraction: float = 0.0  #: Of the baseline.
-    distortion_rad: float = 0.0  #: Residual distortion along rows, as an angle.
 
 
 class PointSigma(NamedTuple):
@@ -88,68 +71,6 @@ class PointSigma(NamedTuple):
 
     random: FloatArray32  #: Part that differs from point to point: noise, smoothing and saturation.
     total: FloatArray32  #: The random part and the calibration's part, which all points share.
-
-
-def is_yaw_significant(rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty) -> bool:
-    """Return whether the measured yaw exceeds what noise and the configured uncertainty of the calibration explain."""
-    return abs(rotation.yaw_rad) > yaw_threshold_rad(rotation, rig, configured)
-
-
-def yaw_threshold_rad(rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty) -> float:
-    """Return the largest yaw that is not significant, rad.
-
-    Residual distortion causes the saddle of a yaw as well. Its configured root mean square, taken as the value of such
-    a saddle in the corners, limits the accuracy of the yaw.
-    """
-    corner_saddle = 0.25 * rig.width * rig.height / (rig.fx * rig.fy)  # x y in the corner, normalised coordinates
-    distortion_rad = configured.distortion_px / (rig.fy * corner_saddle)
-    sigma_rad = math.hypot(rotation.yaw_sigma_rad, distortion_rad, math.radians(configured.yaw_deg))
-    return max(SIGNIFICANT_SIGMAS * sigma_rad, math.radians(MIN_SIGNIFICANT_YAW_DEG))
-
-
-def pitch_threshold_px(configured: CalibrationUncertainty) -> float:
-    """Return the largest vertical offset that residual distortion explains, pixels; a larger one may be a pitch."""
-    return max(configured.distortion_px, MIN_ROTATION_PX)
-
-
-def calibration_sigma(rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty) -> CalibrationSigma:
-    """Return the uncertainty of the calibration given what a pair shows of the right camera.
-
-    A significant yaw is added to the configured uncertainty; it is not compensated. A vertical offset beyond
-    `pitch_threshold_px` is added as a pitch and not reported. Roll is compensated (`without_roll`).
-
-    Residual distortion causes an error along rows of the size of the vertical disparity. An offset and a roll may have
-    other causes. With the root mean squares over the image of all vertical disparity and of its rest without offset and
-    roll, the distortion is
-
-        min(max(configured, rest), all)    if the vertical disparity was measured
-        max(configured, rest)              otherwise; the rest is then what the correction has removed
-        0                                  if the configured one is 0
-    """
-    yaw_rad = math.radians(configured.yaw_deg)
-    if is_yaw_significant(rotation, rig, configured):
-        yaw_rad = math.hypot(yaw_rad, rotation.yaw_rad)
-    pitch_rad = math.radians(configured.pitch_deg)
-    if abs(rotation.pitch_rad) * rig.fy > pitch_threshold_px(configured):
-        pitch_rad = math.hypot(pitch_rad, rotation.pitch_rad)
-    distortion_px = 0.0
-    if configured.distortion_px > 0.0:
-        distortion_px = max(configured.distortion_px, rotation.distortion_rms_px)
-        if rotation.is_measured:
-            distortion_px = min(distortion_px, rotation.vertical_rms_px)
-    return CalibrationSigma(
-        yaw_rad=yaw_rad,
-        pitch_rad=pitch_rad,
-        roll_rad=math.radians(configured.roll_deg),
-        focal_fraction=configured.focal_share,
-        baseline_fraction=configured.baseline_share,
-        distortion_rad=distortion_px / rig.fx,
-    )
-
-
-def largest_of(calibrations: Iterable[CalibrationSigma]) -> CalibrationSigma:
-    """Return the largest standard deviation of each part: pairs of one rig share its calibration."""
-    return CalibrationSigma(*(max(values) for values in zip(*calibrations, strict=True)))
 
 
 def point_sigma(

@@ -2,48 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numba import prange
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage, IntArray
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
-from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
-from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus, StatusImage, is_valid, with_reason
+from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus, with_reason
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
 
-def status_within_range(status: StatusImage, disparity_px: FloatImage, min_disparity_px: float) -> StatusImage:
-    """Return the status of pixels of which those beyond the range of the smallest disparity are invalid."""
-    return with_reason(status, disparity_px < min_disparity_px, PixelStatus.BEYOND_RANGE)
+def within_range(disparity_map: DisparityMap, min_disparity_px: float) -> DisparityMap:
+    """Return the map in which pixels beyond the range of the smallest disparity are invalid."""
+    is_beyond = disparity_map.px < min_disparity_px
+    return replace(disparity_map, status=with_reason(disparity_map.status, is_beyond, PixelStatus.BEYOND_RANGE))
 
 
-def view_of_pair(
-    disparity_px: FloatImage, status: StatusImage, estimated: DisparityMap, rig: StereoRig, T_lm_left: Transform
-) -> PairView:
-    """Return the points of the valid disparities, with the sigma and the images that they were estimated with."""
-    valid_px = np.where(is_valid(status), disparity_px, F(np.nan))
-    points = points_from_disparity(valid_px, estimated.sigma_px, estimated.left, rig, T_lm_left)
-    return PairView(points, valid_px, T_lm_left, estimated.noise_grey)
-
-
-def cloud_from_disparity(
-    disparity_px: FloatImage,
-    sigma_px: FloatImage,
-    left: GreyImage | FloatImage,
-    rig: StereoRig,
-    T_lm_left: Transform,
-    index: int,
-) -> PointCloud:
-    """Return the points of all pixels that have a disparity as those of the pair of an index within its set.
-
-    Their sigma is that of the disparities alone. Arguments are those of `points_from_disparity`.
-    """
-    points = points_from_disparity(disparity_px, sigma_px, left, rig, T_lm_left)
-    return points.to_cloud(points.fusion_sigma, np.full(points.size, index, np.uint8), fused=False)
+def view_of_pair(disparity_map: DisparityMap, rig: StereoRig, T_lm_left: Transform) -> PairView:
+    """Return the points of the valid disparities with their images and pose."""
+    valid_px = np.where(disparity_map.valid, disparity_map.px, F(np.nan))
+    points = points_from_disparity(valid_px, disparity_map.sigma_px, disparity_map.left, rig, T_lm_left)
+    return PairView(points, valid_px, T_lm_left, disparity_map.noise_grey)
 
 
 def points_from_disparity(

@@ -15,7 +15,7 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.mapping.mapper import FusedMap, PairMap
-from sfr_loc_map.mapping.reprojection import cloud_from_disparity
+from sfr_loc_map.mapping.reprojection import points_from_disparity
 from sfr_loc_map.methods.adapters.loop import Answer, OrderedPair
 from sfr_loc_map.methods.isolated_method import IsolatedMethod, check_stamp
 from sfr_loc_map.methods.method_process import MethodCall, MethodFailureError, numbers_of
@@ -76,7 +76,8 @@ class IsolatedMapper(IsolatedMethod):
             elif disparity is not None:
                 disparity = np.where(disparity > 0.0, disparity, F(np.nan))
                 sigma = np.full_like(disparity, DISPARITY_SIGMA_PX)
-                cloud = cloud_from_disparity(disparity, sigma, pair.left, self._rig, T_lm_left, index)
+                points = points_from_disparity(disparity, sigma, pair.left, self._rig, T_lm_left)
+                cloud = points.to_cloud(points.fusion_sigma, np.full(points.size, index, np.uint8), fused=False)
             warnings = tuple(answer.get("warnings", ()))
         except MethodFailureError as error:
             call = self._failed(error)

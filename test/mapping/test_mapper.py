@@ -22,6 +22,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import panorama_of
 from sfr_loc_map.mapping import mapper as mapper_module
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.disparity import estimation
 from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus
 from sfr_loc_map.mapping.mapper import Mapper, PairMap
 
@@ -45,6 +46,9 @@ def test_the_stages_are_told_in_the_same_words_in_the_documentation() -> None:
     documentation = (SAMPLE.parent / "docs" / "mapping.md").read_text(encoding="utf-8")
     assert of_process.startswith("1. `check_images`")
     assert of_process.strip() in documentation.replace(" in `sfr_loc_map/mapping`", "")
+    steps = (inspect.getdoc(estimation) or "").partition("`disparity`:\n\n")[2]
+    assert steps.startswith("1. The initial disparity")
+    assert steps in documentation
     stages_of_fuse = of_fuse.partition("\n\n")[0]
     assert stages_of_fuse in documentation
 
@@ -251,6 +255,8 @@ def test_wrong_size_and_index_and_maps_of_other_methods_are_refused() -> None:
     whole = mapper.process(made.pair, T_LM_NAVSB, 0)
     halved = replace(whole, cloud=whole.cloud.select(np.arange(0, len(whole.cloud), 2)))
     moved = replace(whole, cloud=replace(whole.cloud, xyz=whole.cloud.xyz + np.float32(1.0)))
+    with pytest.raises(ValueError, match="read-only"):
+        np.add(whole.cloud.xyz, np.float32(1.0), out=whole.cloud.xyz)
     for changed in (halved, moved):
         with pytest.raises(MappingError, match="fuse maps as they were made"):
             mapper.fuse([changed])

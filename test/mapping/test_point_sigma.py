@@ -6,15 +6,21 @@ import pytest
 
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping import point_sigma
+from sfr_loc_map.mapping.calibration_sigma import calibration_sigma, is_yaw_significant
 from sfr_loc_map.mapping.config import CalibrationUncertainty
 from sfr_loc_map.mapping.disparity.hole_filling import MIN_FILLED_SIGMA_PX
 from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
 from sfr_loc_map.mapping.disparity.saturation import NEIGHBOURHOOD_PX
-from sfr_loc_map.mapping.disparity.uncertainty import CREASE_BIAS, MAX_CREASE_PX, MAX_SIGMA_PX, SMOOTHING_BIAS
+from sfr_loc_map.mapping.disparity.uncertainty import (
+    CREASE_BIAS,
+    MAX_CREASE_PX,
+    MAX_SIGMA_PX,
+    MIN_INFORMATION,
+    SMOOTHING_BIAS,
+)
 from sfr_loc_map.mapping.disparity.variational_refinement import EDGE_FACTOR
 from sfr_loc_map.mapping.multiview.fusion import COMMON_VARIANCE
 from sfr_loc_map.mapping.pair_findings import MIN_VERTICAL_WARNING_PX, vertical_warning_px
-from sfr_loc_map.mapping.point_sigma import calibration_sigma
 
 RIG = StereoRig(640, 480, 400.0, 400.0, 319.5, 239.5, 0.2)
 CONFIGURED = CalibrationUncertainty()
@@ -47,6 +53,7 @@ def test_the_table_of_sigma_has_the_constants_of_the_code() -> None:
         f"({SMOOTHING_BIAS:g} curvature)^2 s / h + ({CREASE_BIAS:g} crease)^2",
         f"at most {EDGE_FACTOR:g} medians and the crease at most {MAX_CREASE_PX:g} px",
         f"sigma at most {MAX_SIGMA_PX:g} px",
+        f"less that of noise, at least {MIN_INFORMATION:.0e},".replace("e-0", "e-"),
         f"max(sigma, {MIN_FILLED_SIGMA_PX:g} px)",
         f"variance {COMMON_VARIANCE:g} sigma^2 + {1.0 - COMMON_VARIANCE:g} sum w_i^2 s_i^2",
         f"(1 + {point_sigma.SIGMA_GROWTH:g} f) sigma",
@@ -63,7 +70,7 @@ def test_distortion_sets_the_thresholds_that_its_text_names(distortion_px: float
     largest_rad = 3.0 * distortion_px / corner_px_per_rad
     for yaw_rad, is_significant in ((0.99 * largest_rad, False), (1.01 * largest_rad, True)):
         turned = CameraRotation(yaw_rad, 0.0, 0.0, 0.0, 0.0, 0.0)
-        assert point_sigma.is_yaw_significant(turned, RIG, configured) == is_significant
+        assert is_yaw_significant(turned, RIG, configured) == is_significant
         assert (calibration_sigma(turned, RIG, configured).yaw_rad > 0.0) == is_significant
     for offset_px, is_pitch in ((0.99 * distortion_px, False), (1.01 * distortion_px, True)):
         tilted = CameraRotation(0.0, 0.0, 0.0, offset_px / RIG.fy, offset_px, 0.0)

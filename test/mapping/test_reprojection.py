@@ -9,8 +9,9 @@ import pytest
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.mapping.calibration_sigma import CalibrationSigma
 from sfr_loc_map.mapping.pair_view import ViewPoints
-from sfr_loc_map.mapping.point_sigma import CalibrationSigma, total_sigma
+from sfr_loc_map.mapping.point_sigma import total_sigma
 from sfr_loc_map.mapping.reprojection import points_from_disparity
 
 SMALL = StereoRig(32, 24, 40.0, 44.0, 14.5, 12.25, 0.25)

@@ -1,7 +1,7 @@
-"""The disparity map of a stereo pair: what `estimate_disparity` and `fill_holes` return.
+"""The disparity map of a stereo pair, which the stages of `Mapper.process` take and return.
 
 As estimated, all valid disparities are measured. `fill_holes` makes more of them valid, whose disparities are those of
-the surfaces beside them.
+the surfaces beside them. `without_roll` changes disparities, and `within_range` makes the smallest ones invalid.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from sfr_loc_map.mapping.disparity.saturation import Saturation
 class DisparityMap:
     """Disparities of the left image with their uncertainty, and the images that they were estimated from."""
 
-    px: FloatImage  #: `(H, W)` float32, pixels, without holes; the invalid ones are interpolated.
+    #: `(H, W)` float32, pixels, defined at every pixel. Where the status is invalid, it only continues the initial
+    #: disparities around it smoothly. It fits the right image, unless `without_roll` has changed it.
+    px: FloatImage
     sigma_px: FloatImage  #: `(H, W)` float32, standard deviation of a valid disparity, pixels.
     status: StatusImage  #: `(H, W)` uint8, measured, filled, or the reason why the disparity is invalid.
     initial_px: FloatImage  #: `(H, W)` float32, disparities of the semi-global matching, pixels; NaN where it has none.

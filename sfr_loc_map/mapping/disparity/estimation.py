@@ -1,4 +1,25 @@
-"""From a stereo pair to its disparity map, before holes are filled."""
+"""From a stereo pair to its disparity map, before holes are filled.
+
+The steps of `estimate_disparity`, with their modules in `disparity`:
+
+1. The initial disparity is found by semi-global matching (Hirschmueller 2008), in wide images at half their width
+   (`semi_global_matching`, `exposure`). It is NaN at unmatched pixels.
+2. The initial field on cells of 2 x 2 pixels is defined everywhere: unmatched cells take the farther neighbour along
+   the row (`cell_field`).
+3. Exposure and vertical disparity of the right image are measured and removed (`right_image_correction`,
+   `vertical_disparity`).
+4. One disparity field is fitted to both images: photometric residuals and weighted second differences over the whole
+   image (variational, after Horn and Schunck 1981), solved coarse to fine by conjugate gradients
+   (`variational_refinement`, `photometric_residual`, `image_noise`, `smoothness`, `conjugate_gradients`).
+5. The standard deviation of each disparity has three parts: the posterior of that field, the bias of smoothing and an
+   error beside creases (`uncertainty`).
+6. The saturated pixels of both images are found (`saturation`).
+7. The status of each pixel is measured, or the reason why it is invalid: unmatched, changed by the refinement,
+   occluded, mismatched, on a ramp, in a small segment or one without common content, on the wrong surface beside a jump
+   (a small network on matching costs with adaptive support weights, Yoon and Kweon 2006), saturated (`validity`,
+   `surfaces`, `segments`, `wrong_surface`, `matching_cost`).
+8. The fraction of the textured pixels that are measured is counted (`texture`).
+"""
 
 from __future__ import annotations
 
@@ -17,15 +38,12 @@ from sfr_loc_map.mapping.disparity.variational_refinement import refine
 
 
 def estimate_disparity(pair: StereoPair, disparity_count: int) -> DisparityMap:
-    """Return the disparity map of a pair, searched over the disparities from 0 to `disparity_count - 1`.
-
-    The steps are: initial disparity, correction of the right image, refinement, standard deviation, saturation, status.
-    """
+    """Return the disparity map of a pair, searched over the disparities from 0 to `disparity_count - 1`."""
     left = pair.left.astype(F)
     initial_px = semi_global_matching(pair.left, pair.right, disparity_count)
     initial_cells = cells_from_disparity(initial_px)
-    without_holes_px = disparity_from_cells(initial_cells, left.shape)
-    corrected = correct_right_image(left, pair.right.astype(F), without_holes_px)
+    dense_px = disparity_from_cells(initial_cells, left.shape)
+    corrected = correct_right_image(left, pair.right.astype(F), dense_px)
     right = corrected.image
     refined = refine(left, right, initial_cells)
     sigma_px = disparity_sigma(refined)

@@ -30,8 +30,8 @@ of density."""
 REACH = 12  #: Rows or columns within which a surface is a hypothesis: planes are extrapolated no farther.
 SLOPE_PX = 2  #: Distance over which the slope of a surface is measured, pixels: one cell of the refined field.
 COST_PERCENTILE = 93.0
-"""A filled pixel matches no worse than this percentage of the valid pixels beside holes. Real images match less well
-than rendered ones, so that no fixed cost suits both."""
+"""Percentile of the costs of valid pixels beside holes that is the largest cost of a filled pixel: 93 % of them cost
+less. Real images match less well than rendered ones, so that no fixed cost suits both."""
 BESIDE_HOLE_PX = 3
 """Distance within which a valid pixel is beside a hole, pixels: its window then reaches into the hole."""
 COST_STRIDE = 5  #: Every fifth valid pixel beside holes is used for the percentile: thousands of samples suffice.

@@ -28,10 +28,7 @@ SLOPE_BORDER = 2  #: Columns at either border without a slope: the smoothed cent
 
 
 class NormalEquations(NamedTuple):
-    """Normal equations of a change in disparity, `(H/2, W/2)` float32 each.
-
-    `var` is the variance of a residual. The refinement enlarges it (`Linearisation.equations`).
-    """
+    """Normal equations of a change in disparity, `(H/2, W/2)` float32 each; `var` is the variance of a residual."""
 
     information: FloatImage  #: Sum of `w g^2 / var`, 1 / px^2.
     information_vector: FloatImage  #: Sum of `w g r / var`, 1 / px: information times the least squares change.

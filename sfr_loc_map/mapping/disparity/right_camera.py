@@ -15,12 +15,12 @@ these shapes, and its effect on x is about as large as that on y.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage
+from sfr_loc_map.geometry.arrays import F, FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.vertical_disparity import fit_vertical_disparity
@@ -71,14 +71,14 @@ class RemainingDisparity(NamedTuple):
     saddle_sigma_px: float  #: Standard deviation of the saddle; infinite if too few pixels are valid.
 
 
-def measure_right_camera(disparity: DisparityMap, rig: StereoRig) -> CameraRotation:
+def measure_right_camera(disparity_map: DisparityMap, rig: StereoRig) -> CameraRotation:
     """Return the rotation that explains the vertical disparity of a pair.
 
     The vertical disparity is the sum of what the correction has removed, which is linear over the image (-1 to 1 along
     both axes, `edge_x` and `edge_y`), and of what it has left, a polynomial of normalised coordinates (x, y).
     """
-    removed = disparity.correction.vertical
-    remaining, saddle_sigma_px = _remaining_disparity(disparity, rig)
+    removed = disparity_map.correction.vertical
+    remaining, saddle_sigma_px = _remaining_disparity(disparity_map, rig)
     side = GRID_POINTS * 1j
     edge_y, edge_x = np.mgrid[-1.0:1.0:side, -1.0:1.0:side]
     x = (0.5 * (edge_x + 1.0) * (rig.width - 1) - rig.cx) / rig.fx
@@ -96,7 +96,7 @@ def measure_right_camera(disparity: DisparityMap, rig: StereoRig) -> CameraRotat
     )
 
 
-def _remaining_disparity(disparity: DisparityMap, rig: StereoRig) -> RemainingDisparity:
+def _remaining_disparity(disparity_map: DisparityMap, rig: StereoRig) -> RemainingDisparity:
     """Return the vertical disparity of the corrected images, measured by valid pixels."""
 
     def shapes(column: FloatArray, row: FloatArray) -> tuple[FloatArray, ...]:
@@ -106,7 +106,7 @@ def _remaining_disparity(disparity: DisparityMap, rig: StereoRig) -> RemainingDi
         return np.ones(len(x)), x, y, x * y, y * y
 
     fit = fit_vertical_disparity(
-        disparity.left, disparity.right, disparity.px, shapes, MIN_ROTATION_PIXELS, disparity.valid
+        disparity_map.left, disparity_map.right, disparity_map.px, shapes, MIN_ROTATION_PIXELS, disparity_map.valid
     )
     if fit is None:
         return RemainingDisparity(VerticalPolynomial(0.0, 0.0, 0.0, 0.0, 0.0), math.inf)
@@ -114,14 +114,16 @@ def _remaining_disparity(disparity: DisparityMap, rig: StereoRig) -> RemainingDi
     return RemainingDisparity(VerticalPolynomial(*fit.coefficients_px.tolist()), sigmas.saddle)
 
 
-def without_roll(disparity_px: FloatImage, rotation: CameraRotation, rig: StereoRig) -> FloatImage:
-    """Return disparities `(H, W)` without the error `-roll fx y` that a roll of the right camera causes.
+def without_roll(disparity_map: DisparityMap, rotation: CameraRotation, rig: StereoRig) -> DisparityMap:
+    """Return the map without the error `-roll fx y` that a roll of the right camera causes in the disparities.
 
-    They are those of a right camera without roll and no longer fit the right image. Rolls that shift the rows by less
-    than `MIN_ROTATION_PX` at the image's edge are not compensated.
+    They are then those of a right camera without roll and no longer fit the right image. Rolls that shift the rows by
+    less than `MIN_ROTATION_PX` at the image's edge are not compensated.
     """
     if abs(rotation.roll_rad) * 0.5 * rig.width * (rig.fy / rig.fx) < MIN_ROTATION_PX:
-        return disparity_px
+        return disparity_map
     rows_below_centre = np.arange(rig.height, dtype=np.float64) - rig.cy
     px_per_row = F(rotation.roll_rad * (rig.fx / rig.fy))
-    return np.asarray(disparity_px + px_per_row * rows_below_centre.astype(F)[:, None], F)
+    return replace(
+        disparity_map, px=np.asarray(disparity_map.px + px_per_row * rows_below_centre.astype(F)[:, None], F)
+    )

@@ -20,6 +20,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, IntArray, median
 from sfr_loc_map.mapping.disparity.cell_field import LEVELS, disparity_from_cells, padded, pixels_from_cells
+from sfr_loc_map.mapping.disparity.conjugate_gradients import conjugate_gradient_step
 from sfr_loc_map.mapping.disparity.filters import (
     box_mean,
     downsample_mean,
@@ -35,14 +36,13 @@ from sfr_loc_map.mapping.disparity.image_noise import (
     rounding_noise,
 )
 from sfr_loc_map.mapping.disparity.photometric_residual import (
-    NormalEquations,
     cell_means,
     mean_template,
     normal_equations,
     photometric_residual,
     slopes,
 )
-from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, conjugate_gradient_step, smoothness_weight
+from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, smoothness_weight
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
 
 WARPS = 3
@@ -116,9 +116,8 @@ class Linearisation(NamedTuple):
     residual: FloatImage  #: `(2 h, 2 w)`, grey levels; NaN outside the right image.
     offset: FloatImage  #: `(h, w)`, brightness offset of the residuals, grey levels.
     variance: FloatImage  #: `(h, w)`, variance of the residuals, grey levels squared.
-    #: Normal equations of a change of the field. Information and information vector are divided by the inflation of the
-    #: variance; chi2 and weight are those of the variance above.
-    equations: NormalEquations
+    information: FloatImage  #: `(h, w)`, information of a change of the field by the inflated variance, 1 / px^2.
+    information_vector: FloatImage  #: `(h, w)`, information times the least squares change, 1 / px.
 
 
 class SolvedField(NamedTuple):
@@ -144,21 +143,19 @@ def refine(left: FloatImage, right: FloatImage, initial_cells: FloatImage) -> Re
     reference = prepare_left(left)
     padded_right = padded(right)
     cells = initial_cells
-    linear = linearise(reference, padded_right, cells)
-    for _ in range(WARPS):
-        cells, weights = coarse_to_fine_solve(cells, linear.equations)
-        linear = linearise(reference, padded_right, cells)
-    is_noisy = median(linear.equations.information) <= NOISY_PX**-2
-    for _ in range(EXTRA_WARPS if is_noisy else 0):
-        cells, weights = coarse_to_fine_solve(cells, linear.equations)
-        linear = linearise(reference, padded_right, cells)
+    data_term = linearise(reference, padded_right, cells)
+    for warp in range(WARPS + EXTRA_WARPS):
+        if warp == WARPS and not median(data_term.information) <= NOISY_PX**-2:  # not noisy
+            break
+        cells, weights = coarse_to_fine_solve(cells, data_term)
+        data_term = linearise(reference, padded_right, cells)
     height, width = left.shape
-    deviation = np.sqrt(linear.variance)
-    normalised = (linear.residual - upsample_nearest(linear.offset, 2)) / upsample_nearest(deviation, 2)
+    deviation = np.sqrt(data_term.variance)
+    normalised = (data_term.residual - upsample_nearest(data_term.offset, 2)) / upsample_nearest(deviation, 2)
     return RefinedDisparity(
         disparity_px=disparity_from_cells(cells, left.shape),
         cells_px=cells,
-        information=linear.equations.information,
+        information=data_term.information,
         weights=weights,
         normalised_residual=normalised[:height, :width],
         noise_grey=median(deviation),
@@ -177,8 +174,8 @@ def linearise(left: LeftImage, right: FloatImage, cells: FloatImage) -> Linearis
     """Return the data term at a field.
 
     The steps are the residual, its brightness offset and variance, the slope along the row in the mean of both images,
-    and the normal equations. The information is reduced where residuals exceed their variance, and everywhere if they
-    are correlated between pixels.
+    and the normal equations. The variance is inflated in the information where residuals exceed it, and everywhere if
+    they are correlated between pixels.
     """
     residual = photometric_residual(left.image, right, pixels_from_cells(cells, SURFACE_JUMP_PX))
     noise = overall_noise(residual, left.min_noise)
@@ -190,11 +187,13 @@ def linearise(left: LeftImage, right: FloatImage, cells: FloatImage) -> Linearis
     mean_chi2 = box_mean(equations.chi2, WINDOW_CELLS)
     mean_weight = np.maximum(box_mean(equations.weight, WINDOW_CELLS), MIN_WEIGHT)
     variance_inflation = np.maximum(mean_chi2 / mean_weight, noise_correlation(means, offset, variance))
-    inflated = equations._replace(
+    return Linearisation(
+        residual=residual,
+        offset=offset,
+        variance=variance,
         information=np.asarray(equations.information / variance_inflation, F),
         information_vector=np.asarray(equations.information_vector / variance_inflation, F),
     )
-    return Linearisation(residual, offset, variance, inflated)
 
 
 def roughness(cells: FloatImage) -> Roughness:
@@ -222,14 +221,14 @@ def _local_size(differences: FloatImage) -> FloatImage:
     return box_mean(np.maximum(local, F(MIN_ROUGHNESS * typical)), ROUGHNESS_WINDOW)
 
 
-def coarse_to_fine_solve(cells: FloatImage, equations: NormalEquations) -> SolvedField:
+def coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> SolvedField:
     """Return the field after one linearised solve on all grids, coarse to fine.
 
     After each coarse step, the information vector of the remaining change is reduced by the information times the step.
     """
     scale = roughness(cells)
-    information = equations.information
-    information_vector = equations.information_vector
+    information = data_term.information
+    information_vector = data_term.information_vector
     for level in range(LEVELS - 1, 0, -1):
         factor = 2**level
         cells_per_block = F(factor * factor)

@@ -6,13 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sfr_loc_map.mapping.disparity.smoothness import (
-    MAX_SOLVED_STEP_PX,
-    SmoothnessWeights,
-    conjugate_gradient_step,
-    fill_smoothness,
-    inverse_diagonal,
-)
+from sfr_loc_map.mapping.disparity.conjugate_gradients import MAX_SOLVED_STEP_PX, conjugate_gradient_step
+from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, fill_smoothness, inverse_diagonal
 
 F = np.float32
 SHAPES = [(6, 7), (9, 5)]

@@ -7,7 +7,8 @@ from helpers.disparity_world import make_world, slope
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, conjugate_gradient_step
+from sfr_loc_map.mapping.disparity.conjugate_gradients import conjugate_gradient_step
+from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights
 from sfr_loc_map.mapping.mapper import Mapper
 
 F = np.float32
