@@ -10,11 +10,14 @@ import yaml
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import build, flatten, load_yaml
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.inputs import one_line
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.suite.running.cluster import FailureCause
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.store import Store
-from sfr_loc_map.suite.search.specification import NOT_JUDGED, Point, SearchSpecification
+from sfr_loc_map.suite.search.specification import Point, SearchSpecification
 from sfr_loc_map.suite.search.worst_case import (
     Coverage,
     RandomChooser,
@@ -84,9 +87,9 @@ def run_search(specification: SearchSpecification, store: Store, run: Run, *, at
         jobs = {point: specification.jobs_at(point) for point in points}
         planned.update({job.key: job for of_point in jobs.values() for job in of_point})
         store.plan(list(planned.values()), [])
-        waiting = [job for of_point in jobs.values() for job in of_point if store.state(job.key) == "waiting"]
-        if waiting:
-            run(list({job.key: job for job in waiting}.values()))
+        for_run = {job.key: job for of_point in jobs.values() for job in of_point if _is_open(store, job)}
+        if for_run:
+            run(list(for_run.values()))
         return [_worst_ratio(specification, store, jobs[point]) for point in points]
 
     chosen, parameters = specification.settings, specification.parameters
@@ -108,12 +111,22 @@ def run_search(specification: SearchSpecification, store: Store, run: Run, *, at
     )
 
 
+def _is_open(store: Store, job: Job) -> bool:
+    """Tell whether a job has to be run: it has no result, or the host is to blame that it has none."""
+    state = store.state(job.key)
+    return state == "waiting" or (state == "failed" and store.failure(job.key).cause is not FailureCause.BAD_INPUT)
+
+
 def _worst_ratio(specification: SearchSpecification, store: Store, jobs: Sequence[Job]) -> float:
-    """Return the largest ratio of the runs of a point; a run that failed counts as `NOT_JUDGED`."""
-    ratios = [
-        specification.ratio_of(store.score(job)) if store.state(job.key) == "done" else NOT_JUDGED for job in jobs
-    ]
-    return max(ratios)
+    """Return the largest ratio of the runs of a point; raise InputError if a run failed and the scenario is not why."""
+    for job in jobs:
+        if _is_open(store, job):
+            failure = store.failure(job.key)
+            raise InputError(
+                f"{failure.label}: {failure.cause}: {one_line(failure.message)}; the same command continues the search"
+            )
+    scores = [store.score(job) if store.state(job.key) == "done" else None for job in jobs]
+    return max(specification.ratio_of(score) for score in scores)
 
 
 def case_file(result: SearchResult) -> str:

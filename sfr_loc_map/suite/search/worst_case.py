@@ -13,6 +13,7 @@ from itertools import combinations, product
 from typing import Protocol
 
 import numpy as np
+from scipy.stats import spearmanr
 
 from sfr_loc_map.errors import MissingExtraError
 from sfr_loc_map.suite.search.specification import Parameter, Point
@@ -197,16 +198,12 @@ def most_important(parameters: Sequence[Parameter], case: Tried, tried: Sequence
 
 def rank_correlations(tried: Sequence[Tried], count: int) -> list[float]:
     """Return Spearman's rank correlation of each parameter with the ratio; 0 where it is not defined."""
-    from scipy.stats import rankdata
-
-    if len(tried) < 3:
-        return [0.0] * count
-    ratios = rankdata([item.ratio for item in tried])
+    ratios = [item.ratio for item in tried]
     found = []
     for index in range(count):
-        ranks = rankdata([item.point[index] for item in tried])
-        is_constant = np.ptp(ranks) == 0.0 or np.ptp(ratios) == 0.0
-        found.append(0.0 if is_constant else float(np.corrcoef(ranks, ratios)[0, 1]))
+        values = [item.point[index] for item in tried]
+        is_defined = len(set(values)) > 1 and len(set(ratios)) > 1
+        found.append(float(spearmanr(values, ratios).statistic) if is_defined else 0.0)
     return found
 
 

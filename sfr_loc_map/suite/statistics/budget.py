@@ -21,12 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.intervals import student_quantile
 from sfr_loc_map.suite.running.variants import ALL, NONE, variant_name
-
-MIN_DRIVES = 5  #: With fewer drives there is no interval.
-RESAMPLES = 4000
-SEED = 20261128
+from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, half_width
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,19 +152,15 @@ def _moments(sums: FloatArray) -> _Moments:
 def _weights(drives: int) -> FloatArray:
     """Return how often each drive counts: once each, then as resampled; without an interval only the first row."""
     once = np.ones((1, drives))
-    if drives < MIN_DRIVES:
-        return once
-    rng = np.random.default_rng([SEED, drives])
-    return np.vstack([once, rng.multinomial(drives, np.full(drives, 1.0 / drives), RESAMPLES)])
+    return once if drives < MIN_DRIVES else np.vstack([once, drawn_weights(drives)])
 
 
 def _estimate(values: FloatArray, drives: int) -> Estimate:
-    """Return a figure with its interval: Student's t with the spread of the resamplings, as drives are few."""
+    """Return a figure from its value and those of the resamplings, with its interval."""
     value = float(values[0])
     if len(values) == 1:
         return Estimate(value)
-    spread = float(np.std(values[1:])) * np.sqrt(drives / (drives - 1.0))
-    half = float(student_quantile(0.975, drives - 1.0) * spread)
+    half = half_width(values[1:], drives)
     return Estimate(value, (value - half, value + half))
 
 

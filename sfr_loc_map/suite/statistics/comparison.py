@@ -21,7 +21,8 @@ from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.metrics.intervals import Interval, holm
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.suite.statistics.figures import FigureKind, FigureName, figures_of
-from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary, drawn_weights
+from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights
+from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary
 
 SIGNIFICANCE = 0.05
 COMPARED = (FigureKind.ACCURACY, FigureKind.MEMORY)  #: As ratios; times depend on what else the host did.
@@ -109,7 +110,7 @@ def _compared(
     chance = [sign_flip_p(logs) for logs in ratios]
     for ((runs, name), drives), logs, p, corrected in zip(pairs.items(), ratios, chance, holm(chance), strict=True):
         interval: Interval | None = None
-        if len(logs) >= 5:
+        if len(logs) >= MIN_DRIVES:
             low, high = np.exp(np.quantile(drawn_weights(len(logs)) @ logs / len(logs), (0.025, 0.975))).tolist()
             interval = (low, high)
         outcome = Outcome.NOT_ENOUGH_DATA if logs.any() else Outcome.EQUAL

@@ -10,19 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from msgspec.structs import asdict, replace
-from numpy.typing import NDArray
 
 from sfr_loc_map import __version__
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.catalogue import KINDS, SUITE, Subject
 from sfr_loc_map.metrics.completeness import expected_row
 from sfr_loc_map.metrics.config import VerdictState, worst_of
-from sfr_loc_map.metrics.intervals import student_quantile
 from sfr_loc_map.metrics.judge import (
     finding_verdicts,
     incomplete_verdict,
@@ -46,11 +43,9 @@ from sfr_loc_map.suite.running.store import JobFailure, Store
 from sfr_loc_map.suite.running.variants import error_sources_of
 from sfr_loc_map.suite.statistics.budget import Budget, DriveErrors, budget_of
 from sfr_loc_map.suite.statistics.figures import figures_of
+from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, half_width
 
 SCHEMA = "sfr-suite/1"
-MIN_DRIVES = 5  #: With fewer drives there is no interval.
-RESAMPLES = 2000
-SEED = 20260101
 
 
 def runs_of(job: Job) -> tuple[str, str, str]:
@@ -424,9 +419,8 @@ def pooled_row(figure: str, condition: str, used: Sequence[tuple[str, Sequence[F
     if many >= MIN_DRIVES and found["mean_plus_3sigma"] > 0.0:
         weights = drawn_weights(many)[:, [numbers[drive] for drive, _ in used]]
         drawn_means, drawn_sigmas = _pooled(count, means, squares, weights)
-        spread = float(np.std(np.log(np.maximum(drawn_means + 3.0 * drawn_sigmas, 1e-300))))
-        spread *= np.sqrt(many / (many - 1.0))
-        factor = float(np.exp(student_quantile(0.975, many - 1.0) * spread))
+        logs = np.log(np.maximum(drawn_means + 3.0 * drawn_sigmas, 1e-300))
+        factor = float(np.exp(half_width(logs, many)))
         found["low95"], found["high95"] = found["mean_plus_3sigma"] / factor, found["mean_plus_3sigma"] * factor
     return figure_row(figure, condition, POOLED, n=total, independent=many, **found)
 
@@ -446,10 +440,3 @@ def _pooled(
     deviations = second - total[:, None] * np.square(mean - centre)
     sigma = np.sqrt(np.maximum(deviations, 0.0) / (total[:, None] - 1.0))
     return np.sqrt(np.square(mean).sum(axis=1)), np.sqrt(np.square(sigma).sum(axis=1))
-
-
-@lru_cache(maxsize=8)
-def drawn_weights(drives: int) -> NDArray[np.float64]:
-    """Return how often each drive is drawn `(RESAMPLES, D)`, the same for the same number."""
-    rng = np.random.default_rng([SEED, drives])
-    return rng.multinomial(drives, np.full(drives, 1.0 / drives), RESAMPLES).astype(np.float64)

@@ -1,0 +1,78 @@
+"""A search in the folder of a suite: results are used again, and a broken host is no worst case."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+import yaml
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.metrics.score import Provenance, Score, figure_row
+from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.suite.running.cluster import FailureCause, JobOutcome
+from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.specification import load_specification
+from sfr_loc_map.suite.running.store import Store
+from sfr_loc_map.suite.search.run import case_file, run_search
+from sfr_loc_map.suite.search.specification import SearchSpecification, load_search
+
+pytest.importorskip("optuna")
+
+
+@pytest.fixture
+def specification(tmp_path: Path) -> SearchSpecification:
+    (tmp_path / "scenario.yaml").write_text("light: {sun_elevation_deg: 40}\n")
+    content = {"scenario": "scenario.yaml", "limit": 0.1, "runs": 12, "slices": 0, "set": {"drive.pairs": 20}}
+    content["ranges"] = {"light.sun_elevation_deg": [5, 60], "yaw": {"fault": "yaw", "range": [-0.2, 0.2]}}
+    (tmp_path / "search.yaml").write_text(yaml.safe_dump(content))
+    return load_search(tmp_path / "search.yaml")
+
+
+class Host:
+    """Gives a score to each job: the error grows as the sun sinks. Jobs beyond a number exceed their time."""
+
+    def __init__(self, store: Store, most: int = 10**6) -> None:
+        self.store, self.most, self.done = store, most, 0
+
+    def run(self, jobs: Sequence[Job]) -> None:
+        for job in jobs:
+            self.done += 1
+            elevation = job.source.settings["light.sun_elevation_deg"]
+            assert isinstance(elevation, float)
+            row = figure_row("position", "distance=5", "pose", n=30, mean_plus_3sigma=1.0 / elevation)
+            provenance = Provenance(version="", configuration={"suite.key": job.key})
+            outcome = JobOutcome(result=to_json(Score(figures=(row,), provenance=provenance)))
+            if self.done > self.most:
+                outcome = JobOutcome(cause=FailureCause.TIME, message="over the time limit")
+            self.store.save(job, outcome)
+
+
+def test_the_worst_case_is_reduced_and_runs_again(specification: SearchSpecification, tmp_path: Path) -> None:
+    store = Store(tmp_path / "out")
+    host = Host(store)
+    result = run_search(specification, store, host.run)
+    assert result.usual.ratio == pytest.approx(0.25)
+    assert result.found.fails
+    assert result.case.point[1] == 0.0, "the yaw is not needed"
+    assert 9.0 < result.case.point[0] < 10.0, "the sun is as high as it may be"
+    (tmp_path / "case.yaml").write_text(case_file(result))
+    (source,) = load_specification(tmp_path / "case.yaml").sources
+    assert source.settings["light.sun_elevation_deg"] == result.case.point[0]
+    assert source.settings["drive.pairs"] == 20
+
+    again = Host(store)
+    assert run_search(specification, store, again.run) == result
+    assert again.done == 0
+
+
+def test_a_broken_host_is_no_worst_case_and_the_search_continues(
+    specification: SearchSpecification, tmp_path: Path
+) -> None:
+    store = Store(tmp_path / "out")
+    with pytest.raises(InputError, match="time"):
+        run_search(specification, store, Host(store, most=6).run)
+    whole = Store(tmp_path / "whole")
+    continued = run_search(specification, store, Host(store).run)
+    assert continued == run_search(specification, whole, Host(whole).run)
