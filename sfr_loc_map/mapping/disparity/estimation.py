@@ -1,4 +1,4 @@
-"""From a stereo pair to its disparity map, before holes are filled.
+"""From a stereo pair to its disparity map, before invalid pixels are filled.
 
 The steps of `estimate_disparity`, with their modules in `disparity`:
 

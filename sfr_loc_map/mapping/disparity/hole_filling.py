@@ -1,5 +1,8 @@
 """Invalid pixels take the disparity of a surface beside them, where the images agree with it.
 
+A hole is a set of invalid pixels, whatever the reason. Only saturated pixels are never filled. Whether another pixel is
+filled is decided by the matching costs below.
+
 The hypotheses of a pixel are the surfaces that are met first along eight directions, continued as planes. Each one is
 judged by the matching cost over the pixel's neighbourhood, in which pixels without a disparity have most of the weight.
 The largest cost of a filled pixel is a percentile of the costs of valid pixels beside holes in the same pair. A

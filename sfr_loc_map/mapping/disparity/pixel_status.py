@@ -13,7 +13,11 @@ StatusImage = NDArray[np.uint8]  #: `(H, W)`, a `PixelStatus` of each pixel.
 
 
 class PixelStatus(IntEnum):
-    """Status of a pixel; the reason of an invalid one is the first test that it fails, in the order of the values."""
+    """Status of a pixel; the reason of an invalid one is the first test that it fails, in the order of the values.
+
+    A saturated pixel that fails an earlier test has the reason of that test, and is not filled either. A filled pixel
+    does not keep its reason. Points that the fusion drops or removes have no status.
+    """
 
     MEASURED = 0  #: Valid: passed all tests.
     FILLED = 1  #: Valid: failed a test, and has the surface beside it (`hole_filling`).

@@ -62,7 +62,7 @@ class CorrectedImage(NamedTuple):
 def correct_right_image(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> CorrectedImage:
     """Measure gain, offset and vertical disparity of the right image `(H, W)`, and return the image without them.
 
-    The disparity without holes is correct to about a pixel.
+    The disparity is defined at every pixel and correct to about a pixel.
     """
     exposure = exposure_by_disparity(left, right, disparity_px)
     equalised = (right - F(exposure.offset_grey)) * F(1.0 / exposure.gain)

@@ -31,7 +31,10 @@ class Saturation:
 
 
 def measure_saturation(left: GreyImage, right: GreyImage, disparity_px: FloatImage) -> Saturation:
-    """Return the saturation around each pixel and its corresponding pixel; the disparities have no holes."""
+    """Return the saturation around each pixel and its corresponding pixel.
+
+    The disparities are defined everywhere.
+    """
     saturated_left = cv2.LUT(left, SATURATED_GREY_LEVELS)
     saturated_right = cv2.LUT(right, SATURATED_GREY_LEVELS)
     if saturated_right.any():

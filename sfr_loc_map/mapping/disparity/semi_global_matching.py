@@ -59,6 +59,7 @@ def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> Float
     padded_left = _padded_on_the_left(_averaged_columns(left, reduction), searched)
     padded_right = _padded_on_the_left(_averaged_columns(with_exposure_of_left(left, right), reduction), searched)
     steps = matcher.compute(padded_left, padded_right)[:, searched:]
+    # In place: pixels of small segments become unmatched.
     cv2.filterSpeckles(steps, UNMATCHED, MAX_SPECKLE_PIXELS, MAX_SPECKLE_STEP)
     matched = steps.astype(F) * F(reduction / SUBPIXELS)
     disparity = np.where(steps < 0, F(np.nan), matched)  # `UNMATCHED` is the only negative value

@@ -45,8 +45,8 @@ def fit_vertical_disparity(
 ) -> VerticalFit | None:
     """Return the coefficients of shapes of the vertical disparity; None if too few pixels or no slopes are available.
 
-    The disparity `(H, W)` has no holes. `shapes` returns the K shapes `(N,)` at columns and rows `(N,)` of the right
-    image. `used` are the pixels that may be used, None for all.
+    The disparity `(H, W)` is defined everywhere. `shapes` returns the K shapes `(N,)` at columns and rows `(N,)` of the
+    right image. `used` are the pixels that may be used, None for all.
     """
     sampled = np.s_[::SAMPLING_STRIDE, ::SAMPLING_STRIDE]
     residual_image = photometric_residual(left, right, disparity_px)
@@ -56,7 +56,8 @@ def fit_vertical_disparity(
     if len(row) < min_pixels:
         return None
     r = residual[usable].astype(np.float64)
-    mean = cv2.scaleAdd(cv2.patchNaNs(residual_image, 0.0), 0.5, left)  # of both images, the left one outside the right
+    cv2.patchNaNs(residual_image, 0.0)  # in place: the residuals that are used were copied before
+    mean = cv2.scaleAdd(residual_image, 0.5, left)  # of both images, the left one outside the right
     difference = cv2.filter2D(mean, -1, DIFFERENCE.T)[::SAMPLING_STRIDE]
     slope = cv2.filter2D(difference, -1, SMOOTHING)[:, ::SAMPLING_STRIDE][usable].astype(np.float64)
     right_column = np.float64(SAMPLING_STRIDE) * column - disparity_px[sampled][usable].astype(np.float64)

@@ -49,8 +49,8 @@ MAX_RANGE_RATIO = 1.8
 """Measured over expected range differences above which poses disagree: nearly twice that of correct poses, which have 1
 or less (docs/mapping.md)."""
 MAX_GREY_RATIO = 0.45
-"""Grey level differences over those at `SHIFT_PX` above which poses disagree; correct poses have 0.1 to 0.3, poses that
-are wrong by 0.3 deg have 0.45 (docs/mapping.md)."""
+"""Grey level differences over those at `SHIFT_PX` above which poses disagree; correct poses have 0.1 to 0.3. Poses
+that are wrong by 0.3 deg have 0.45, so that errors are detected from about 0.3 deg on (docs/mapping.md)."""
 
 
 class FusedViews(NamedTuple):

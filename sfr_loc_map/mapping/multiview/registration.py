@@ -21,7 +21,9 @@ from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP, ViewImages, im
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
 
-MAX_POINTS = 10_000  #: About this many points of each other view are compared: six parameters need no more.
+ENOUGH_POINTS = 10_000
+"""Points of each other view are thinned by a whole stride to this many or up to twice as many: six parameters need no
+more."""
 BLURS_PX = (12.0, 5.0, 2.0, 0.7)
 """Standard deviations of the Gaussians by which the compared images are blurred, pixels: a degree is a dozen pixels."""
 MAX_STEPS_PER_BLUR = 6  #: Gauss-Newton steps at each blur; the next blur continues what has not converged.
@@ -106,7 +108,7 @@ def estimate_motion(fixed: Sequence[PairView], moved: PairView, rig: StereoRig) 
     compared = []
     for view in fixed:
         overlapping = project_into_view(view.points.xyz, moved.T_lm_left, moved_images, rig).indices
-        stride = max(1, len(overlapping) // MAX_POINTS)
+        stride = max(1, len(overlapping) // ENOUGH_POINTS)
         compared.append(view.points.select(overlapping[::stride]))
     if sum(points.size for points in compared) < MIN_OVERLAP:
         return None

@@ -27,8 +27,8 @@ from sfr_loc_map.mapping.terrain.elevation import CellGrid, ElevationModel, Squa
 MIN_POINTS = 3  #: Cells with fewer points have no height: two points may both be outliers.
 OUTLIER_FRACTION = 0.15  #: Fraction of a cell's points above its high height, and below its low height.
 STEP_RADIUS_M = 0.25
-"""A step is a difference of heights within this distance, metres, about the diameter of a wheel: farther away the shape
-of the ground would count as a step. It is part of the definition of a step; the size of the rover acts by the
+"""A step is a difference of heights within this distance, metres: farther away the shape of the ground would count as a
+step. It is part of the definition of a step; the size of the rover acts by the
 parameters `max_step_m` and `footprint_radius_m`."""
 MIN_FOOTPRINT_FRACTION = 0.5  #: Fraction of the footprint's cells that must have a height for slope and roughness.
 MIN_RADIUS_CELLS = 1.5  #: Smallest radius of a window in which a plane is fitted, cells: a cell and its neighbours.
