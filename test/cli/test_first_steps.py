@@ -52,7 +52,8 @@ def test_limits_of_init_are_taken_and_name_every_figure(sfr: Sfr, tmp_path: Path
     assert {item.name for item in load_limits(limits).limits} <= set(PLACES[LimitPart.TRAJECTORY])
     whole = limits.read_text()
     assert not [name for names in PLACES.values() for name in names if f"{name}: " not in whole]
-    (estimate := tmp_path / "e.tum").write_text(TUM.replace(" 0 0 0 0 0 1", " 0.001 0 0 0 0 1"))
+    measured = "".join(f"{k} {1.0001 * k:.4f} 0 0 0 0 0 1\n" for k in range(60))
+    (estimate := tmp_path / "e.tum").write_text(measured)
     result = sfr("score", estimate, trajectory, "--limits", limits)
     assert result.code == 0
     assert "verdict: pass. 3 of 3 limits met, 0 missed, 0 without enough data." in result.out

@@ -39,8 +39,9 @@ def test_a_call_comes_back_to_the_last_bit() -> None:
 
 
 def test_a_node_of_anyone_states_a_stamp_and_a_time() -> None:
+    """The state of a localiser that reports none is unknown: lost poses cannot be counted by a guess."""
     text = '{"stamp_ns": 5, "processing_time_s": 0.25, "colour": "red"}'
-    assert decode_call(text, Task.LOCALISATION).state == "tracking"
+    assert decode_call(text, Task.LOCALISATION).state == ""
     assert decode_call(text, Task.MAPPING).state == "mapped"
 
 

@@ -102,9 +102,8 @@ def test_a_cloud_is_judged_by_the_truth_of_its_own_pairs(tmp_path: Path) -> None
 def test_a_replay_is_judged_by_the_images_of_its_source(tmp_path: Path) -> None:
     source = open_source(write_folder(tmp_path / "source", 12, 0))
     truth = source.loc.ground_truth
-    parts = {
-        rows: Trajectory(truth.stamps_ns[:rows], truth.positions[:rows], truth.quats_xyzw[:rows]) for rows in (12, 6, 0)
-    }
+    measured = 1.0001 * truth.positions
+    parts = {rows: Trajectory(truth.stamps_ns[:rows], measured[:rows], truth.quats_xyzw[:rows]) for rows in (12, 6, 0)}
     limits = parse_limits(
         {"minimum_independent": 1, "trajectory": [{"condition": "frames=2", "position_mean_m": 1.0}]}, "limits"
     )
