@@ -133,7 +133,7 @@ MUTATIONS = (
     Mutation(FORMULAS, "error - 360.0 * np.ceil((error - 180.0) / 360.0)", "error"),
     # directions, quantiles
     Mutation(FORMULAS, "error[:, 1] * east - error[:, 0] * north", "error[:, 0] * north - error[:, 1] * east"),
-    Mutation(FORMULAS, "[50.0, 95.0, 99.0]", "[50.0, 95.0, 95.0]"),
+    Mutation(FORMULAS, '"p99": 99.0}', '"p99": 95.0}'),
     Mutation(FORMULAS, "np.abs(given)", "given"),
     Mutation(
         FORMULAS, "return np.asarray(estimated - np.linalg.norm(", "return np.asarray(estimated + np.linalg.norm("
@@ -215,9 +215,9 @@ MUTATIONS = (
     Mutation("metrics/intervals.py", "share *= 1.0 - 1.0 / independent\n    return", "return"),
     Mutation("metrics/comparison.py", "difference = other - first", "difference = first - other"),
     Mutation("metrics/catalogue.py", 'return kind.clause if part == TARGET else ""', "return kind.clause"),
-    Mutation(
-        "metrics/catalogue.py", 'return kind.clause if call == "localisation" else', "return kind.clause if part else"
-    ),
+    Mutation("metrics/catalogue.py", '"mapping_call": "4.3.2"}', '"mapping": "4.3.2"}'),
+    Mutation("report/test_report.py", "item.figure in STAGES or part.removeprefix", "part.removeprefix"),
+    Mutation("metrics/raw_values.py", "(stored is None and name in STATISTICS)", "stored is None"),
     Mutation("metrics/score.py", "if row.part in ((reading, POOLED) if is_of_pieces else (None,)):", "if True:"),
     Mutation("metrics/association.py", "is_enough = MATCHES_PER_STAMP *", "is_enough = 1 *"),
     Mutation("metrics/aligned_error.py", "np.array([1.0, 1.0, np.sign(", "np.array([1.0, 1.0, abs("),

@@ -2,9 +2,10 @@
 
 To add a figure, add its line here and, for an error of sub-trajectories, the function that computes its errors in
 `metrics.trajectory_score.ERRORS`. To show one more statistic of a figure, add its name to the line. To add a
-statistic, add it to `metrics.formulas.Statistics`, compute it in `metrics.formulas.statistics`, and state in
-`metrics.limited.EXPANSION` how the error of the truth counts in it. Reports, comparisons, suites, histories, limits and
-the topics of the monitor follow.
+statistic, add it to `metrics.formulas.Statistics`, compute it in `metrics.formulas.statistics` (a quantile is a line of
+`metrics.formulas.QUANTILES`), and state in `metrics.limited.EXPANSION` how the error of the truth counts in it.
+Reports, comparisons, suites, searches, histories, limits, the topics of the monitor and the check of stored scores
+follow. Scores that were stored without the statistic are read as before.
 
 What does not follow: the topics that `config/sros2_policy.xml` allows by name; plots, which draw mean, mean + 3 sigma,
 p50 and p95; quantiles over the drives of a suite, which are judged by the worst drive. A statistic that is added to
@@ -136,7 +137,7 @@ DRIVE, MAP, LIVE, SUITE, CALLS, MEMORY = "drive", "map", "live", "suite", "calls
 """Parts of the rows `judged`; those of calls and of their memory are followed by the kind of call."""
 TARGET = "target"  #: First word of the part of a row of calls that were measured on a target.
 STATED = "stated"  #: First word of the part of a row of what an external node states of its own calls.
-MAPPING_MEMORY = "4.3.2"
+CLAUSES_OF_MEMORY = {"localisation": "4.2.2", "mapping_call": "4.3.2"}  #: By the kind of call.
 DIRECTIONS = ("x", "y", "z", "along", "cross", "vertical")  #: Parts of the position errors along one direction.
 DEFINED = {Subject.TRAJECTORY: OF_ERRORS, Subject.MAP: ()}
 """Statistics that the specification defines of a figure. Of the error of a point it defines none, of calls it leaves
@@ -146,9 +147,9 @@ the statistic open."""
 def clause_of(figure: str, part: str | None) -> str:
     """Return the clause that defines a figure of a part; empty if the specification does not define the figure.
 
-    4.2.1 and 4.3.1 define the time of a call on the target, not of a stage of a call and not on another host. The
-    memory of a call that maps is 4.3.2. Errors along one direction, and what an external node states of its own calls,
-    are not in the specification.
+    4.2.1 and 4.3.1 define the time of a call on the target, 4.2.2 and 4.3.2 the memory of a call. Stages of a mapping
+    call, times on another host, errors along one direction, and what an external node states of its own calls are not
+    in the specification.
     """
     if figure not in KINDS or part in DIRECTIONS or (part or "").partition(" ")[0] == STATED:
         return ""
@@ -156,8 +157,7 @@ def clause_of(figure: str, part: str | None) -> str:
     if kind.subject is Subject.TIMING:
         return kind.clause if part == TARGET else ""
     if kind.subject is Subject.MEMORY:
-        call = (part or "").removeprefix(f"{TARGET} ")
-        return kind.clause if call == "localisation" else MAPPING_MEMORY
+        return CLAUSES_OF_MEMORY.get((part or "").removeprefix(f"{TARGET} "), "")
     return kind.clause
 
 

@@ -84,7 +84,10 @@ def ends_apart(
     return ends
 
 
-# ---- 4.1.2 Error over a sub-trajectory: error accumulated before N does not count
+# ---- 4.1.2 Error over a sub-trajectory by three readings, `trajectory.rebase`; the default reading is `pose`
+#
+# Error accumulated before N does not count in `pose` and `displacement`. In `position` the error of the attitude at N
+# does count.
 
 
 class SubTrajectoryErrors(NamedTuple):
@@ -139,7 +142,10 @@ def displacement_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubT
 
 
 def position_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajectoryErrors:
-    """Return the errors of the estimate that is re-based at N by its position alone; attitudes are those at N+x."""
+    """Return the errors of the estimate that is re-based at N by its position alone.
+
+    Attitude and heading are compared as they are at N+x, so that their errors accumulated before N count.
+    """
     true_position, true_attitude, position, attitude = poses
     return SubTrajectoryErrors(
         position_error(displacement(position, starts, ends), displacement(true_position, starts, ends)),
@@ -157,7 +163,7 @@ def standard_deviation(errors: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.sum(squares, axis=0) / (len(errors) - 1)))
 
 
-# ---- 4.2.1, 4.2.2 Time and memory of a localisation call, 4.3.1, 4.3.2 of a mapping call: `metrics.calls`
+# ---- 4.2.1 and 4.2.2, time and memory of a localisation call, are in `metrics.calls`
 
 
 # ---- 4.2.3.1 3D position error
@@ -213,6 +219,9 @@ def heading_error_deg(estimated: FloatArray, actual: FloatArray) -> FloatArray:
     """Return estimated less actual heading with its sign, wrapped to (-180, 180], degrees."""
     error = np.degrees(estimated - actual)
     return np.asarray(error - 360.0 * np.ceil((error - 180.0) / 360.0))
+
+
+# ---- 4.3.1 and 4.3.2, time and memory of a mapping call, are in `metrics.calls`; 4.3.3 is the heading of 4.3.4
 
 
 # ---- 4.3.4 Error in the output point cloud
@@ -291,6 +300,8 @@ class Statistics(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, 
 
 STATISTICS = tuple(name for name in Statistics.__struct_fields__ if name not in ("n", "unknown"))
 """Names of the statistics, in the order of the columns."""
+QUANTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0}
+"""Statistics that are quantiles of the sizes, and how many percent of the sizes are not larger."""
 
 
 def statistics(errors: NDArray[np.floating]) -> Statistics:
@@ -311,15 +322,13 @@ def statistics(errors: NDArray[np.floating]) -> Statistics:
     if n > 1:
         sigma = sigma_of_vectors(given) if is_vector else float(standard_deviation(given))
         total = mean_plus_3sigma(mean, sigma)
-    p50, p95, p99 = np.percentile(sizes, [50.0, 95.0, 99.0]).tolist()
+    quantiles = np.percentile(sizes, list(QUANTILES.values())).tolist()
     return Statistics(
         n=n,
         mean=mean,
         sigma=sigma,
         mean_plus_3sigma=total,
         rmse=float(np.sqrt(np.mean(np.square(sizes)))),
-        p50=p50,
-        p95=p95,
-        p99=p99,
         max=float(np.max(sizes)),
+        **dict(zip(QUANTILES, quantiles, strict=True)),
     )

@@ -102,6 +102,11 @@ PLACES[LimitPart.TARGET] = {
     name: limited.of_target() for name, limited in (PLACES[LimitPart.TIMING] | PLACES[LimitPart.MEMORY]).items()
 }
 """The number that each name of a limits file limits, by the parts of the file; names follow from the catalogue."""
+PART_OF_MEMORY = {
+    **{name: limited.part for name, limited in PLACES[LimitPart.MEMORY].items()},
+    **{f"{TARGET} {name}": limited.of_target().part for name, limited in PLACES[LimitPart.MEMORY].items()},
+}
+"""Part of the row that a limit on memory is on, by the name of the limit in a verdict."""
 REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: What a requirement says of itself.
 TERMS = Terms._fields  #: What a limit on a tolerance bound says besides.
 NEEDED = {str: "a text, in quotes, is needed", bool: "true or false is needed"}

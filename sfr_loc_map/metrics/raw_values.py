@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.formulas import STATISTICS, statistics
+from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS, statistics
 from sfr_loc_map.metrics.proof import errors_of
 from sfr_loc_map.metrics.score import CallPlots, Figure, Score, SubTrajectoryRows
 
@@ -21,8 +21,6 @@ DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5
 """Difference by the digits of the errors of sub-trajectories and of map points that are kept for plots."""
 SIGMAS = 5.0  #: Deviations of a sample from the whole at which a statistic contradicts the sample.
 CORRELATED = 10.0  #: Kept values that are worth an independent one.
-SHARES = {"p50": 0.5, "p95": 0.05, "p99": 0.01}
-"""Fraction of the values that is beyond a quantile."""
 COUNTED = (
     "missing",
     "images_without_truth",
@@ -70,11 +68,14 @@ def _of_thinned(row: Figure, rows: SubTrajectoryRows) -> Iterator[str]:
 
 
 def _computed_again(row: Figure, errors: FloatArray, rounding: float) -> Iterator[str]:
-    """Yield the statistics of a row that all its errors `(n, d)` do not give."""
+    """Yield the statistics of a row that all its errors `(n, d)` do not give.
+
+    A statistic that the row does not have is not compared, so that a score is read which is older than the statistic.
+    """
     again = statistics(errors if errors.shape[1] > 1 else errors[:, 0])
     for name in ("n", "unknown", *STATISTICS):
         stored, derived = getattr(row, name), getattr(again, name)
-        if stored == derived:
+        if stored == derived or (stored is None and name in STATISTICS):
             continue
         if stored is None or derived is None or abs(stored - derived) > 4.0 * rounding + EXACT * abs(derived):
             yield f"{name} of {_named(row)} is {_text(stored)}, from its errors follows {_text(derived)}"
@@ -88,7 +89,8 @@ def _as_the_sample(row: Figure, sizes: FloatArray, rounding: float) -> Iterator[
         yield f"max of {_named(row)} is {row.max:.9g}, one of its errors is {sizes.max():.9g}"
     if row.rmse is not None and np.sum(np.square(sizes)) > row.n * (row.rmse + rounding) ** 2:
         yield f"rmse of {_named(row)} is {row.rmse:.9g}, less than its errors have"
-    for name, share in SHARES.items():
+    for name, percent in QUANTILES.items():
+        share = 1.0 - percent / 100.0
         value = getattr(row, name)
         beyond = 0.0 if value is None else float(np.mean(sizes > value + rounding))
         deviation = SIGMAS * np.sqrt(CORRELATED * share * (1.0 - share) / len(sizes))
@@ -130,8 +132,8 @@ def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:
     if row.mean is not None and not bounds_s[0] * (1.0 - EXACT) <= row.mean <= bounds_s[1] * (1.0 + EXACT):
         yield f"mean of {_named(row)} is {row.mean:.9g}, by the histogram {bounds_s[0]:.9g} to {bounds_s[1]:.9g}"
     reached = np.cumsum(counts)
-    for name, share in SHARES.items():
-        place = (1.0 - share) * (row.n - 1)  # between these two of the sorted times
+    for name, percent in QUANTILES.items():
+        place = percent / 100.0 * (row.n - 1)  # between these two of the sorted times
         low, high = (edges[np.searchsorted(reached, int(rank), "right")] for rank in (np.floor(place), np.ceil(place)))
         high *= edges[1] / edges[0]  # bins are of equal ratio
         value = getattr(row, name)

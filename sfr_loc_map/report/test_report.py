@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 
 from sfr_loc_map.inputs import NS_PER_S, printable
-from sfr_loc_map.metrics.catalogue import Subject
+from sfr_loc_map.metrics.catalogue import TARGET, Subject
 from sfr_loc_map.metrics.config import CallKind, Rebase, VerdictState, label_of
 from sfr_loc_map.metrics.judge import Common, common_verdict
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
@@ -45,6 +45,7 @@ CLAUSES = {
 OF_SUB_TRAJECTORIES = ("4.1.1", "4.1.2")  #: Clauses that every error of the trajectory follows.
 WITH_SIGMA = ("sigma", "mean_plus_3sigma")  #: Statistics that are made of a standard deviation.
 STANDARD_DEVIATION = "4.1.3"
+STAGES = (CallKind.MAPPING, CallKind.FUSION)  #: Calls that are stages of the mapping call of the document.
 NO_CLAUSE = "no_clause"  #: Class of a test case whose figure the document does not define.
 SPACING_FRAMES = 10  #: Frames between starts of sub-trajectories, as the document says [4.1.1].
 
@@ -188,8 +189,14 @@ def _from_the_document(score: Score) -> Iterator[str]:
         if is_of_host:
             clauses = "4.2.1, 4.3.1" if item.subject is Subject.TIMING else "4.2.2, 4.3.2"
             yield f"{_name(item)} was measured on the host; the document requires the target [{clauses}]."
-        if item.figure in (CallKind.MAPPING, CallKind.FUSION):
+        if is_of_stage(item):
             yield f"{_name(item)} is of a stage; the call of the document makes one cloud of all pairs [4.3.1]."
+
+
+def is_of_stage(item: Verdict) -> bool:
+    """Tell whether a verdict is on the time or the memory of a stage; the kind of call of memory is the part."""
+    part = VerdictView.of(item).part or ""
+    return item.figure in STAGES or part.removeprefix(f"{TARGET} ") in STAGES
 
 
 def _allowed(score: Score) -> Iterator[str]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from sfr_loc_map.inputs import printable
 from sfr_loc_map.metrics.catalogue import KINDS, TARGET, clause_of, defines, statistic_title, title_of
 from sfr_loc_map.metrics.config import Rebase, VerdictState, label_of
-from sfr_loc_map.metrics.limits import WORST
+from sfr_loc_map.metrics.limits import PART_OF_MEMORY, WORST
 from sfr_loc_map.metrics.proof import words_of
 from sfr_loc_map.metrics.reasons import why_open
 from sfr_loc_map.metrics.score import Score, Verdict
@@ -102,15 +102,20 @@ class VerdictView:
         return f"{self.value_text}, limit {self.limit_text}"
 
     @property
+    def part(self) -> str | None:
+        """Part of the row that is limited; the limit on a memory that was not measured names its part."""
+        return self.item.part or PART_OF_MEMORY.get(self.item.name)
+
+    @property
     def clause(self) -> str:
         """The clause of the specification that defines the figure; empty if none does."""
-        return "" if self.item.figure is None else clause_of(self.item.figure, self.item.part)
+        return "" if self.item.figure is None else clause_of(self.item.figure, self.part)
 
     @property
     def is_defined(self) -> bool:
         """Whether the specification defines what is limited: the statistic, and not the figure alone."""
         figure, statistic = self.item.figure, self.item.statistic
-        return figure is not None and defines(figure, self.item.part, statistic or "")
+        return figure is not None and defines(figure, self.part, statistic or "")
 
     @property
     def use(self) -> float | None:

@@ -1,9 +1,14 @@
 """The clause of each figure is the one that defines it in the document, or none."""
 
+import re
+
 import pytest
 
 from sfr_loc_map.metrics.catalogue import CATALOGUE, KINDS, clause_of, defines
+from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS
+from sfr_loc_map.metrics.limited import EXPANSION
 from sfr_loc_map.metrics.score import NUMBERS
+from sfr_loc_map.suite.search.specification import CHOICES
 
 CLAUSES = {
     # "the Cartesian difference between the estimated displacement and the actual displacement"
@@ -28,8 +33,11 @@ CLAUSES = {
     ("peak", "localisation"): "4.2.2",
     ("peak", "target localisation"): "4.2.2",
     ("peak", "mapping_call"): "4.3.2",
-    ("peak", "target mapping"): "4.3.2",
-    ("above_idle", "mapping"): "4.3.2",
+    ("peak", "target mapping_call"): "4.3.2",
+    ("above_idle", "mapping_call"): "4.3.2",
+    # of a stage of the call
+    ("peak", "target mapping"): "",
+    ("above_idle", "fusion"): "",
     ("heap_peak", "target localisation"): "4.2.2",
     # not in the document
     ("coverage", None): "",
@@ -45,6 +53,14 @@ CLAUSES = {
 @pytest.mark.parametrize(("figure", "part"), CLAUSES)
 def test_clause_of_a_figure(figure: str, part: str | None) -> None:
     assert clause_of(figure, part) == CLAUSES[figure, part]
+
+
+def test_every_list_of_statistics_follows_the_columns_of_the_table() -> None:
+    """Quantiles have their percentage, a search can be about each statistic, and each has its error of the truth."""
+    assert [*QUANTILES] == [name for name in STATISTICS if re.fullmatch(r"p\d+", name)]
+    assert all(int(name[1:3]) == int(percent) for name, percent in QUANTILES.items())
+    assert set(CHOICES) == {*STATISTICS, "value"}
+    assert set(EXPANSION) == set(STATISTICS)
 
 
 def test_the_catalogue_names_each_figure_once_and_statistics_that_exist() -> None:

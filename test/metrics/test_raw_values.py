@@ -64,6 +64,16 @@ def test_a_statistic_that_was_made_smaller_contradicts_the_raw_values(
         assert problem.startswith(f"{statistic} of {figure}"), problem
 
 
+@pytest.mark.parametrize("frames", [300, 5000])
+def test_a_score_that_is_older_than_a_statistic_does_not_contradict_itself(frames: int) -> None:
+    """A row without the statistic is accepted; a row without its number of values is not."""
+    score = scored(frames, 48)
+    older = replace(score, figures=tuple(replace(row, p99=None) for row in score.figures))
+    assert raw_contradiction(older) is None
+    uncounted = replace(score, figures=tuple(replace(row, n=None) for row in score.figures))
+    assert (raw_contradiction(uncounted) or "").startswith("n of")
+
+
 def test_a_limited_figure_keeps_all_errors_of_a_long_drive() -> None:
     """One part in a million is found, and a number of errors that is one less."""
     score = scored(5000, 48, bounded=True)

@@ -106,7 +106,7 @@ def test_the_keys_are_those_that_other_programs_rely_on() -> None:
     assert [first[name] for name in ("clause", "subject", "condition", "part", "figure", "unit")] == [
         *("4.2.3.1", "trajectory", "frames=7", "pose", "position", "m")
     ]
-    assert last == {**{name: last[name] for name in ("clause", "unit")}, "subject": "memory", "part": "mapping",
+    assert last == {"unit": last["unit"], "subject": "memory", "part": "mapping",
                     "figure": "peak", "value": 7}  # fmt: skip
     assert (plain["association"]["exact"], plain["truth"]["attitude"]) == (30, True)
 

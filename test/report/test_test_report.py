@@ -21,7 +21,7 @@ from sfr_loc_map.report.page import load_score, overall_of
 from sfr_loc_map.report.printed_figure import printed_figures
 from sfr_loc_map.report.score_figures import error_sizes
 from sfr_loc_map.report.score_tables import score_tables, table_of
-from sfr_loc_map.report.test_report import CLAUSES, clauses_used, junit, render_test_report
+from sfr_loc_map.report.test_report import CLAUSES, clauses_used, is_of_stage, junit, render_test_report
 from sfr_loc_map.report.verdict_view import VerdictView
 
 COMMANDS = ("sfr score estimate.csv data", "sfr score cloud.ply data", "sfr score target data")
@@ -119,6 +119,15 @@ def test_every_limit_has_a_clause_of_the_list_or_none() -> None:
         assert {VerdictView.of(item).clause for item in score.verdicts} <= {*CLAUSES, ""}
     plain = Verdict(name="judged_share_min", limit=1.0, value=0.5, state=VerdictState.INCOMPLETE)
     assert VerdictView.of(plain).clause == ""
+
+
+def test_the_memory_of_a_stage_follows_no_clause_and_is_a_deviation() -> None:
+    limits = {f"{kind}_peak_bytes": 2e9 for kind in ("localisation", "mapping_call", "mapping")}
+    score = judged(whole_score(), parse_limits({"memory": limits}, "test"), partial=True)
+    assert [VerdictView.of(item).clause for item in score.on_limits] == ["4.2.2", "4.3.2", ""]
+    deviations = re.findall("([a-z ]*) is of a stage", render_test_report([score]))
+    assert len(deviations) == 1, deviations
+    assert is_of_stage(score.on_limits[2])
 
 
 def test_junit_says_every_state_in_its_own_word() -> None:

@@ -13,6 +13,7 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.faults.kinds import FaultKind, parse_fault
 from sfr_loc_map.metrics.catalogue import KINDS
 from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
+from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import code_fingerprint
@@ -23,7 +24,7 @@ Point = tuple[float, ...]
 """A value for each parameter of a search, in the order of the file."""
 NOT_JUDGED = 2.0
 """Ratio of a drive without the figure, as one that was lost: the requirement is missed, by an unknown amount."""
-STATISTICS = ("mean_plus_3sigma", "mean", "sigma", "rmse", "p50", "p95", "p99", "max", "value")
+CHOICES = (*STATISTICS, "value")  #: Statistics that a search can be about.
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +53,7 @@ class SearchSettings:
     """Single values of a search."""
 
     figure: str = param("position", doc="Figure of the score that is searched for (`figure` of its table).")
-    statistic: str = param("mean_plus_3sigma", doc="Statistic of the figure.", choices=STATISTICS)
+    statistic: str = param("mean_plus_3sigma", doc="Statistic of the figure.", choices=CHOICES)
     condition: str = param("distance=5", doc="Condition of the sub-trajectories.")
     limit: float = param(0.1, doc="Upper limit of the figure, in its unit.", low=1e-12, high=1e12)
     runs: int = param(100, doc="Points that are searched, before the found one is reduced.", low=1, high=10**6)
