@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import replace
 
 import cv2
@@ -21,6 +22,7 @@ MAX_POINTS = 40_000  #: Maximum number of shown points of a cloud.
 CELL_M = 0.1  #: Cell of a grid that is made of a cloud, m; that of the mapper by default.
 MAX_SIDE = 512  #: Maximum cells along an axis of a grid that is made of a cloud; a larger area has larger cells.
 MAX_CELLS = 30_000  #: Maximum number of shown cells.
+MAX_TRUE_PAIRS = 2 * MAX_PAIRS  #: Pairs whose true points are kept: those of a map, and those that arrive meanwhile.
 WORST = frozenset({"hazard", "step"})  #: Layers whose thinned cells show their maximum.
 
 
@@ -48,20 +50,28 @@ def image_sample(
 
 
 class CloudTruth:
-    """Keeps the true points of the last pairs of a map, and compares points with those of their pixels."""
+    """Keeps the true points of the last pairs by stamp, and compares points with those of their pixels."""
 
     def __init__(self) -> None:
-        self._truths: deque[tuple[int, PointImage]] = deque(maxlen=MAX_PAIRS)
+        self._truths: OrderedDict[int, PointImage] = OrderedDict()
 
     def add(self, stamp_ns: int, points: PointImage) -> None:
-        """Keep the true points of a pair, `(H, W, 3)` metres, LM; an earlier stamp begins a new run."""
-        self._truths = deque([item for item in self._truths if item[0] < stamp_ns], maxlen=MAX_PAIRS)
-        self._truths.append((stamp_ns, points))
+        """Keep the true points of a pair, `(H, W, 3)` metres, LM."""
+        self._truths[stamp_ns] = points
+        self._truths.move_to_end(stamp_ns)
+        while len(self._truths) > MAX_TRUE_PAIRS:
+            self._truths.popitem(last=False)
 
-    def errors(self, cloud: PointCloud) -> FloatArray32 | None:
-        """Return the distances `(N,)` float32, metres, NaN for points without truth; None if no point has truth."""
+    def errors(self, cloud: PointCloud, pair_stamps_ns: Sequence[int]) -> FloatArray32 | None:
+        """Return the distances `(N,)` float32, metres, NaN for points without truth; None if no point has truth.
+
+        The stamps are those of the cloud's pairs, in the order of the points' `pair`.
+        """
         error = np.full(len(cloud), np.nan, np.float32)
-        for number, (_, truth) in enumerate(self._truths):
+        for number, stamp_ns in enumerate(pair_stamps_ns):
+            truth = self._truths.get(stamp_ns)
+            if truth is None:
+                continue
             rows = np.flatnonzero(cloud.pair == number)
             u, v = cloud.u[rows].astype(np.intp), cloud.v[rows].astype(np.intp)
             inside = (v < truth.shape[0]) & (u < truth.shape[1])

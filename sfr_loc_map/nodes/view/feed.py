@@ -226,7 +226,10 @@ class RosFeed(Peer):
             self._state.put(updates.Status(name, what, level, status.message, values_of(status), time.time()))
 
     def _on_call(self, task: Task, message: String, _: dict[str, Any]) -> None:
-        self._state.put(updates.Call(task.node, decode_call(message.data, task), time.time()))
+        call = decode_call(message.data, task)
+        self._state.put(updates.Call(task.node, call, time.time()))
+        if call.pair_stamps_ns:
+            self._map_worker.enqueue(partial(self._maps.add_call, call))
 
     def _on_image(self, name: str, kind: type[Any], raw: bytes, published_s: float) -> None:
         stamp_ns, rig = serialised_stamp(raw), name.partition("/")[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from collections.abc import Callable
 
 import numpy as np
@@ -11,15 +12,19 @@ from sensor_msgs.msg import PointCloud2
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray32
+from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.plausibility import check_image_size
 from sfr_loc_map.inputs import stamp_of
 from sfr_loc_map.io.images.codec import points_image
 from sfr_loc_map.live import media, updates
 from sfr_loc_map.live.state import LiveState
+from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes import messages
+from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.topics import ELEVATION, TRUE_POINTS
 
 LAYERS = ("height", *messages.ELEVATION_FIELDS[3:])  #: Layers of an elevation message, after x and y.
+MAX_FUSIONS = 8  #: Fusions whose pairs are kept: clouds are received late if a viewer shows them late.
 
 
 class MapFeed:
@@ -32,6 +37,8 @@ class MapFeed:
         """Start without a map; `has_grid` tells whether the mapper publishes a grid of its own."""
         self._has_grid = has_grid
         self._state, self._truth = state, media.CloudTruth()
+        self._fusions: OrderedDict[int, tuple[int, ...]] = OrderedDict()  # stamps of the pairs by that of the cloud
+        self._cloud: tuple[int, PointCloud, float] | None = None  # with its stamp and the time of its publication
         self._points: tuple[int, FloatArray32, FloatArray32] | None = None
         self._hazard: tuple[int, FloatArray32] | None = None
         self._grid: updates.ElevationSample | None = None
@@ -42,10 +49,28 @@ class MapFeed:
         check_image_size(*size, TRUE_POINTS)
         self._truth.add(stamp_of(message), points_image(message, size))
 
+    def add_call(self, call: CallRecord) -> None:
+        """Take a call of the mapper in; that of a fusion names the pairs of its cloud, which it may follow."""
+        if call.state != MappingState.FUSED or not call.pair_stamps_ns:
+            return
+        self._fusions[call.stamp_ns] = call.pair_stamps_ns
+        while len(self._fusions) > MAX_FUSIONS:
+            self._fusions.popitem(last=False)
+        if self._cloud is not None and self._cloud[0] == call.stamp_ns:
+            self._put_cloud()
+            self._put()
+
     def add_cloud(self, message: PointCloud2, published_s: float) -> None:
         """Take a cloud in."""
-        stamp_ns, cloud = stamp_of(message), messages.cloud_from_msg(message)
-        error = self._truth.errors(cloud)
+        self._cloud = stamp_of(message), messages.cloud_from_msg(message), published_s
+        self._put_cloud()
+
+    def _put_cloud(self) -> None:
+        """Show the cloud; its errors are known once the call of its fusion has named its pairs."""
+        if self._cloud is None:
+            return
+        stamp_ns, cloud, published_s = self._cloud
+        error = self._truth.errors(cloud, self._fusions.get(stamp_ns, ()))
         shown = cloud.xyz, cloud.sigma, published_s, error
         sample, grid = media.cloud_samples(stamp_ns, *shown, with_grid=not self._has_grid())
         self._state.put(sample)
@@ -65,13 +90,7 @@ class MapFeed:
         origin = float(corner[0]), float(corner[1])
         if not (0.0 < cell_m < math.inf and all(map(math.isfinite, origin))):
             raise InputError(f"elevation with cells of {cell_m:g} m: x must grow along the columns, y along the rows")
-        grid = updates.ElevationSample(ELEVATION, stamp_ns, origin, cell_m, LAYERS, cells[..., 2:], published_s)
-        if self._points is not None and self._points[0] == stamp_ns:
-            _, xy, error = self._points
-            means = media.means_of(media.cells_of(xy, origin, cell_m, (rows, columns)), error, rows * columns)
-            known = np.where(np.isfinite(cells[..., 2]), means.reshape(rows, columns), np.nan)
-            grid = media.with_layer(grid, "error", known)
-        self._points, self._grid = None, grid
+        self._grid = updates.ElevationSample(ELEVATION, stamp_ns, origin, cell_m, LAYERS, cells[..., 2:], published_s)
         self._put()
 
     def add_hazard(self, message: OccupancyGrid, published_s: float) -> None:
@@ -80,10 +99,16 @@ class MapFeed:
         self._put()
 
     def _put(self) -> None:
-        """Show the grid with its hazard, whichever comes first."""
-        grid, hazard = self._grid, self._hazard
+        """Show the grid with its errors and its hazard, in whatever order they come."""
+        grid, hazard, points = self._grid, self._hazard, self._points
         if grid is None:
             return
-        if hazard is not None and hazard[0] == grid.stamp_ns and hazard[1].shape == grid.layers.shape[:2]:
+        shape = grid.layers.shape[:2]
+        if points is not None and points[0] == grid.stamp_ns:
+            _, xy, error = points
+            means = media.means_of(media.cells_of(xy, grid.origin_m, grid.cell_m, shape), error, math.prod(shape))
+            has_height = np.isfinite(grid.layers[..., grid.names.index("height")])
+            grid = media.with_layer(grid, "error", np.where(has_height, means.reshape(shape), np.nan))
+        if hazard is not None and hazard[0] == grid.stamp_ns and hazard[1].shape == shape:
             grid = media.with_layer(grid, "hazard", hazard[1])
         self._state.put(media.thinned(grid))

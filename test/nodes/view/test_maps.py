@@ -15,6 +15,7 @@ from sfr_loc_map.mapping.terrain.elevation import ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid
 from sfr_loc_map.nodes.messages import byte_array, cloud_msg, elevation_from_msg, elevation_msg, hazard_msg
 from sfr_loc_map.nodes.view.maps import MapFeed
+from sfr_loc_map.runs.calls import CallRecord
 
 STAMP_NS = 1_700_000_000_000_000_000
 SIDE, CELL_M = 48, 0.5
@@ -35,6 +36,10 @@ def estimated(truth: np.ndarray) -> PointCloud:
     return PointCloud(xyz, floats, floats, u.reshape(-1), v.reshape(-1), np.zeros(flat, np.uint8))
 
 
+def fusion(*pair_stamps_ns: int) -> CallRecord:
+    return CallRecord(pair_stamps_ns[-1], 0.1, "fused", pair_stamps_ns=pair_stamps_ns)
+
+
 def terrain() -> TerrainGrid:
     layers = np.zeros((5, 24, 24), np.float32)
     layers[0, :, 3] = np.nan  # cells whose height is not known
@@ -49,6 +54,7 @@ def test_map_has_its_errors_and_hazards() -> None:
     feed = MapFeed(state, lambda: True)
     feed.add_true_points(bag_messages.points(STAMP_NS, truth, None), 0.0)
     feed.add_cloud(sent(cloud_msg(estimated(truth), STAMP_NS, "lm")), 0.0)
+    feed.add_call(fusion(STAMP_NS))
     feed.add_hazard(sent(hazard_msg(terrain(), STAMP_NS, "lm")), 0.0)
     feed.add_elevation(sent(elevation_msg(terrain(), STAMP_NS, "lm")), 0.0)
     cloud, grid = state.media["mapping/points"], state.media["mapping/elevation"]
@@ -64,6 +70,40 @@ def test_map_has_its_errors_and_hazards() -> None:
     assert hazard[2, 5] == 100.0
     assert np.isnan(hazard[:, 3]).all()
     assert np.isnan(error[:, 3]).all(), "what has no height has no error of it"
+
+
+@pytest.mark.parametrize("order", ["call cloud", "cloud call", "call cloud grid", "cloud call grid", "cloud grid call"])
+def test_errors_are_those_of_the_pairs_that_the_fusion_names(order: str) -> None:
+    """Two pairs of a map before are received first: the cloud of the third pair alone is compared with its own."""
+    state, truth = LiveState(), ground()
+    feed = MapFeed(state, lambda: "grid" in order)
+    for number, height_m in enumerate((5.0, 7.0, 0.0)):
+        feed.add_true_points(bag_messages.points(STAMP_NS + number, truth + np.float32([0, 0, height_m]), None), 0.0)
+    stamp_ns = STAMP_NS + 2
+    messages = {
+        "call": lambda: feed.add_call(fusion(stamp_ns)),
+        "cloud": lambda: feed.add_cloud(sent(cloud_msg(estimated(truth), stamp_ns, "lm")), 0.0),
+        "grid": lambda: feed.add_elevation(sent(elevation_msg(terrain(), stamp_ns, "lm")), 0.0),
+    }
+    for name in order.split():
+        messages[name]()
+    cloud, grid = state.media["mapping/points"], state.media["mapping/elevation"]
+    assert isinstance(cloud, CloudSample)
+    assert cloud.error is not None
+    assert sorted(set(np.round(cloud.error, 3).tolist())) == pytest.approx([0.01, 0.03])
+    assert isinstance(grid, ElevationSample)
+    assert 0.0 < np.nanmax(grid.layers[..., grid.names.index("error")]) < 0.04
+
+
+def test_cloud_has_no_error_before_its_pairs_are_named() -> None:
+    state, truth = LiveState(), ground()
+    feed = MapFeed(state, lambda: True)
+    feed.add_true_points(bag_messages.points(STAMP_NS, truth, None), 0.0)
+    feed.add_cloud(sent(cloud_msg(estimated(truth), STAMP_NS, "lm")), 0.0)
+    feed.add_call(fusion(STAMP_NS + 1))
+    cloud = state.media["mapping/points"]
+    assert isinstance(cloud, CloudSample)
+    assert cloud.error is None
 
 
 def test_broken_grids_are_refused() -> None:
