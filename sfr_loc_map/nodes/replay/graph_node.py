@@ -60,8 +60,11 @@ class ReplayNode(Peer):
         self.supervisor.check()
 
     def call(self, service: str, problem: str) -> str:
-        """Call a Trigger service, wait for its answer and return its text."""
-        return str(self.request(Trigger, service, Trigger.Request(), problem).message)
+        """Call a Trigger service, wait for its answer and return its text; NodeError if the service reports failure."""
+        answer = self.request(Trigger, service, Trigger.Request(), problem)
+        if not answer.success:
+            raise NodeError(f"{problem}: {answer.message}")
+        return str(answer.message)
 
     def request(self, kind: type[Any], service: str, request: Any, problem: str) -> Any:  # noqa: ANN401 - any service
         """Call a service and wait for its answer."""

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 import rclpy
+from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.nodes.replay.graph_node import ReplayNode
@@ -19,3 +20,21 @@ def test_a_node_of_another_program_is_the_reason_and_not_what_it_publishes() -> 
             replay.wait_for(pytest.fail, 1.0, lambda: "nothing")
         for node in nodes:
             node.destroy_node()
+
+
+def test_a_service_that_reports_failure_fails_the_replay() -> None:
+    def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = is_good, "failed: no pair is complete"
+        return response
+
+    supervisor = SimpleNamespace(processes={}, check=lambda: None)
+    with ReplayNode(supervisor) as replay:
+        service = replay.node.create_service(Trigger, "mapping_node/finish", answer)
+        is_good = True
+        assert (
+            replay.call("mapping_node/finish", "mapping_node did not finish its map") == "failed: no pair is complete"
+        )
+        is_good = False
+        with pytest.raises(NodeError, match=r"mapping_node did not finish its map: failed: no pair is complete"):
+            replay.call("mapping_node/finish", "mapping_node did not finish its map")
+        replay.node.destroy_service(service)
