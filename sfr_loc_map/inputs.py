@@ -89,6 +89,7 @@ class Task(StrEnum):
 
 OURS = "sfr"  #: Name of the suite's own localiser and mapper among the methods.
 MONITOR_NODE = "monitor_node"
+PLAYER_NODE = "sfr_player"  #: Node of a replay.
 SUITE_NODES = (*(task.node for task in Task), MONITOR_NODE)
 
 

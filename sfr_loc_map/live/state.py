@@ -15,7 +15,7 @@ from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.path import ROW_FIELDS, LivePath
-from sfr_loc_map.live.timeline import LOCALISATION_NODE, EventKind, Timeline, TopicView
+from sfr_loc_map.live.timeline import LOCALISATION_NODE, NODE_FRESHNESS, EventKind, Timeline, TopicView
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.judge import judged_at_the_end
 from sfr_loc_map.metrics.score import SCHEMA, Score
@@ -31,8 +31,6 @@ from sfr_loc_map.topics import ESTIMATE, REPORT, TRUE_POSES
 MAX_NODES, MAX_TOPICS, MAX_STAMPS, MAX_PROBLEMS, MAX_CALLS = 32, 32, 2000, 20, 600
 MAX_VALUES, MAX_LETTERS = 100, 300  #: Values of a node's health that are kept, and letters of each.
 MAX_REPORT_CHARACTERS = 8_000_000
-STALE_AFTER_S, STALE_PERIODS = 1.5, 1.6
-"""A node reports its health each second. Without a report for this time and for this many periods it is stale."""
 LEVELS = ("ok", "warning", "error", "stale")
 CALL_TIMES = ("processing_time_s", "latency_transport_s", "latency_receive_to_publish_s")  #: Shown times.
 
@@ -73,7 +71,7 @@ class NodeView:
     def is_stale(self, now_s: float) -> bool:
         """Return whether the node has been silent for too long."""
         period = statistics.median(self.periods) if len(self.periods) > 2 else 0.0
-        return now_s - self.heard_s > max(STALE_AFTER_S, STALE_PERIODS * period)
+        return NODE_FRESHNESS.is_stale(now_s - self.heard_s, period)
 
     def to_plain(self, now_s: float) -> dict[str, Any]:
         """Return the node as JSON values."""

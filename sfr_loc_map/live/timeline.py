@@ -14,8 +14,24 @@ from sfr_loc_map.metrics.score import Verdict
 from sfr_loc_map.runs.calls import CallRecord
 
 MAX_EVENTS, MAX_TEXT = 400, 200
-STALE_S, STALE_PERIODS = 1.6, 3.0
-"""A topic is stale if it was not received for this time, and for this many of its own periods."""
+
+
+@dataclass(frozen=True, slots=True)
+class Freshness:
+    """Limits of the time without a message: what exceeds both is stale."""
+
+    after_s: float
+    periods: float  #: In periods of the messages.
+
+    def is_stale(self, silent_s: float, period_s: float) -> bool:
+        """Return whether messages of a period, 0 where the period is unknown, are absent for too long."""
+        return silent_s > max(self.after_s, self.periods * period_s)
+
+
+NODE_FRESHNESS = Freshness(after_s=1.5, periods=1.6)
+"""A node reports its health each second by a timer, so that a single absent report counts."""
+TOPIC_FRESHNESS = Freshness(after_s=1.6, periods=3.0)
+"""Messages of a topic follow its source, whose period varies: two may be absent."""
 FLICKER_S = 0.5  #: Shorter tracking between two intervals of one kind does not separate them, s.
 GAP_S, GAP_PERIODS = 2.0, 20.0  #: A step of the stamps above this time, s, and this many usual steps is an event.
 LOCALISATION_NODE, POSE = "localisation_node", "pose"
@@ -53,7 +69,7 @@ class TopicView:
 
     def is_stale(self, now_s: float) -> bool:
         """Return whether nothing was received for longer than the period explains; a single message has no period."""
-        return self.period_s > 0.0 and now_s - self.received_s > max(STALE_S, STALE_PERIODS * self.period_s)
+        return self.period_s > 0.0 and TOPIC_FRESHNESS.is_stale(now_s - self.received_s, self.period_s)
 
     def to_plain(self, now_s: float, lost: int) -> dict[str, Any]:
         """Return the topic as JSON values."""

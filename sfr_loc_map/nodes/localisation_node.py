@@ -147,9 +147,9 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
             )
         return missing
 
-    def teardown(self) -> None:
-        """Forget everything."""
-        super().teardown()
+    def reset_state(self) -> None:
+        """Create the state of a run, without results."""
+        super().reset_state()
         self._session = LocalisationSession(self.config.localisation)
 
     def apply_config(self, config: LocalisationNodeConfig) -> None:

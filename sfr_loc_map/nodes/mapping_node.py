@@ -90,9 +90,9 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self.add_service("~/reset", self._reset, first=self.forget_waiting)
         self.endpoints.add_timer(OVERDUE_S, self._matching.drop_overdue)
 
-    def teardown(self) -> None:
-        """Forget everything."""
-        super().teardown()
+    def reset_state(self) -> None:
+        """Create the state of a run, without results."""
+        super().reset_state()
         config = self.config
         self._poses_received = 0  # since the last look around
         self._pairs: list[PairMap] = []  # of the map begun

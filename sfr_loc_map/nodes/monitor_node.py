@@ -180,8 +180,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             self._warn_on_error(self._report_file.keep_previous)
             self.endpoints.add_timer(config.save_period_s, lambda: self.worker.enqueue(self._autosave))
 
-    def teardown(self) -> None:
-        """Forget everything."""
+    def reset_state(self) -> None:
+        """Create the state of a run, without results."""
         self._score = MonitorScore(self.config.score, None)
         self._gaps: list[TransportGaps] = []
         self._camera_infos: dict[Side, CameraInfo] = {}

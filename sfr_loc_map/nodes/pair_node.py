@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -85,7 +85,7 @@ class Silence:
         return self._periods & (self._periods - 1) == 0
 
 
-class PairNode(ManagedNode[P]):
+class PairNode(ManagedNode[P], ABC):
     """A managed node whose worker processes the pairs of one rig; its input is handled in the executor's thread."""
 
     rig_name: ClassVar[str]
@@ -112,8 +112,8 @@ class PairNode(ManagedNode[P]):
         """Create the publisher of the calls; the last one is latched, so that the doctor sees whether one was made."""
         self._calls = self.endpoints.add_publisher(String, "~/call", CALL_DEPTH, latched=True)
 
-    def teardown(self) -> None:
-        """Forget everything."""
+    def reset_state(self) -> None:
+        """Create the state of a run, without results."""
         self.rig = None
         self._silence = Silence()
         self._stereo = StereoInput(

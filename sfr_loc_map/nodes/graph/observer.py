@@ -28,7 +28,7 @@ from sfr_loc_map.doctor.observation import (
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME
 from sfr_loc_map.geometry.transform import FrameTree
-from sfr_loc_map.inputs import NS_PER_S, SUITE_NODES, Task, stamp_of
+from sfr_loc_map.inputs import NS_PER_S, PLAYER_NODE, SUITE_NODES, Task, stamp_of
 from sfr_loc_map.nodes.extrinsics import add_static_transforms
 from sfr_loc_map.nodes.graph.peer import POLL_S, Peer
 from sfr_loc_map.nodes.graph.publishers import node_of, publishers_of, reliability_of
@@ -37,7 +37,6 @@ from sfr_loc_map.nodes.launch import environment
 from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED, TF_STATIC_QOS
 from sfr_loc_map.nodes.messages import message_type, tf_message_type
 from sfr_loc_map.nodes.reception import TransportGaps
-from sfr_loc_map.nodes.replay import graph_node
 from sfr_loc_map.topics import IMAGES, TF_STATIC, call_topic, rectified_beside
 
 QUIET_S = 1.5  #: Discovery counts as complete when there are images and the graph has not changed for so long,
@@ -92,7 +91,7 @@ class GraphObserver(Peer):
         self.spin(seconds)
         nodes = tuple(self._ask(name, space) for name, space in self._suite_nodes() if space == "/" + self._namespace)
         in_tf = self._frames.find(RB_FRAME, LOCSB_FRAME) is not None
-        is_played = graph_node.NAME in self.node.get_node_names()
+        is_played = PLAYER_NODE in self.node.get_node_names()
         return Observation(
             f"the graph of ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}",
             live=True,

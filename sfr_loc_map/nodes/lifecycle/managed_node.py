@@ -55,8 +55,8 @@ WAITING_REQUESTS = 1000
 class ManagedNode(LifecycleNode, Generic[C]):
     """A node that is configured, activated, deactivated and cleaned up.
 
-    Its parameters are one configuration, which live changes replace as a whole. A subclass says in `setup`,
-    `subscribe`, `teardown`, `clock_jumped_back` and `apply_config` what it does in each step; these are called in the
+    Its parameters are one configuration, which live changes replace as a whole. A subclass defines in `reset_state`,
+    `setup`, `subscribe`, `clock_jumped_back` and `apply_config` what it does in each step; these are called in the
     executor's thread. Jobs given to `worker` are done in its thread, in order.
     """
 
@@ -85,7 +85,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self.endpoints = Endpoints(self, self.config.output_reliability, self.status.warn)
         self._service_group = MutuallyExclusiveCallbackGroup()
         self._answer_invalid_transitions()
-        self.teardown()
+        self.reset_state()
 
     # ---- what a subclass defines
 
@@ -98,8 +98,8 @@ class ManagedNode(LifecycleNode, Generic[C]):
     def subscribe(self) -> None:
         """Receive: subscriptions, timers, services."""
 
-    def teardown(self) -> None:
-        """Forget all state and results."""
+    def reset_state(self) -> None:
+        """Create the attributes of the state: called by `__init__`, before each `setup` and at each clean-up."""
 
     def clock_jumped_back(self) -> None:
         """Start a new run."""
@@ -270,7 +270,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
     def _configure(self) -> None:
         self.check_config(self.config)  # again: a file that it names may be gone
         self.get_logger().info(f"configuration {self.config_json()}")
-        self.teardown()  # begin with the parameters that were set meanwhile
+        self.reset_state()  # begin with the parameters that were set meanwhile
         self._worker = Worker(self.task, *self.config.queue(), self._on_fault)
         self._config_publisher = self.endpoints.add_publisher(String, f"{self.task}/configuration", 1, latched=True)
         self.setup()
@@ -305,7 +305,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
             self._worker.stop()
             self._worker = None
         self.endpoints.configured.close()
-        self.teardown()
+        self.reset_state()
         gc.collect()  # images and clouds that reference cycles hold
 
     def _answer_invalid_transitions(self) -> None:

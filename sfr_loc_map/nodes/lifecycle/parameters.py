@@ -7,7 +7,7 @@ All but `autostart` may be set while the node is unconfigured, the live ones alw
 from __future__ import annotations
 
 import difflib
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any
@@ -26,7 +26,7 @@ FIXED = "autostart"  #: Is read once, when the node starts.
 
 
 @dataclass(frozen=True, slots=True)
-class NodeConfig:
+class NodeConfig(ABC):
     """Parameters that each node has."""
 
     autostart: bool = param(

@@ -6,7 +6,7 @@ What it publishes is read leniently, kept as it is, and published converted for 
 from __future__ import annotations
 
 import os
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import Any
 
@@ -41,7 +41,7 @@ NOT_YET_NAMED = "_NODE_NAME_UNKNOWN_"  #: Name in ROS of a publisher whose node 
 WORLD, BODY, MAP = "ds", "rb", "lm"
 
 
-class ExternalNode:
+class ExternalNode(ABC):
     """A node of anyone in place of one of ours."""
 
     kind: type[Any]

@@ -11,13 +11,12 @@ from rcl_interfaces.srv import ListParameters
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.inputs import MONITOR_NODE, Task
+from sfr_loc_map.inputs import MONITOR_NODE, PLAYER_NODE, Task
 from sfr_loc_map.nodes.graph.peer import POLL_S, Peer
 from sfr_loc_map.nodes.graph.services import call_service
 from sfr_loc_map.nodes.launch.processes import LivePage, Supervisor
 from sfr_loc_map.topics import ESTIMATE, REPORT, RESULTS, TRUE_POSES, call_topic
 
-NAME = "sfr_player"
 ANSWER_TIMEOUT_S = 120.0
 SETTLE_S = 0.3  #: Time for the nodes to discover each other once this node has discovered all of them.
 PAGE_TIMEOUT_S = 30.0
@@ -29,7 +28,7 @@ class ReplayNode(Peer):
     """A ROS node whose waiting fails (`NodeError`) as soon as a supervised node ends; a context manager."""
 
     def __init__(self, supervisor: Supervisor) -> None:
-        super().__init__(NAME, parameters=True)
+        super().__init__(PLAYER_NODE, parameters=True)
         self.supervisor = supervisor
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float, problem: Callable[[], str]) -> None:
@@ -98,7 +97,7 @@ class ReplayNode(Peer):
     def _refuse_others(self) -> None:
         """Make sure that no other program has nodes that would take part."""
         found = self.node.get_node_names_and_namespaces()
-        for name in (NAME, *self.supervisor.processes):
+        for name in (PLAYER_NODE, *self.supervisor.processes):
             if found.count((name, self.node.get_namespace())) > 1:
                 raise NodeError(
                     f"another {name} is in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0} and would take part: "

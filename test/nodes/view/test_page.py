@@ -25,7 +25,7 @@ from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag.bag import Bag
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.live.path import ROW_FIELDS
-from sfr_loc_map.live.state import STALE_AFTER_S
+from sfr_loc_map.live.timeline import NODE_FRESHNESS
 
 COMMAND = ("-m", "sfr_loc_map")
 PAGE = ("-m", "sfr_loc_map.nodes.start", "nodes.view.page", "--port", "0")
@@ -68,7 +68,9 @@ def test_silent_monitor_is_shown_and_comes_back_and_a_bookmark_is_recorded(tmp_p
             begin = time.monotonic()
             monitor.popen.send_signal(SIGSTOP)
             wait_until(lambda: is_silent(url), "a monitor that is missed")
-            assert time.monotonic() - begin >= STALE_AFTER_S - 1.0  # since its last word, up to a second before
+            assert (
+                time.monotonic() - begin >= NODE_FRESHNESS.after_s - 1.0
+            )  # since its last word, up to a second before
             monitor.popen.send_signal(SIGCONT)
             wait_until(lambda: not is_silent(url), "a monitor that is back")
             monitor.popen.kill()
