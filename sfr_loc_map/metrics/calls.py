@@ -22,7 +22,7 @@ from msgspec.structs import replace as replace_row
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.inputs import NS_PER_S, Task
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.catalogue import CALLS, MEMORY, STATED, TARGET, Subject, clause_of
@@ -50,7 +50,7 @@ STATE_KINDS: dict[str, CallKind] = {
     MappingState.FUSED: CallKind.FUSION,
     MappingState.MAPPED_SET: CallKind.MAPPING_CALL,
 }
-"""Kind of call by its state; all other states are those of the localiser."""
+"""Kind of a mapping call by its state; all other states are those of the localiser."""
 KINDS_OF = {Task.LOCALISATION: (CallKind.LOCALISATION,), Task.MAPPING: tuple(STATE_KINDS.values())}
 """Kinds of calls by their task."""
 HISTOGRAM_BINS = 40
@@ -140,6 +140,16 @@ class Calls:
     stack_bytes: FloatArray | None = None  #: `(N,)` deepest stack, likewise.
     memory_method: str | None = None  #: How memory was measured, as the source of the calls states it; None: unknown.
 
+    @property
+    def kinds(self) -> NDArray[np.object_]:
+        """Kind `(N,)` of each call."""
+        return np.array([STATE_KINDS.get(state, CallKind.LOCALISATION) for state in self.states], dtype=object)
+
+    @property
+    def is_localisation(self) -> Mask:
+        """Whether each call `(N,)` is of a localiser."""
+        return np.asarray(self.kinds == CallKind.LOCALISATION, np.bool_)
+
 
 class ScoredCalls(NamedTuple):
     """What calls add to the score."""
@@ -182,7 +192,7 @@ def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) 
     peak = np.where(calls.peak_bytes > 0.0, calls.peak_bytes, np.nan)
     above = np.where(np.isfinite(peak) | (calls.above_idle_bytes > 0.0), calls.above_idle_bytes, np.nan)
     calls = replace(calls, peak_bytes=peak, above_idle_bytes=above)
-    kinds = np.array([STATE_KINDS.get(state, CallKind.LOCALISATION) for state in calls.states], dtype=object)
+    kinds = calls.kinds
     times: list[Figure] = []
     peaks: list[Figure] = []
     clocks: dict[str, str] = {}
@@ -215,7 +225,7 @@ def completeness_rows(
     """Yield the rows of what of the expected calls was measured; of a kind that several have, those of the last."""
     found: dict[CallKind, tuple[Calls, NDArray[np.intp]]] = {}
     for item in calls:
-        kinds = np.array([STATE_KINDS.get(state, CallKind.LOCALISATION) for state in item.states], dtype=object)
+        kinds = item.kinds
         for kind in CallKind:
             if len(mine := np.flatnonzero(kinds == kind)):
                 found[kind] = item, mine
@@ -307,10 +317,9 @@ def score_target(
     """
     matched = None
     if has_stamps and estimate_ns is not None and len(estimate_ns):
-        stamped = zip(calls.stamps_ns, calls.states, strict=True)
-        localised = [stamp for stamp, state in stamped if state not in STATE_KINDS]
+        localised = calls.stamps_ns[calls.is_localisation]
         matched = float(np.isin(estimate_ns, localised).mean())
-        if localised and not np.isin(localised, estimate_ns).all() and other_run is None:
+        if len(localised) and not np.isin(localised, estimate_ns).all() and other_run is None:
             raise MetricsError(
                 f"the times of {name} are of another run: {np.count_nonzero(~np.isin(localised, estimate_ns))} of "
                 f"{len(localised)} stamps are not the estimate's; name that run by --target-run"

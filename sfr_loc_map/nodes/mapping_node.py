@@ -21,7 +21,7 @@ from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import stamp_of
+from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.mapping.terrain.grid import elevation_grid
@@ -206,7 +206,8 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self._disparity.publish(messages.disparity_msg(result.disparity_px, rig, searched_px, header))
         self._stages.append(usage)
         cost, times = usage.cost(MappingState.MAPPED), self.times(received, conversion_s)
-        self._report_call(CallRecord(pair.stamp_ns, *cost, result.statistics, times=times), result.warnings)
+        call = CallRecord(pair.stamp_ns, *cost, result.statistics, times=times, task=Task.MAPPING)
+        self._report_call(call, result.warnings)
         if len(self._pairs) == self.config.pairs_per_map:
             self._fuse()
 

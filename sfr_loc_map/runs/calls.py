@@ -44,6 +44,7 @@ COSTS = ("processing_time_s", "peak_rss_bytes", "above_idle_bytes", "heap_peak_b
 TAKEN = ("cpu_s", "cpu_between_s", "threads", "processes")  #: Of a method's processes, from outside.
 ADAPTER_S = 0.015  #: Processor time that the adapter of a method may take for a call, and what its steps of 0.01 hide.
 TREE = "of the method's processes and all that they started, at each call, from outside (psutil)"
+STATES_OF: dict[Task, tuple[str, ...]] = {Task.LOCALISATION: tuple(TrackingState), Task.MAPPING: tuple(MappingState)}
 STATES = (*TrackingState, *MappingState)
 WORST_LAST = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}  #: Order of states; others are 0.
 DEFAULT_STATE = {Task.LOCALISATION: "", Task.MAPPING: MappingState.MAPPED.value}
@@ -77,6 +78,13 @@ class CallRecord:
     times: Mapping[str, float] = field(default_factory=dict)
     counts: Mapping[str, int] = field(default_factory=dict)  #: Messages dropped since the start, by cause.
     version: str = ""  #: Version of the method, where a node reports it.
+    task: Task = field(default=Task.LOCALISATION, kw_only=True)  #: Of the node that made the call.
+
+    def __post_init__(self) -> None:
+        """Refuse a state of the other task."""
+        (other,) = set(Task) - {self.task}
+        if self.state in STATES_OF[other]:
+            raise ValueError(f"state is '{self.state}': one of {', '.join(STATES_OF[self.task])} is required")
 
     @property
     def outcome(self) -> str:
@@ -108,7 +116,8 @@ class CallStats:
         Of several calls of one stamp the row is that of the worst state, and of equal states that of the last call.
         """
         calls = enumerate(zip(self.calls.stamps_ns.tolist(), self.calls.states, strict=True))
-        of_localiser = [(row, stamp, state) for row, (stamp, state) in calls if state not in set(MappingState)]
+        is_localisation = self.calls.is_localisation
+        of_localiser = [(row, stamp, state) for row, (stamp, state) in calls if is_localisation[row]]
         worst_last = sorted(of_localiser, key=lambda call: WORST_LAST.get(call[2], 0))
         return {stamp: row for row, stamp, _ in worst_last}
 
@@ -212,7 +221,7 @@ def call_of_estimate(
 
 def call_of_fusion(fused: FusedMap, stamps_ns: Sequence[int], usage: CallUsage, state: MappingState) -> CallRecord:
     """Return the call of a mapper that made one cloud of the pairs of these stamps, in the order of its `pair`."""
-    call = CallRecord(stamps_ns[-1], *usage.cost(state), fused.statistics)
+    call = CallRecord(stamps_ns[-1], *usage.cost(state), fused.statistics, task=Task.MAPPING)
     return replace(call, pair_stamps_ns=tuple(stamps_ns), fused=fused.cloud.fused)
 
 
@@ -337,16 +346,19 @@ def encode_call(record: CallRecord) -> str:
 
 
 def decode_call(text: str, task: Task) -> CallRecord:
-    """Return the call that JSON of a node describes; `task` gives the state where none is reported.
+    """Return the call that JSON of a node describes; `task` is that of its topic, and gives the state if absent.
 
     InputError if a key is missing or a value has another type or range.
     """
     with refusing(f"call of {task}", "publish a JSON object with stamp_ns and processing_time_s for each call"):
         if len(text) > MAX_TEXT_BYTES:
             raise ValueError(f"{len(text)} characters: at most {MAX_TEXT_BYTES} are read")
-        record = msgspec.json.decode(text, type=CallRecord, dec_hook=_from_plain)
-        if record.state not in ("", *STATES):
-            raise ValueError(f"state is '{record.state}': one of {', '.join(STATES)} is required")
+        content = {"task": task, **msgspec.json.decode(text, type=dict[str, Any])}
+        record = msgspec.convert(content, CallRecord, dec_hook=_from_plain)
+        if record.task is not task:
+            raise ValueError(f"task is '{record.task}': '{task}' is required on this topic")
+        if record.state not in ("", *STATES_OF[task]):
+            raise ValueError(f"state is '{record.state}': one of {', '.join(STATES_OF[task])} is required")
         for name, value, shape in (("step", record.step, (STEP_SIZE,)), ("covariance", record.covariance, (6, 6))):
             if value is not None and (value.shape != shape or not np.isfinite(value).all()):
                 raise ValueError(f"'{name}' has the shape {value.shape}: finite numbers of shape {shape} are required")

@@ -236,7 +236,9 @@ def map_pairs(
             with meter.measure() as usage:
                 done = mapper.process(item.pair, item.T_lm_navsb, index)
             maps.append(done)
-            records.append(CallRecord(item.pair.stamp_ns, *usage.cost(MappingState.MAPPED), done.statistics))
+            records.append(
+                CallRecord(item.pair.stamp_ns, *usage.cost(MappingState.MAPPED), done.statistics, task=Task.MAPPING)
+            )
             progress(index + 1)
             if ended():
                 break
@@ -244,7 +246,7 @@ def map_pairs(
             fused = mapper.fuse(maps)
         records.append(call_of_fusion(fused, [item.stamp_ns for item in maps], usage, MappingState.FUSED))
     usage = call_of_stages(records, whole.processing_time_s)
-    records.append(CallRecord(maps[-1].stamp_ns, *usage.cost(MappingState.MAPPED_SET)))
+    records.append(CallRecord(maps[-1].stamp_ns, *usage.cost(MappingState.MAPPED_SET), task=Task.MAPPING))
     return MapRun(maps, fused, records, record_of_ours(Task.MAPPING))
 
 
@@ -264,22 +266,24 @@ def map_pairs_with(
             maps, fused, call = mapper.map_set(list(sequence.pairs()))
             progress(len(maps))
             cost = call.usage.cost(MappingState.MAPPED_SET)
-            records.append(CallRecord(maps[-1].stamp_ns, *cost, fused.statistics, finding=call.finding))
+            records.append(
+                CallRecord(maps[-1].stamp_ns, *cost, fused.statistics, finding=call.finding, task=Task.MAPPING)
+            )
             return MapRun(maps, fused, records, mapper.record)
         for index, item in enumerate(sequence.pairs()):
             done, call = mapper.map_pair(item.pair, item.T_lm_navsb, index)
             stamp_ns = item.pair.stamp_ns
             maps.append(done)
             cost = call.usage.cost(MappingState.MAPPED)
-            records.append(CallRecord(stamp_ns, *cost, done.statistics, finding=call.finding))
+            records.append(CallRecord(stamp_ns, *cost, done.statistics, finding=call.finding, task=Task.MAPPING))
             progress(index + 1)
             if ended():
                 break
         fused, fusion = mapper.fuse(maps, item.pair)
         if fusion is not None:
             cost = fusion.usage.cost(MappingState.FUSED)
-            records.append(CallRecord(stamp_ns, *cost, fused.statistics, finding=fusion.finding))
-        records.append(CallRecord(stamp_ns, *call_of_stages(records).cost(MappingState.MAPPED_SET)))
+            records.append(CallRecord(stamp_ns, *cost, fused.statistics, finding=fusion.finding, task=Task.MAPPING))
+        records.append(CallRecord(stamp_ns, *call_of_stages(records).cost(MappingState.MAPPED_SET), task=Task.MAPPING))
         return MapRun(maps, fused, records, mapper.record)
 
 

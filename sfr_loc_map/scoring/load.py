@@ -25,7 +25,6 @@ from sfr_loc_map.io.source_config import AS_IT_IS, SourceConfig, source_config
 from sfr_loc_map.io.tables.trajectory_file import LoadedTrajectory, read_trajectory_file
 from sfr_loc_map.io.truth import possible_truth, truth_of_file
 from sfr_loc_map.metrics.association import UPPER, Estimates
-from sfr_loc_map.metrics.calls import STATE_KINDS
 from sfr_loc_map.metrics.cloud_error import PairTruth, truths_of
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord, TargetRecord
 from sfr_loc_map.runs.calls import CallStats, load_call_stats, united
@@ -165,7 +164,7 @@ def _with_nav_stamps(run: Run, source: Source | None) -> Run:
     stats = [*run.stats, *([] if run.target is None else [run.target])]
     if source is None or source.nav is None or run.nav_stamps_ns is not None:
         return run
-    if not any(state in STATE_KINDS for item in stats for state in item.calls.states):
+    if all(item.calls.is_localisation.all() for item in stats):
         return run
     return replace(run, nav_stamps_ns=source.expected_nav_ns())
 

@@ -22,7 +22,7 @@ from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.metrics.cloud_error import truths_of
-from sfr_loc_map.metrics.config import CallKind, MappingState, ScoreConfig
+from sfr_loc_map.metrics.config import CallKind, ScoreConfig
 from sfr_loc_map.metrics.convention import converted_estimates
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, FindingRecord, MethodRecord, Score
@@ -64,7 +64,7 @@ class ReplayResult:
         if run is None or run.score.task != CallKind.LOCALISATION or loc is None or not len(published):
             return self
         rig, truth = loc.rig, loc.ground_truth
-        told = {item.stamp_ns: item for item in self.records if item.state not in set(MappingState)}
+        told = {item.stamp_ns: item for item in self.records if item.task is Task.LOCALISATION}
         covariance = np.full((len(published), COVARIANCE_SIZE), np.nan)
         for row, stamp_ns in enumerate(published.stamps_ns.tolist()):
             known = told.get(stamp_ns)
@@ -89,7 +89,7 @@ class ReplayResult:
                 full[UPPER] = full[UPPER[1], UPPER[0]] = found.covariance[row]
             state = TrackingState.LOST.value if lost[row] else record.state
             records.append(replace(record, stamp_ns=stamp_ns, state=state, covariance=full, step=None))
-        records += [item for item in self.records if item.state in set(MappingState)]
+        records += [item for item in self.records if item.task is Task.MAPPING]
         external = replace(run, as_published=published, convention=convention)
         return replace(self, estimate=found.trajectory, records=records, external=external)
 

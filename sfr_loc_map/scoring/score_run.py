@@ -15,7 +15,6 @@ from sfr_loc_map.inputs import Task, hash_arrays
 from sfr_loc_map.metrics.aligned_error import aligned_errors
 from sfr_loc_map.metrics.calls import (
     KINDS_OF,
-    STATE_KINDS,
     ScoredCalls,
     completeness_of_answers,
     completeness_rows,
@@ -378,8 +377,8 @@ def _expected_calls(run: Run) -> dict[Task, IntArray | None]:
     if (live := run.under_way) is None or not run.stats:
         return expected
     calls = concatenated([item.calls for item in run.stats])
-    is_mapping = np.array([state in STATE_KINDS for state in calls.states])
-    of_task = {Task.LOCALISATION: calls.stamps_ns[~is_mapping], Task.MAPPING: calls.stamps_ns[is_mapping]}
+    is_localisation = calls.is_localisation
+    of_task = {Task.LOCALISATION: calls.stamps_ns[is_localisation], Task.MAPPING: calls.stamps_ns[~is_localisation]}
     return {
         task: None if stamps is None else settled(stamps, of_task[task], live.in_flight_ns)
         for task, stamps in expected.items()

@@ -30,6 +30,7 @@ def test_a_call_comes_back_to_the_last_bit() -> None:
         {"conversion_s": 1 / 7},
         {"dropped_stale": 4},
         "1.0",
+        task=Task.MAPPING,
     )
     found = decode_call(encode_call(record), Task.MAPPING)
     for name in (field.name for field in fields(CallRecord)):
@@ -43,6 +44,7 @@ def test_a_node_of_anyone_states_a_stamp_and_a_time() -> None:
     text = '{"stamp_ns": 5, "processing_time_s": 0.25, "colour": "red"}'
     assert decode_call(text, Task.LOCALISATION).state == ""
     assert decode_call(text, Task.MAPPING).state == "mapped"
+    assert [decode_call(text, task).task for task in Task] == list(Task)
 
 
 @pytest.mark.parametrize(
@@ -56,6 +58,9 @@ def test_a_node_of_anyone_states_a_stamp_and_a_time() -> None:
         '{"stamp_ns": 5, "processing_time_s": NaN}',
         '{"stamp_ns": 5, "processing_time_s": 1e7}',
         '{"stamp_ns": 5, "processing_time_s": 1, "state": "cooking"}',
+        '{"stamp_ns": 5, "processing_time_s": 1, "state": "mapped"}',
+        '{"stamp_ns": 5, "processing_time_s": 1, "task": "mapping"}',
+        '{"stamp_ns": 5, "processing_time_s": 1, "task": "cooking"}',
         '{"stamp_ns": 5, "processing_time_s": 1, "step": [1.0]}',
         '{"stamp_ns": 5, "processing_time_s": 1, "covariance": [[1e999]]}',
         '{"stamp_ns": 5, "processing_time_s": 1, "peak_rss_bytes": -1}',

@@ -15,6 +15,7 @@ from helpers.made_scene import LOC_RIG, NAV_RIG, nav_pair
 from helpers.made_suites import JOB
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.live.state import LiveState
@@ -22,7 +23,7 @@ from sfr_loc_map.live.updates import Report
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.comparison import compare_scores
-from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
+from sfr_loc_map.metrics.config import MappingState, ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.limits import parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_json
@@ -70,7 +71,8 @@ def points_of(number: int, every: int = 1) -> PointCloud:
 
 
 def calls(stamps: Any = STAMPS, state: str = "tracking") -> list[CallRecord]:
-    return [CallRecord(int(stamp), 0.05, state, 10**8, 10**7) for stamp in stamps]
+    task = Task.MAPPING if state in set(MappingState) else Task.LOCALISATION
+    return [CallRecord(int(stamp), 0.05, state, 10**8, 10**7, task=task) for stamp in stamps]
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ def replay_and_score(
         limits_file=options.limits,
         command=command,
     )
-    localised = [record for record in result.records if record.covariance is not None]
+    localised = [record for record in result.records if record.task is Task.LOCALISATION]
     states = f"{len(result.estimate)} poses, {states_text(result.records)}"
     total = sum(len(part) for part in (source.loc, source.nav) if part is not None)
     interrupted = f"interrupted: {len(received.published)} of {total} pairs were played, and scored"

@@ -43,7 +43,9 @@ def test_a_cloud_is_of_the_pairs_that_its_call_names() -> None:
     found = Received(clouds=[(20, cloud(5)), (30, cloud(7)), (40, cloud(9))])
     assert found.last_map() == (None, ())
     for state, stamp_ns, pairs in (("fused", 30, (10, 30)), ("fused", 20, (20,)), ("mapped_set", 20, (20,))):
-        found.calls[Task.MAPPING][state, stamp_ns] = CallRecord(stamp_ns, 0.1, state, pair_stamps_ns=pairs)
+        found.calls[Task.MAPPING][state, stamp_ns] = CallRecord(
+            stamp_ns, 0.1, state, pair_stamps_ns=pairs, task=Task.MAPPING
+        )
     last, stamps = found.last_map()
     assert (len(last), last.fused, last.pair_stamps_ns, stamps) == (7, True, (10, 30), (10, 30))
     assert found.map_count == 1

@@ -8,6 +8,7 @@ import pytest
 from helpers.node_scenes import sent
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import CloudSample, ElevationSample
@@ -37,7 +38,7 @@ def estimated(truth: np.ndarray) -> PointCloud:
 
 
 def fusion(*pair_stamps_ns: int) -> CallRecord:
-    return CallRecord(pair_stamps_ns[-1], 0.1, "fused", pair_stamps_ns=pair_stamps_ns)
+    return CallRecord(pair_stamps_ns[-1], 0.1, "fused", pair_stamps_ns=pair_stamps_ns, task=Task.MAPPING)
 
 
 def terrain() -> TerrainGrid:
