@@ -108,7 +108,7 @@ def localise(
     if method == OURS:
         how = _parameters(LocalisationConfig, config, "localisation")
     else:
-        how = _under_test(method, Task.LOCALISATION, config, opened.path)
+        how = _under_test(method, Task.LOCALISATION, config, opened)
     steps = _named(opened.path, offline.drive(drive, how, first))
     if live:
         return (step.estimate for step in steps)
@@ -140,7 +140,7 @@ def map(
         elif refine_poses:
             raise ConfigError(f"refine_poses is of our mapper: leave it out with method {method}")
         else:
-            how = _under_test(method, Task.MAPPING, config, opened.path)
+            how = _under_test(method, Task.MAPPING, config, opened)
         run = offline.panorama(panorama, how)
     for line in run.warnings:
         warnings.warn(line, UserWarning, stacklevel=2)
@@ -221,10 +221,10 @@ def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool 
     return replace(run, in_memory=hashes)
 
 
-def _under_test(method: str, task: Task, config: object, source: Path) -> offline.UnderTest:
+def _under_test(method: str, task: Task, config: object, source: Source) -> offline.UnderTest:
     """Return a method under test; `config` is the file of its configuration, if it has one."""
     file = None if config is None else Path(str(config))
-    return offline.UnderTest(find_method(method, task, config_text(file)), hidden=[source])
+    return offline.UnderTest(find_method(method, task, config_text(file)), hidden=source.truth_paths())
 
 
 def _own_stats(estimate: object) -> list[CallStats]:

@@ -39,6 +39,7 @@ MB = 1_000_000
 MAX_TEXT_BYTES = MB  #: Largest settings file, rig or list of topics: a legitimate one has some kilobytes.
 MAX_JSON_BYTES = 64 * MB
 MAX_IMAGE_BYTES = 512 * MB
+IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".pgm", ".ppm")  #: Endings of files of images, in lower case.
 MAX_CLOUD_BYTES = 4096 * MB
 MAX_TABLE_BYTES = 256 * MB  #: Largest table of text: a trajectory of 1.5 million poses.
 MAX_TABLE_LINES = 4_000_000

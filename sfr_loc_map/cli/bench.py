@@ -85,7 +85,7 @@ def localise(
             scoring,
             repeat=repeat,
             rate_hz=rate,
-            hidden=[source],
+            hidden=opened.truth_paths(),
             progress=advance,
         )
     _present({"source": str(source), **result, "missing": missing}, json_path)
@@ -113,7 +113,9 @@ def map_(
     methods, missing = methods_to_compare(Task.MAPPING, peer_python, added=method or ())
     with progress_bar("calls") as bar:
         advance = counting(bar, "calls measured", len(sequence) * len(methods) * repeat)
-        result = compare_mappers(sequence, methods, parameters, repeat=repeat, hidden=[source], progress=advance)
+        result = compare_mappers(
+            sequence, methods, parameters, repeat=repeat, hidden=opened.truth_paths(), progress=advance
+        )
     _present({"source": str(source), **result, "missing": missing}, json_path)
 
 

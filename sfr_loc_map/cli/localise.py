@@ -68,10 +68,10 @@ def localise(
     check_suffix(output, FILE_SUFFIXES)
     stats = stats_beside(output) if stats is None else stats
     check_outputs(*files_written(output), stats, video, inputs=(source, config), overwrite=overwrite)
-    theirs = method_under_test(method, Task.LOCALISATION, source, config, call_timeout, memory_limit)
-    if theirs is not None and video is not None:
+    if method != OURS and video is not None:
         raise ConfigError(f"'--video' shows the tracks of our localiser: leave it out with --method {method}")
-    opened, read_from = open_as(source, remap, config if theirs is None else None)
+    opened, read_from = open_as(source, remap, config if method == OURS else None)
+    theirs = method_under_test(method, Task.LOCALISATION, opened, config, call_timeout, memory_limit)
     parameters, sequence = read_config(LocalisationConfig, read_from, "localisation"), drive_of(opened)
     with ExitStack() as film, naming(source):
         first_pose = offline.start_pose(sequence, start)

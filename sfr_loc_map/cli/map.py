@@ -74,8 +74,8 @@ def map_cloud(
 
     check_suffix(output, SUFFIXES)
     stats = stats_beside(output) if stats is None else stats
-    theirs = method_under_test(method, Task.MAPPING, source, config, call_timeout, memory_limit)
-    opened, read_from = open_as(source, remap, config if theirs is None else None)
+    opened, read_from = open_as(source, remap, config if method == OURS else None)
+    theirs = method_under_test(method, Task.MAPPING, opened, config, call_timeout, memory_limit)
     parameters = read_config(MappingConfig, read_from, "mapping")
     parameters = replace(parameters, refine_poses=parameters.refine_poses or refine_poses)
     check_dems(dem or ())

@@ -157,7 +157,7 @@ MemoryLimitOption = Annotated[
 
 
 def method_under_test(
-    name: str, task: Task, source: Path, config: Path | None, call_timeout_s: float, memory_mb: int
+    name: str, task: Task, source: Source, config: Path | None, call_timeout_s: float, memory_mb: int
 ) -> UnderTest | None:
     """Return a method with its configuration and bounds, None for our own; raise MethodError or ConfigError."""
     from sfr_loc_map.methods.registry import EXTERNAL, MethodLimits, config_text, find_method
@@ -169,7 +169,7 @@ def method_under_test(
         return None
     if name == EXTERNAL:
         raise ConfigError("'--method external': a node is scored by sfr replay SRC --external TASK")
-    return UnderTest(find_method(name, task, config_text(config)), limits, [source])
+    return UnderTest(find_method(name, task, config_text(config)), limits, source.truth_paths())
 
 
 # ---- scores

@@ -56,6 +56,9 @@ def open_source(path: Path, config: SourceConfig | None = None) -> Source:
         _log.warning(f"'{path}': sync.* is ignored, because the files state which images are a pair")
     source = READERS[name][1](path, config)
     source = source if name == "bag" else _configured(source, config)
+    named = Path(config.truth.source)
+    if config.truth.source and named.exists():  # else it is a topic of the bag
+        source = replace(source, truth_files=(*source.truth_files, named))
     return replace(source, configuration=config.path)
 
 

@@ -15,6 +15,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import IMAGE_ENDINGS
 
 
 class LocSequence(Protocol):
@@ -83,6 +84,7 @@ class Source(Shown):
     missing_loc_ns: tuple[int, ...] = ()  #: Stamps of localisation pairs that are listed without their images.
     missing_nav_ns: tuple[int, ...] = ()  #: Stamps of mapping pairs that are listed without their images.
     configuration: Path | None = None  #: Configuration by which it is read.
+    truth_files: tuple[Path, ...] = ()  #: Files and bags with the truth beside `path`, of a layout or configuration.
     recorded: RecordedBag | None = None  #: The bag that holds just these pairs, None for all other sources.
 
     @property
@@ -99,6 +101,15 @@ class Source(Shown):
         """Return the ascending stamps of the mapping pairs that the source lists, with and without images."""
         stamps_ns = () if self.nav is None else [item.pair.stamp_ns for item in self.nav.pairs()]
         return np.union1d(np.array(stamps_ns, np.int64), np.array(self.missing_nav_ns, np.int64))
+
+    def truth_paths(self) -> tuple[Path, ...]:
+        """Return every path that may hold the truth. A method under test can read none of them.
+
+        The paths are the source itself, the targets of its symbolic links except images, and its truth files.
+        """
+        inside = self.path.rglob("*") if self.path.is_dir() else ()
+        links = [path for path in inside if path.is_symlink() and path.suffix.lower() not in IMAGE_ENDINGS]
+        return tuple(path.resolve() for path in (self.path, *links, *self.truth_files))
 
     @property
     def truth(self) -> Trajectory | None:

@@ -1,7 +1,8 @@
 """What the process of a method may read and write; docs/decisions/0010-isolation.md.
 
 It may read programs, libraries, the interpreter with its packages, the folder of its own code, and what the variable
-SFR_METHOD_FILES names; of these no source of the run. It may write a scratch folder of its own.
+SFR_METHOD_FILES names; of these no path that may hold the truth (`Source.truth_paths`). It may write a scratch folder
+of its own.
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ class UnderTest:
 
     method: Method
     limits: MethodLimits = field(default_factory=MethodLimits)
-    hidden: Sequence[Path] = ()  #: Files that it cannot read: the source, which may have the truth.
+    hidden: Sequence[Path] = ()  #: Paths that it cannot read: `Source.truth_paths`.
 
 
 # ---- drives

@@ -82,6 +82,7 @@ CASES = (
     Case("leaves an orphan", "class", "orphan", (), STANDING, (0, 3)),
     Case("reads /proc/PPID/cmdline and the truth", "class", "parent", (), "fail", (0, 1), says="opened 0", daily=True),
     Case("guesses, searches, links to the truth", "class", "guesses", (), "fail", (0, 1), says="opened 0", daily=True),
+    Case("reads the truth that sfr.yaml names", "class", "named", (), "fail", (0, 1), says="opened 0", daily=True),
     Case("reads its parents' memory", "class", "memory", (), "fail", (0, 1), says="opened 0", daily=True),
     library("aborts", f"{EACH} crash", "crashed"),
     library("does not return", f"{EACH} hang", "hanging"),
@@ -119,9 +120,15 @@ def run_case(case: Case, folder: Path, sfr: Sfr, library: Path | None = None) ->
     poses = {"before": lambda k: true_pose(max(k - 1, 0)), "inverse": lambda k: true_pose(k).inverse()}
     config, limits, report = folder / "config.txt", folder / "limits.yaml", folder / "report.json"
     word, _, which = case.config.partition(" ")
-    cheats = word in ("parent", "guesses", "memory")
+    cheats = word in ("parent", "guesses", "memory", "named")
+    truth = source / "groundtruth.csv"
+    if word == "named":  # beside the candidate, where it may read
+        truth = truth.rename(folder / "station.csv")
+        (source / "sfr.yaml").write_text("truth: {source: ../station.csv}\n")
     limits.write_text(LIMITS.format(limit=1e-3 if cheats else 1e3))
-    text = {"parent": str(os.getpid()), "memory": str(os.getpid()), "guesses": f"{source}/groundtruth.csv"}.get(word)
+    text = {"parent": str(os.getpid()), "memory": str(os.getpid()), "guesses": str(truth), "named": str(truth)}.get(
+        word
+    )
     if case.kind == "class" and which:  # in RB at the first pair, which the true pose of it takes to DS
         first = true_pose(0).inverse()
         text = json.dumps([(first @ poses[which](k)).matrix.ravel().tolist() for k in range(case.pairs)])

@@ -237,6 +237,10 @@ class Misbehaving:
 
         return self.cheats(pair, doors())
 
+    def named(self, pair: Any) -> Any:
+        """By its name."""
+        return self.cheats(pair, iter(self.text.splitlines()))
+
     def memory(self, pair: Any) -> Any:
         """By the memory of the processes above, as a debugger reads it, and by mounts of its own."""
         libc, room = ctypes.CDLL(None, use_errno=True), ctypes.create_string_buffer(64)

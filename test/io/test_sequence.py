@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from helpers import made_layouts as made
+from helpers.made_scene import write_folder
 from helpers.made_worlds import blob, centre_of
+from sfr_loc_map.faults.kinds import parse_fault
+from sfr_loc_map.faults.source import faulty
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.io.registry import open_source
@@ -62,3 +65,27 @@ def test_euroc_has_the_known_answer(tmp_path: Path) -> None:
     pair = next(loc.pairs())
     for image, column in ((pair.left, u), (pair.right, u - rig.fx * rig.baseline_m / seen[2])):
         np.testing.assert_allclose(centre_of(image), [column, v], atol=0.15)
+
+
+def test_the_paths_of_the_truth_are_the_source_its_links_and_the_file_that_is_named(tmp_path: Path) -> None:
+    source = write_folder(tmp_path / "source", 2, 0)
+    outside = (source / "groundtruth.csv").rename(tmp_path / "linked.csv")
+    (source / "groundtruth.csv").symlink_to(outside)
+    image = (source / "left/000000.png").rename(tmp_path / "image.png")
+    (source / "left/000000.png").symlink_to(image)
+    assert set(open_source(source).truth_paths()) == {source, outside}
+    named = tmp_path / "station.csv"
+    named.write_text(outside.read_text())
+    (source / "sfr.yaml").write_text("truth: {source: ../station.csv}\n")
+    assert set(open_source(source).truth_paths()) == {source, outside, named}
+    changed = faulty(open_source(source), [parse_fault("late:share=1,amount=0.1")])
+    assert set(changed.truth_paths()) == {source, outside, named}
+
+
+def test_the_poses_beside_a_kitti_sequence_are_paths_of_its_truth(tmp_path: Path) -> None:
+    sequence = made.write_kitti(tmp_path / "sequences" / "00")
+    (tmp_path / "poses").mkdir()
+    poses = (sequence / "poses.txt").rename(tmp_path / "poses" / "00.txt")
+    source = open_source(sequence)
+    assert source.truth is not None
+    assert set(source.truth_paths()) == {sequence, poses}

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rectification import rectified_rig, rig_of_rectified
+from sfr_loc_map.inputs import IMAGE_ENDINGS
 from sfr_loc_map.io.calibration.files import read_calibration
 from sfr_loc_map.io.images.codec import read_grey
 from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair
@@ -21,7 +22,6 @@ from sfr_loc_map.io.tables.text_table import parse_decimal
 
 SIDES_OF = (("left", "right"), ("cam0", "cam1"), ("infra1", "infra2"), ("image_left", "image_right"), ("l", "r"))
 """Names of the folders of left and right images."""
-ENDINGS = (".png", ".jpg", ".jpeg", ".pgm", ".ppm")
 
 
 def is_image_folder(path: Path) -> bool:
@@ -66,7 +66,9 @@ def _sides(path: Path) -> tuple[Path, Path] | None:
 
 def _images(folder: Path) -> list[Path]:
     inner = folder / "data"
-    return sorted(file for file in (inner if inner.is_dir() else folder).iterdir() if file.suffix.lower() in ENDINGS)
+    return sorted(
+        file for file in (inner if inner.is_dir() else folder).iterdir() if file.suffix.lower() in IMAGE_ENDINGS
+    )
 
 
 def _by_stamp(folder: Path) -> dict[int, Path]:

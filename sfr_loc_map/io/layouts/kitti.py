@@ -64,13 +64,19 @@ def open_kitti(path: Path) -> Source:
     rig = rig_from_projections(cameras[left], cameras[right], size, where, names)
     rig = replace(rig, T_rb_sb=Transform.identity())
     truth = _load_poses(path, stamps, rig, -cameras[left][3] / cameras[left][0])
-    return Source(path, SourceFormat.KITTI, ImageFileSequence(rig, whole, truth), None, missing_ns)
+    beside = tuple(file for file in _pose_files(path) if file.is_file())
+    loc = ImageFileSequence(rig, whole, truth)
+    return Source(path, SourceFormat.KITTI, loc, None, missing_ns, truth_files=beside)
+
+
+def _pose_files(path: Path) -> list[Path]:
+    """Return where the poses of a sequence may be, the first place before the second."""
+    return [path / "poses.txt", path.parent.parent / "poses" / f"{path.resolve().name}.txt"]
 
 
 def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) -> Trajectory | None:
     """Return the poses of RB by those of camera 0, along whose x the left camera used is at `offset_m`."""
-    files = [path / "poses.txt", path.parent.parent / "poses" / f"{path.resolve().name}.txt"]
-    file = next((file for file in files if file.is_file()), None)
+    file = next((file for file in _pose_files(path) if file.is_file()), None)
     if file is None:
         return None
     rows = parse_table(read_table(file), f"'{file}'", "the first three rows of a pose matrix", range(12)).values

@@ -69,7 +69,7 @@ def _localise(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
         raise InputError(f"no drive in '{job.source.path}': give a source that has one")
     section, start = _section(job, "localisation"), start_pose(source.loc, job.start)
     method = chosen_method(section, Task.LOCALISATION)
-    how = build(LocalisationConfig, section) if method is None else UnderTest(method, hidden=[truth])
+    how = build(LocalisationConfig, section) if method is None else UnderTest(method, hidden=source.truth_paths())
     done = DriveRun(list(drive(source.loc, how, start)))
     estimate, stats = scratch / "estimate.csv", scratch / "stats.csv"
     save_trajectory(estimate, done.trajectory)
@@ -85,7 +85,7 @@ def _map(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
         raise InputError(f"no mapping pairs in '{job.source.path}': give a source that has them")
     section = _section(job, "mapping")
     method = chosen_method(section, Task.MAPPING)
-    how = build(MappingConfig, section) if method is None else UnderTest(method, hidden=[truth])
+    how = build(MappingConfig, section) if method is None else UnderTest(method, hidden=source.truth_paths())
     run = panorama(source.nav, how)
     cloud, stats = scratch / "cloud.npz", scratch / "stats.csv"
     save_cloud(cloud, run.fused.cloud)
