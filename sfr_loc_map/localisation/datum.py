@@ -55,6 +55,7 @@ class PastPose(NamedTuple):
     was_known: bool  #: Whether the pose before was not lost.
     window: int  #: Number of its window.
     in_window: LocatedCovariance  #: Covariance of the pose in its window.
+    accumulated: LocatedCovariance  #: What all windows up to it added (`uncertainty.accumulated_covariance`).
     bias: DisparityBias  #: Path integrals up to it.
     directed: DirectedError  #: Sum of the directed errors up to it.
 

@@ -46,10 +46,12 @@ from sfr_loc_map.localisation.uncertainty import (
     RoverModel,
     Speed,
     StepMotion,
+    accumulated_covariance,
     drift_covariance,
     inflation_of,
     lens_turn_per_m,
     pose_noise,
+    positive_part,
     step_covariance,
     symmetric,
     systematic_step,
@@ -132,13 +134,15 @@ def accepted(
     errors = _errors_with(path, pose, landmark_map, calibration, model)
     published = _published_with(path, pose, model)
     step = _step_to(path, pose, published, landmark_map, calibration, model)
+    position = pose.T_world_left.translation
     motion = path.motion.tracked(pair.stamp_ns, pose.T_world_left, pose.since, was_known=pair.was_known)
     past = PastPose(
         stamp_ns=pair.stamp_ns,
         T_world_left=pose.T_world_left,
         was_known=pair.was_known,
         window=path.window,
-        in_window=LocatedCovariance(pose.T_world_left.translation, errors.in_window),
+        in_window=LocatedCovariance(position, errors.in_window),
+        accumulated=LocatedCovariance(position, accumulated_covariance(errors, position, model)),
         bias=errors.bias,
         directed=errors.directed,
     )
@@ -248,6 +252,7 @@ def restarted(
     errors = until_now.restarted(
         position,
         drift=drift_covariance(path.errors, position, model),
+        accumulated=accumulated_covariance(path.errors, position, model),
         first_image=MotionSize(blur_rad * depth_m, blur_rad).covariance,
         in_window=in_window,
     )
@@ -259,6 +264,7 @@ def restarted(
         was_known=False,
         window=window,
         in_window=LocatedCovariance(position, in_window),
+        accumulated=LocatedCovariance(position, accumulated_covariance(errors, position, model)),
         bias=errors.bias,
         directed=errors.directed,
     )
@@ -390,10 +396,11 @@ def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) ->
     if past.window == path.window:
         start = LocatedCovariance(position, covariance)
         drift_origin = past.in_window
-    else:  # the start of the present window holds what no image showed between the windows
-        window_start = path.errors.start
-        at_window = propagated_covariance(covariance, window_start.position - position)
-        start = LocatedCovariance(window_start.position, window_start.covariance + at_window)
+    else:  # between the past pose and the present window, drift and motions that no image showed were added
+        before_window = path.errors.before_window
+        added = positive_part(before_window.covariance - past.accumulated.at(before_window.position))
+        at_window = propagated_covariance(covariance, before_window.position - position)
+        start = LocatedCovariance(before_window.position, at_window + added)
         drift_origin = None
     errors = replace(
         path.errors,

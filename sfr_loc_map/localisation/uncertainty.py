@@ -236,6 +236,9 @@ class PathErrors:
     """
 
     start: LocatedCovariance  #: Start of the run or of the window, or a pose from outside.
+    #: What earlier windows, and the motions between the windows, added since the map was placed, at the start of the
+    #: window. A pose from outside in the past does not reset it.
+    before_window: LocatedCovariance = LocatedCovariance(np.zeros(3), ZERO)
     #: Pose in the window from which the drift counts; None: from the start of the window.
     drift_origin: LocatedCovariance | None = None
     in_window: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of the present pose in its window.
@@ -262,13 +265,20 @@ class PathErrors:
         return replace(self, in_window=in_window)
 
     def restarted(
-        self, position: FloatArray, *, drift: FloatArray, first_image: FloatArray, in_window: FloatArray
+        self,
+        position: FloatArray,
+        *,
+        drift: FloatArray,
+        accumulated: FloatArray,
+        first_image: FloatArray,
+        in_window: FloatArray,
     ) -> PathErrors:
         """Return the errors at the start of a new window.
 
         Args:
             position: Position of the left camera.
             drift: `(6, 6)` of the start pose and the drift up to here (`drift_covariance`).
+            accumulated: `(6, 6)` of all windows up to here (`accumulated_covariance`).
             first_image: `(6, 6)` that the first image adds.
             in_window: `(6, 6)` of the first keyframe in the new window.
         """
@@ -276,6 +286,7 @@ class PathErrors:
         return replace(
             self,
             start=LocatedCovariance(position, start),
+            before_window=LocatedCovariance(position, accumulated + self.unobserved + first_image),
             drift_origin=None,
             in_window=in_window,
             suspected=ZERO,
@@ -308,6 +319,12 @@ class PublishedPose:
 def symmetric(matrix: FloatArray) -> FloatArray:
     """Return the symmetric part of a matrix."""
     return np.asarray(0.5 * (matrix + matrix.T))
+
+
+def positive_part(matrix: FloatArray) -> FloatArray:
+    """Return the symmetric part of a matrix without its negative eigenvalues."""
+    values, vectors = np.linalg.eigh(symmetric(matrix))
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 # ---- the pose
@@ -343,9 +360,17 @@ def drift_covariance(errors: PathErrors, position: FloatArray, model: RoverModel
     """Return the parts start and D of the pose covariance, which come from the start pose and the drift since."""
     drift = errors.in_window
     if errors.drift_origin is not None:
-        values, vectors = np.linalg.eigh(symmetric(drift - errors.drift_origin.at(position)))
-        drift = (vectors * np.maximum(values, 0.0)) @ vectors.T
+        drift = positive_part(drift - errors.drift_origin.at(position))
     return np.asarray(drift * model.sources.adjustment_inflation + errors.start.at(position))
+
+
+def accumulated_covariance(errors: PathErrors, position: FloatArray, model: RoverModel) -> FloatArray:
+    """Return what the windows and the motions between them added since the map was placed, for a pose of this window.
+
+    Poses from outside do not reset it, so that the difference of two such covariances is what arose between two poses.
+    """
+    drift = errors.in_window * model.sources.adjustment_inflation
+    return np.asarray(errors.before_window.at(position) + drift)
 
 
 def lens_turn_per_m(calibration: OnlineCalibration, model: RoverModel) -> float:

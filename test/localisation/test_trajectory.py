@@ -180,3 +180,28 @@ def test_the_step_to_a_kept_pose_is_the_motion_of_the_pose_by_an_adjustment() ->
     np.testing.assert_allclose(first.motion, [0.001, 0.001, 0.001, 0.0, 0.0, 0.0], atol=1e-15)
     again = trajectory.kept(kept, 3 * PERIOD_NS, model)[1]
     np.testing.assert_array_equal(again.motion, np.zeros(6))
+
+
+def placed_in_the_window_before(start_variance: float) -> tuple[PathState, PathState]:
+    """Return a path of two windows before and after an exact pose from outside that is of the earlier window."""
+    model = model_of(IN_CAMERA)
+    start = StartPose(Transform.identity(), start_variance * np.eye(6))
+    path = trajectory.arrived(trajectory.started(start, model), 0)
+    path = trajectory.restarted(path, 0, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
+    path = move(move(path, 1, STEP), 2, 2.0 * STEP)
+    path = trajectory.restarted(path, 12 * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
+    path = move(path, 13, 3.0 * STEP)
+    exact = StartPose(Transform(np.eye(3), STEP), NOTHING, PERIOD_NS)
+    given = trajectory.given(path, exact, model)
+    return path, trajectory.with_pending_pose(given, 13 * PERIOD_NS, model)[0]
+
+
+def test_an_exact_pose_from_outside_of_an_earlier_window_replaces_the_start_and_keeps_the_gap() -> None:
+    before, after = placed_in_the_window_before(100.0)
+    exact = placed_in_the_window_before(0.0)[1]
+    assert np.trace(before.errors.start.covariance) > 600.0
+    np.testing.assert_allclose(after.errors.start.covariance, exact.errors.start.covariance, atol=1e-9)
+    gap = before.errors.before_window.covariance
+    assert np.trace(gap) > 1.0  # ten pairs without an image
+    assert np.trace(after.errors.start.covariance) == pytest.approx(np.trace(gap), rel=0.05)
+    assert np.linalg.eigvalsh(after.errors.start.covariance)[0] >= 0.0
