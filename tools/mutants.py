@@ -201,7 +201,7 @@ MUTATIONS = (
     Mutation("metrics/limits.py", "abs(value) <= limit.limit", "abs(value) < limit.limit"),
     Mutation("metrics/limits.py", "value >= limit.limit if", "value <= limit.limit if"),
     Mutation("metrics/judge.py", "score = struct_replace(score, incomplete=why_incomplete(score))\n    ", ""),
-    Mutation("metrics/judge.py", "(LIVE in parts or part_of(limit) in parts)", "LIVE in parts"),
+    Mutation("metrics/judge.py", "LIVE in parts or part_of(limit) in parts:", "LIVE in parts:"),
     Mutation(SHORTFALLS, '"points_without_truth", MAP, 0.01', '"points_without_truth", MAP, 0.1'),
     Mutation("metrics/config.py", "return min(states, key", "return max(states, key"),
     Mutation("metrics/judge.py", "figure.n < limits.minimum_count", "figure.n <= limits.minimum_count"),

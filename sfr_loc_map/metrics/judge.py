@@ -40,7 +40,10 @@ def judged_again(score: Score) -> Score:
 
 
 def judged_at_the_end(score: Score, missing: str) -> Score:
-    """Return a score so far as that of a run that is over, of which something is missing; its figures are unchanged.
+    """Return a score so far, for a page, as that of a run that is over and of which something is missing.
+
+    The figures are unchanged. What is missing is in no figure, so that the check of stored scores refuses the
+    result: only the state of a live run contains it.
 
     The last report of a live run was made while results were still due. What of the drive is missing then makes the
     score incomplete, and the limits that need the drive, unless a part was asked for or a limit states how much may be
@@ -54,8 +57,7 @@ def judged_at_the_end(score: Score, missing: str) -> Score:
     judged_parts = [None] * (len(score.verdicts) - len(limits)) + [part_of(limit) for limit in limits]
     found = []
     for item, part in zip(score.verdicts, judged_parts, strict=True):
-        is_lost = part == DRIVE and item.state is VerdictState.PASS
-        found.append(struct_replace(item, state=VerdictState.INCOMPLETE) if is_lost else item)
+        found.append(of_incomplete(item) if part == DRIVE else item)
     score = struct_replace(score, incomplete=missing, verdicts=tuple(found))
     return struct_replace(score, verdict=overall_verdict(score))
 
@@ -100,8 +102,8 @@ def verdicts(score: Score, proofs: Mapping[Limit, Proof]) -> tuple[Verdict, ...]
             verdict = struct_replace(verdict, by_reading=_by_reading(limit, score, limits))
         if score.contradiction is not None:
             verdict = struct_replace(verdict, state=VerdictState.NOT_JUDGED, by_reading={})
-        elif verdict.state is VerdictState.PASS and (LIVE in parts or part_of(limit) in parts):
-            verdict = struct_replace(verdict, state=VerdictState.INCOMPLETE)
+        elif LIVE in parts or part_of(limit) in parts:
+            verdict = of_incomplete(verdict)
         found.append(verdict)
     return tuple(found)
 
@@ -110,6 +112,12 @@ def finding_verdicts(score: Score) -> Iterator[Verdict]:
     """Yield a failed verdict for each kind of finding with which no score can be a pass."""
     for item in score.fatal_findings:
         yield plain_verdict(f"{item.kind.replace(' ', '_')}_calls", 0.0, float(item.count), VerdictState.FAIL)
+
+
+def of_incomplete(verdict: Verdict) -> Verdict:
+    """Return the verdict on a figure of something incomplete: `incomplete` in place of a pass."""
+    is_pass = verdict.state is VerdictState.PASS
+    return struct_replace(verdict, state=VerdictState.INCOMPLETE) if is_pass else verdict
 
 
 def incomplete_verdict(share: float | None) -> Verdict:

@@ -186,8 +186,11 @@ class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
         return list(dict.fromkeys(item.condition for item in self.limits if item.condition is not None))
 
     @property
-    def bounded(self) -> frozenset[tuple[str, str]]:
-        """Figures and conditions that are limited, so that a score keeps all their errors to be derived again."""
+    def figures_with_all_errors(self) -> frozenset[tuple[str, str]]:
+        """Limited figures of the trajectory and their conditions.
+
+        A score keeps all their errors, so that the limited statistics and tolerance bounds can be derived again.
+        """
         pairs = ((item.limited.figure, item.condition) for item in self.limits if item.part is LimitPart.TRAJECTORY)
         return frozenset((figure, condition) for figure, condition in pairs if condition is not None)
 

@@ -634,7 +634,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     contradiction: str | None = None  #: Convention mismatch of estimate and truth: no figure of them judges anything.
     incomplete: str | None = None  #: What of the expected data cannot be judged, unless a part was asked for.
     rules: Rules | None = None  #: Rules by which the verdicts follow from the figures; null where there are no limits.
-    errors: tuple[ErrorRows, ...] = ()  #: Errors that limits with a share and a confidence are judged by.
+    errors: tuple[ErrorRows, ...] = ()  #: All errors of the figures of the trajectory that are limited.
     details: Details | None = None  #: What plots are drawn from.
 
     # ---- look-up

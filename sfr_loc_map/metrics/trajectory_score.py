@@ -131,13 +131,13 @@ def score_trajectory(
     details: bool = True,
     under_way: bool = False,
     in_flight_ns: int = 0,
-    bounded: Collection[tuple[str, str]] = (),
+    kept_errors: Collection[tuple[str, str]] = (),
 ) -> ScoredTrajectory:
     """Return the score of a trajectory; poses of RB in DS, in any order.
 
     Images, where their stamps are known, are what an estimate has to cover, otherwise true poses; those of the last
-    `in_flight_ns` may still come. `bounded` are the figures and conditions whose errors are all kept, because limits
-    with a share and a confidence are on them. With `details` the frames are kept for plots, too. MetricsError if a
+    `in_flight_ns` may still come. `kept_errors` are the figures and conditions whose errors are all kept, because
+    limits are on them. With `details` the frames are kept for plots, too. MetricsError if a
     condition is not valid, or no estimate has a ground truth (which is no error while a run is under way).
     """
     conditions = parsed_conditions(config)
@@ -162,7 +162,7 @@ def score_trajectory(
         overlap = overlap_of(starts, ends, config.spacing)
         figures += error_rows(condition.setting, pieces, overlap, placed, truth)
         figures += evidence_of(condition.setting, pieces, overlap, placed, truth, sums)
-        errors += error_columns(condition.setting, pieces, bounded)
+        errors += error_columns(condition.setting, pieces, kept_errors)
         rows.append(sub_trajectory_rows(condition.setting, pieces, frames.stamps_ns, placed.length_m))
     figures += growth_rows(placed.poses, placed.length_m, config.spacing, placed.reading)
     figures += truth_error_rows(truth, frames.stamps_ns if association.interpolated else frames.stamps_ns[:0])
@@ -432,10 +432,10 @@ def evidence_of(
         yield from nees_rows(condition, placed.estimates, placed.frames, sums, pieces.starts, pieces.ends, noise)
 
 
-def error_columns(condition: str, pieces: Pieces, bounded: Collection[tuple[str, str]]) -> Iterator[ErrorRows]:
-    """Yield all errors of the figures whose tolerance bound over a condition is limited."""
+def error_columns(condition: str, pieces: Pieces, kept_errors: Collection[tuple[str, str]]) -> Iterator[ErrorRows]:
+    """Yield all errors of the figures whose errors over a condition are kept."""
     for kind in (*ERRORS, *ERRORS_OF_ALL_READINGS):
-        if (kind.name, condition) in bounded:
+        if (kind.name, condition) in kept_errors:
             columns = tuple(column(values, None) for values in np.atleast_2d(kind.errors_of(pieces).T))
             yield ErrorRows(figure=kind.name, condition=condition, errors=columns)
 

@@ -135,11 +135,11 @@ def score_run(
 ) -> Score:
     """Return the score of a run, also for conditions that only the limits name; with settings, APE and RPE as well.
 
-    All errors are kept of the figures and conditions whose tolerance bound is limited, and of `kept_errors`.
+    All errors are kept of the figures of the trajectory that are limited, and of `kept_errors`.
     """
     config = _with_conditions(config, limits)
-    bounded = frozenset() if limits is None else limits.bounded
-    drive = _drive_part(run, config, aligned, bounded.union(kept_errors))
+    limited = frozenset() if limits is None else limits.figures_with_all_errors
+    drive = _drive_part(run, config, aligned, limited.union(kept_errors))
     cloud = _map_part(run, config)
     calls = _calls_part(run)
     method = _method_of(run)
@@ -200,7 +200,7 @@ def _details(
 
 
 def _drive_part(
-    run: Run, config: ScoreConfig, aligned: AlignedErrorConfig | None, bounded: Collection[tuple[str, str]]
+    run: Run, config: ScoreConfig, aligned: AlignedErrorConfig | None, kept_errors: Collection[tuple[str, str]]
 ) -> _DrivePart:
     drive = run.drive
     if drive is None and run.unposed_images:
@@ -222,7 +222,7 @@ def _drive_part(
         details=live is None or live.details,
         under_way=live is not None,
         in_flight_ns=0 if live is None else live.in_flight_ns,
-        bounded=bounded,
+        kept_errors=kept_errors,
     )
     figures, alignment = scored.figures, None
     if aligned is not None:

@@ -18,6 +18,7 @@ from sfr_loc_map.metrics.limits import PLACES, LimitPart, Limits, Rules, parse_l
 from sfr_loc_map.metrics.reasons import reasons_not_judged
 from sfr_loc_map.metrics.score import Association, Details, FindingKind, FindingRecord, Score, figure_row
 from sfr_loc_map.metrics.score_json import from_json, to_json
+from sfr_loc_map.metrics.stored import stored_contradiction
 from sfr_loc_map.metrics.terms import BOUND
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.report.verdict_view import unit_of
@@ -186,7 +187,9 @@ def test_a_bound_is_made_of_all_errors_with_plots_and_without(monkeypatch: pytes
     made = []
     for most, details in ((100_000, True), (100, True), (100, False)):
         monkeypatch.setattr("sfr_loc_map.metrics.trajectory_score.DETAIL_ROWS", most)
-        scored = score_trajectory(Estimates.of(estimate), truth, config, details=details, bounded=limits.bounded)
+        scored = score_trajectory(
+            Estimates.of(estimate), truth, config, details=details, kept_errors=limits.figures_with_all_errors
+        )
         score = Score(
             figures=scored.figures,
             association=scored.association,
@@ -236,6 +239,17 @@ def test_what_a_live_run_misses_at_its_end_leaves_no_pass() -> None:
     assert [item.state for item in ended.on_limits] == ["incomplete", "pass"], "the second needs no complete drive"
     partial = judged(with_position(0.4), parse_limits(LIMIT, "limits"), partial=True)
     assert judged_at_the_end(partial, "3 pairs") == partial
+
+
+def test_a_score_of_a_live_run_that_is_over_is_shown_and_not_stored() -> None:
+    """No figure has what is missing at the end, so that the check of stored scores refuses the score."""
+    limits = parse_limits({"trajectory": [{"condition": "distance=5", "position_mean_m": 10.0}]}, "limits")
+    made = with_position(None)
+    rows = tuple(replace(row, mean_plus_3sigma=None) for row in made.figures)
+    score = judged(replace(made, figures=rows), limits)
+    assert (score.verdict, stored_contradiction(score)) == ("pass", None)
+    problem = stored_contradiction(judged_at_the_end(score, "3 pairs have no answer"))
+    assert problem == "verdict of the verdict on position_mean_m is incomplete, from the figures follows pass"
 
 
 def test_the_margin_of_what_is_missed_is_negative() -> None:

@@ -26,7 +26,7 @@ def scored(frames: int, side: int, *, bounded: bool = False) -> Score:
     """A score of a drive, a map and calls; of long ones every n-th value is kept."""
     kept = {("position", "distance=5")} if bounded else ()
     driven = score_trajectory(
-        *drive(frames), TrajectoryScoreConfig(conditions=("distance=5",), spacing=1), bounded=kept
+        *drive(frames), TrajectoryScoreConfig(conditions=("distance=5",), spacing=1), kept_errors=kept
     )
     mapped, called = score_map(*cloud(side, 2), MapScoreConfig()), score_calls(calls(frames, 2))
     return Score(
@@ -95,7 +95,7 @@ def test_counts_and_fractions_of_completeness_agree() -> None:
 
 
 def test_the_errors_of_each_limited_figure_of_a_drive_are_kept() -> None:
-    assert parse_limits({**LIMITS, "timing": {"localisation_max_s": 1.0}}, "test").bounded == {
+    assert parse_limits({**LIMITS, "timing": {"localisation_max_s": 1.0}}, "test").figures_with_all_errors == {
         ("position", "distance=5")
     }
 

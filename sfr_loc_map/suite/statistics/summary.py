@@ -24,6 +24,7 @@ from sfr_loc_map.metrics.judge import (
     finding_verdicts,
     incomplete_verdict,
     judged,
+    of_incomplete,
     plain_verdict,
     proof_verdict,
     verdict_on,
@@ -315,8 +316,8 @@ def verdicts_over(
             )
         verdict = replace(verdict_on(limit, figure, limits or Limits()), n=count)
         has_value = [bool(_count_of(limit, score)) for score in own]
-        if verdict.state is VerdictState.PASS and not all(has_value):
-            verdict = replace(verdict, state=VerdictState.INCOMPLETE)  # a drive that cannot be judged is no pass
+        if not all(has_value):
+            verdict = of_incomplete(verdict)  # a drive that cannot be judged is no pass
         yield _of_group(verdict, over, sum(not meets(limit, found) for found in values))
 
 
