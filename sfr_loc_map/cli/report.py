@@ -108,11 +108,13 @@ def report(
     if is_test:
         if output is not None:
             raise ConfigError(f"'-o {output}' is the page: leave it out beside '--test-report', '--junit', '--control'")
-        _write_test_report(scores, test_report, (title, number, issue), junit)
+        common = common_verdict(scores)
+        _write_test_report(scores, test_report, (title, number, issue), junit, common.text)
         if control is not None:
-            _write_control_document(dict(zip(map(str, results), scores, strict=True)), control, number, issue)
+            named = dict(zip(map(str, results), scores, strict=True))
+            _write_control_document(named, control, (number, issue), common.text)
         _conclude_all(scores, lenient=lenient)
-        if (common := common_verdict(scores)).text:
+        if common.text:
             not_judged([common.text], lenient=lenient)
         return
     elif len(scores) > 1:
@@ -165,7 +167,11 @@ def _conclude_all(scores: list[Score], *, lenient: bool) -> None:
 
 
 def _write_test_report(
-    scores: list[Score], test_report: Path | None, heading: tuple[str, str, str], junit: Path | None
+    scores: list[Score],
+    test_report: Path | None,
+    heading: tuple[str, str, str],
+    junit: Path | None,
+    no_common_verdict: str,
 ) -> None:
     """Write the test report of scores, and their verdicts as JUnit XML, as far as they are asked for."""
     from sfr_loc_map.report.test_report import junit as junit_of
@@ -173,9 +179,9 @@ def _write_test_report(
 
     if junit is not None:
         named = {f"score {n}": score for n, score in enumerate(scores, 1)}
-        without: dict[str, str] = {}
+        without = {"all scores together": no_common_verdict} if no_common_verdict else {}
         if any(score.verdict is not None for score in scores):  # a score beside judged ones is judged, too
-            without = {name: NO_LIMITS for name, score in named.items() if not _is_judged(score)}
+            without |= {name: NO_LIMITS for name, score in named.items() if not _is_judged(score)}
         write_text(junit_of({name: score for name, score in named.items() if name not in without}, without), junit)
     if test_report is not None:
         write_text(render_test_report(scores, *heading), test_report)
@@ -183,12 +189,16 @@ def _write_test_report(
         propose(f"open {test_report} in a browser, print it for the signatures")
 
 
-def _write_control_document(scores: dict[str, Score], control: Path, number: str, issue: str) -> None:
+def _write_control_document(
+    scores: dict[str, Score], control: Path, report: tuple[str, str], no_common_verdict: str
+) -> None:
+    """Write the verification control document; `report` are the number and the issue of the test report."""
     from sfr_loc_map.report.control_document import control_csv
 
+    number, issue = report
     parts = [f"test report {number}"] if number else []
     parts += [f"issue {issue}"] if issue else []
-    write_text(control_csv(scores, ", ".join(parts)), control)
+    write_text(control_csv(scores, ", ".join(parts), no_common_verdict), control)
     say(f"verification control document: {control}")
 
 

@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from sfr_loc_map.inputs import printable
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.report.test_report import deviations_of
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 
 COLUMNS = (
@@ -41,10 +42,11 @@ METHOD = "test"
 """Verification method. Figures of a score come from tests, not from analysis, review of design or inspection."""
 
 
-def control_csv(scores: Mapping[str, Score], report: str = "") -> str:
+def control_csv(scores: Mapping[str, Score], report: str = "", no_common_verdict: str = "") -> str:
     """Return the verification control document of scores by the names of their files.
 
     `report` names the test report, with its number and issue; the file of the score is the evidence without one.
+    `no_common_verdict` is the reason why the scores have no verdict in common: no requirement is closed then.
     """
     buffer = io.StringIO()
     writer = csv.DictWriter(buffer, COLUMNS, lineterminator="\n")
@@ -52,11 +54,11 @@ def control_csv(scores: Mapping[str, Score], report: str = "") -> str:
     for name, score in scores.items():
         evidence = f"{report}, {name}" if report else name
         for view in verdict_views(score):
-            writer.writerow(_row(view, score, evidence))
+            writer.writerow(_row(view, score, evidence, no_common_verdict))
     return buffer.getvalue()
 
 
-def _row(view: VerdictView, score: Score, evidence: str) -> dict[str, object]:
+def _row(view: VerdictView, score: Score, evidence: str, no_common_verdict: str) -> dict[str, object]:
     item = view.item
     texts = {
         "requirement": item.id or item.name,
@@ -68,8 +70,8 @@ def _row(view: VerdictView, score: Score, evidence: str) -> dict[str, object]:
         "figure": view.name,
         "unit": _unit_of(view),
         "compliance": COMPLIANCE.get(item.state, "not verified"),
-        "close_out": "closed" if item.state is VerdictState.PASS else "open",
-        "remarks": _remarks(view, score),
+        "close_out": "closed" if item.state is VerdictState.PASS and not no_common_verdict else "open",
+        "remarks": " ".join(filter(None, (no_common_verdict, _remarks(view, score)))),
     }
     numbers = {
         name: getattr(item, name) for name in ("limit", "value", "margin", "low95", "high95", "n", "independent")
@@ -89,9 +91,9 @@ def _item_of(score: Score) -> str:
 
 
 def _remarks(view: VerdictView, score: Score) -> str:
-    """Return why a requirement is open, and what of the drive is not judged."""
+    """Return why a requirement is open, or the deviations with which it is closed."""
     if view.item.state is VerdictState.PASS:
-        return score.incomplete or ""
+        return " ".join(deviations_of(score))
     if view.item.state is VerdictState.FAIL:
         return view.comparison
     return view.reason or score.contradiction or score.incomplete or view.item.state.value

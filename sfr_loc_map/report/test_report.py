@@ -93,7 +93,7 @@ def render_test_report(scores: Sequence[Score], title: str = "", number: str = "
         ],
         drawn=[printed_figures(item) for item in scores],
         size=(WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT),
-        deviations=_of_all(scores, _deviations),
+        deviations=_of_all(scores, deviations_of),
         anomalies=_of_all(scores, _anomalies),
         open_points=_of_all(scores, _open_points),
     )
@@ -219,7 +219,8 @@ def _allowed(score: Score) -> Iterator[str]:
         yield f"{least} independent sub-trajectories are enough by the limits; without them {usual} are."
 
 
-def _deviations(score: Score) -> Iterator[str]:
+def deviations_of(score: Score) -> Iterator[str]:
+    """Yield what a score deviates from the document in, and what of its data is not judged."""
     yield from _from_the_document(score)
     yield from _allowed(score)
     if score.incomplete:

@@ -278,6 +278,7 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
                 f"statistics '{path}' line {number}: state is '{state}', must be one of {', '.join(STATES)} or empty"
             )
     seconds, peak, above_idle, heap, stack = (_column(path, rows, name) for name in COSTS)
+    seconds[seconds == 0.0] = np.nan  # no call takes no time: its time is unknown
     stages = {stage: _column(path, rows, name) for name in rows[0] if (stage := stage_of(name or ""))}
     covariance = _columns(path, rows, COVARIANCE_NAMES, COVARIANCE_NAMES)
     steps = _columns(path, rows, STEP_NAMES, STEP_NAMES[:WITHOUT_NOISE])

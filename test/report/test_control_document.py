@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from helpers.cli_result import Sfr
 from helpers.made_scores import json_of, of_drive, whole_score
 from sfr_loc_map.metrics.judge import judged
 from sfr_loc_map.metrics.limits import parse_limits
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score import MethodKind, MethodRecord, Score
 from sfr_loc_map.report.control_document import COLUMNS, control_csv
 
 LIMITS: dict[str, Any] = {
@@ -48,7 +49,8 @@ def test_requirements_are_closed_by_a_pass_alone(score: Score) -> None:
     for number, state in states.items():
         assert rows[number]["close_out"] == ("closed" if state == "pass" else "open")
         assert rows[number]["compliance"] == {"pass": "compliant", "fail": "not compliant"}.get(state, "not verified")
-        assert (rows[number]["remarks"] == "") == (state == "pass")
+        if state != "pass":
+            assert rows[number]["remarks"]
     assert {"pass", "fail", "not enough data"} <= set(states.values())
     assert "TR-7" in rows["R1"]["evidence"]
 
@@ -70,3 +72,23 @@ def test_the_command_writes_it_and_ends_as_the_verdict(sfr: Sfr, score: Score, t
     assert found.code == 1, "a limit is missed"
     assert rows_of((tmp_path / "vcd.csv").read_text())["R5"]["compliance"] == "not compliant"
     assert sfr("report", tmp_path / "score.json", "--control", tmp_path / "vcd.txt").code == 2
+
+
+def test_scores_without_a_common_verdict_close_nothing(sfr: Sfr, score: Score, tmp_path: Path) -> None:
+    other = replace(score, method=MethodRecord(name="other", version="1", kind=MethodKind.EXTERNAL))
+    for name, item in (("one", score), ("two", other)):
+        met = {**LIMITS, "timing": {}, "trajectory": LIMITS["trajectory"][:1]}
+        met["trajectory"] = [{"condition": "distance=5", "position_mean_plus_3sigma_m": {"limit": 10.0, "id": "R1"}}]
+        (tmp_path / f"{name}.json").write_text(json.dumps(json_of(judged(item, parse_limits(met, "limits")))))
+    files = [tmp_path / "one.json", tmp_path / "two.json"]
+    found = sfr("report", *files, "--control", tmp_path / "vcd.csv", "--junit", tmp_path / "junit.xml")
+    assert found.code == 3
+    assert {row["close_out"] for row in rows_of((tmp_path / "vcd.csv").read_text()).values()} == {"open"}
+    assert 'errors="1"' in (tmp_path / "junit.xml").read_text()
+
+
+def test_a_pass_with_deviations_names_them(score: Score) -> None:
+    lost = replace(score, incomplete="the estimate covers 90 %")
+    rows = rows_of(control_csv({"score.json": lost}))
+    assert rows["R1"]["close_out"] == "closed"
+    assert "90 %" in rows["R1"]["remarks"]
