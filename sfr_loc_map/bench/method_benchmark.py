@@ -111,7 +111,7 @@ def compare_localisers(
     Methods that work in the background get the pairs at `rate_hz`, None: as recorded.
     """
     head = _head("localise", len(sequence), repeat) | {"conditions": list(scoring.conditions)}
-    stamps_ns = [pair.stamp_ns for pair in sequence.pairs()]
+    stamps_ns = sequence.stamps_ns
     steps_ns = np.diff(stamps_ns)
     usual_ns = float(np.median(steps_ns)) if len(steps_ns) else 0.0
     recorded_hz = NS_PER_S / usual_ns if usual_ns > 0.0 else 10.0

@@ -82,6 +82,18 @@ class FaultInjector:
                 rig = replace(rig, baseline_m=rig.baseline_m * fault.amount)
         return rig
 
+    def stamps_ns(self, stamps_ns: Sequence[int]) -> list[int]:
+        """Return the stamps of the pairs left, as `pairs` yields them, by those of the source."""
+        found: list[int] = []
+        for index, (stamp_ns, following_ns) in enumerate(pairwise((*stamps_ns, None))):
+            if stamp_ns is None or not self.kept[index]:
+                continue
+            for fault, bursts in zip(self._faults, self._bursts, strict=True):
+                if bursts[index] != UNAFFECTED:
+                    stamp_ns = stamp_with_fault(fault, stamp_ns, following_ns)
+            found.append(stamp_ns)
+        return found
+
     def pairs(self, pairs: Iterable[StereoPair]) -> Iterator[tuple[int, StereoPair]]:
         """Yield the pairs left with their numbers in the source; old images show the faults that they had then."""
         previous: list[StereoPair] = []
@@ -172,13 +184,22 @@ def _identical(at: Affected) -> StereoPair:
     return replace(at.pair, right=at.pair.left)
 
 
-def _late(at: Affected) -> StereoPair:
-    last_ns = LAST_STAMP_NS if at.following is None else at.following.stamp_ns - 1
-    return replace(at.pair, stamp_ns=min(at.pair.stamp_ns + round(at.fault.amount * NS_PER_S), last_ns))
+def stamp_with_fault(fault: Fault, stamp_ns: int, following_ns: int | None) -> int:
+    """Return the stamp of an affected pair; a late one stays before the next pair of the source, None after the last.
+
+    Kinds that do not concern stamps leave it.
+    """
+    moved_ns = stamp_ns + round(fault.amount * NS_PER_S)
+    if fault.kind is FaultKind.CLOCK:
+        return moved_ns
+    if fault.kind is FaultKind.LATE:
+        return min(moved_ns, LAST_STAMP_NS if following_ns is None else following_ns - 1)
+    return stamp_ns
 
 
-def _with_clock(at: Affected) -> StereoPair:
-    return replace(at.pair, stamp_ns=at.pair.stamp_ns + round(at.fault.amount * NS_PER_S))
+def _with_stamp(at: Affected) -> StereoPair:
+    following_ns = None if at.following is None else at.following.stamp_ns
+    return replace(at.pair, stamp_ns=stamp_with_fault(at.fault, at.pair.stamp_ns, following_ns))
 
 
 def _shifted(at: Affected) -> StereoPair:
@@ -424,7 +445,7 @@ CHANGES: dict[FaultKind, Change] = {
     FaultKind.FADE: partial(_each_image, _faded),
     FaultKind.BLINDED: partial(_each_image, _blinded),
     FaultKind.SATURATION: partial(_each_image, _saturated),
-    FaultKind.LATE: _late,
+    FaultKind.LATE: _with_stamp,
     FaultKind.BLURRED: partial(_each_image, _blurred),
     FaultKind.NOISY: partial(_each_image, _noisy),
     FaultKind.EXPOSURE: partial(_each_image, _exposed),
@@ -444,7 +465,7 @@ CHANGES: dict[FaultKind, Change] = {
     FaultKind.YAW: partial(_rotated, 1, -1.0),
     FaultKind.DRIFT: _drifting,
     FaultKind.SHIFT: _shifted,
-    FaultKind.CLOCK: _with_clock,
+    FaultKind.CLOCK: _with_stamp,
 }
 """What each kind does to an affected pair."""
 

@@ -38,17 +38,17 @@ class _Faulty(Generic[S]):
         self._injector = FaultInjector(faults, seed, len(inner), inner.rig)
         self.rig = self._injector.rig
 
+    @property
+    def stamps_ns(self) -> Sequence[int]:
+        """Stamps of the pairs that the faults leave, with the faults of stamps."""
+        return self._injector.stamps_ns([int(stamp_ns) for stamp_ns in self._inner.stamps_ns])
+
     def __len__(self) -> int:
         return int(np.count_nonzero(self._injector.kept))
 
 
 class FaultyLoc(_Faulty[LocSequence]):
     """A drive with injected faults; a `LocSequence` with the ground truth of the drive without."""
-
-    @property
-    def stamps_ns(self) -> Sequence[int]:
-        """Stamps of the pairs that the faults leave."""
-        return [int(stamp) for stamp in np.asarray(self._inner.stamps_ns)[self._injector.kept]]
 
     @property
     def ground_truth(self) -> Trajectory | None:

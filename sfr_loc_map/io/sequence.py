@@ -44,6 +44,10 @@ class NavSequence(Protocol):
     """Stereo pairs for mapping with their poses in LM, read as a stream."""
 
     @property
+    def stamps_ns(self) -> Sequence[int]:
+        """Stamps of the pairs; no image is read for them."""
+
+    @property
     def rig(self) -> StereoRig:
         """Rig of the navigation cameras."""
 
@@ -78,7 +82,7 @@ class Source(Shown):
     """An opened data set folder, bag or sequence: `loc` is its drive, `nav` its mapping pairs, None if it has none."""
 
     path: Path
-    format: SourceFormat  #: For people; what is done with a source does not depend on it.
+    format: SourceFormat  #: Shown to users. The processing does not depend on it.
     loc: LocSequence | None
     nav: NavSequence | None
     missing_loc_ns: tuple[int, ...] = ()  #: Stamps of localisation pairs that are listed without their images.
@@ -99,7 +103,7 @@ class Source(Shown):
 
     def expected_nav_ns(self) -> IntArray:
         """Return the ascending stamps of the mapping pairs that the source lists, with and without images."""
-        stamps_ns = () if self.nav is None else [item.pair.stamp_ns for item in self.nav.pairs()]
+        stamps_ns = () if self.nav is None else self.nav.stamps_ns
         return np.union1d(np.array(stamps_ns, np.int64), np.array(self.missing_nav_ns, np.int64))
 
     def truth_paths(self) -> tuple[Path, ...]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -99,8 +98,7 @@ def start_pose(sequence: LocSequence, start: str, from_ns: int = 0) -> StartPose
             "'--start truth' needs ground truth, the source has none: leave it out to start at the identity"
         )
     stamps = truth.stamps_ns
-    first = next(sequence.pairs(), None)
-    first_ns = int(stamps[0] if first is None else first.stamp_ns)
+    first_ns = int(sequence.stamps_ns[0] if len(sequence) else stamps[0])
     wanted = max(first_ns, from_ns)
     after = min(int(np.searchsorted(stamps, wanted)), len(stamps) - 1)
     gap = int(stamps[after] - stamps[after - 1]) if after else 0
@@ -144,7 +142,7 @@ def localise(
 
 def localise_with(how: UnderTest, sequence: LocSequence, T_ds_rb: Transform) -> Iterator[Step]:
     """Yield the step of each pair of a drive by a method under test."""
-    first_ns, *later_ns = (pair.stamp_ns for pair in islice(sequence.pairs(), 2))
+    first_ns, *later_ns = sequence.stamps_ns[:2]
     step_s = next(((stamp_ns - first_ns) / NS_PER_S for stamp_ns in later_ns if stamp_ns > first_ns), DEFAULT_STEP_S)
     setup = (sequence.rig, T_ds_rb, how.limits)
     with IsolatedLocaliser(how.method, *setup, rate_hz=1.0 / step_s, hidden=how.hidden) as localiser:

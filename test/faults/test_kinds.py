@@ -134,3 +134,20 @@ def test_torn_and_frozen_images_come_from_a_pair_before() -> None:
     assert all(np.array_equal(frozen[k].left, source[k].left) for k in range(COUNT))
     noise = faulty_pairs("frozen:share=1,amount=2,start=3")[9].left.astype(float) - source[2].left
     assert noise.std() == pytest.approx(2.0, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "texts",
+    [
+        ("late:share=0.5,amount=0.3",),
+        ("clock:amount=-0.1",),
+        ("dropped:share=0.3", "late:share=1,amount=0.9", "clock:amount=0.2"),
+        ("clock:amount=0.2", "late:share=0.4,amount=0.9", "repeated:share=0.2", "black"),
+    ],
+)
+def test_stamps_without_images_are_those_of_the_pairs(texts: tuple[str, ...]) -> None:
+    injector = FaultInjector([parse_fault(text) for text in texts], 1, COUNT, RIG)
+    stamps_ns = [pair.stamp_ns for pair in pairs()]
+    found_ns = injector.stamps_ns(stamps_ns)
+    assert found_ns == [pair.stamp_ns for _, pair in injector.pairs(pairs())]
+    assert found_ns != stamps_ns

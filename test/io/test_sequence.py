@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from helpers import made_layouts as made
-from helpers.made_scene import write_folder
+from helpers.made_scene import write_bag, write_folder
 from helpers.made_worlds import blob, centre_of
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.faults.source import faulty
@@ -89,3 +90,21 @@ def test_the_poses_beside_a_kitti_sequence_are_paths_of_its_truth(tmp_path: Path
     source = open_source(sequence)
     assert source.truth is not None
     assert set(source.truth_paths()) == {sequence, poses}
+
+
+@pytest.mark.parametrize("write", [write_folder, write_bag])
+def test_the_stamps_of_a_source_are_those_of_its_pairs_and_need_no_image(
+    write: Callable[[Path, int, int], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = open_source(write(tmp_path / "source", 4, 2))
+    faults = [parse_fault("late:share=1,amount=0.02"), parse_fault("clock:amount=0.5")]
+    for changed in (source, faulty(source, faults)):
+        loc_ns = [pair.stamp_ns for pair in changed.loc.pairs()]
+        nav_ns = [item.pair.stamp_ns for item in changed.nav.pairs()]
+        with monkeypatch.context() as patch:
+            patch.setattr(type(source.loc), "pairs", None)
+            patch.setattr(type(source.nav), "pairs", None)
+            assert changed.expected_loc_ns().tolist() == loc_ns
+            assert changed.expected_nav_ns().tolist() == nav_ns
+    assert loc_ns != list(source.loc.stamps_ns)
+    assert nav_ns != list(source.nav.stamps_ns)

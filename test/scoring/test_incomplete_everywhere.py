@@ -138,7 +138,7 @@ class Nav:
     rig = NAV_RIG
 
     def __init__(self, pairs: tuple[Any, ...]) -> None:
-        self._pairs = pairs
+        self._pairs, self.stamps_ns = pairs, [item.pair.stamp_ns for item in pairs]
 
     def __len__(self) -> int:
         return len(self._pairs)

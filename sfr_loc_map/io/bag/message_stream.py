@@ -14,10 +14,10 @@ from typing import Any
 
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import SIDES
+from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.bag.bag import TYPESTORE, Bag
-from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE
 from sfr_loc_map.topics import NAV_POSE, RECTIFIED, TRUE_POINTS, TRUE_POSES
 
@@ -109,7 +109,7 @@ def between(messages: Iterator[Message], begin_s: float, end_s: float) -> Iterat
     first: dict[str, int] = {}
     infos: set[str] = set()
     for message in messages:
-        position_s = (message.stamp_ns - first.setdefault(message.rig, message.stamp_ns)) * 1e-9
+        position_s = (message.stamp_ns - first.setdefault(message.rig, message.stamp_ns)) / NS_PER_S
         is_first_info = message.topic.endswith("camera_info") and message.topic not in infos
         if is_first_info:
             infos.add(message.topic)
@@ -119,13 +119,13 @@ def between(messages: Iterator[Message], begin_s: float, end_s: float) -> Iterat
 
 def end_of(source: Source) -> float:
     """Return the position of the last pair of a source, seconds after the first message of its rig."""
-    parts = [(part, stamps) for part in (source.loc, source.nav) if (stamps := getattr(part, "stamps_ns", ()))]
-    return max([0.0, *(float(stamps[-1] - begin_of(source, part)) * 1e-9 for part, stamps in parts)])
+    parts = [part for part in (source.loc, source.nav) if part is not None and len(part)]
+    return max([0.0, *((part.stamps_ns[-1] - begin_of(source, part)) / NS_PER_S for part in parts)])
 
 
-def begin_of(source: Source, part: Any) -> int:  # noqa: ANN401 - the drive of a source, or its mapping pairs
+def begin_of(source: Source, part: LocSequence | NavSequence) -> int:
     """Return the stamp of the first message of a rig, from which positions count: of a pair, or of the truth."""
-    if source.format == "bag":  # a camera_info comes first
+    if source.recorded is not None:  # a camera_info comes first
         rig = "loc" if part is source.loc else "nav"
         return next(message.stamp_ns for message in messages_of(source) if message.rig == rig)
     truth, first = getattr(part, "ground_truth", None), int(part.stamps_ns[0])

@@ -15,7 +15,7 @@ from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.faults.source import faulty
 from sfr_loc_map.geometry.camera_info import rig_from_camera_info
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import SIDES
+from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.bag.bag import TYPESTORE
 from sfr_loc_map.io.bag.message_stream import Message, begin_of, between, end_of, messages_of, topics_of
 from sfr_loc_map.io.convert import ConvertOptions, convert
@@ -99,7 +99,7 @@ def test_a_part_of_a_source_is_what_lies_between_two_positions_and_the_first_cam
     end_s = offset_s + duration_s
     rest = list(between(iter(whole), offset_s, end_s))
     assert rest[0] == whole[0]
-    assert rest[1:] == [m for m in whole[1:] if offset_s <= (m.stamp_ns - stamps[0]) * 1e-9 <= end_s]
+    assert rest[1:] == [m for m in whole[1:] if offset_s <= (m.stamp_ns - stamps[0]) / NS_PER_S <= end_s]
 
 
 @pytest.mark.parametrize("late_ns", [0, 3_000_000])
