@@ -262,7 +262,7 @@ def common_verdict(scores: Sequence[Score]) -> Common:
 
 
 def difference_of(scores: Sequence[Score]) -> str | None:
-    """Return in what scores of one item under test are not of one run; None if they are."""
+    """Return how scores of one item under test differ; None if they are of one run."""
     made = [score.provenance for score in scores if score.provenance is not None]
     if len(made) < len(scores):
         return "not every score says what it was made of"
@@ -287,8 +287,8 @@ def difference_of(scores: Sequence[Score]) -> str | None:
 def each_by_its_limits(scores: Sequence[Score]) -> list[Score]:
     """Return scores that were judged by one limits file, each by the limits that are about it.
 
-    A limit leaves a score only if another score, which is of the part that the limit is about, is judged by the same
-    limit. A limit on a map therefore stays with every score where there are drives alone.
+    A score is judged without a limit only if another score, which is of the part that the limit is about, is judged by
+    the same limit. A limit on a map therefore stays with every score where there are drives alone.
     """
     every = [(tasks_of(score), limits_of(score)) for score in scores]
     found = []

@@ -63,7 +63,7 @@ def _of_thinned(row: Figure, rows: SubTrajectoryRows) -> Iterator[str]:
         return
     kept = np.stack([np.array(values, np.float64) for values in columns], axis=1)
     if row.n is not None and not (len(kept) - 1) * rows.every < row.n <= len(kept) * rows.every:
-        yield f"n of {_named(row)} is {row.n}, every {rows.every}th of them are {len(kept)}"
+        yield f"n of {row.label} is {row.n}, every {rows.every}th of them are {len(kept)}"
     yield from _as_the_sample(row, np.linalg.norm(kept, axis=1), DIGITS_M)
 
 
@@ -78,7 +78,7 @@ def _computed_again(row: Figure, errors: FloatArray, rounding: float) -> Iterato
         if stored == derived or (stored is None and name in STATISTICS):
             continue
         if stored is None or derived is None or abs(stored - derived) > 4.0 * rounding + EXACT * abs(derived):
-            yield f"{name} of {_named(row)} is {_text(stored)}, from its errors follows {_text(derived)}"
+            yield f"{name} of {row.label} is {_text(stored)}, from its errors follows {_text(derived)}"
 
 
 def _as_the_sample(row: Figure, sizes: FloatArray, rounding: float) -> Iterator[str]:
@@ -86,16 +86,16 @@ def _as_the_sample(row: Figure, sizes: FloatArray, rounding: float) -> Iterator[
     if row.n is None or not len(sizes):
         return
     if row.max is not None and sizes.max() > row.max + rounding:
-        yield f"max of {_named(row)} is {row.max:.9g}, one of its errors is {sizes.max():.9g}"
+        yield f"max of {row.label} is {row.max:.9g}, one of its errors is {sizes.max():.9g}"
     if row.rmse is not None and np.sum(np.square(sizes)) > row.n * (row.rmse + rounding) ** 2:
-        yield f"rmse of {_named(row)} is {row.rmse:.9g}, less than its errors have"
+        yield f"rmse of {row.label} is {row.rmse:.9g}, less than its errors have"
     for name, percent in QUANTILES.items():
         share = 1.0 - percent / 100.0
         value = getattr(row, name)
         beyond = 0.0 if value is None else float(np.mean(sizes > value + rounding))
         deviation = SIGMAS * np.sqrt(CORRELATED * share * (1.0 - share) / len(sizes))
         if beyond > share + deviation:
-            yield f"{name} of {_named(row)} is {value:.9g}, {100.0 * beyond:.3g} % of its errors are larger"
+            yield f"{name} of {row.label} is {value:.9g}, {100.0 * beyond:.3g} % of its errors are larger"
 
 
 def _of_points(score: Score) -> Iterator[str]:
@@ -121,7 +121,7 @@ def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:
     """Yield the statistics of times that contradict the slowest calls of each block, or the histogram of all."""
     times = [value for value in plots.series.processing_time_s if value is not None]
     if times and row.max is not None and max(times) != row.max:
-        yield f"max of {_named(row)} is {row.max:.9g}, from its calls follows {max(times):.9g}"
+        yield f"max of {row.label} is {row.max:.9g}, from its calls follows {max(times):.9g}"
     if plots.series.slowest_of == 1 and len(times) == len(plots.series.processing_time_s) and times:
         yield from _computed_again(row, np.array(times)[:, None], 0.0)
         return
@@ -130,7 +130,7 @@ def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:
         return
     bounds_s = np.sum(counts * edges[:-1]) / row.n, np.sum(counts * edges[1:]) / row.n
     if row.mean is not None and not bounds_s[0] * (1.0 - EXACT) <= row.mean <= bounds_s[1] * (1.0 + EXACT):
-        yield f"mean of {_named(row)} is {row.mean:.9g}, by the histogram {bounds_s[0]:.9g} to {bounds_s[1]:.9g}"
+        yield f"mean of {row.label} is {row.mean:.9g}, by the histogram {bounds_s[0]:.9g} to {bounds_s[1]:.9g}"
     reached = np.cumsum(counts)
     for name, percent in QUANTILES.items():
         place = percent / 100.0 * (row.n - 1)  # between these two of the sorted times
@@ -138,7 +138,7 @@ def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:
         high *= edges[1] / edges[0]  # bins are of equal ratio
         value = getattr(row, name)
         if value is not None and not low * (1.0 - 1e-6) <= value <= high * (1.0 + 1e-6):
-            yield f"{name} of {_named(row)} is {value:.9g}, by the histogram {low:.9g} to {high:.9g}"
+            yield f"{name} of {row.label} is {value:.9g}, by the histogram {low:.9g} to {high:.9g}"
 
 
 def _of_counts(score: Score) -> Iterator[str]:
@@ -151,10 +151,6 @@ def _of_counts(score: Score) -> Iterator[str]:
     drive, doubled = score.association, score.figure("doubled", part="count")
     if drive is not None and doubled is not None and doubled.value != drive.estimate_duplicates:
         yield f"doubled is {_text(doubled.value)}, of the estimates {drive.estimate_duplicates} have a repeated stamp"
-
-
-def _named(row: Figure) -> str:
-    return " ".join(filter(None, (row.figure, row.condition, row.part)))
 
 
 def _text(value: float | None) -> str:

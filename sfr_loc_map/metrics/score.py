@@ -99,6 +99,11 @@ class Figure(Numbers, frozen=True):
         has_value = self.value is not None and self.mean is None
         return has_value or self.subject in (Subject.MEMORY, Subject.COMPLETENESS) or self.figure == "coverage"
 
+    @property
+    def label(self) -> str:
+        """Figure, condition and part, by which a message names the row."""
+        return " ".join(filter(None, (self.figure, self.condition, self.part)))
+
     def statistic(self, name: str) -> float | None:
         """Return the number of a column."""
         found: float | None = self.as_dict()[name]

@@ -19,7 +19,7 @@ def stored_contradiction(score: Score) -> str | None:
             continue
         expected = abs(row.mean) + 3.0 * row.sigma
         if abs(row.mean_plus_3sigma - expected) > ROUNDING * max(expected, 1e-300):
-            return f"mean_plus_3sigma of {label(row)} is {row.mean_plus_3sigma:.9g}, |mean| + 3 sigma is {expected:.9g}"
+            return f"mean_plus_3sigma of {row.label} is {row.mean_plus_3sigma:.9g}, |mean| + 3 sigma is {expected:.9g}"
     if (problem := raw_contradiction(score)) is not None:
         return problem
     again = judged_again(score)
@@ -43,11 +43,6 @@ def stored_contradiction(score: Score) -> str | None:
 def json_name(field: str) -> str:
     """Return the name of a field of a verdict in the JSON."""
     return "verdict" if field == "state" else field
-
-
-def label(row: Figure) -> str:
-    """Return what names a row of the table."""
-    return " ".join(filter(None, (row.figure, row.condition, row.part)))
 
 
 def _are_near(mine: Sequence[Figure], theirs: Sequence[Figure]) -> bool:
