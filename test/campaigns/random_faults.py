@@ -9,7 +9,7 @@ drive; the exit code is 1 if one is silent.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import islice
 from pathlib import Path
 
@@ -99,9 +99,13 @@ class Part:
     def __init__(self, inner: LocSequence, first: int, count: int) -> None:
         assert inner.ground_truth is not None
         self._inner, self._range, self.rig = inner, (first, first + count), inner.rig
-        truth, begin_ns = inner.ground_truth, next(self.pairs()).stamp_ns
+        truth, begin_ns = inner.ground_truth, self.stamps_ns[0]
         kept = truth.stamps_ns >= begin_ns if first else np.ones(len(truth), np.bool_)
         self.ground_truth = Trajectory(truth.stamps_ns[kept], truth.positions[kept], truth.quats_xyzw[kept])
+
+    @property
+    def stamps_ns(self) -> Sequence[int]:
+        return self._inner.stamps_ns[slice(*self._range)]
 
     def __len__(self) -> int:
         return self._range[1] - self._range[0]

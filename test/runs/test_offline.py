@@ -39,6 +39,10 @@ class OnePair:
         stamps = (FIRST_NS + round(s * NS_PER_S) for s in self.seconds)
         return Trajectory.from_poses(zip(stamps, poses, strict=True))
 
+    @property
+    def stamps_ns(self) -> tuple[int, ...]:
+        return (FIRST_NS,)
+
     def __len__(self) -> int:
         return 1
 
