@@ -42,7 +42,7 @@ from sfr_loc_map.metrics.score import (
     column,
     figure_row,
 )
-from sfr_loc_map.metrics.truth_error import truth_error_rows, turn_rows
+from sfr_loc_map.metrics.truth_error import known_of, truth_error_rows, turn_rows
 
 READINGS: dict[Rebase, Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors]] = {
     Rebase.POSE: formulas.pose_reading,
@@ -242,11 +242,6 @@ def placed_frames(
 
 
 Reading = Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors]
-
-
-def known_of(truth: Trajectory) -> Truth:
-    """Return a truth with what is known of it; other trajectories are known completely."""
-    return truth if isinstance(truth, Truth) else Truth(truth.stamps_ns, truth.positions, truth.quats_xyzw)
 
 
 def of_known(truth: Truth, reading: Reading) -> Reading:

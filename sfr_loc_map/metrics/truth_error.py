@@ -19,12 +19,17 @@ ATTITUDE = "attitude"  #: Part of the row of the attitude.
 TURN = "attitude at the start"  #: Part of the rows of what the true attitude at N moves N+x by.
 
 
+def known_of(truth: Trajectory) -> Truth:
+    """Return a truth with what is known of it; other trajectories are known completely."""
+    return truth if isinstance(truth, Truth) else Truth(truth.stamps_ns, truth.positions, truth.quats_xyzw)
+
+
 def truth_error_rows(truth: Trajectory, frames_ns: IntArray) -> Iterator[Figure]:
     """Yield the error of a ground truth at frames: the total of the position, its parts, and that of the attitude.
 
     The rows hold standard deviations, m and deg. Of a truth that is taken as exact at every frame all are 0.
     """
-    known = truth if isinstance(truth, Truth) else Truth(truth.stamps_ns, truth.positions, truth.quats_xyzw)
+    known = known_of(truth)
     errors_m = interpolation_errors(truth, frames_ns)
     parts = {
         "interpolation": float(np.sqrt(np.mean(np.square(errors_m)))) if len(errors_m) else 0.0,
