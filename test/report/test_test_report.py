@@ -123,11 +123,18 @@ def test_every_limit_has_a_clause_of_the_list_or_none() -> None:
 
 def test_the_memory_of_a_stage_follows_no_clause_and_is_a_deviation() -> None:
     limits = {f"{kind}_peak_bytes": 2e9 for kind in ("localisation", "mapping_call", "mapping")}
-    score = judged(whole_score(), parse_limits({"memory": limits}, "test"), partial=True)
-    assert [VerdictView.of(item).clause for item in score.on_limits] == ["4.2.2", "4.3.2", ""]
+    content = {"memory": limits, "timing": {"mapping_p50_s": 1.0, "localisation_p50_s": 1.0}}
+    score = judged(whole_score(), parse_limits(content, "test"), partial=True)
+    found = {item.name: (VerdictView.of(item).clause, is_of_stage(item)) for item in score.on_limits}
+    assert found == {
+        "localisation_peak_bytes": ("4.2.2", False),
+        "mapping_call_peak_bytes": ("4.3.2", False),
+        "mapping_peak_bytes": ("", True),
+        "mapping_p50_s": ("", True),
+        "localisation_p50_s": ("", False),
+    }
     deviations = re.findall("([a-z ]*) is of a stage", render_test_report([score]))
-    assert len(deviations) == 1, deviations
-    assert is_of_stage(score.on_limits[2])
+    assert len(deviations) == 2, deviations
 
 
 def test_junit_says_every_state_in_its_own_word() -> None:
