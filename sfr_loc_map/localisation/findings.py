@@ -2,7 +2,10 @@
 
 `RULES` lists all findings in the order of precedence: the first one present gives the action and the published reason
 of a pair (`decide`). Findings that refuse a pair come first, in the order in which they are checked. A pose whose
-findings only degrade it is accepted.
+findings only degrade it is accepted. Their order decides the published reason alone, because inflations and keyframes
+are combined from all findings. What is measured (stale images, a gap, the calibration, sheared rows) comes before what
+is inferred from the motions of landmarks, because the former may cause the latter. The published reason is therefore
+not always that of the largest inflation.
 
 | findings | found by |
 |---|---|
@@ -81,7 +84,7 @@ class Inflation(Flag):
     NONE = 0
     #: The motion since the last pose as if no image had shown it, because the images may partly be older. The next
     #: accepted pose no longer contains it.
-    UNOBSERVED = auto()
+    SUSPECTED = auto()
     #: The distance to the pose of the other motion, at least the motion since the last pose. All later poses contain
     #: it.
     AMBIGUITY = auto()
@@ -116,17 +119,17 @@ RULES: Final = {
     # Keyframe: the yaw is estimated by keyframes and would otherwise never be corrected.
     Finding.CALIBRATION: Rule(Action.DEGRADE, StateReason.CALIBRATION_DRIFT),
     # Keyframe: a rolling shutter shears all pairs, and without keyframes tracking would end.
-    Finding.SHEARED_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
+    Finding.SHEARED_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED),
     # No keyframe: the parts of the other moment would become landmarks at wrong places.
-    Finding.PARTIAL_TRANSFER: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED, is_comparable=False),
+    Finding.PARTIAL_TRANSFER: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED, is_comparable=False),
     # Keyframe: one exposure dominates, and without keyframes tracking would end.
-    Finding.DOUBLE_EXPOSURE: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
+    Finding.DOUBLE_EXPOSURE: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED),
     # Keyframe: a scene that changes quickly needs new landmarks, and the unexplained ones are removed as outliers.
-    Finding.UNEXPLAINED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
+    Finding.UNEXPLAINED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED),
     # Keyframe: one motion explains this pair; only the earlier one was not explained.
-    Finding.RECOVERING: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
+    Finding.RECOVERING: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED),
     # Keyframe: new landmarks are matched between the two images, which fails where one of them is old.
-    Finding.ONE_SIDED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
+    Finding.ONE_SIDED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED),
     # Keyframe: the window continues with the only motion, or the likelier one; the doubt stays in the covariance.
     Finding.GROUND_IN_DOUBT: Rule(Action.DEGRADE, StateReason.MOVING_REGIONS, Inflation.AMBIGUITY),
     Finding.AMBIGUOUS: Rule(Action.DEGRADE, StateReason.MOVING_REGIONS, Inflation.AMBIGUITY),
@@ -136,8 +139,10 @@ RULES: Final = {
 Two reasons are published without being that of the first finding: a pair that is kept while the localiser is lost
 publishes the reason for which it was lost, and a new window that of the gap before it, or of its few landmarks.
 
-Seven findings publish `torn_images`, because they mean the same to an operator: the images are not entirely of their
-stamp. They differ in what is known about it, hence in the inflation and in the keyframes.
+Seven findings publish `torn_images`, because an operator acts on them in the same way: the images may not be entirely
+of their stamp. For five of them the pair itself shows signs of it. For `RECOVERING` an earlier pair did, and for
+`UNEXPLAINED` a scene that changes quickly is another possible cause. They differ in what is known about it, hence in
+the inflation and in the keyframes.
 
 Two findings add nothing to the covariance because the covariance always contains what they report: the yaw with its
 standard deviation (`CALIBRATION`), and the start of the window with the motion that no image showed (`AFTER_GAP`). Two

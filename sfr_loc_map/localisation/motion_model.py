@@ -59,7 +59,7 @@ class Motion:
     period_ns: int = 0  #: Time between the two pairs tracked last; 0 if unknown.
     speed: Speed = Speed(0.0, 0.0)  #: Last speed.
 
-    def unobserved_s(self, stamp_ns: int) -> float:
+    def unseen_s(self, stamp_ns: int) -> float:
         """Return the time between the last known pose and a stamp, s; 0 before the first pair."""
         return 0.0 if self.known_ns is None else abs(stamp_ns - self.known_ns) / NS_PER_S
 
@@ -84,7 +84,7 @@ class Motion:
     def since_last(self, stamp_ns: int, T_world_left: Transform) -> MotionSince:
         """Return the motion from the last known pose to a pose at a stamp."""
         T_last_now = self.T_world_left.inverse() @ T_world_left
-        return MotionSince(T_last_now, *size_of(T_last_now), self.unobserved_s(stamp_ns))
+        return MotionSince(T_last_now, *size_of(T_last_now), self.unseen_s(stamp_ns))
 
     def tracked(self, stamp_ns: int, T_world_left: Transform, since: MotionSince, *, was_known: bool) -> Motion:
         """Return the motion after a tracked pair. The speed is updated only if the pose before was not lost."""
@@ -113,7 +113,7 @@ def size_of(motion: Transform) -> MotionSize:
 
 def is_plausible(motion: Motion, stamp_ns: int, pose: Pose, bounds: MotionBounds) -> bool:
     """Return whether a rover can have moved to a pose of the left camera since the last known one; NaN is not."""
-    seconds = motion.unobserved_s(stamp_ns)
+    seconds = motion.unseen_s(stamp_ns)
     last = motion.T_world_left
     metres = length(pose.position - last.translation)
     radians = length(rotvec_from_matrix(last.rotation.T @ pose.rotation))

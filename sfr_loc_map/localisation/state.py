@@ -8,7 +8,7 @@ Several stamps and two poses in the state look alike. Each has one meaning, and 
 | `path.motion.T_world_left` | last known pose, in the present map | A; adjustment of a keyframe |
 | `path.published.T_world_left` | pose published last, where the next step begins | A, K, W |
 | `path.published.stamp_ns` | its stamp | A, K, W |
-| `path.motion.known_ns` | stamp since which the motion is unobserved | A, W; first pair; pose from outside |
+| `path.motion.known_ns` | stamp since which the motion is unseen | A, W; first pair; pose from outside |
 | `path.motion.tracked_ns` | stamp from which missing pairs are counted | A, W |
 | `path.history.last_ns` | last stamp to which a pose from outside can be applied | A, W; pose from outside after it |
 | `path.datum.pending` | pose from outside that is not applied yet | `set_pose`; first pair; when it is applied |
@@ -43,7 +43,7 @@ class State:
     ground: GroundMemory  #: Memory of the selection of the ground.
     landmark_map: LandmarkMap | None = None  #: Window and landmarks; None before a window has begun.
     recovery: RecoveryImages = RecoveryImages()  #: Images that lost tracking can be recovered from.
-    failed_recoveries: int = 0  #: Number of good images without a recognised landmark since the last accepted pair.
+    failed_recoveries: int = 0  #: Number of good images with a refused pose since the last accepted pair.
     images: ImageMemory | None = None  #: Memory of the check for stale images.
     shear_mean: ShearMean = ShearMean()  #: Memory of the check for sheared rows.
     keyframes: int = 0  #: Number of keyframes since the start.

@@ -55,7 +55,7 @@ from sfr_loc_map.localisation.uncertainty import (
     step_covariance,
     symmetric,
     systematic_step,
-    unobserved_motion,
+    unseen_motion,
     updated_variance_factor,
 )
 
@@ -154,10 +154,10 @@ def _new_pose(path: PathState, pair: AcceptedPair, model: RoverModel) -> _NewPos
     """Return the pose of an accepted pair against the last known one."""
     now = Transform(*pair.tracks.pose)
     since = path.motion.since_last(pair.stamp_ns, now)
-    unobserved = unobserved_motion(path.motion.speed, since.seconds, model)
+    unseen = unseen_motion(path.motion.speed, since.seconds, model)
     added = inflation_of(
         pair.inflation,
-        unobserved_rb=unobserved,
+        unseen_rb=unseen,
         moved=MotionSize(since.metres, since.radians),
         rival_distance=pair.rival_distance,
     )
@@ -177,12 +177,10 @@ def _errors_with(
     depth_m = landmark_map.landmarks.median_depth
     per_px = (position - path.motion.T_world_left.translation) * depth_m / model.focal_baseline
     bias = DisparityBias(errors.bias.total + per_px, errors.bias.corrected + per_px * calibration.corrected_px)
-    unobserved_rb = pose.added.unobserved_rb
-    return replace(
-        errors,
+    suspected_rb = pose.added.suspected_rb
+    return errors.with_pose(
         in_window=pose.given_landmarks + landmark_map.window.covariance,
-        suspected=ZERO if unobserved_rb is None else _of_left(path, unobserved_rb, model),
-        unseen=ZERO,
+        suspected=ZERO if suspected_rb is None else _of_left(path, suspected_rb, model),
         bias=bias,
     )
 
@@ -229,13 +227,13 @@ def _step_to(
         systematic=systematic_step(step, depth_m, calibration, model),
         noise=published.noise,
         noise_before=before.noise,
-        unsteady=ZERO if pose.pair.was_known else unobserved_motion(path.motion.speed, seconds, model),
+        unsteady=ZERO if pose.pair.was_known else unseen_motion(path.motion.speed, seconds, model),
     )
 
 
 def kept(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PathState, StepEstimate]:
     """Return the path with the last pose kept up to a stamp, and the step; the rover may stand still or have moved."""
-    errors = path.errors.kept(_unobserved_of_left(path, stamp_ns, model))
+    errors = path.errors.kept(_unseen_of_left(path, stamp_ns, model))
     published, step = _step_to_same_pose(path, stamp_ns, model)
     return replace(path, errors=errors, published=published), step
 
@@ -246,7 +244,7 @@ def restarted(
     """Return the path with a new window that begins at the last pose, and the step to it."""
     position = path.motion.T_world_left.translation
     depth_m = landmark_map.landmarks.median_depth
-    until_now = path.errors.kept(_unobserved_of_left(path, stamp_ns, model))
+    until_now = path.errors.kept(_unseen_of_left(path, stamp_ns, model))
     blur_rad = model.sources.blur_px / model.fx
     in_window = landmark_map.window.covariance
     errors = until_now.restarted(
@@ -299,9 +297,9 @@ def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_ste
     )
 
 
-def _unobserved_of_left(path: PathState, stamp_ns: int, model: RoverModel) -> FloatArray:
+def _unseen_of_left(path: PathState, stamp_ns: int, model: RoverModel) -> FloatArray:
     """Return the covariance of the left camera in the world of a motion up to a stamp that no image showed."""
-    of_rb = unobserved_motion(path.motion.speed, path.motion.unobserved_s(stamp_ns), model)
+    of_rb = unseen_motion(path.motion.speed, path.motion.unseen_s(stamp_ns), model)
     return _of_left(path, of_rb, model)
 
 
@@ -313,18 +311,18 @@ def _of_left(path: PathState, covariance: FloatArray, model: RoverModel) -> Floa
 
 
 def _step_to_same_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PublishedPose, StepEstimate]:
-    """Return the step to the last known pose. Only the growth of the unobserved motion since the last step is added.
+    """Return the step to the last known pose. Only the growth of the unseen motion since the last step is added.
 
     The motion is that of the pose by an adjustment of its keyframe; zero without one.
     """
     before = path.published
     seconds = 0.0 if before.stamp_ns is None else (stamp_ns - before.stamp_ns) / NS_PER_S
     speed = path.motion.speed
-    unobserved = unobserved_motion(speed, path.motion.unobserved_s(stamp_ns), model)
-    growth = np.maximum(unobserved - before.unseen, unobserved_motion(speed, seconds, model))
+    unseen = unseen_motion(speed, path.motion.unseen_s(stamp_ns), model)
+    growth = np.maximum(unseen - before.unseen, unseen_motion(speed, seconds, model))
     covariance = growth + MIN_VARIANCE * np.eye(6)
     now = path.motion.T_world_left
-    published = replace(before, stamp_ns=stamp_ns, T_world_left=now, unseen=unobserved)
+    published = replace(before, stamp_ns=stamp_ns, T_world_left=now, unseen=unseen)
     motion = np.zeros(6)
     if before.T_world_left is not None:
         motion = StepMotion.between(before.T_world_left, now, model).vector
@@ -367,17 +365,11 @@ def _placed(path: PathState, pose: StartPose, stamp_ns: int | None, model: Rover
     covariance = model.covariance_of_left(
         pose.covariance, R_world_frame=T_ds_world.rotation.T, R_world_left=last.rotation
     )
-    bias = path.errors.bias
     return replace(
         path,
         motion=replace(path.motion, known_ns=stamp_ns, speed=Speed(0.0, 0.0)),
         datum=replace(path.datum, T_ds_world=T_ds_world, placed=pose),
-        errors=PathErrors(
-            start=LocatedCovariance(last.translation, covariance),
-            bias=bias,
-            bias_at_start=bias,
-            directed_covariance=LocatedCovariance(last.translation, ZERO),
-        ),
+        errors=path.errors.placed(LocatedCovariance(last.translation, covariance)),
         history=History(),
     )
 
@@ -386,13 +378,12 @@ def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) ->
     """Return the path that passes through a pose from outside at a stamp of the past; errors count from there."""
     past, apart_s = path.history.at(at_ns)
     T_ds_world = pose.T_ds_rb @ model.T_rb_left @ past.T_world_left.inverse()
-    unobserved = unobserved_motion(path.motion.speed, apart_s, model)
-    unobserved = symmetric(propagated_covariance(unobserved, np.zeros(3), pose.T_ds_rb.rotation))
+    unseen = unseen_motion(path.motion.speed, apart_s, model)
+    unseen = symmetric(propagated_covariance(unseen, np.zeros(3), pose.T_ds_rb.rotation))
     covariance = model.covariance_of_left(
-        pose.covariance + unobserved, R_world_frame=T_ds_world.rotation.T, R_world_left=past.T_world_left.rotation
+        pose.covariance + unseen, R_world_frame=T_ds_world.rotation.T, R_world_left=past.T_world_left.rotation
     )
     position = past.in_window.position
-    since = path.errors.directed.since(past.directed)
     if past.window == path.window:
         start = LocatedCovariance(position, covariance)
         drift_origin = past.in_window
@@ -402,12 +393,7 @@ def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) ->
         at_window = propagated_covariance(covariance, before_window.position - position)
         start = LocatedCovariance(before_window.position, at_window + added)
         drift_origin = None
-    errors = replace(
-        path.errors,
-        start=start,
-        drift_origin=drift_origin,
-        bias_at_start=past.bias,
-        directed=since,
-        directed_covariance=LocatedCovariance(position, since.covariance),
+    errors = path.errors.rebased(
+        start=start, drift_origin=drift_origin, position=position, bias=past.bias, directed=past.directed
     )
     return replace(path, datum=replace(path.datum, T_ds_world=T_ds_world), errors=errors)

@@ -9,7 +9,7 @@ landmarks, m, f the focal length, px, and b the baseline, m.
 **Pose** (`pose_covariance`): left camera in the world, since the pose that placed the world in DS.
 
     P = start + adjustment_inflation D + A + blur + (disparity_px^2 + yaw_sigma^2 + (unsettled_yaw_ratio
-        yaw_remaining)^2) B B' + U U' + attitude + unobserved
+        yaw_remaining)^2) B B' + U U' + attitude + unimaged
 
 - start: covariance of that pose, propagated to the present position.
 - D: drift within the window, from the bundle adjustment.
@@ -18,7 +18,7 @@ landmarks, m, f the focal length, px, and b the baseline, m.
 - B: path integral of the position over a constant disparity error, m/px. U: position error of the path that was
   travelled before the yaw was corrected, m.
 - attitude: (bent_attitude_ratio hypot(yaw_sigma, yaw_target))^2 + (followed_attitude_ratio followed drift)^2, over f^2.
-- unobserved: the motion up to the last accepted pose as if no image had shown it, for findings that ask for it
+- unimaged: the motion up to the last accepted pose as if no image had shown it, for findings that ask for it
   (`findings.RULES`), and the motion since that pose while it is kept (`PathErrors.suspected`, `PathErrors.unseen`).
 
 Two poses share most of P, and P shrinks when the yaw is learnt. P therefore does not give the uncertainty of the motion
@@ -51,16 +51,16 @@ A yaw that is still to be corrected counts in full in a step and by half in the 
 **Twist** (`StepEstimate.motion_covariance`): the motion of a step over its duration. Its covariance is Q, N of both
 poses, the squared systematic part, and a speed that may have changed while no image showed it.
 
-**Unobserved motion** (`unobserved_motion`): in a time t at the speed (s, w), at least the configured one:
+**Unseen motion** (`unseen_motion`): in a time t at the speed (s, w), at least the configured one:
 
     diag(s t, s t, climb_ratio s t, tilt_ratio w t, tilt_ratio w t, w t)^2
 
 Each angle is at most `MAX_ANGLE_RAD`, about which nothing is known then.
 
 A new error source is a field of `ErrorSources` and a term in one of these formulas. If it accumulates along the path,
-it is also a field of `PathErrors`, updated by `trajectory.accepted` and reset by the functions for poses from outside;
-a field of `datum.PastPose`, from which these functions take what arose before a past pose; and `trajectory.restarted`
-decides what of it a new window inherits.
+it is also a field of `PathErrors`, which only its methods change: `with_pose` or `with_directed` adds to it, `placed`
+and `rebased` reset it, and `restarted` decides what of it a new window inherits. It is a field of `datum.PastPose` as
+well, from which `rebased` takes what arose before a past pose.
 
 Positions are `(3,)`, m, in the world. A covariance `(6, 6)` is of position and rotation about fixed axes, of the left
 camera in the world unless stated otherwise.
@@ -92,9 +92,9 @@ ZERO = np.zeros((6, 6))  #: No uncertainty; read only.
 class ErrorSources:
     """The error sources of the localiser: standard deviations, and ratios to what is estimated.
 
-    The values were chosen so that NEES is near 1 on rendered drives (docs/decisions/0002-localiser.md, `make nees`).
+    The values were chosen by hand so that NEES is near 1 on rendered drives (`make nees`).
     The letter at the beginning of each text says which formula of the module the field enters: P pose, Q step, N noise,
-    S systematic, M unobserved motion. The twist contains Q, N and S.
+    S systematic, M unseen motion. The twist contains Q, N and S.
     """
 
     blur_px: float = 0.03
@@ -252,9 +252,50 @@ class PathErrors:
     directed_covariance: LocatedCovariance = LocatedCovariance(np.zeros(3), ZERO)
 
     @property
-    def unobserved(self) -> FloatArray:
+    def unimaged(self) -> FloatArray:
         """Covariance `(6, 6)` of the motions that no image showed."""
         return self.suspected + self.unseen
+
+    def with_pose(self, *, in_window: FloatArray, suspected: FloatArray, bias: DisparityBias) -> PathErrors:
+        """Return the errors of a new pose that images showed."""
+        return replace(self, in_window=in_window, suspected=suspected, unseen=ZERO, bias=bias)
+
+    def placed(self, start: LocatedCovariance) -> PathErrors:
+        """Return the errors of a pose from outside at the last pose; only the path integrals continue."""
+        return PathErrors(
+            start=start,
+            bias=self.bias,
+            bias_at_start=self.bias,
+            directed_covariance=LocatedCovariance(start.position, ZERO),
+        )
+
+    def rebased(
+        self,
+        *,
+        start: LocatedCovariance,
+        drift_origin: LocatedCovariance | None,
+        position: FloatArray,
+        bias: DisparityBias,
+        directed: DirectedError,
+    ) -> PathErrors:
+        """Return the errors that count from a pose from outside in the past.
+
+        Args:
+            start: Covariance of that pose, or of the start of the window if that pose is of an earlier one.
+            drift_origin: That pose in its window; None if the drift counts from the start of the window.
+            position: Position of the left camera at that pose.
+            bias: Path integrals up to that pose.
+            directed: Sum of the directed errors up to that pose.
+        """
+        since = self.directed.since(directed)
+        return replace(
+            self,
+            start=start,
+            drift_origin=drift_origin,
+            bias_at_start=bias,
+            directed=since,
+            directed_covariance=LocatedCovariance(position, since.covariance),
+        )
 
     def kept(self, unseen: FloatArray) -> PathErrors:
         """Return the errors of a pose that is kept while a motion is unseen."""
@@ -282,11 +323,11 @@ class PathErrors:
             first_image: `(6, 6)` that the first image adds.
             in_window: `(6, 6)` of the first keyframe in the new window.
         """
-        start = drift + self.unobserved + first_image
+        start = drift + self.unimaged + first_image
         return replace(
             self,
             start=LocatedCovariance(position, start),
-            before_window=LocatedCovariance(position, accumulated + self.unobserved + first_image),
+            before_window=LocatedCovariance(position, accumulated + self.unimaged + first_image),
             drift_origin=None,
             in_window=in_window,
             suspected=ZERO,
@@ -353,7 +394,7 @@ def pose_covariance(
     attitude[3:, 3:] = np.eye(3) * (attitude_px / model.fx) ** 2
     drift = drift_covariance(errors, position, model)
     directed = errors.directed_covariance.at(position)
-    return np.asarray(drift + directed + blur + disparity + attitude + errors.unobserved)
+    return np.asarray(drift + directed + blur + disparity + attitude + errors.unimaged)
 
 
 def drift_covariance(errors: PathErrors, position: FloatArray, model: RoverModel) -> FloatArray:
@@ -385,7 +426,7 @@ def lens_turn_per_m(calibration: OnlineCalibration, model: RoverModel) -> float:
 # ---- what findings add
 
 
-def unobserved_motion(speed: Speed, seconds: float, model: RoverModel) -> FloatArray:
+def unseen_motion(speed: Speed, seconds: float, model: RoverModel) -> FloatArray:
     """Return the covariance `(6, 6)` of a motion that no image showed, in RB where it began.
 
     The rover may have continued at its last speed.
@@ -401,35 +442,35 @@ class AddedError(NamedTuple):
     """What findings add to the covariance of a pose, and of the steps to it and from it."""
 
     #: `(6, 6)` motion since the last pose, in RB there; None without such a finding.
-    unobserved_rb: FloatArray | None
+    suspected_rb: FloatArray | None
     ambiguity: DirectedError | None  #: Distance to another possible pose; None without such a finding.
 
     @property
     def of_step(self) -> FloatArray:
         """Covariance `(6, 6)` added to a step."""
-        unobserved = ZERO if self.unobserved_rb is None else self.unobserved_rb
-        return unobserved if self.ambiguity is None else unobserved + self.ambiguity.covariance
+        suspected = ZERO if self.suspected_rb is None else self.suspected_rb
+        return suspected if self.ambiguity is None else suspected + self.ambiguity.covariance
 
 
 def inflation_of(
-    inflation: Inflation, *, unobserved_rb: FloatArray, moved: MotionSize, rival_distance: MotionSize
+    inflation: Inflation, *, unseen_rb: FloatArray, moved: MotionSize, rival_distance: MotionSize
 ) -> AddedError:
     """Return what findings add, by the kind of their inflation (`findings.RULES`).
 
     Args:
         inflation: What the findings of the pair ask for.
-        unobserved_rb: `(6, 6)` covariance of the motion since the last pose if no image had shown it, in RB there.
+        unseen_rb: `(6, 6)` covariance of the motion since the last pose if no image had shown it, in RB there.
         moved: Length and angle of the motion since the last pose, as it was estimated.
         rival_distance: Distance between the poses of two possible motions; zero if only one was found.
     """
     ambiguity = None
     if Inflation.AMBIGUITY in inflation:  # any of the motions, and standstill, may be the true one
-        forwards_m, *_, heading_rad = np.sqrt(unobserved_rb.diagonal())
+        forwards_m, *_, heading_rad = np.sqrt(unseen_rb.diagonal())
         ambiguity = DirectedError(
             max(rival_distance.metres, moved.metres, forwards_m),
             max(rival_distance.radians, moved.radians, heading_rad),
         )
-    return AddedError(unobserved_rb if Inflation.UNOBSERVED in inflation else None, ambiguity)
+    return AddedError(unseen_rb if Inflation.SUSPECTED in inflation else None, ambiguity)
 
 
 # ---- a step
