@@ -10,22 +10,35 @@ The ground is identified by its motion. It begins in the phase `LEARNING`:
 
 A case with `leaves_doubt` (`ground_motion.EFFECTS`) leads from each phase to `IN_DOUBT`, and an unusual moving pair
 keeps that phase. To end it, landmarks must also follow the motion where landmarks did not follow it before.
+
+Three values remember that an earlier pair was bad. They are separate because they answer different questions:
+
+| value | question | set by | ends |
+|---|---|---|---|
+| `confidence` | is the motion that is followed the ground's? | a case with `leaves_doubt` | pairs that agree |
+| `recovering_pairs` | may the next images be bad? | `DOUBTFUL`, `PARTIAL_TRANSFER`; stale rows | moving pairs |
+| `transfers` | is the pair before partially transferred? | `PARTIAL_TRANSFER`; stale rows | a pair of one motion |
+
+Two findings of `DOUBTFUL` may come from a case without `leaves_doubt`. `DOUBLE_EXPOSURE` is a fault of the images: it
+does not question which motion is the ground's. `GROUND_IN_DOUBT` of one motion reports doubt of earlier pairs, or that
+nearly half of the landmarks are unexplained.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import Enum, auto
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.camera import Pose
+from sfr_loc_map.localisation.findings import Finding
 from sfr_loc_map.localisation.frontend.image_cells import LEVEL, ExcludedCells
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame
 
-# The values here and in `ground_evidence` were chosen on rendered drives with injected faults
-# (docs/decisions/0002-localiser.md), so that clean drives have no findings and no error of a faulty drive exceeds five
-# times its stated 3 sigma without one.
+# The values here, in `ground_evidence` and in `ground_motion` were chosen by hand on rendered drives with injected
+# faults, so that clean drives have no findings and no error of a faulty drive exceeds five times its stated 3 sigma
+# without one.
 
 AGREEING_PAIRS = 3
 """Moving pairs that one motion must explain before it is the ground's, or before a doubtful pair is forgotten."""
@@ -90,12 +103,26 @@ class Confidence:
         return Confidence(Phase.IN_DOUBT, 0, required_pairs, cells)
 
 
+DOUBTFUL: Final = frozenset({Finding.CONTRADICTED, Finding.AMBIGUOUS, Finding.GROUND_IN_DOUBT, Finding.DOUBLE_EXPOSURE})
+"""Findings after which the ground's motion must be observed again in several moving pairs."""
+
+
+class Transfers(Enum):
+    """What a case means for the number of consecutive partially transferred pairs."""
+
+    UNCHANGED = auto()
+    ONE_MORE = auto()
+    NONE = auto()
+
+
 class ComparedImage(NamedTuple):
     """Earlier image that the present one is compared with, cell by cell."""
 
     image: FloatImage  #: Pyramid level `LEVEL` of a left image.
     pose: Pose  #: Pose of the left camera there.
-    age: int = 0  #: Number of pairs that were compared with it.
+    #: Number of pairs that were compared with it and changed the memory. Other refused pairs do not count, so that
+    #: `far_px` is rather too small after them, and more landmarks count as unexplained.
+    age: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,11 +131,14 @@ class GroundMemory:
 
     excluded: ExcludedCells  #: Cells that do not move with the ground.
     compared: ComparedImage | None = None  #: Image of an accepted pose; None before the first window.
-    #: Pyramid level `MIXTURE_LEVEL` of the left image at the last known pose; None if that image was not
-    #: compared with earlier ones.
+    #: Pyramid level `MIXTURE_LEVEL` of the left image at the last known pose. The image of a later pair that
+    #: contradicts its pose replaces it and is taken for an image at that pose, which is kept. None if the image was
+    #: not compared with earlier ones.
     previous: FloatImage | None = None
     confidence: Confidence = Confidence()
-    transfers: int = 0  #: Number of consecutive partially transferred pairs.
+    #: Number of consecutive pairs of the case `PARTIAL_TRANSFER`. The case of another motion (`OWN_BODY`, `RIVAL`) with
+    #: the finding of that name leaves it unchanged, so that `MAX_TRANSFERS` does not end that finding.
+    transfers: int = 0
     recovering_pairs: int = 0  #: Number of moving pairs that stay degraded (`Finding.RECOVERING`).
     typical: float | None = None  #: Typical fraction of unexplained landmarks; None before the first pair.
 
@@ -146,6 +176,31 @@ class GroundMemory:
         typical = unexplained if self.typical is None else self.typical
         gain = RISING_GAIN if unexplained > typical else FALLING_GAIN
         return typical + gain * (unexplained - typical)
+
+    def transfers_after(self, transfers: Transfers) -> int:
+        """Return the number of consecutive partially transferred pairs after a pair."""
+        match transfers:
+            case Transfers.ONE_MORE:
+                return self.transfers + 1
+            case Transfers.NONE:
+                return 0
+            case Transfers.UNCHANGED:
+                return self.transfers
+
+    def recovering_after(self, findings: frozenset[Finding], transfers: int, *, is_moving: bool) -> int:
+        """Return the number of moving pairs that stay degraded after a pair with findings.
+
+        `transfers` is the number of consecutive partially transferred pairs, with this one.
+        """
+        if not findings.isdisjoint(DOUBTFUL):
+            return max(self.recovering_pairs, AGREEING_PAIRS)
+        if Finding.PARTIAL_TRANSFER in findings:
+            return max(self.recovering_pairs, min(transfers, AGREEING_PAIRS))
+        return self.still_recovering(is_moving=is_moving)
+
+    def still_recovering(self, *, is_moving: bool) -> int:
+        """Return the number of moving pairs that earlier ones still degrade; a stationary image does not count."""
+        return max(self.recovering_pairs - 1, 0) if is_moving else self.recovering_pairs
 
     def in_new_window(self, frame: StereoFrame, pose: Pose) -> GroundMemory:
         """Return the memory with a new window. Its ground has not been seen to move; doubt persists."""

@@ -34,13 +34,13 @@ from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
 from sfr_loc_map.localisation.ground_evidence import CLEAR_RATIO, ComparedPair, Evidence, MotionTools
 from sfr_loc_map.localisation.ground_memory import (
-    AGREEING_PAIRS,
     MAX_MOVING,
     MIN_UNEXPLAINED,
     ComparedImage,
     Confidence,
     GroundMemory,
     Phase,
+    Transfers,
 )
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.parallel import Pending, beside
@@ -111,38 +111,32 @@ def decide(evidence: Evidence) -> Case:
     return next(case for case, applies in cases if applies(evidence))
 
 
-class Transfers(Enum):
-    """What a case means for the number of consecutive partially transferred pairs."""
-
-    UNCHANGED = auto()
-    ONE_MORE = auto()
-    NONE = auto()
-
-
 class Effect(NamedTuple):
     """What a case reports by itself, and what it teaches about the ground."""
 
     finding: Finding | None = None
     leaves_doubt: bool = False  #: Whether the ground's motion is in doubt after the pair.
     transfers: Transfers = Transfers.UNCHANGED
+    #: Whether the pair can confirm the ground's motion and what is typical for it. Its findings depend on both.
+    confirms: bool = False
+    outlasts_refusal: bool = False  #: Whether the memory learns from the pair although its pose is refused.
 
 
 EFFECTS: Final = {
     Case.OWN_BODY: Effect(),
     Case.UNTRUSTED: Effect(),
-    Case.CONTRADICTED: Effect(Finding.CONTRADICTED, leaves_doubt=True),
+    Case.CONTRADICTED: Effect(Finding.CONTRADICTED, leaves_doubt=True, outlasts_refusal=True),
     Case.PARTIAL_TRANSFER: Effect(Finding.PARTIAL_TRANSFER, transfers=Transfers.ONE_MORE),
     Case.DOUBLE_EXPOSURE: Effect(Finding.DOUBLE_EXPOSURE),
     Case.AMBIGUOUS: Effect(Finding.AMBIGUOUS, leaves_doubt=True),
     Case.RIVAL: Effect(),
     Case.MAIN: Effect(),
     Case.UNCONVINCING: Effect(Finding.GROUND_IN_DOUBT, leaves_doubt=True, transfers=Transfers.NONE),
-    Case.ONE_MOTION: Effect(transfers=Transfers.NONE),
+    Case.ONE_MOTION: Effect(transfers=Transfers.NONE, confirms=True),
 }
 """What follows from the case alone.
 
-`findings_of` adds what the selection and the memory report, and `_memory_after` what the pair teaches. Only
-`ONE_MOTION` can confirm the ground's motion and what is typical for it.
+`findings_of` adds what the selection and the memory report. `_memory_after` applies what the pair teaches.
 """
 
 
@@ -157,6 +151,11 @@ class Selection(NamedTuple):
     fixed: Mask | None = None  #: `(R, C)` cells that are fixed to the camera.
     moving: Mask | None = None  #: `(R, C)` cells that move otherwise than the ground.
     rival_distance: MotionSize = MotionSize(0.0, 0.0)  #: Distance to the pose of the motion not selected.
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the pose is trusted and the image moved."""
+        return self.tracks.is_trusted and self.motion_px > MOVED_PX
 
 
 class Ground(NamedTuple):
@@ -223,7 +222,7 @@ class GroundSelector:
             not_ground=selection.not_ground,
             rival_distance=selection.rival_distance,
             memory=after,
-            memory_if_refused=after if case is Case.CONTRADICTED else memory,
+            memory_if_refused=after if EFFECTS[case].outlasts_refusal else memory,
             compared=self._compared_after(pair, selection, compared),
         )
 
@@ -329,19 +328,10 @@ class GroundSelector:
     ) -> GroundMemory:
         """Return the memory after a pair, by its case and its findings."""
         memory = evidence.memory
-        transfers = memory.transfers
-        match EFFECTS[case].transfers:
-            case Transfers.ONE_MORE:
-                transfers += 1
-            case Transfers.NONE:
-                transfers = 0
-        recovering_pairs = recovering_pairs_of(evidence, selection)
-        if not findings.isdisjoint(DOUBTFUL):
-            recovering_pairs = max(memory.recovering_pairs, AGREEING_PAIRS)
-        elif Finding.PARTIAL_TRANSFER in findings:
-            recovering_pairs = max(memory.recovering_pairs, min(transfers, AGREEING_PAIRS))
+        effect = EFFECTS[case]
+        transfers = memory.transfers_after(effect.transfers)
         typical = memory.typical
-        if case is Case.ONE_MOTION:
+        if effect.confirms:
             typical = memory.typical_after(evidence.explained.unexplained_fraction)
         return GroundMemory(
             excluded=self._excluded_after(evidence, selection),
@@ -349,7 +339,7 @@ class GroundSelector:
             previous=evidence.pair.frame.left[MIXTURE_LEVEL].image,
             confidence=confidence_after(case, evidence),
             transfers=transfers,
-            recovering_pairs=recovering_pairs,
+            recovering_pairs=memory.recovering_after(findings, transfers, is_moving=selection.is_moving),
             typical=typical,
         )
 
@@ -365,42 +355,33 @@ class GroundSelector:
         return excluded.after_pair(evidence.pair.change.stays, self._tools.shape)
 
 
-DOUBTFUL: Final = frozenset({Finding.CONTRADICTED, Finding.AMBIGUOUS, Finding.GROUND_IN_DOUBT, Finding.DOUBLE_EXPOSURE})
-"""Findings after which the ground's motion must be observed again in several moving pairs."""
-
-
 def findings_of(case: Case, evidence: Evidence, selection: Selection) -> frozenset[Finding]:
     """Return all findings in a pair: those of its case, of the selected tracks, and of earlier pairs."""
     findings = set[Finding]()
-    finding = EFFECTS[case].finding
-    if finding is not None:
-        findings.add(finding)
+    effect = EFFECTS[case]
+    if effect.finding is not None:
+        findings.add(effect.finding)
     if selection.is_partial:
         findings.add(Finding.PARTIAL_TRANSFER)
-    if case is Case.ONE_MOTION:
+    if effect.confirms:
         is_in_doubt = confidence_after(case, evidence).phase is Phase.IN_DOUBT
         if evidence.is_half_unexplained or is_in_doubt:
             findings.add(Finding.GROUND_IN_DOUBT)
-    if not findings and selection.tracks.is_trusted and recovering_pairs_of(evidence, selection) > 0:
+    is_recovering = evidence.memory.still_recovering(is_moving=selection.is_moving) > 0
+    if not findings and selection.tracks.is_trusted and is_recovering:
         findings.add(Finding.RECOVERING)
-    if case is Case.ONE_MOTION and evidence.is_known and evidence.is_unusual:
+    if effect.confirms and evidence.is_known and evidence.is_unusual:
         findings.add(Finding.UNEXPLAINED)
     return frozenset(findings)
-
-
-def recovering_pairs_of(evidence: Evidence, selection: Selection) -> int:
-    """Return the number of moving pairs that stay degraded by earlier ones; a stationary image does not count."""
-    pairs = evidence.memory.recovering_pairs
-    is_moving = selection.tracks.is_trusted and selection.motion_px > MOVED_PX
-    return max(pairs - 1, 0) if is_moving else pairs
 
 
 def confidence_after(case: Case, evidence: Evidence) -> Confidence:
     """Return the confidence in the ground's motion after a pair; a stationary image shows nothing."""
     confidence = evidence.memory.confidence
-    if EFFECTS[case].leaves_doubt:
+    effect = EFFECTS[case]
+    if effect.leaves_doubt:
         return confidence.after_contradiction(evidence.unexplained_cells)
-    if case is not Case.ONE_MOTION or evidence.is_known or evidence.explained.motion_px <= MOVED_PX:
+    if not effect.confirms or evidence.is_known or evidence.explained.motion_px <= MOVED_PX:
         return confidence
     if evidence.memory.excluded.moving_fraction < MAX_MOVING and evidence.covers_doubt:
         return confidence.after_agreement()
