@@ -78,7 +78,7 @@ class TrackingStatistics:
     """Figures of one call; None where the call has no such figure."""
 
     features: int | None = None  #: Landmarks that were searched for.
-    inliers: int | None = None  #: Landmarks that agree with the pose.
+    inliers: int | None = None  #: Landmarks that agree with the pose; 0 if no pose of the pair was accepted.
     keyframes: int | None = None  #: Keyframes since the start.
     #: Median over the landmarks of the squared Mahalanobis residual per degree of freedom.
     chi_median: float | None = None

@@ -36,6 +36,10 @@ pair changes in the state:
 | lost (`_lose`) | path (it forgets the velocity), failed recoveries (by a good image), status, reason |
 | begins a window (`_begin`) | all but `shear_mean`: the window starts at the last known pose; if it fails, as lost |
 
+Four other events change it: the finished keyframe of the call before (path, map, calibration and recovery; without the
+map if the adjustment diverged), a pose from outside (path, and the map if it is forgotten), the first pair (path), and
+`set_pose` (path).
+
 Each pair, also a refused one, changes `images` unless it repeats the pair before. A pair that is compared with a map
 changes `ground`, also if it is refused, if it has stale rows or contradicts its pose. A pair that would be
 kept is lost if the localiser is lost already.
@@ -81,7 +85,7 @@ from sfr_loc_map.localisation.guards import Findings, ShearMean
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW, KeyframeJob, KeyframeMaker, KeyframeResult
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.parallel import BACKGROUND
-from sfr_loc_map.localisation.relocalisation import MAX_ATTEMPTS, RecoveryImages, Relocaliser
+from sfr_loc_map.localisation.relocalisation import RESTART_AFTER, RecoveryImages, Relocaliser
 from sfr_loc_map.localisation.stale_images import ImageComparison
 from sfr_loc_map.localisation.state import Outcome, StageClock, State
 from sfr_loc_map.localisation.uncertainty import RoverModel, pose_covariance, symmetric
@@ -410,7 +414,7 @@ class Localiser:
             count = 0 if state.landmark_map is None else len(state.landmark_map.landmarks.index)
             if self._relocaliser.is_good_image(frame, count):
                 state = replace(state, failed_recoveries=state.failed_recoveries + 1)
-                if state.failed_recoveries > MAX_ATTEMPTS:
+                if state.failed_recoveries >= RESTART_AFTER:
                     return self._begin(state, frame, verdict, tracks)
         return self._lose(state, verdict.reason, statistics, tracks)
 

@@ -20,8 +20,9 @@ from sfr_loc_map.localisation.frontend.landmarks import BORDER, Landmarks
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks, is_textured
 
-MAX_ATTEMPTS = 2
-"""Number of good images that are compared with the map before a new window begins. A single one may be blurred."""
+RESTART_AFTER = 3
+"""Number of good images with a refused pose since the last accepted pair, after which a new window begins. A single one
+may be blurred. Chosen by hand."""
 NO_POINTS = np.zeros((0, 2))  #: No points.
 FLOW_WINDOW = (21, 21)  #: Window of the optical flow, px: the default of OpenCV.
 FLOW_MIN_SIDE = 16  #: Side of the coarsest image of the optical flow, px: the window must fit.
