@@ -24,6 +24,7 @@ from sfr_loc_map.localisation.stale_images import ImageComparison, are_equal
 
 Findings = frozenset[Finding]
 
+# Values without a stated reason were chosen by hand. Recorded trials of others: measurements/localiser_trials.md.
 MIN_CONTRAST: Final = 1.0  #: Minimum standard deviation of a textured image in full resolution, grey levels.
 MIN_STEREO_FRACTION: Final = 0.3  #: Fraction of inliers seen in both images up to which a pair is one-sided.
 MAX_SHEAR: Final = 7.0

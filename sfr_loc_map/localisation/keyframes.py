@@ -29,7 +29,7 @@ from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tra
 
 KEYFRAME_FLOW = 0.05
 """Median optical flow since the last keyframe that triggers a new one, fraction of the width. 0.08 changes errors by a
-few percent (docs/decisions/0002-localiser.md)."""
+few percent (measurements/localiser_trials.md)."""
 KEYFRAME_INLIER_RATIO = 0.65
 """Ratio of inliers to the last keyframe's landmarks below which a keyframe is made, before too few are left."""
 ADJUSTMENT_ITERATIONS = 2  #: Gauss-Newton iterations per keyframe; the next keyframe continues from the result.

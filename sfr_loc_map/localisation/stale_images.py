@@ -25,8 +25,8 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, Mask
 from sfr_loc_map.geometry.stereo import StereoPair
 
-# The thresholds were chosen on rendered drives with injected faults and with noise of up to some ten grey levels
-# (docs/decisions/0002-localiser.md).
+# The thresholds were chosen by hand on rendered drives with injected faults and with noise of up to some ten grey
+# levels.
 
 ROW_STEPS: Final = (16, 1)  #: Row steps of the comparison: all rows are compared if every 16th does not decide.
 MAX_NOISE: Final = 12.0  #: Standard deviation of a difference, grey levels, above which the scene moved.

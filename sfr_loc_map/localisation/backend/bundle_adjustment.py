@@ -31,7 +31,7 @@ from sfr_loc_map.localisation.small_linalg import fill_inverse_3, retract
 
 KERNEL_CHI2 = 6.0
 """Squared Mahalanobis residual of a position, which has two degrees of freedom, at which its Geman-McClure weight is a
-quarter. Another value: docs/decisions/0002-localiser.md."""
+quarter. 20 was tried: measurements/localiser_trials.md, "What limits it, and what was tried"."""
 LANDMARK_PRIOR = 1e-6
 """Added to the diagonal of a landmark's information, 1/px^2 and m^2, so that an unobserved landmark keeps its value."""
 GAUGE_PRIOR = 1e-9

@@ -23,7 +23,7 @@ from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.localisation.backend.bundle_adjustment import OffsetEstimate
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset, RightShift
 
-# The values were chosen on rendered drives with injected yaw, pitch and drift (docs/decisions/0002-localiser.md).
+# The values were chosen by hand on rendered drives with injected yaw, pitch and drift.
 
 MIN_SHIFTS: Final = 8  #: Minimum number of consecutive pairs from which a drift is detected.
 MAX_SHIFTS: Final = 16  #: Maximum number of consecutive pairs from which a drift is detected.

@@ -18,6 +18,7 @@ from sfr_loc_map.jit import jit, jit_fast
 from sfr_loc_map.localisation.parallel import both
 from sfr_loc_map.localisation.small_linalg import copy_row
 
+# Values without a stated reason were chosen by hand. Recorded trials of others: measurements/localiser_trials.md.
 BLOCK = 7  #: Side of the neighbourhood over which the gradient matrix of a corner is summed, pixels.
 MIN_CELL_PX = 8  #: Minimum side of a cell of the grid, pixels.
 MIN_DISTANCE_RATIO = 0.6  #: Minimum distance of a new corner from landmarks, over the side of a cell.

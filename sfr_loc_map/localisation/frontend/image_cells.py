@@ -31,6 +31,7 @@ from sfr_loc_map.localisation.frontend.projection import (
 )
 from sfr_loc_map.localisation.small_linalg import reorder_to_rank
 
+# Values without a stated reason were chosen by hand. Recorded trials of others: measurements/localiser_trials.md.
 LEVEL: Final = 1  #: Pyramid level that is compared: it has half the noise of the image but most of its texture.
 SIDE: Final = 8  #: Side of a cell, pixels of that level.
 CELL: Final = SIDE << LEVEL  #: Side of a cell, pixels of the image.

@@ -18,7 +18,7 @@ from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
 
 SMOOTHING = cv2.getGaussianKernel(3, 0.5, cv2.CV_32F)
 """Gaussian kernel of 0.5 px along rows and columns, which reduces the errors of bilinear interpolation. Other widths:
-docs/decisions/0002-localiser.md."""
+measurements/localiser_trials.md, "What limits it, and what was tried"."""
 LEVELS = 4
 """Levels of the pyramid. Level l is 2^l times smaller; its pixels are `u_l = (u + 0.5) / 2^l - 0.5`."""
 

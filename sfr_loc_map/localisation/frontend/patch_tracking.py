@@ -27,6 +27,7 @@ from sfr_loc_map.localisation.frontend.patch import (
     warped_normal,
 )
 
+# Values without a stated reason were chosen by hand. Recorded trials of others: measurements/localiser_trials.md.
 MIN_DETERMINANT = 0.05  #: Minimum determinant of a warp: the area, px^2, that a pixel of the host covers.
 MAX_SPAN_PX = 60.0  #: Maximum extent of a warped patch, pixels.
 MAX_DEPTH_CHANGE = 0.99  #: Maximum relative change of the depth from the centre of a patch to a corner.

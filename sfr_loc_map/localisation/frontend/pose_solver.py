@@ -25,11 +25,13 @@ from sfr_loc_map.localisation.frontend.projection import (
 from sfr_loc_map.localisation.frontend.robust_weights import geman_mcclure, geman_mcclure_weight
 from sfr_loc_map.localisation.small_linalg import fill_inverse_4, reorder_to_median, retract, solve
 
+# Values without a stated reason were chosen by hand. Recorded trials of others: measurements/localiser_trials.md.
 MIN_LANDMARKS = 6  #: Minimum number of observed landmarks.
 UNOBSERVED_VARIANCE = 1e8  #: Variance of a position that was not observed, px^2.
 SCALE_PER_MEDIAN = 1.5
 """Scale of the Geman-McClure weight over the median of the squared residuals per degree of freedom. The scale is at
-least 1, which is their expectation. Weaker weights: docs/decisions/0002-localiser.md."""
+least 1, which is their expectation. Weaker weights: measurements/localiser_trials.md,
+"What limits it, and what was tried"."""
 FIRST_SCALE_FACTOR = 4.0  #: Factor on that scale in the first iteration, when the pose is that of the prediction.
 CONVERGED_STEP = 1e-5  #: Step of the pose, metres and radians, below which no further iteration follows.
 
@@ -247,6 +249,7 @@ def solve_pose(
     return PoseSolution(Pose(rotation, position), information, linearised)
 
 
+# Values without a stated reason were chosen by hand. Recorded trials of others: measurements/localiser_trials.md.
 SHIFT_SCALE = 4.0  #: Squared residual per degree of freedom at which a landmark's weight is a quarter (Geman-McClure).
 MIN_INLIER_WEIGHT = 0.5  #: Minimum weight of a landmark that agrees with the pose.
 MIN_SHIFT_LANDMARKS = 9  #: Minimum number of landmarks of the shift and the shear.

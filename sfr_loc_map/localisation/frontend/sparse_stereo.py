@@ -97,6 +97,7 @@ def nearest(points: FloatArray, begin: NDArray[np.intp], support: FloatArray, co
     return Neighbours(distance, index)
 
 
+# Values without a stated reason were chosen by hand. Recorded trials of others: measurements/localiser_trials.md.
 MIN_PEAK_DISTANCE = 2  #: Positions beside the best correlation that do not count as a second peak.
 
 
@@ -197,6 +198,7 @@ def search_row(image: FloatImage, patches: Patch, uv: FloatArray, max_disparity:
     return found
 
 
+# Values without a stated reason were chosen by hand. Recorded trials of others: measurements/localiser_trials.md.
 PRIOR_SIGMA = 0.05  #: Standard deviation of the slopes of the neighbours' plane, pixels of disparity per pixel.
 MIN_SQUARE = 1.0  #: Minimum mean squared residual, grey levels squared: images are quantised to whole grey levels.
 SLOPE_ITERATIONS = 5  #: Maximum number of iterations.
@@ -386,6 +388,7 @@ def refine_slopes(image: FloatImage, patches: Patch, right: FloatArray, slope: F
     return refined
 
 
+# Values without a stated reason were chosen by hand. Recorded trials of others: measurements/localiser_trials.md.
 SEARCH_LEVEL = 1  #: Pyramid level of the search.
 SEARCH_HALF = 4  #: Half width of the patches of the search, pixels of that level.
 MIN_SEARCH_NCC = 0.75  #: Minimum normalised cross-correlation of the search.

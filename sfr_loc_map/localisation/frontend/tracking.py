@@ -25,6 +25,7 @@ from sfr_loc_map.localisation.frontend.photometric_alignment import align_patche
 from sfr_loc_map.localisation.frontend.pose_solver import RightOffset, StereoObservations, solve_pose
 from sfr_loc_map.localisation.parallel import both
 
+# Values without a stated reason were chosen by hand. Recorded trials of others: measurements/localiser_trials.md.
 LIMITS = TrackingLimits(max_shift=2.5, iterations=6, min_correlation=0.6)
 """Limits of a landmark against its projection: px, Gauss-Newton iterations, normalised cross-correlation."""
 SEARCHED_OFFSET_PX = 0.5
