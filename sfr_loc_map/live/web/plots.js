@@ -6,6 +6,7 @@ import { byId } from "./dom.js";
 
 const CONFIG = { displayModeBar: false, responsive: true, doubleClick: "autosize" };
 const LOGARITHMIC_FROM = 6; // times the median: a larger value would flatten the others on a linear scale
+const MOST_DETAILED_POWERS = 4; // of ten: over more of them the ticks between the powers would overlap
 const TIME_TICK_PX = 100; // width of a time of day with its distance to the next
 const HEIGHT_PX = 280; // of a plot without its legend
 const LEGEND_ROW_PX = 19;
@@ -51,7 +52,18 @@ export function timeAxis(id) {
 export function scaleOf(values) {
   const positive = values.filter((value) => value > 0).sort((a, b) => a - b);
   const median = positive[Math.floor(positive.length / 2)];
-  return positive.at(-1) > LOGARITHMIC_FROM * median ? { type: "log", nticks: 6 } : { type: "linear", rangemode: "tozero" };
+  if (!(positive.at(-1) > LOGARITHMIC_FROM * median)) return { type: "linear", rangemode: "tozero" };
+  const ticks = logarithmicTicks(positive[0], positive.at(-1));
+  const inFull = (tick) => tick.toLocaleString("en", { maximumSignificantDigits: 1 });
+  return { type: "log", tickvals: ticks, ticktext: ticks.map(inFull) };
+}
+
+/** Return the ticks around two values: 1, 2 and 5 times each power of ten, over a wide range the powers alone. */
+function logarithmicTicks(low, high) {
+  const first = Math.floor(Math.log10(low));
+  const powers = Array.from({ length: Math.ceil(Math.log10(high)) - first + 1 }, (_, number) => first + number);
+  const steps = powers.length > MOST_DETAILED_POWERS ? [1] : [1, 2, 5];
+  return powers.flatMap((power) => steps.map((step) => Number(`${step}e${power}`)));
 }
 
 /** Return a dashed horizontal line over the range of x that names a limit in the legend. */
