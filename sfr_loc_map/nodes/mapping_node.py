@@ -197,12 +197,12 @@ class MappingNode(PairNode[MappingNodeConfig]):
         begin = time.perf_counter()
         pair = received.decode()
         conversion_s = time.perf_counter() - begin
-        mapper, rig, limits = self._present_mapper(), received.rig, self.config.mapping
+        mapper, rig, config = self._present_mapper(), received.rig, self.config.mapping
         with self.status.measure() as usage:
             result = mapper.process(pair, pose, len(self._pairs))
         self._pairs.append(result)
         header = messages.header_msg(pair.stamp_ns, received.frame_id)
-        searched_px = rig.fx * rig.baseline_m / limits.max_range_m, rig.fx * rig.baseline_m / limits.min_range_m
+        searched_px = rig.fx * rig.baseline_m / config.max_range_m, rig.fx * rig.baseline_m / config.min_range_m
         self._disparity.publish(messages.disparity_msg(result.disparity_px, rig, searched_px, header))
         self._stages.append(usage)
         cost, times = usage.cost(MappingState.MAPPED), self.times(received, conversion_s)

@@ -73,14 +73,14 @@ class PairNodeConfig(NodeConfig):
 P = TypeVar("P", bound=PairNodeConfig)
 
 
-class Silence:
-    """Counts periods without input; those that are reported become rarer: the first, second, fourth, eighth, ..."""
+class Backoff:
+    """Counts periods without input. Reports become rarer: the first, second, fourth, eighth, ... period is reported."""
 
     def __init__(self) -> None:
         self._periods = 0
 
-    def note(self, is_silent: bool) -> bool:
-        """Note whether a period was silent; return whether what the node waits for is reported."""
+    def is_due(self, is_silent: bool) -> bool:
+        """Count a period with or without input; return whether a report is due."""
         self._periods = self._periods + 1 if is_silent else 0
         return self._periods & (self._periods - 1) == 0
 
@@ -115,7 +115,7 @@ class PairNode(ManagedNode[P], ABC):
     def reset_state(self) -> None:
         """Create the state of a run, without results."""
         self.rig = None
-        self._silence = Silence()
+        self._backoff = Backoff()
         self._stereo = StereoInput(
             self.rig_name,
             self.config.input,
@@ -147,7 +147,7 @@ class PairNode(ManagedNode[P], ABC):
         has_worked = self.status.calls > self._calls_before or not self.worker.is_idle
         self._calls_before = self.status.calls
         is_silent = not any(item.received for item in self.inputs() if CameraInfo not in item.topics.values())
-        is_reported = self._silence.note(is_silent)
+        is_reported = self._backoff.is_due(is_silent)
         text = self.waits_for()
         self.forget_received()
         if has_worked or not text or (is_silent and not self.expects_input()):
