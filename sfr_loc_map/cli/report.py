@@ -179,9 +179,11 @@ def _write_test_report(
 
     if junit is not None:
         named = {f"score {n}": score for n, score in enumerate(scores, 1)}
-        without = {"all scores together": no_common_verdict} if no_common_verdict else {}
+        without: dict[str, str] = {}
         if any(score.verdict is not None for score in scores):  # a score beside judged ones is judged, too
-            without |= {name: NO_LIMITS for name, score in named.items() if not _is_judged(score)}
+            without = {name: NO_LIMITS for name, score in named.items() if not _is_judged(score)}
+        if no_common_verdict and not without:
+            without = {"all scores together": no_common_verdict}
         write_text(junit_of({name: score for name, score in named.items() if name not in without}, without), junit)
     if test_report is not None:
         write_text(render_test_report(scores, *heading), test_report)

@@ -50,7 +50,7 @@ def test_what_ros2_run_and_launch_look_for_is_installed(installed: Path) -> None
     executables = {path.name for path in (inner / "lib" / PACKAGE).iterdir()}
     assert executables >= {"localisation_node", "mapping_node", "monitor_node", "sfr"}
     share = inner / "share" / PACKAGE
-    for name in ("node", "replay", "sfr"):
+    for name in ("node", "sfr"):
         assert (share / "launch_scripts" / f"{name}.launch.py").is_file()
     for path in (ROOT / "config").rglob("*.yaml"):
         assert (share / "config" / path.relative_to(ROOT / "config")).read_bytes() == path.read_bytes()
