@@ -14,37 +14,14 @@ from helpers.cli_result import Sfr
 from helpers.made_scene import nav_pair, write_folder
 from helpers.made_suites import made_suite
 from helpers.made_suites import straight as made_drive
+from helpers.straight_drive import COUNT, PERIOD_NS, POSITION, limits
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.clouds.cloud_file import save_cloud, save_points
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 
-PERIOD_NS = 100_000_000
-COUNT = 300
-POSITION = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 0.05}]}
-
 LOOSE = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 1.0}]}
-
-
-def straight(scale: float = 1.0) -> Trajectory:
-    positions = np.column_stack((0.1 * scale * np.arange(COUNT), np.zeros((COUNT, 2))))
-    return Trajectory(np.arange(COUNT) * PERIOD_NS, positions, np.tile([0.0, 0.0, 0.0, 1.0], (COUNT, 1)))
-
-
-@pytest.fixture
-def files(tmp_path: Path) -> tuple[Path, Path]:
-    """An estimate that is 0.1 % short, and its truth."""
-    paths = tmp_path / "estimate.csv", tmp_path / "truth.csv"
-    for path, scale in zip(paths, (0.999, 1.0), strict=True):
-        save_trajectory(path, straight(scale))
-    return paths
-
-
-def limits(folder: Path, content: object) -> Path:
-    path = folder / "limits.yaml"
-    path.write_text(yaml.safe_dump(content))
-    return path
 
 
 def cloud_of(number: int) -> PointCloud:
@@ -255,9 +232,11 @@ def test_scores_of_several_runs_have_no_pass_in_common(tmp_path: Path, sfr: Sfr)
     changed = json.loads(first.read_text())
     changed["provenance"]["version"] = "0.0.1"
     (tmp_path / "version.json").write_text(json.dumps(changed))
+    (tmp_path / "unknown.json").write_text(json.dumps({**changed, "provenance": None}))
     mixed = {
         "2 items under test": scored("item", version="2"),
         "several versions": tmp_path / "version.json",
+        "not every score says what it was made of": tmp_path / "unknown.json",
         "several configurations (trajectory.spacing)": scored("spacing", "--spacing", "5"),
         "several ground truths": scored("source", truth=moved),
     }

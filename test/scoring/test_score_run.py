@@ -15,6 +15,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from helpers import score_rows
 from helpers.cli_result import Sfr
 from helpers.made_scene import NAV_RIG, nav_pair, write_folder
+from helpers.straight_drive import PERIOD_NS, straight
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -26,13 +27,7 @@ from sfr_loc_map.message_types import STRING
 from sfr_loc_map.runs.calls import CallRecord, encode_call, load_call_stats, save_stats
 from sfr_loc_map.scoring.load import estimates_of, load_estimates
 
-PERIOD_NS = 100_000_000
 Scored = Callable[..., dict[str, Any]]
-
-
-def straight(count: int = 300, scale: float = 1.0) -> Trajectory:
-    positions = np.column_stack((0.1 * scale * np.arange(count), np.zeros((count, 2))))
-    return Trajectory(np.arange(count) * PERIOD_NS, positions, np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
 
 
 @pytest.fixture

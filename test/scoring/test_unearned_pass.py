@@ -7,11 +7,11 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-import pytest
 import yaml
 
 from helpers.cli_result import Sfr
 from helpers.made_scene import NAV_RIG, nav_pair, write_folder
+from helpers.straight_drive import COUNT, PERIOD_NS, POSITION, limits, straight
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
@@ -19,34 +19,10 @@ from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.judge import judged
 from sfr_loc_map.metrics.score_json import from_json, to_json
 
-PERIOD_NS = 100_000_000
-COUNT = 300
-POSITION = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 0.05}]}
-
-
-def straight(scale: float = 1.0) -> Trajectory:
-    positions = np.column_stack((0.1 * scale * np.arange(COUNT), np.zeros((COUNT, 2))))
-    return Trajectory(np.arange(COUNT) * PERIOD_NS, positions, np.tile([0.0, 0.0, 0.0, 1.0], (COUNT, 1)))
-
-
-@pytest.fixture
-def files(tmp_path: Path) -> tuple[Path, Path]:
-    """An estimate that is 0.1 % short, and its truth."""
-    paths = tmp_path / "estimate.csv", tmp_path / "truth.csv"
-    for path, scale in zip(paths, (0.999, 1.0), strict=True):
-        save_trajectory(path, straight(scale))
-    return paths
-
-
-def limits(folder: Path, content: object) -> Path:
-    path = folder / "limits.yaml"
-    path.write_text(yaml.safe_dump(content))
-    return path
-
 
 def test_wrong_poses_with_other_stamps_are_missing(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
     """No figure contains the error of a pose whose stamp agrees with no truth."""
-    rules, drive = limits(tmp_path, POSITION), straight(0.999)
+    rules, drive = limits(tmp_path, POSITION), straight(scale=0.999)
     assert sfr("score", *files, "--limits", rules).code == 0
     is_moved = (np.arange(COUNT) >= 100) & (np.arange(COUNT) < 140)
     away = drive.positions + 2.0 * is_moved[:, None]
@@ -107,7 +83,7 @@ def test_a_suite_judges_every_limit_and_counts_drives_by_their_truth(
     """Nine estimates of one truth are one drive; a limit on maps has not enough data where no map is."""
     names = [f"d{number}.csv" for number in range(9)]
     for number, name in enumerate(names):
-        save_trajectory(tmp_path / name, straight(0.999 + 1e-9 * number))
+        save_trajectory(tmp_path / name, straight(scale=0.999 + 1e-9 * number))
     pairs = [{"estimate": name, "truth": "truth.csv"} for name in names]
     bound = {"limit": 0.05, "prob": 0.8, "confidence": 0.8, "interpretation": "ensemble"}
     of_bound = {"minimum_independent": 1, "trajectory": [{"condition": "distance=5", "position_bound_m": bound}]}
@@ -158,7 +134,7 @@ def test_points_of_a_map_that_are_repeated_are_no_more_points(tmp_path: Path, sf
 
 def test_a_suite_refuses_the_result_of_another_job(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
     """The result of a good estimate is copied over that of a bad one."""
-    save_trajectory(tmp_path / "bad.csv", straight(1.5))
+    save_trajectory(tmp_path / "bad.csv", straight(scale=1.5))
     suite, out = tmp_path / "suite.yaml", tmp_path / "out"
     pairs = [{"estimate": name, "truth": "truth.csv"} for name in ("estimate.csv", "bad.csv")]
     suite.write_text(yaml.safe_dump({"sources": pairs, "limits": POSITION}))

@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.ndimage import gaussian_filter
 
+from helpers.wall import wall_view
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.localisation.frontend.double_exposure import MIXTURE_LEVEL, Mixture, mixture_of
@@ -25,13 +26,7 @@ AWAY = Pose(matrix_from_rotvec([-0.02, 0.03, 0.0]), np.array([-0.05, 0.02, 0.0])
 
 def view(pose: Pose) -> np.ndarray:
     """Render the wall at 2 m: each pixel looks up the host image."""
-    v, u = np.mgrid[0:HEIGHT, 0:WIDTH]
-    pixels = np.column_stack((u.ravel(), v.ravel())).astype(float)
-    rays = np.column_stack((CAMERA.normalised(pixels), np.ones(len(pixels)))) @ pose.rotation.T
-    points = pose.position + rays * ((DEPTH_M - pose.position[2]) / rays[:, 2])[:, None]
-    x = CAMERA.fx * points[:, 0] / DEPTH_M + CAMERA.cx
-    y = CAMERA.fy * points[:, 1] / DEPTH_M + CAMERA.cy
-    return np.asarray(map_coordinates(WALL, [y, x], order=3, mode="nearest").reshape(HEIGHT, WIDTH))
+    return wall_view(WALL, CAMERA, DEPTH_M, pose)
 
 
 def landmarks() -> Any:

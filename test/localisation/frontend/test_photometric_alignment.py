@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.ndimage import gaussian_filter
 
+from helpers.wall import wall_view
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
 from sfr_loc_map.localisation.frontend import photometric_alignment as alignment
@@ -33,13 +34,7 @@ def planes(uv: np.ndarray = UV) -> LocalPlanes:
 
 def view(pose: Pose) -> np.ndarray:
     """Render the wall from another pose: each pixel looks up the host image."""
-    v, u = np.mgrid[0:HEIGHT, 0:WIDTH]
-    pixels = np.column_stack((u.ravel(), v.ravel())).astype(float)
-    rays = np.column_stack((CAMERA.normalised(pixels), np.ones(len(pixels)))) @ pose.rotation.T
-    points = pose.position + rays * ((DEPTH - pose.position[2]) / rays[:, 2])[:, None]
-    x = CAMERA.fx * points[:, 0] / DEPTH + CAMERA.cx
-    y = CAMERA.fy * points[:, 1] / DEPTH + CAMERA.cy
-    return map_coordinates(IMAGE, [y, x], order=3, mode="nearest").reshape(HEIGHT, WIDTH).astype(np.float32)
+    return wall_view(IMAGE, CAMERA, DEPTH, pose).astype(np.float32)
 
 
 def aligned(
