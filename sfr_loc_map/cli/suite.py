@@ -69,8 +69,7 @@ def run(
 
     propose("sfr", "suite", "report", out, why="its page again, from the results")
     check_outputs(json_path, junit, inputs=(suite,), overwrite=overwrite)
-    if scheduler is not None and workers is not None:
-        raise ConfigError("'--workers' and '--scheduler': give one of them; a running scheduler has its own workers")
+    _refuse_both(workers, scheduler)
     specification = load_specification(suite)
     settings, store = specification.settings, Store(out)
     with store.locked():
@@ -107,6 +106,11 @@ def run(
         done = f"{summary.counts['done']} of {summary.tasks} tasks are done and reported"
         raise InterruptedRunError(f"interrupted: {done}; the same command goes on")
     _present(summary, store, json_path, junit, mlflow, lenient=lenient)
+
+
+def _refuse_both(workers: int | None, scheduler: str | None) -> None:
+    if scheduler is not None and workers is not None:
+        raise ConfigError("'--workers' and '--scheduler': give one of them; a running scheduler has its own workers")
 
 
 def _cores() -> int:
@@ -168,10 +172,9 @@ def search(
     from sfr_loc_map.suite.search.run import CASE, case_file, run_search
     from sfr_loc_map.suite.search.specification import load_search
 
-    propose("sfr", "suite", "run", out / "case.yaml", "--out", out / "case", why="the found case again")
+    propose("sfr", "suite", "run", out / CASE, "--out", out / "case", why="the found case again")
     check_outputs(json_path, inputs=(search,), overwrite=overwrite)
-    if scheduler is not None and workers is not None:
-        raise ConfigError("'--workers' and '--scheduler': give one of them; a running scheduler has its own workers")
+    _refuse_both(workers, scheduler)
     specification, store = load_search(search), Store(out)
     running = specification.running
     places = workers or max(1, _cores() // running.threads)

@@ -149,3 +149,8 @@ def parse_fault(text: str) -> Fault:
     if not low <= fault.amount <= high:
         raise ConfigError(f"fault '{text}': amount must lie in {low:g} .. {high:g}: {kind.info.effect}")
     return fault
+
+
+def with_amount(text: str, amount: float) -> str:
+    """Return the text of a fault, which has no amount, with one: `blurred:share=0.3,amount=2.5`."""
+    return f"{text}{',' if ':' in text else ':'}amount={amount:.9g}"

@@ -68,7 +68,7 @@ def _row(view: VerdictView, score: Score, evidence: str, no_common_verdict: str)
         "method": METHOD,
         "evidence": f"{evidence}, {view.key}",
         "figure": view.name,
-        "unit": _unit_of(view),
+        "unit": view.unit.of_values,
         "compliance": COMPLIANCE.get(item.state, "not verified"),
         "close_out": "closed" if item.state is VerdictState.PASS and not no_common_verdict else "open",
         "remarks": " ".join(filter(None, (no_common_verdict, _remarks(view, score)))),
@@ -77,12 +77,6 @@ def _row(view: VerdictView, score: Score, evidence: str, no_common_verdict: str)
         name: getattr(item, name) for name in ("limit", "value", "margin", "low95", "high95", "n", "independent")
     }
     return {name: printable(text) for name, text in texts.items()} | numbers
-
-
-def _unit_of(view: VerdictView) -> str:
-    """Return the unit of the numbers, which are in the unit of the limits file."""
-    symbol = view.unit.symbol
-    return {"mm": "m", "ms": "s", "MiB": "bytes", "%": "1"}.get(symbol, symbol)
 
 
 def _item_of(score: Score) -> str:

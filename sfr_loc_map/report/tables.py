@@ -29,6 +29,10 @@ UNKNOWN, NOT_ENOUGH, ABSENT = "unknown", "not enough data", "-"
 # ---- numbers
 
 
+SHOWN_UNITS = {"mm": ("m", 1e-3), "ms": ("s", 1e-3), "%": ("1", 1e-2), "MiB": ("bytes", 2.0**20)}
+"""Units that values of another unit are shown in: that unit, and the size of the shown one in it."""
+
+
 @dataclass(frozen=True, slots=True)
 class Unit:
     """A unit that values are shown in; `size` is one of it in the unit of the values: 1e-3 for ms of seconds."""
@@ -37,7 +41,12 @@ class Unit:
     size: float = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "size", {"mm": 1e-3, "ms": 1e-3, "%": 1e-2, "MiB": 2.0**20}.get(self.symbol, 1.0))
+        object.__setattr__(self, "size", SHOWN_UNITS.get(self.symbol, (self.symbol, 1.0))[1])
+
+    @property
+    def of_values(self) -> str:
+        """Symbol of the unit of the values."""
+        return SHOWN_UNITS.get(self.symbol, (self.symbol, 1.0))[0]
 
 
 NONE, METRE, SECOND, DEGREE, PIXEL, SHARE, MILLIMETRE, MILLISECOND, PERCENT, MIB = map(

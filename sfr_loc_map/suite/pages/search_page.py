@@ -83,20 +83,15 @@ def _course(result: SearchResult) -> Plot:
 def _slice_plot(result: SearchResult, number: int) -> Plot:
     cut: Slice = result.slices[number]
     first, second = (result.specification.parameters[index].name for index in (cut.first, cut.second))
-    trace = {
-        "type": "contour",
-        "x": list(cut.x),
-        "y": list(cut.y),
-        "z": [list(row) for row in cut.ratios],
+    grid = {"type": "contour", "x": list(cut.x), "y": list(cut.y), "z": [list(row) for row in cut.ratios]}
+    levels = {
+        **grid,
         "colorscale": "@sequential",
         "contours": {"coloring": "heatmap", "type": "levels"},
         "colorbar": colour_bar("figure over limit"),
     }
     border = {
-        "type": "contour",
-        "x": list(cut.x),
-        "y": list(cut.y),
-        "z": [list(row) for row in cut.ratios],
+        **grid,
         "contours": {"coloring": "none", "start": 1.0, "end": 1.0, "size": 1.0},
         "line": {"color": "@bad", "width": 3},
         "showscale": False,
@@ -104,4 +99,4 @@ def _slice_plot(result: SearchResult, number: int) -> Plot:
     }
     layout = {"xaxis": axis(first), "yaxis": axis(second)}
     caption = "All other parameters as in the reduced case; the line is where the limit begins to be missed."
-    return Plot(f"search-slice-{number}", f"{first} and {second}", caption, [trace, border], layout)
+    return Plot(f"search-slice-{number}", f"{first} and {second}", caption, [levels, border], layout)

@@ -169,11 +169,27 @@ def _simulations(entry: Mapping[str, Any], folder: Path, origin: str) -> Iterato
     if set(entry) - {"simulate", "seeds", "set"} or not whole or not seeds or not isinstance(changes, Mapping):
         raise ConfigError(f"{origin}: 'simulate' takes 'seeds', a list of whole numbers, and 'set', a mapping")
     scenario = folder / str(entry["simulate"])
-    config = flatten(build(SimulationConfig, load_yaml(scenario) | {"seed": 0}, origin=str(scenario)))
+    settings = scenario_settings(scenario) | dict(changes)
     for seed in seeds:
-        made = build(SimulationConfig, config | dict(changes) | {"seed": seed}, origin=f"{scenario}: 'set'")
-        source = _source(SourceKind.SIMULATED, str(scenario), sha256=digest(flatten(made)))
-        yield replace(source, name=f"{scenario.stem}-{seed}", settings=flatten(made), seed=seed)
+        yield simulated_source(scenario, settings, seed, f"{scenario}: 'set'")
+
+
+def scenario_settings(scenario: Path) -> dict[str, object]:
+    """Return all settings of a scenario by dotted name; its seed is that of each drive."""
+    return flatten(build(SimulationConfig, load_yaml(scenario) | {"seed": 0}, origin=str(scenario)))
+
+
+def simulated_source(scenario: Path, settings: Mapping[str, object], seed: int, origin: str) -> JobSource:
+    """Return the drive of one seed of a scenario with settings; raise ConfigError if they are not valid."""
+    complete = flatten(build(SimulationConfig, {**settings, "seed": seed}, origin=origin))
+    return JobSource(
+        name=f"{scenario.stem}-{seed}",
+        kind=SourceKind.SIMULATED,
+        path=str(scenario),
+        settings=complete,
+        sha256=digest(complete),
+        seed=seed,
+    )
 
 
 def _budget_sources(sources: Sequence[JobSource], budget: Sequence[ErrorSource], path: Path) -> Iterator[JobSource]:
@@ -182,14 +198,9 @@ def _budget_sources(sources: Sequence[JobSource], budget: Sequence[ErrorSource],
         if source.kind is not SourceKind.SIMULATED:
             raise ConfigError(f"{path}: 'budget' needs sources 'simulate: SCENARIO'; '{source.name}' is none")
         for variant in variants_of(budget):
-            settings = flatten(build(SimulationConfig, variant.settings(source.settings), origin=f"{path}: 'budget'"))
-            yield replace(
-                source,
-                settings=settings,
-                sha256=digest(settings),
-                variant=variant.name,
-                faults=variant.faults(source.seed),
-            )
+            settings = variant.settings(source.settings)
+            made = simulated_source(Path(source.path), settings, source.seed, f"{path}: 'budget'")
+            yield replace(made, variant=variant.name, faults=variant.faults(source.seed))
 
 
 def _configurations(value: object, path: Path) -> dict[str, dict[str, object]]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from sfr_loc_map.config import build, flatten
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.faults.kinds import parse_fault
+from sfr_loc_map.faults.kinds import parse_fault, with_amount
 from sfr_loc_map.simulation.config import SimulationConfig
 
 ALL, NONE, ONLY = "all sources", "no source", "only "  #: Names of two variants, and how those of one source begin.
@@ -34,7 +34,7 @@ class ErrorSource:
             return self.fault
         neutral = parse_fault(self.fault).kind.info.neutral
         draw = np.random.default_rng([seed, *self.name.encode()]).normal(neutral, self.sigma)
-        return f"{self.fault},amount={draw:.9g}" if ":" in self.fault else f"{self.fault}:amount={draw:.9g}"
+        return with_amount(self.fault, draw)
 
 
 @dataclass(frozen=True, slots=True)

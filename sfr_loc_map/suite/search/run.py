@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import yaml
 
 from sfr_loc_map import __version__
-from sfr_loc_map.config import build, flatten, load_yaml
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.metrics.score_json import to_plain
-from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.cluster import FailureCause
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.store import Store
@@ -132,10 +130,7 @@ def _worst_ratio(specification: SearchSpecification, store: Store, jobs: Sequenc
 def case_file(result: SearchResult) -> str:
     """Return the file of a suite that runs the found case again."""
     specification, point = result.specification, result.case.point
-    changed = {
-        name: value for name, value in specification.base.items() if value != _scenario_of(specification).get(name)
-    }
-    settings = {**changed, **specification.settings_at(point)}
+    settings = {**specification.changes, **specification.settings_at(point)}
     settings.pop("seed", None)
     content: dict[str, Any] = {
         "sources": [
@@ -150,7 +145,3 @@ def case_file(result: SearchResult) -> str:
     ratio = f"{result.case.ratio:.3g} times the limit of {specification.settings.limit:g}"
     head = f"# Found by a search: {specification.settings.figure} {specification.settings.statistic} is {ratio}.\n"
     return head + yaml.safe_dump(content, sort_keys=False)
-
-
-def _scenario_of(specification: SearchSpecification) -> Mapping[str, object]:
-    return flatten(build(SimulationConfig, load_yaml(specification.scenario), origin=str(specification.scenario)))

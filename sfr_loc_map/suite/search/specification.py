@@ -6,19 +6,18 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from sfr_loc_map.config import build, flatten, load_yaml, param
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.faults.kinds import FaultKind, parse_fault
+from sfr_loc_map.faults.kinds import FaultKind, parse_fault, with_amount
 from sfr_loc_map.metrics.catalogue import KINDS
 from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import code_fingerprint
-from sfr_loc_map.suite.running.job import Job, JobKind, JobSource, SourceKind, digest
-from sfr_loc_map.suite.running.specification import SuiteSettings
+from sfr_loc_map.suite.running.job import Job, JobKind
+from sfr_loc_map.suite.running.specification import SuiteSettings, scenario_settings, simulated_source
 
 Point = tuple[float, ...]
 """A value for each parameter of a search, in the order of the file."""
@@ -68,7 +67,8 @@ class SearchSpecification:
 
     path: Path  #: The file.
     scenario: Path
-    base: Mapping[str, object]  #: All settings of the scenario.
+    base: Mapping[str, object]  #: All settings of the scenario, with the changes of the file.
+    changes: Mapping[str, object]  #: Those that the file changes.
     seeds: tuple[int, ...]  #: A point is as good as its worst seed.
     parameters: tuple[Parameter, ...]
     scoring: TrajectoryScoreConfig
@@ -91,31 +91,21 @@ class SearchSpecification:
 
     def faults_at(self, point: Point) -> str:
         """Return the faults of a point, joined by `+`; a fault without effect is left out."""
-        texts = []
-        for parameter, value in zip(self.parameters, point, strict=True):
-            if parameter.fault and value != parameter.usual:
-                sign = "," if ":" in parameter.fault else ":"
-                texts.append(f"{parameter.fault}{sign}amount={value:.6g}")
-        return "+".join(texts)
+        return "+".join(
+            with_amount(parameter.fault, value)
+            for parameter, value in zip(self.parameters, point, strict=True)
+            if parameter.fault and value != parameter.usual
+        )
 
     def jobs_at(self, point: Point) -> list[Job]:
         """Return the runs of a point, one for each seed."""
         return [self._job(point, seed) for seed in self.seeds]
 
     def _job(self, point: Point, seed: int) -> Job:
-        changed = {**self.base, **self.settings_at(point), "seed": seed}
-        settings = flatten(build(SimulationConfig, changed, origin=str(self.path)))
-        source = JobSource(
-            name=f"{self.scenario.stem}-{seed}",
-            kind=SourceKind.SIMULATED,
-            path=str(self.scenario),
-            settings=settings,
-            sha256=digest(settings),
-            seed=seed,
-        )
+        settings = {**self.base, **self.settings_at(point)}
         return Job(
             kind=JobKind.LOCALISE,
-            source=source,
+            source=simulated_source(self.scenario, settings, seed, str(self.path)),
             faults=self.faults_at(point),
             fault_seed=seed,
             configuration="default",
@@ -131,13 +121,7 @@ class SearchSpecification:
         if score is None:
             return NOT_JUDGED
         chosen = self.settings
-        kind = KINDS[chosen.figure]
-        condition = self.scoring.conditions[0] if kind.name in ("position", "attitude", "heading", "chord") else None
-        value = (
-            score.number(chosen.figure, chosen.statistic)
-            if condition is None
-            else score.number(chosen.figure, chosen.statistic, condition=condition)
-        )
+        value = score.number(chosen.figure, chosen.statistic)  # the score has one condition
         return NOT_JUDGED if value is None else abs(value) / chosen.limit
 
 
@@ -158,13 +142,14 @@ def load_search(path: Path) -> SearchSpecification:
     if not isinstance(ranges, Mapping) or not ranges or not isinstance(changes, Mapping):
         raise ConfigError(f"{path}: 'ranges' must map parameters to [LOW, HIGH], and 'set' settings to values")
     scenario = path.absolute().parent / scenario_name
-    start: Mapping[str, Any] = flatten(build(SimulationConfig, load_yaml(scenario), origin=str(scenario)))
-    base = flatten(build(SimulationConfig, {**start, **changes}, origin=f"{path}: 'set'"))
+    given = scenario_settings(scenario)
+    base = flatten(build(SimulationConfig, {**given, **changes}, origin=f"{path}: 'set'"))
     condition = Condition.parse(settings.condition).setting
     return SearchSpecification(
         path=path,
         scenario=scenario,
         base=base,
+        changes={name: value for name, value in base.items() if value != given[name]},
         seeds=tuple(seeds),
         parameters=tuple(_parameter(str(name), value, base, f"{path}: '{name}'") for name, value in ranges.items()),
         scoring=TrajectoryScoreConfig((condition,), running.spacing, running.rebase, running.partial),
@@ -183,7 +168,7 @@ def _parameter(name: str, value: object, base: Mapping[str, object], origin: str
         fault = str(value["fault"])
         kind: FaultKind = parse_fault(fault).kind
         for amount in (low, high):
-            parse_fault(f"{fault}{',' if ':' in fault else ':'}amount={amount:g}")
+            parse_fault(with_amount(fault, amount))
         return Parameter(name, low, high, kind.info.neutral, fault)
     low, high = _bounds(value, origin)
     usual = base.get(name)

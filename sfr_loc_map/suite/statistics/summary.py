@@ -47,6 +47,7 @@ from sfr_loc_map.suite.statistics.figures import figures_of
 from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, half_width
 
 SCHEMA = "sfr-suite/1"
+AXES = ("x", "y", "z")  #: Parts of the position error that are pooled.
 
 
 def runs_of(job: Job) -> tuple[str, str, str]:
@@ -224,12 +225,10 @@ def budgets_of(drives: Sequence[ScoredJob], planned: Sequence[Job]) -> Iterator[
 
 def _drive_errors(score: Score, condition: str) -> DriveErrors | None:
     """Return the position errors of a drive over a condition; None with fewer than two sub-trajectories."""
-    rows = [score.figure("position", condition=condition, part=axis) for axis in ("x", "y", "z")]
-    mean = [row.mean for row in rows if row is not None and row.mean is not None]
-    sigma = [row.sigma for row in rows if row is not None and row.sigma is not None]
-    if rows[0] is None or len(mean) < len(rows) or len(sigma) < len(rows):
+    rows = [row for axis in AXES if (row := _axis_row(score, "position", condition, axis)) is not None]
+    if len(rows) < len(AXES) or any(row.mean is None or row.sigma is None for row in rows):
         return None
-    return DriveErrors(rows[0].n or 0, np.array(mean), np.array(sigma))
+    return DriveErrors(rows[0].n or 0, np.array([row.mean for row in rows]), np.array([row.sigma for row in rows]))
 
 
 def groups_of(drives: Sequence[ScoredJob], limits: Limits | None, unfinished: Sequence[Job] = ()) -> Iterator[Group]:
@@ -378,7 +377,7 @@ def pool(results: Sequence[tuple[str, Score]], condition: str) -> Iterator[Figur
     for kind in KINDS.values():
         if kind.subject is not Subject.TRAJECTORY:
             continue
-        axes: tuple[str | None, ...] = ("x", "y", "z") if kind.name == "position" else (None,)
+        axes: tuple[str | None, ...] = AXES if kind.name == "position" else (None,)
         used: list[tuple[str, list[Figure]]] = []
         for drive, score in results:
             rows = [_axis_row(score, kind.name, condition, axis) for axis in axes]
