@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from sfr_loc_map.metrics.catalogue import statistic_title, title_of
 from sfr_loc_map.metrics.config import VerdictState, label_of
 from sfr_loc_map.report.page import render_overview
-from sfr_loc_map.report.plots import Plot, axis, colour_bar, marks
+from sfr_loc_map.report.plots import Plot, axis, colour_bar, log_axis, marks, span
 from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table
 from sfr_loc_map.suite.search.run import SearchResult
 from sfr_loc_map.suite.search.worst_case import Coverage, Slice
@@ -75,8 +75,9 @@ def render_search(result: SearchResult) -> str:
 
 def _course(result: SearchResult) -> Plot:
     numbers = [float(number) for number in range(1, len(result.tried) + 1)]
-    trace = marks("point", [numbers, [item.ratio for item in result.tried]], "@one")
-    layout = {"xaxis": axis("point"), "yaxis": axis("figure over limit", type="log")}
+    ratios = [item.ratio for item in result.tried]
+    trace = marks("point", [numbers, ratios], "@one")
+    layout = {"xaxis": axis("point"), "yaxis": log_axis("figure over limit", *span(ratios))}
     return Plot("search-course", "Course of the search", "A point above 1 misses the limit.", [trace], layout)
 
 

@@ -31,6 +31,8 @@ from sfr_loc_map.suite.search.worst_case import (
 
 SCHEMA = "sfr-search/1"
 CASE = "case.yaml"
+NOT_JUDGED = 2.0
+"""Ratio of a drive without the figure, as one that was lost: the requirement is missed, by an unknown amount."""
 Run = Callable[[Sequence[Job]], None]
 """Runs jobs and keeps what comes of each in the folder of the suite."""
 
@@ -93,6 +95,11 @@ def run_search(specification: SearchSpecification, store: Store, run: Run, *, at
     chosen, parameters = specification.settings, specification.parameters
     chooser = RandomChooser(parameters, chosen.seed) if at_random else TreeChooser(parameters, chosen.seed)
     usual = Tried(specification.usual, evaluate([specification.usual])[0])
+    if None in (_ratio(specification, store, job) for job in specification.jobs_at(usual.point)):
+        raise InputError(
+            f"{specification.path}: the scenario as it is has no {chosen.figure} {chosen.statistic} over "
+            f"{chosen.condition}; choose a figure and a condition that its drive has"
+        )
     tried = list(search_worst(chooser, evaluate, chosen.runs, chosen.batch))
     found = max(tried, key=lambda item: item.ratio)
     case = reduced(found, specification.usual, evaluate)
@@ -123,8 +130,13 @@ def _worst_ratio(specification: SearchSpecification, store: Store, jobs: Sequenc
             raise InputError(
                 f"{failure.label}: {failure.cause}: {one_line(failure.message)}; the same command continues the search"
             )
-    scores = [store.score(job) if store.state(job.key) == "done" else None for job in jobs]
-    return max(specification.ratio_of(score) for score in scores)
+    ratios = [_ratio(specification, store, job) for job in jobs]
+    return max(NOT_JUDGED if ratio is None else ratio for ratio in ratios)
+
+
+def _ratio(specification: SearchSpecification, store: Store, job: Job) -> float | None:
+    """Return the ratio of a run, None if it has no result or its result lacks the figure."""
+    return specification.ratio_of(store.score(job)) if store.state(job.key) == "done" else None
 
 
 def case_file(result: SearchResult) -> str:

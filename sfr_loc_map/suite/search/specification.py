@@ -21,8 +21,6 @@ from sfr_loc_map.suite.running.specification import SuiteSettings, scenario_sett
 
 Point = tuple[float, ...]
 """A value for each parameter of a search, in the order of the file."""
-NOT_JUDGED = 2.0
-"""Ratio of a drive without the figure, as one that was lost: the requirement is missed, by an unknown amount."""
 CHOICES = (*STATISTICS, "value")  #: Statistics that a search can be about.
 
 
@@ -116,13 +114,11 @@ class SearchSpecification:
             code=code_fingerprint(),
         )
 
-    def ratio_of(self, score: Score | None) -> float:
-        """Return the figure over its limit: 1 and more is a miss; `NOT_JUDGED` without the figure."""
-        if score is None:
-            return NOT_JUDGED
+    def ratio_of(self, score: Score) -> float | None:
+        """Return the figure over its limit: 1 and more is a miss; None without the figure."""
         chosen = self.settings
         value = score.number(chosen.figure, chosen.statistic)  # the score has one condition
-        return NOT_JUDGED if value is None else abs(value) / chosen.limit
+        return None if value is None else abs(value) / chosen.limit
 
 
 def load_search(path: Path) -> SearchSpecification:

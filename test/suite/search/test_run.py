@@ -34,8 +34,8 @@ def specification(tmp_path: Path) -> SearchSpecification:
 class Host:
     """Gives a score to each job: the error grows as the sun sinks. Jobs beyond a number exceed their time."""
 
-    def __init__(self, store: Store, most: int = 10**6) -> None:
-        self.store, self.most, self.done = store, most, 0
+    def __init__(self, store: Store, most: int = 10**6, *, has_pieces: bool = True) -> None:
+        self.store, self.most, self.done, self.has_pieces = store, most, 0, has_pieces
 
     def run(self, jobs: Sequence[Job]) -> None:
         for job in jobs:
@@ -43,6 +43,8 @@ class Host:
             elevation = job.source.settings["light.sun_elevation_deg"]
             assert isinstance(elevation, float)
             row = figure_row("position", "distance=5", "pose", n=30, mean_plus_3sigma=1.0 / elevation)
+            if not self.has_pieces:
+                row = figure_row("position", "distance=5", "pose", n=0)
             provenance = Provenance(version="", configuration={"suite.key": job.key})
             outcome = JobOutcome(result=to_json(Score(figures=(row,), provenance=provenance)))
             if self.done > self.most:
@@ -78,3 +80,16 @@ def test_a_broken_host_is_no_worst_case_and_the_search_continues(
     whole = Store(tmp_path / "whole")
     continued = run_search(specification, store, Host(store).run)
     assert continued == run_search(specification, whole, Host(whole).run)
+
+
+@pytest.mark.parametrize(("change", "has_pieces"), [({"figure": "nees", "statistic": "max"}, True), ({}, False)])
+def test_a_figure_that_the_scenario_does_not_have_is_no_worst_case(
+    specification: SearchSpecification, tmp_path: Path, change: dict[str, str], has_pieces: bool
+) -> None:
+    file = specification.path
+    file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | change))
+    store = Store(tmp_path / "out")
+    host = Host(store, has_pieces=has_pieces)
+    with pytest.raises(InputError, match="as it is has no"):
+        run_search(load_search(file), store, host.run)
+    assert host.done == 1
