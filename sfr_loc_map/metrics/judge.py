@@ -167,7 +167,9 @@ def proof_verdict(limit: Limit, proof: Proof, place: int | None, truth_error: fl
 
 def open_verdict(limit: Limit, figure: LimitedFigure) -> Verdict:
     """Return the verdict on a number before anything is decided."""
-    limited, value, interval = limit.limited, figure.value, figure.interval
+    limited = limit.limited
+    value = figure.value
+    interval = figure.interval
     return Verdict(
         id=limit.id,
         text=limit.text,

@@ -495,7 +495,10 @@ def pieces_table(estimates: Estimates, truth: Trajectory, config: TrajectoryScor
     """
     conditions = parsed_conditions(config)
     placed = placed_frames(estimates, truth, conditions, config)
-    frames, judged, poses, length_m = placed.frames, placed.association.rebase, placed.poses, placed.length_m
+    frames = placed.frames
+    judged = placed.association.rebase
+    poses = placed.poses
+    length_m = placed.length_m
     readings = {judged: placed.reading}
     if truth.has_attitude:
         readings |= {name: of_known(known_of(truth), reading) for name, reading in READINGS.items()}

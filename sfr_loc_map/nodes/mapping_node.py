@@ -197,7 +197,9 @@ class MappingNode(PairNode[MappingNodeConfig]):
         begin = time.perf_counter()
         pair = received.decode()
         conversion_s = time.perf_counter() - begin
-        mapper, rig, config = self._present_mapper(), received.rig, self.config.mapping
+        mapper = self._present_mapper()
+        rig = received.rig
+        config = self.config.mapping
         with self.status.measure() as usage:
             result = mapper.process(pair, pose, len(self._pairs))
         self._pairs.append(result)

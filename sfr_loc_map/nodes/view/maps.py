@@ -100,7 +100,9 @@ class MapFeed:
 
     def _put(self) -> None:
         """Show the grid with its errors and its hazard, in whatever order they come."""
-        grid, hazard, points = self._grid, self._hazard, self._points
+        grid = self._grid
+        hazard = self._hazard
+        points = self._points
         if grid is None:
             return
         shape = grid.layers.shape[:2]

@@ -302,7 +302,9 @@ def verdicts_over(
         of_each = [figure_of(limit, score) for score in own]
         values = [each.value for each in of_each if each.value is not None]
         worst_value = min(values, default=None) if limit.is_lower_bound else max(values, key=abs, default=None)
-        over, count, figure = "worst drive", len(values), LimitedFigure(worst_value)  # drives need no least number
+        over = "worst drive"
+        count = len(values)
+        figure = LimitedFigure(worst_value)  # drives need no least number
         if limit.condition is not None:
             of_all = figure_of(limit, Score(figures=pooled))
             over, count = "pooled", of_all.n or 0
