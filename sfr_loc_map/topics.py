@@ -12,11 +12,11 @@ from sfr_loc_map import message_types
 from sfr_loc_map.inputs import SIDES, Task
 
 RECTIFIED, RAW = "image_rect", "image_raw"
-COMPRESSED = "/compressed"  #: End of the name of a topic of compressed images, in ROS and in the suite.
+COMPRESSED_END = "/compressed"  #: End of the name of a topic of compressed images, in ROS and in the suite.
 IMAGES = {
     f"{image}{end}": kind
     for image in (RECTIFIED, RAW)
-    for end, kind in (("", message_types.IMAGE), (COMPRESSED, message_types.COMPRESSED))
+    for end, kind in (("", message_types.IMAGE), (COMPRESSED_END, message_types.COMPRESSED))
 }
 """Types of the images of a camera, by the last part of their topic; of several published ones the first is shown."""
 CAMERAS = tuple(f"{task.rig}/{side}" for task in Task for side in SIDES)
@@ -63,7 +63,7 @@ def configuration_topic(task: str) -> str:
 def rectified_beside(name: str) -> list[str]:
     """Return the topics of rectified images that replace a topic of raw images; empty for every other topic."""
     camera, raw, _ = name.rpartition(f"/{RAW}")
-    return [f"{camera}/{RECTIFIED}", f"{camera}/{RECTIFIED}{COMPRESSED}"] if raw else []
+    return [f"{camera}/{RECTIFIED}", f"{camera}/{RECTIFIED}{COMPRESSED_END}"] if raw else []
 
 
 _TOPICS = (

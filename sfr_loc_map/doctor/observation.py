@@ -21,7 +21,7 @@ from sfr_loc_map.io.bag.true_poses import TYPES
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.message_types import COMPRESSED, FIX, POINT
-from sfr_loc_map.topics import RAW, RECTIFIED, TOPICS, TRUE_POSES, Role, names
+from sfr_loc_map.topics import COMPRESSED_END, RAW, RECTIFIED, TOPICS, TRUE_POSES, Role, names
 
 RIGS = tuple(task.rig for task in Task)
 RIG_OF_NODE = {task.node: task.rig for task in Task}
@@ -122,7 +122,7 @@ class Observation:
     def images(self, rig: str, side: str) -> ObservedTopic | None:
         """Return the topic of the images of a side, raw or compressed: the one that has a publisher."""
         plain = f"{rig}/{side}/{self.image_name(rig)}"
-        found = [self.topics[name] for name in (plain, f"{plain}/compressed") if name in self.topics]
+        found = [self.topics[name] for name in (plain, f"{plain}{COMPRESSED_END}") if name in self.topics]
         return max(found, key=lambda topic: bool(topic.publishers), default=None)
 
     def image_stamps(self, rig: str, side: str = "left") -> IntArray:

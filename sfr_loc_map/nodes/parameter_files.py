@@ -22,8 +22,8 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
 from sfr_loc_map.nodes.mapping_node import MappingNodeConfig
 from sfr_loc_map.nodes.monitor_node import MonitorNodeConfig
+from sfr_loc_map.topics import COMPRESSED_END
 
-COMPRESSED_NAME = "/compressed"  #: End of the name of a topic of compressed images.
 FILES: dict[str, tuple[str, type[Any]]] = {
     "localisation.yaml": ("localisation_node", LocalisationNodeConfig),
     "mapping.yaml": ("mapping_node", MappingNodeConfig),
@@ -76,7 +76,7 @@ def run_arguments(config: Path, written: Path) -> list[str]:
     for task in ("localisation", "mapping"):
         values[task]["input.stamp_tolerance_s"] = how.sync.stamp_tolerance_s
         raw = f"{Task(task).rig}/left/image_raw"
-        names = (name.removesuffix(COMPRESSED_NAME) for name in how.remap.values())
+        names = (name.removesuffix(COMPRESSED_END) for name in how.remap.values())
         values[task]["input.rectify"] = any(name.endswith(raw) for name in names)
     content = {f"/**/{name}_node": {"ros__parameters": parameters} for name, parameters in values.items()}
     written.write_text(yaml.safe_dump(content), encoding="utf-8")
@@ -87,8 +87,8 @@ def remaps_of(how: SourceConfig) -> list[str]:
     """Return the topics of a configuration as remapping rules; compressed images have a name of their own."""
     rules = []
     for name, topic in how.topics.items():
-        is_compressed = topic.endswith(COMPRESSED_NAME) and not name.endswith(COMPRESSED_NAME)
-        rules.append(f"{name}{COMPRESSED_NAME if is_compressed else ''}:={topic}")
+        is_compressed = topic.endswith(COMPRESSED_END) and not name.endswith(COMPRESSED_END)
+        rules.append(f"{name}{COMPRESSED_END if is_compressed else ''}:={topic}")
     return rules
 
 

@@ -26,6 +26,7 @@ from sfr_loc_map.nodes.launch.environment import EXPORT_LINE
 from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, Endpoints, profile
 from sfr_loc_map.nodes.messages import check_image
 from sfr_loc_map.nodes.reception import AGREEING, RunOrder, TransportGaps
+from sfr_loc_map.topics import COMPRESSED_END
 
 LOSS_WINDOW = 40  #: Images of which the share lost is taken, at the least.
 RECENT = 200  #: Stamps that are kept of each topic, to say why no pair comes of them.
@@ -129,7 +130,7 @@ class StereoInput:
         self._name, self._config, self._status = name, config, status
         self._on_pair, self._on_rig, self._on_restart = on_pair, on_rig, on_restart
         stem, transport = "image_raw" if config.rectify else "image_rect", config.image_transport
-        kinds = (("compressed", stem, Image), ("raw", f"{stem}/compressed", CompressedImage))
+        kinds = (("compressed", stem, Image), ("raw", f"{stem}{COMPRESSED_END}", CompressedImage))
         self._images: dict[str, type[Any]] = {name: kind for other, name, kind in kinds if transport != other}
         self._dropped = {"rejected": 0, "unstamped": 0, "without_camera_info": 0}
         self._infos: dict[Side, CameraInfo] = {}

@@ -24,11 +24,10 @@ from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.truth import could_be_truth
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE
 from sfr_loc_map.metrics.association import nearest_stamps
-from sfr_loc_map.topics import TRUE_POSES
+from sfr_loc_map.topics import COMPRESSED_END, TRUE_POSES
 
 SHORT_M = 12.0  #: A drive below this has too few sub-trajectories of 5 m: they are 1 m long.
 SPACING = 10  #: Pairs from the start of a sub-trajectory to that of the next, as `sfr score` has it.
-COMPRESSED_NAME = "/compressed"  #: End of the name of a topic of compressed images, in ROS and in the suite.
 STEADY = 0.1  #: Share of a period in which a constant offset of the right stamps may vary.
 
 
@@ -120,10 +119,10 @@ def seen_topics(bag: Bag) -> list[SeenTopic]:
 def _topics(found: Proposal, bag: Bag) -> None:
     guess = guess_topics(seen_topics(bag))
     for name, topic in guess.topics.items():
-        if bag.topics.get(topic) == COMPRESSED and not name.endswith(COMPRESSED_NAME):
-            name += COMPRESSED_NAME
+        if bag.topics.get(topic) == COMPRESSED and not name.endswith(COMPRESSED_END):
+            name += COMPRESSED_END
         if not bag.matches(name) and topic not in found.sections["topics"].values():
-            plain = name.removesuffix(COMPRESSED_NAME)
+            plain = name.removesuffix(COMPRESSED_END)
             found.set("topics", name, topic, guess.reasons.get(plain, "by its name and type"))
     if guess.layout:
         found.set("calibration", "stereo_layout", guess.layout, "by the width and height of its images; sure")

@@ -44,7 +44,7 @@ from sfr_loc_map.message_types import (
     TF,
     TRANSFORM,
 )
-from sfr_loc_map.topics import RECTIFIED, configuration_topic, names
+from sfr_loc_map.topics import COMPRESSED_END, RECTIFIED, configuration_topic, names
 
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
 TOPICS_READ = tuple(name.strip("/") for name in names(read=True))
@@ -105,7 +105,7 @@ class Bag:
         """Return the topic of a relative name in any one namespace, or None; `COMPRESSED`: `name/compressed` too."""
         found = self.matches(name)
         if not found and COMPRESSED in msgtypes:
-            found = self.matches(f"{name}/compressed")
+            found = self.matches(f"{name}{COMPRESSED_END}")
         if not found:
             return None
         if len(found) > 1:
@@ -116,7 +116,7 @@ class Bag:
             raise InputError(
                 f"topic '{found[0]}' of bag '{self.path}' is {msgtype}: {' or '.join(msgtypes)} is needed as '{name}'"
             )
-        return Topic(f"{name}/compressed" if msgtype == COMPRESSED else name, found[0], msgtype)
+        return Topic(f"{name}{COMPRESSED_END}" if msgtype == COMPRESSED else name, found[0], msgtype)
 
     def raw_messages(self, names: Collection[str]) -> Iterator[tuple[str, str, int, bytes]]:
         """Yield relative name, type, stamp and bytes on topics that are there; images also as `.../compressed`."""

@@ -19,7 +19,7 @@ from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.bag.bag import TYPESTORE, Bag
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE
-from sfr_loc_map.topics import NAV_POSE, RECTIFIED, TRUE_POINTS, TRUE_POSES
+from sfr_loc_map.topics import COMPRESSED_END, NAV_POSE, RECTIFIED, TRUE_POINTS, TRUE_POSES
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ def messages_of(source: Source) -> Iterator[Message]:
     """Yield the messages of a source; camera_info of both rigs comes first."""
     if source.recorded is not None:
         bag = Bag(*source.recorded)
-        names = [name.removesuffix("/compressed") for name in topics_of(source)]
+        names = [name.removesuffix(COMPRESSED_END) for name in topics_of(source)]
         infos = {name for name in names if name.endswith("camera_info")}
         for raw in bag.raw_messages(sorted(infos)):
             if raw[0] in infos:

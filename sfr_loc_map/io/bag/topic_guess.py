@@ -22,8 +22,8 @@ from sfr_loc_map.message_types import (
     POSE_WITH_COVARIANCE,
     TRANSFORM,
 )
+from sfr_loc_map.topics import COMPRESSED_END, NAV_POSE, TRUE_POINTS
 from sfr_loc_map.topics import JOINTS as JOINTS_TOPIC
-from sfr_loc_map.topics import NAV_POSE, TRUE_POINTS
 
 IMAGES = (IMAGE, COMPRESSED)
 POSES = (POSE_WITH_COVARIANCE, POSE, TRANSFORM)
@@ -168,7 +168,7 @@ def is_own(name: str) -> bool:
 
 
 def _text(name: str) -> str:
-    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower().removesuffix("/compressed")
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower().removesuffix(COMPRESSED_END)
 
 
 def _kind(topic: SeenTopic) -> str:

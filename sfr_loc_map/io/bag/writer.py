@@ -29,6 +29,7 @@ from sfr_loc_map.inputs import SIDES, Task
 from sfr_loc_map.io.bag import messages
 from sfr_loc_map.io.bag.bag import TYPESTORE
 from sfr_loc_map.io.bag.files import MCAP_MAGIC
+from sfr_loc_map.topics import COMPRESSED_END
 
 Storage = Literal["mcap", "sqlite3"]
 STORAGE_BY_SUFFIX: dict[str, Storage] = {".mcap": "mcap", ".bag": "mcap", ".db3": "sqlite3"}
@@ -138,7 +139,7 @@ class BagWriter:
                 self._write(topic, stamp, messages.image(stamp, image, name, side))
             else:
                 jpeg = messages.jpeg_image(stamp, image, name, side, self._jpeg_quality)
-                self._write(f"{topic}/compressed", stamp, jpeg)
+                self._write(f"{topic}{COMPRESSED_END}", stamp, jpeg)
         for side in SIDES:
             info = messages.camera_info(stamp, self._rigs[task], name, side)
             self._write(f"/{name}/{side}/camera_info", stamp, info)

@@ -10,7 +10,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, Task
 from sfr_loc_map.io.bag.message_stream import Message
 from sfr_loc_map.nodes.pose_matching import PoseMatching
-from sfr_loc_map.topics import NAV_POSE
+from sfr_loc_map.topics import COMPRESSED_END, NAV_POSE
 
 
 class Pacer:
@@ -43,7 +43,9 @@ class PairTracker:
 
     def add(self, message: Message) -> list[tuple[str, int]]:
         """Add a published message; return rig and stamp, that of the left image, of the pairs that it completes."""
-        part, rig, stamp_ns = message.topic.removesuffix("/compressed"), message.rig, message.stamp_ns
+        part = message.topic.removesuffix(COMPRESSED_END)
+        rig = message.rig
+        stamp_ns = message.stamp_ns
         if part == NAV_POSE:
             return [(rig, pair) for pair, _ in self._poses.add_pose(stamp_ns, Transform.identity())]
         if not part.endswith("image_rect"):
