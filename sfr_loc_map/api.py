@@ -172,8 +172,8 @@ def score(
 
     Each may be in memory or a file. `conditions` are ends of sub-trajectories (`distance=5`, `time=60`, `frames=100`,
     `distance=5,time=10` where both hold; distance=5 where none is given), `limits` a YAML file or its content, `align`
-    is `none`, `origin`, `se3` or `sim3` and `stats` files of `sfr localise --stats`, which what `sfr.localise` and
-    `sfr.map` give does not need.
+    is `none`, `origin`, `se3` or `sim3` and `stats` files of `sfr localise --stats`, by default the one beside the file
+    of the estimate. What `sfr.localise` and `sfr.map` return needs none.
     """
     known = get_type_hints(ScoreOptions)
     if unknown := sorted(set(settings) - set(known)):
@@ -212,7 +212,7 @@ def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool 
         inputs = ScoreInputs(map_truth=Path(place), stats=stats)
         return Run(inputs, read, cloud=cloud, nav_stamps_ns=nav_stamps_ns, in_memory=in_memory)
     if not isinstance(estimate, Trajectory) and not isinstance(place, Trajectory):
-        return load_run(ScoreInputs.of(Path(estimate), Path(place), stats), fused)
+        return load_run(ScoreInputs.of(Path(estimate), Path(place), stats or None), fused)
     both: dict[str, Any] = {"estimate": estimate, "truth": place}
     given = {role: item for role, item in both.items() if isinstance(item, Trajectory)}
     files: dict[str, Any] = {role: Path(item) for role, item in both.items() if role not in given}

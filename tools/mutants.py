@@ -268,6 +268,13 @@ MUTATIONS = (
         "not in tasks_of(score) or True:\n        return False",
     ),
     Mutation(SHORTFALLS, '"doubled", DRIVE, 0.0', '"doubled", DRIVE, 0.1'),
+    # calls belong to the estimate that they gave
+    Mutation("scoring/run.py", "stats = [beside] if beside.is_file() else []", "stats = []"),
+    Mutation(
+        "suite/running/digests.py",
+        "files_hash(source.path, source.truth, *map(str, calls))",
+        "files_hash(source.path, source.truth)",
+    ),
     # poses that repeat another, poses of the ground truth
     Mutation("metrics/copies.py", "NOISES = 5.0", "NOISES = 0.5"),
     Mutation("metrics/copies.py", "MOVING_SHARE = 0.1", "MOVING_SHARE = 0.01"),

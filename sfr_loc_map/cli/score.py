@@ -176,15 +176,13 @@ def score(
     ] = None,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
-    from sfr_loc_map.runs.calls import stats_beside
     from sfr_loc_map.scoring.load import load_run
     from sfr_loc_map.scoring.run import ScoreInputs
     from sfr_loc_map.scoring.score_run import converted_run, score_run
     from sfr_loc_map.scoring.settings import score_settings
 
-    if stats is None and (own := stats_beside(estimate)).is_file():
-        stats = [own]
-    read = (estimate, truth, limits, *(stats or ()), target_timing, config_file)
+    found = ScoreInputs.of(estimate, truth, stats)
+    read = (estimate, truth, limits, *found.stats, target_timing, config_file)
     check_suffix(html, HTML_SUFFIXES)
     for table in (points, pieces):
         check_suffix(table, TABLE_SUFFIXES)
@@ -204,7 +202,7 @@ def score(
     )
     of_estimate, of_truth = columns_of(columns)
     inputs = replace(
-        ScoreInputs.of(estimate, truth, stats or ()),
+        found,
         columns=of_estimate,
         config=_truth_config(truth, config_file, settings, of_truth),
         limits=by.limits_file,

@@ -24,7 +24,7 @@ from sfr_loc_map.metrics.score import (
     Provenance,
     TargetRecord,
 )
-from sfr_loc_map.runs.calls import CallStats
+from sfr_loc_map.runs.calls import CallStats, stats_beside
 
 TARGET_FILE, TARGET_RESULTS = "target.json", ("estimate.csv", "cloud_0.ply")
 """In a folder of results of a target: what it says of itself, and what it may have estimated."""
@@ -54,8 +54,14 @@ class ScoreInputs:
     command: str | None = None  #: Command that scores them, for provenance.
 
     @classmethod
-    def of(cls, estimate: Path, truth: Path, stats: Sequence[Path] = ()) -> ScoreInputs:
-        """Return the inputs of one estimate and its truth: a trajectory, a cloud, or a folder of a target's results."""
+    def of(cls, estimate: Path, truth: Path, stats: Sequence[Path] | None = None) -> ScoreInputs:
+        """Return the inputs of one estimate and its truth: a trajectory, a cloud, or a folder of a target's results.
+
+        Without named statistics the calls are read from the file beside the estimate, if it exists.
+        """
+        if stats is None:
+            beside = stats_beside(estimate)
+            stats = [beside] if beside.is_file() else []
         if (about := estimate / TARGET_FILE).is_file():
             poses, cloud = (path if (path := estimate / name).is_file() else None for name in TARGET_RESULTS)
             calls, truths = estimate / "stats.csv", (truth if poses else None, truth if cloud else None)

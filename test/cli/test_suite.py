@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,9 @@ import yaml
 from helpers.cli_result import Sfr
 from helpers.made_suites import SFR, made_suite, results
 from helpers.score_rows import row
+from sfr_loc_map.localisation.estimate import TrackingState
+from sfr_loc_map.metrics.score import MethodKind, MethodRecord
+from sfr_loc_map.runs.calls import CallRecord, save_stats, stats_beside
 
 DRIVES = 3
 LIMITS = {"trajectory": [{"condition": "distance=1", "position_mean_plus_3sigma_m": 1.0}]}
@@ -131,6 +135,27 @@ def test_what_fails_is_named_and_left_alone_until_it_is_asked_for(sfr: Sfr, tmp_
     assert failure["key"] == key
     assert sfr("suite", "run", suite, "--out", out, "--dry-run").out.startswith("0 of 2 tasks to run")
     assert "1 of 2" in sfr("suite", "run", suite, "--out", out, "--dry-run", "--retry-failed").out
+
+
+@pytest.mark.slow
+def test_the_calls_beside_an_estimate_are_judged_as_by_score(sfr: Sfr, tmp_path: Path) -> None:
+    """A finding of a call fails the suite; calls that appear later are another job."""
+    suite = made_suite(tmp_path / "made", 2, limits=LIMITS)
+    out = tmp_path / "out"
+    run = ("suite", "run", suite, "--out", out, "--workers", 1, "--json", "-")
+    assert sfr(*run).code == 0
+    estimate = suite.parent / "drive0.csv"
+    stamps = np.loadtxt(estimate, np.int64, delimiter=",", skiprows=1, usecols=0)
+    calls = [CallRecord(int(stamp), 0.1, TrackingState.TRACKING) for stamp in stamps]
+    calls[7] = replace(calls[7], finding="leaking: keeps 3 MB more after each call")
+    save_stats(stats_beside(estimate), calls, MethodRecord(name="theirs", version=None, kind=MethodKind.PYTHON))
+    alone = sfr("score", estimate, suite.parent / "truth0.csv", "--condition", "distance=1")
+    assert alone.code == 1, alone.err
+    again = sfr(*run)
+    summary = json.loads(again.out)
+    assert (again.code, summary["verdict"], summary["counts"]["done"]) == (1, "fail", 2)
+    (failed,) = [item for item in summary["groups"][0]["verdicts"] if item["verdict"] == "fail"]
+    assert (failed["name"], failed["missed_by"]) == ("leaking_calls", 1)
 
 
 def test_usage_errors_are_one_line(sfr: Sfr, tmp_path: Path) -> None:

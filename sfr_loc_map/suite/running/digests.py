@@ -22,6 +22,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import Task, hash_path
 from sfr_loc_map.io.source_config import config_beside
 from sfr_loc_map.methods.registry import find_method
+from sfr_loc_map.scoring.run import ScoreInputs
 from sfr_loc_map.suite.running.job import JobSource, SourceKind, digest
 
 if TYPE_CHECKING:
@@ -115,8 +116,16 @@ def _hash_files(path: Path) -> str:
 
 
 def data_hash(source: JobSource) -> str:
-    """Return the hash of a source's data as they are here; of a simulation that of its settings."""
-    return source.sha256 if source.kind is SourceKind.SIMULATED else files_hash(source.path, source.truth)
+    """Return the hash of a source's data as they are here; of a simulation that of its settings.
+
+    The data of an estimate include its truth and its calls, which hold its findings and lost poses.
+    """
+    if source.kind is SourceKind.SIMULATED:
+        return source.sha256
+    if source.kind is SourceKind.ESTIMATE:
+        calls = ScoreInputs.of(Path(source.path), Path(source.truth)).stats
+        return files_hash(source.path, source.truth, *map(str, calls))
+    return files_hash(source.path)
 
 
 def files_hash(*paths: str) -> str:

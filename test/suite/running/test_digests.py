@@ -9,6 +9,7 @@ import pytest
 
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.suite.running import digests
+from sfr_loc_map.suite.running.job import JobSource, SourceKind
 
 
 def test_methods_and_data_that_differ_have_other_digests(tmp_path: Path) -> None:
@@ -22,6 +23,16 @@ def test_methods_and_data_that_differ_have_other_digests(tmp_path: Path) -> None
     assert found[0] == found[2]
     assert found[0][0] != found[1][0]
     assert found[0][1] != found[1][1]
+
+
+def test_calls_are_data_of_their_estimate(tmp_path: Path) -> None:
+    for name in ("drive.csv", "truth.csv", "drive.stats.csv"):
+        (tmp_path / name).write_text(name)
+    paths = {"path": str(tmp_path / "drive.csv"), "truth": str(tmp_path / "truth.csv")}
+    source = JobSource(name="drive", kind=SourceKind.ESTIMATE, sha256="", **paths)
+    before = digests.data_hash(source)
+    (tmp_path / "drive.stats.csv").write_text("with a finding")
+    assert digests.data_hash(source) != before
 
 
 def test_a_worker_with_other_code_lacks_something() -> None:
