@@ -181,7 +181,7 @@ def table(outcomes: Sequence[tuple[Case, Outcome]]) -> str:
     lines = ["| method | | finding | verdict | exit |", "|---|---|---|---|---|"]
     for case, outcome in outcomes:
         found, codes = ", ".join(outcome.findings) or "none", ", ".join(map(str, outcome.codes))
-        told = f"; told: {case.says}" if case.says else ""
+        told = f"; reported: {case.says}" if case.says else ""
         lines.append(f"| {case.what} | {case.kind} | {found}{told} | {outcome.verdict} | {codes} |")
     return "\n".join(lines)
 
