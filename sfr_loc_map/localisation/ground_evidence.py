@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
+from sfr_loc_map.localisation.frontend.cell_change import Change, cell_counts
+from sfr_loc_map.localisation.frontend.cell_motion import Explained, explain
 from sfr_loc_map.localisation.frontend.double_exposure import MIXTURE_LEVEL, mixture_of
-from sfr_loc_map.localisation.frontend.image_cells import Change, Explained, cell_counts, explain
 from sfr_loc_map.localisation.frontend.landmarks import ALIGNED_LANDMARKS, Landmarks
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
 from sfr_loc_map.localisation.ground_memory import MAX_TRANSFERS, MAX_UNEXPLAINED, GroundMemory, Phase

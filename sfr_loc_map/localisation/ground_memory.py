@@ -32,8 +32,9 @@ from typing import Final, NamedTuple
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.camera import Pose
+from sfr_loc_map.localisation.excluded_cells import ExcludedCells
 from sfr_loc_map.localisation.findings import Finding
-from sfr_loc_map.localisation.frontend.image_cells import LEVEL, ExcludedCells
+from sfr_loc_map.localisation.frontend.cell_change import LEVEL
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame
 
 # The values here, in `ground_evidence` and in `ground_motion` were chosen by hand on rendered drives with injected

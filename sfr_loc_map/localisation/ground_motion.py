@@ -27,9 +27,11 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
+from sfr_loc_map.localisation.excluded_cells import ExcludedCells
 from sfr_loc_map.localisation.findings import Finding
+from sfr_loc_map.localisation.frontend.cell_change import LEVEL, Change, change_of
+from sfr_loc_map.localisation.frontend.cell_motion import MOVED_PX
 from sfr_loc_map.localisation.frontend.double_exposure import MIXTURE_LEVEL
-from sfr_loc_map.localisation.frontend.image_cells import LEVEL, MOVED_PX, Change, ExcludedCells, change_of
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
 from sfr_loc_map.localisation.ground_evidence import CLEAR_RATIO, ComparedPair, Evidence, MotionTools

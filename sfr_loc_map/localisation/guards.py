@@ -17,7 +17,7 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.findings import Finding
-from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
+from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks, is_textured
 from sfr_loc_map.localisation.motion_model import Motion, is_plausible
 from sfr_loc_map.localisation.stale_images import ImageComparison, are_equal

@@ -24,7 +24,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.frontend.feature_detection import find_corners, load_mask
 from sfr_loc_map.localisation.frontend.landmarks import BORDER
 from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations
-from sfr_loc_map.localisation.frontend.sparse_stereo import match_corners
+from sfr_loc_map.localisation.frontend.stereo_matching import match_corners
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
 
 KEYFRAME_FLOW = 0.05

@@ -74,10 +74,10 @@ from sfr_loc_map.localisation.estimate import (
     lost_covariance,
 )
 from sfr_loc_map.localisation.findings import Action, Finding, Verdict, decide
-from sfr_loc_map.localisation.frontend.image_cells import Change
+from sfr_loc_map.localisation.frontend.cell_change import Change
 from sfr_loc_map.localisation.frontend.patch import SIDE
-from sfr_loc_map.localisation.frontend.pose_solver import RightOffset, right_shift
-from sfr_loc_map.localisation.frontend.sparse_stereo import refine_slopes
+from sfr_loc_map.localisation.frontend.patch_slopes import refine_slopes
+from sfr_loc_map.localisation.frontend.right_camera import RightOffset, right_shift
 from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF, StereoFrame, Tracker, Tracks
 from sfr_loc_map.localisation.ground_memory import GroundMemory
 from sfr_loc_map.localisation.ground_motion import Ground, GroundSelector

@@ -11,7 +11,7 @@ from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.config import MotionBounds
-from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
+from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.uncertainty import MotionSize, RoverModel, Speed
 
 MAX_MISSED_PAIRS = 4

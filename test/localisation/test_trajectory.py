@@ -17,7 +17,7 @@ from sfr_loc_map.localisation.backend.online_calibration import FIRST_SIGMA_PX, 
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.localisation.findings import Inflation
-from sfr_loc_map.localisation.frontend.pose_solver import RightOffset
+from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW
 from sfr_loc_map.localisation.motion_model import MAX_MISSED_PAIRS
 from sfr_loc_map.localisation.trajectory import AcceptedPair, PathState

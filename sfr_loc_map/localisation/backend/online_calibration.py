@@ -21,7 +21,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.localisation.backend.bundle_adjustment import OffsetEstimate
-from sfr_loc_map.localisation.frontend.pose_solver import RightOffset, RightShift
+from sfr_loc_map.localisation.frontend.right_camera import RightOffset, RightShift
 
 # The values were chosen by hand on rendered drives with injected yaw, pitch and drift.
 

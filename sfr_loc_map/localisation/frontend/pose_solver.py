@@ -1,4 +1,4 @@
-"""Pose of one stereo pair from landmarks with covariances; yaw of its right camera.
+"""Pose of one stereo pair from landmarks with covariances.
 
 A landmark is a host pixel with an inverse depth (`projection.py`). The residual of landmark n has four rows, u, v in
 the left image and u, v in the right image. Its covariance is `S_n = R_n + J_n P_n J_n^T`, with the tracking noise R_n,
@@ -22,7 +22,7 @@ from sfr_loc_map.localisation.frontend.projection import (
     linearise_landmark,
     new_projection,
 )
-from sfr_loc_map.localisation.frontend.robust_weights import geman_mcclure, geman_mcclure_weight
+from sfr_loc_map.localisation.frontend.robust_weights import geman_mcclure_weight
 from sfr_loc_map.localisation.small_linalg import fill_inverse_4, reorder_to_median, retract, solve
 
 # Values without a stated reason were chosen by hand. Recorded trials of others: measurements/localiser_trials.md.
@@ -34,21 +34,6 @@ least 1, which is their expectation. Weaker weights: measurements/localiser_tria
 "What limits it, and what was tried"."""
 FIRST_SCALE_FACTOR = 4.0  #: Factor on that scale in the first iteration, when the pose is that of the prediction.
 CONVERGED_STEP = 1e-5  #: Step of the pose, metres and radians, below which no further iteration follows.
-
-
-class RightOffset(NamedTuple):
-    """Extrinsic rotation error of the right camera, as the displacement of right image positions."""
-
-    u: float = 0.0  #: Offset along the row at the image centre (yaw), pixels, positive to the right.
-    v: float = 0.0  #: Offset along the column at the image centre (pitch), pixels, positive downwards.
-    roll: float = 0.0  #: Rotation about the optical axis, pixels at a distance of the focal length.
-
-    def at(self, uv: FloatArray, camera: StereoCamera) -> FloatArray:
-        """Return the offsets `(N, 2)` at pixels `(N, 2)` of the right image: the flow field of a small rotation."""
-        x, y = camera.normalised(uv).T
-        along_u = self.u * (1.0 + x * x) + self.v * x * y - self.roll * y
-        along_v = self.v * (1.0 + y * y) + self.u * x * y + self.roll * x
-        return np.column_stack((along_u, along_v))
 
 
 class LandmarkEstimates(NamedTuple):
@@ -247,120 +232,3 @@ def solve_pose(
         if largest < CONVERGED_STEP:
             break
     return PoseSolution(Pose(rotation, position), information, linearised)
-
-
-# Values without a stated reason were chosen by hand. Recorded trials of others: measurements/localiser_trials.md.
-SHIFT_SCALE = 4.0  #: Squared residual per degree of freedom at which a landmark's weight is a quarter (Geman-McClure).
-MIN_INLIER_WEIGHT = 0.5  #: Minimum weight of a landmark that agrees with the pose.
-MIN_SHIFT_LANDMARKS = 9  #: Minimum number of landmarks of the shift and the shear.
-ENOUGH_LANDMARKS = 300
-"""Approximate number of landmarks that are used. The error that all landmarks of an image have in common is larger than
-that of their mean."""
-POSE, SHIFT, SHEAR = slice(6), 6, slice(7, 9)
-"""Unknowns of the step: pose, shift of the right image, shears of the left and of the right image."""
-
-
-class RightShift(NamedTuple):
-    """Shift of right positions along the rows at the image centre, as by a yaw of the right camera."""
-
-    px: float  #: Pixels to the right, beyond the corrections that the landmarks were triangulated with.
-    variance: float  #: Its variance by the landmarks alone, px^2; infinite with too few landmarks.
-    #: Squared Mahalanobis shear of the rows of both images, as by a rolling shutter, per degree of freedom.
-    shear: float
-    uv: FloatArray  #: `(N, 2)` left pixels of the landmarks that agree with the pose.
-    disparity: FloatArray  #: `(N,)` their residual disparities, pixels.
-
-
-class _StepEquations(NamedTuple):
-    """Normal equations of a Gauss-Newton step of pose, shift and shears."""
-
-    information: FloatArray  #: `(9, 9)`.
-    rhs: FloatArray  #: `(9,)`.
-
-
-def right_shift(
-    pose: Pose, landmarks: LandmarkEstimates, observations: StereoObservations, camera: StereoCamera, lens_px: float
-) -> RightShift:
-    """Estimate the shift of the right image and a shear of both images in a solved pair.
-
-    The depths of the landmarks come from earlier pairs. If the right camera has rotated since, all right positions are
-    shifted by the same amount and the left ones are not, which no motion of the rig explains. One Gauss-Newton step of
-    pose and shift together gives the shift, because the pose of the pair was solved for without one.
-
-    Args:
-        pose: Pose of the left camera in the pair.
-        landmarks: The N landmarks.
-        observations: Their observations in the pair; those observed in both images count.
-        camera: The camera.
-        lens_px: Standard deviation of disparities due to lens distortion, pixels. It may look like a shear.
-    """
-    landmarks, observations = _in_both_images(landmarks, observations)
-    linearised = solve_pose(pose, landmarks, observations, camera, 1).linearised
-    chi2 = np.where(np.isnan(linearised.chi2_per_dof), np.inf, linearised.chi2_per_dof)
-    weight = geman_mcclure(chi2, SHIFT_SCALE)
-    left_uv = observations.uv[:, :2]
-    right_uv = observations.uv[:, 2:]
-    if np.count_nonzero(weight) < MIN_SHIFT_LANDMARKS:
-        return RightShift(0.0, np.inf, 0.0, left_uv[:0], left_uv[:0, 0])
-    right_xy = camera.normalised(right_uv)
-    equations = _step_equations(linearised, weight, camera.normalised(left_uv), right_xy)
-    px, variance = _shift_of(equations)
-    shear = _shear_of(equations, lens_px / float(np.abs(right_xy[:, 1]).max()))
-    agrees = weight > MIN_INLIER_WEIGHT
-    disparity = linearised.residuals[agrees, 2] - linearised.residuals[agrees, 0]
-    return RightShift(px, variance, shear, left_uv[agrees], disparity)
-
-
-def _in_both_images(
-    landmarks: LandmarkEstimates, observations: StereoObservations
-) -> tuple[LandmarkEstimates, StereoObservations]:
-    """Return about `ENOUGH_LANDMARKS` of the landmarks that are observed in both images, with their observations."""
-    count = len(observations.uv)
-    chosen = np.arange(0, count, max(1, count // ENOUGH_LANDMARKS))
-    in_both = chosen[np.isfinite(observations.uv[chosen, 0] + observations.uv[chosen, 2])]
-    # `take` gives what an index gives, and is up to ten times faster for rows of few numbers
-    hosts = Poses(landmarks.hosts.rotations.take(in_both, axis=0), landmarks.hosts.positions.take(in_both, axis=0))
-    rays = landmarks.rays.take(in_both, axis=0)
-    covariance = landmarks.covariance.take(in_both, axis=0)
-    of_chosen = LandmarkEstimates(hosts, rays, landmarks.inverse_depth[in_both], covariance)
-    uv = observations.uv.take(in_both, axis=0)
-    return of_chosen, StereoObservations(uv, observations.variance.take(in_both, axis=0))
-
-
-def _step_equations(
-    linearised: Linearisation, weight: FloatArray, left_xy: FloatArray, right_xy: FloatArray
-) -> _StepEquations:
-    """Return the normal equations of a step, from normalised image coordinates `(N, 2)` of the observations.
-
-    A yaw shifts a right position by `(1 + x^2, x y)` at a shift of one pixel at the centre. A shear shifts the rows of
-    an image along u in proportion to y. On flat ground a shear of both images resembles a sideways motion; stones and
-    the horizon separate the two.
-    """
-    x, y = right_xy.T
-    jacobian = np.zeros((len(weight), 4, 9))
-    jacobian[:, :, POSE] = linearised.jacobians
-    jacobian[:, 2, SHIFT] = 1.0 + x * x
-    jacobian[:, 3, SHIFT] = x * y
-    jacobian[:, 0, SHEAR.start] = left_xy[:, 1]
-    jacobian[:, 2, SHEAR.start + 1] = y
-    weighted = (linearised.whitening * weight[:, None, None] @ jacobian).reshape(-1, 9)
-    return _StepEquations(weighted.T @ jacobian.reshape(-1, 9), weighted.T @ linearised.residuals.ravel())
-
-
-def _shift_of(equations: _StepEquations) -> tuple[float, float]:
-    """Return the shift, px, and its variance, px^2, of a step without shear."""
-    size = SHIFT + 1
-    information = equations.information[:size, :size]
-    inverse_row = np.linalg.solve(information, np.eye(size)[SHIFT])
-    return float(inverse_row @ equations.rhs[:size]), float(inverse_row[SHIFT])
-
-
-def _shear_of(equations: _StepEquations, lens_sigma: float) -> float:
-    """Return the squared Mahalanobis norm `s^T C^-1 s / 2` of the shears: at most about 1 without shear.
-
-    The covariance C is that of the step, plus the variance of a shear that lens distortion may resemble.
-    """
-    covariance = np.linalg.inv(equations.information)
-    shears = (covariance @ equations.rhs)[SHEAR]
-    covariance_of_shears = covariance[SHEAR, SHEAR] + np.eye(2) * lens_sigma**2
-    return float(shears @ np.linalg.solve(covariance_of_shears, shears)) / 2.0

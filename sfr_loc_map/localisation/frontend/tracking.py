@@ -22,7 +22,8 @@ from sfr_loc_map.localisation.frontend.landmarks import Landmarks
 from sfr_loc_map.localisation.frontend.patch import LEVELS, Pyramid, build_pyramid, plane_homographies
 from sfr_loc_map.localisation.frontend.patch_tracking import TrackingLimits, track_patches
 from sfr_loc_map.localisation.frontend.photometric_alignment import align_patches
-from sfr_loc_map.localisation.frontend.pose_solver import RightOffset, StereoObservations, solve_pose
+from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations, solve_pose
+from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.parallel import both
 
 # Values without a stated reason were chosen by hand. Recorded trials of others: measurements/localiser_trials.md.

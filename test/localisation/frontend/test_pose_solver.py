@@ -8,12 +8,10 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
 from sfr_loc_map.localisation.frontend.pose_solver import (
     LandmarkEstimates,
     PoseSolution,
-    RightOffset,
-    RightShift,
     StereoObservations,
-    right_shift,
     solve_pose,
 )
+from sfr_loc_map.localisation.frontend.right_camera import RightOffset, RightShift, right_shift
 
 CAMERA = StereoCamera(400.0, 410.0, 256.0, 240.0, 0.2)
 COUNT, NOISE_PX = 120, 0.2

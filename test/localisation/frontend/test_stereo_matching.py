@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import cKDTree
 
+from sfr_loc_map.localisation.frontend.neighbour_slopes import nearest
 from sfr_loc_map.localisation.frontend.patch import build_pyramid
-from sfr_loc_map.localisation.frontend.sparse_stereo import StereoMatches, match_corners, nearest
+from sfr_loc_map.localisation.frontend.stereo_matching import StereoMatches, match_corners
 
 HEIGHT, WIDTH = 160, 240
 LEFT = np.clip(gaussian_filter(np.random.default_rng(0).normal(128, 400, (HEIGHT, WIDTH)), 2.0), 0, 255)

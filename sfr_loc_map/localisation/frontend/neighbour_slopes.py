@@ -1,0 +1,158 @@
+"""Slopes of local planes in disparity, fitted to the disparities of neighbouring corners.
+
+A slope is the derivative of the disparity by the left pixel u or v.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.geometry.arrays import FloatArray, Mask
+from sfr_loc_map.jit import jit, jit_fast
+from sfr_loc_map.localisation.parallel import in_halves
+from sfr_loc_map.localisation.small_linalg import solve
+
+NEIGHBOURS = 9  #: Maximum number of points that a local plane is fitted to.
+MIN_NEIGHBOURS = 4  #: Minimum number of points that a local plane is fitted to.
+PLANE_ITERATIONS = 4  #: Iterations of reweighted least squares of a local plane.
+PLANE_NOISE_PX = 0.3  #: Scale of the Cauchy weight of a disparity against the local plane, pixels.
+SLOPE_INFORMATION = 0.02  #: Information of the prior of zero slope, times the squared distance of the neighbours.
+MAX_SLOPE = 0.7  #: Maximum slope, pixels of disparity per pixel.
+
+
+class Neighbours(NamedTuple):
+    """Nearest points of N points, k for each of them, nearest first."""
+
+    distance: FloatArray  #: `(N, k)` pixels.
+    numbers: NDArray[np.intp]  #: `(N, k)`.
+
+
+@jit
+def nearest(points: FloatArray, begin: NDArray[np.intp], support: FloatArray, count: int) -> Neighbours:
+    """Return the nearest support points of each point.
+
+    The search goes from the place of a point in the order of u to both sides. It ends where the distance along u alone
+    exceeds that of the last of the nearest.
+
+    Args:
+        points: `(N, 2)`.
+        begin: `(N,)` places of the points in the support, as by `np.searchsorted`.
+        support: `(M, 2)` in the order of u; M is at least `count`.
+        count: Number of nearest points.
+    """
+    index = np.zeros((len(points), count), np.intp)
+    distance = np.full((len(points), count), np.inf)
+    for n in range(len(points)):
+        u, v = points[n, 0], points[n, 1]
+        nearest_squares = distance[n]  # squared until all are found
+        nearest_index = index[n]
+        low = begin[n] - 1
+        high = begin[n]
+        while True:
+            low_square = (u - support[low, 0]) ** 2 if low >= 0 else np.inf
+            high_square = (support[high, 0] - u) ** 2 if high < len(support) else np.inf
+            if not min(low_square, high_square) <= nearest_squares[count - 1]:
+                break
+            if low_square < high_square:
+                candidate = low
+                along_u = low_square
+                low -= 1
+            else:
+                candidate = high
+                along_u = high_square
+                high += 1
+            if along_u == np.inf:
+                break
+            square = along_u + (support[candidate, 1] - v) ** 2
+            if square < nearest_squares[count - 1]:
+                place = count - 1
+                while place > 0 and nearest_squares[place - 1] > square:
+                    nearest_squares[place] = nearest_squares[place - 1]
+                    nearest_index[place] = nearest_index[place - 1]
+                    place -= 1
+                nearest_squares[place] = square
+                nearest_index[place] = candidate
+        for k in range(count):
+            nearest_squares[k] = np.sqrt(nearest_squares[k])
+    return Neighbours(distance, index)
+
+
+def neighbours_of(uv: FloatArray, known: FloatArray) -> Neighbours | None:
+    """Return the neighbours of corners `(N, 2)` among these and known points `(M, 3)`, which follow the corners.
+
+    None if there are too few points.
+    """
+    support = np.concatenate((uv, known[:, :2]))
+    if not len(uv) or len(support) < MIN_NEIGHBOURS:
+        return None
+    order = np.argsort(support[:, 0], kind="stable")
+    begin = np.searchsorted(support[order, 0], uv[:, 0])
+    search = partial(nearest, support=np.ascontiguousarray(support[order]), count=min(NEIGHBOURS, len(support)))
+    found = in_halves(search, uv, begin)
+    return Neighbours(found.distance, order[found.numbers])
+
+
+def slopes_of(
+    uv: FloatArray, disparity: FloatArray, good: Mask, known: FloatArray, neighbours: Neighbours | None
+) -> FloatArray:
+    """Return the slopes `(N, 2)` of the planes through corners and their neighbours; 0 without neighbours.
+
+    Of the corners, the good ones `(N,)` count as neighbours. The known points are `(M, 3)` u, v, disparity.
+    """
+    if neighbours is None:
+        return np.zeros((len(uv), 2))
+    support = np.concatenate((np.column_stack((uv, disparity)), known))
+    usable = np.concatenate((good, np.ones(len(known), np.bool_)))
+    fit = partial(_fit_slopes, support=support, usable=usable)
+    return in_halves(fit, uv, disparity, neighbours.numbers, neighbours.distance)
+
+
+@jit_fast
+def _fit_slopes(
+    uv: FloatArray,
+    disparity: FloatArray,
+    index: NDArray[np.int64],
+    distance: FloatArray,
+    support: FloatArray,
+    usable: Mask,
+) -> FloatArray:
+    """Return the slopes `(N, 2)` of planes fitted to neighbours `(N, k)` by reweighted least squares.
+
+    The weight of a neighbour falls with its distance (Gaussian) and with its residual (Cauchy).
+    """
+    slopes = np.zeros((len(uv), 2))
+    row = np.ones(3)  # derivative of the disparity by the unknowns: disparity at the corner, slopes
+    nearness = np.empty(index.shape[1])
+    for n in range(len(uv)):
+        reach = max(distance[n, -1], 1.0)
+        for k in range(index.shape[1]):
+            nearness[k] = np.exp(-2.0 * (distance[n, k] / reach) ** 2)
+        plane = np.zeros(3)
+        for _ in range(PLANE_ITERATIONS):
+            information = np.zeros((3, 3))
+            rhs = np.zeros(3)
+            # A weak prior of zero slope regularises isolated points.
+            information[0, 0] = 1.0
+            information[1, 1] = SLOPE_INFORMATION * reach * reach
+            information[2, 2] = SLOPE_INFORMATION * reach * reach
+            for k in range(index.shape[1]):
+                m = index[n, k]
+                if not usable[m]:
+                    continue
+                row[1] = support[m, 0] - uv[n, 0]
+                row[2] = support[m, 1] - uv[n, 1]
+                level = support[m, 2] - disparity[n]
+                residual = (level - plane[0] - row[1] * plane[1] - row[2] * plane[2]) / PLANE_NOISE_PX
+                weight = nearness[k] / (1.0 + residual * residual)
+                for i in range(3):
+                    rhs[i] += weight * row[i] * level
+                    for j in range(3):
+                        information[i, j] += weight * row[i] * row[j]
+            plane = solve(information, rhs)
+        for i in range(2):
+            slopes[n, i] = min(max(plane[1 + i], -MAX_SLOPE), MAX_SLOPE)
+    return slopes
