@@ -71,8 +71,7 @@ def simulate(
     plan = Plan.make(config)
     folders = task_folders(plan, out)
     _claim(plan.config, out)
-    whats = {Task.LOCALISATION: SIDES, Task.MAPPING: (*SIDES, "truth")}
-    jobs = [RenderJob(task, frame, what) for task in Task for frame in range(plan.count(task)) for what in whats[task]]
+    jobs = render_jobs(plan)
     for job in jobs:
         for file in job.files(folders[job.task]):
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -83,7 +82,8 @@ def simulate(
     if todo:
         _render(plan, out, todo, workers, lambda done: progress(len(jobs) - len(todo) + done, len(jobs)))
     for task, folder in folders.items():
-        _write_lists(plan, task, folder)
+        for name, content in lists_of(plan, task).items():
+            _write(folder / name, content)
     return sum(plan.count(task) for task in folders)
 
 
@@ -91,6 +91,12 @@ def can_continue(config: SimulationConfig, out: Path) -> bool:
     """Tell whether a folder holds an unfinished run with these settings."""
     folders = task_folders(Plan.make(config), out).values()
     return _is_of(config, out) and not all((folder / "pairs.csv").exists() for folder in folders)
+
+
+def render_jobs(plan: Plan) -> list[RenderJob]:
+    """Return all jobs of a plan."""
+    whats = {Task.LOCALISATION: SIDES, Task.MAPPING: (*SIDES, "truth")}
+    return [RenderJob(task, frame, what) for task in Task for frame in range(plan.count(task)) for what in whats[task]]
 
 
 def task_folders(plan: Plan, out: Path) -> dict[Task, Path]:
@@ -171,15 +177,18 @@ def _prepare(config: SimulationConfig, out: Path, *, is_worker: bool = True) -> 
 def _run(job: RenderJob) -> None:
     assert _worker is not None
     world, folders = _worker
-    files = job.files(folders[job.task])
+    for file, content in zip(job.files(folders[job.task]), rendered(world, job), strict=True):
+        _write(file, content)
+
+
+def rendered(world: World, job: RenderJob) -> list[bytes]:
+    """Return the contents of the files of a job."""
     if job.what != "truth":
-        _write(files[0], encode_png(world.image(job.task, job.frame, SIDES.index(job.what))))
-        return
+        return [encode_png(world.image(job.task, job.frame, SIDES.index(job.what)))]
     points, mask = world.truth(job.frame)
     stream = io.BytesIO()
     np.save(stream, points)
-    _write(files[0], encode_png(mask))
-    _write(files[1], stream.getvalue())
+    return [encode_png(mask), stream.getvalue()]
 
 
 def _write(path: Path, content: bytes) -> None:
@@ -187,8 +196,9 @@ def _write(path: Path, content: bytes) -> None:
         temporary.write_bytes(content)
 
 
-def _write_lists(plan: Plan, task: Task, folder: Path) -> None:
-    _write(folder / "rig.json", rig_json(plan.rig(task)).encode())
+def lists_of(plan: Plan, task: Task) -> dict[str, bytes]:
+    """Return the rig, the true trajectory and the list of pairs of a task by file name, the list of pairs last."""
+    files = {"rig.json": rig_json(plan.rig(task))}
     rows: list[list[str]] = []
     for frame in range(plan.count(task)):
         stamp_ns = plan.stamp_ns(task, frame)
@@ -198,5 +208,6 @@ def _write_lists(plan: Plan, task: Task, folder: Path) -> None:
             rows.append(pair_row(stamp_ns, frame, plan.lm_pose(frame), f"truth/{frame:06d}.npy"))
     header = LOC_COLUMNS if task is Task.LOCALISATION else (*NAV_COLUMNS, TRUTH_COLUMN)
     if task is Task.LOCALISATION:
-        _write(folder / "groundtruth.csv", trajectory_text(plan.trajectory()).encode())
-    _write(folder / "pairs.csv", ("\n".join(map(",".join, [header, *rows])) + "\n").encode())
+        files["groundtruth.csv"] = trajectory_text(plan.trajectory())
+    files["pairs.csv"] = "\n".join(map(",".join, [header, *rows])) + "\n"
+    return {name: text.encode() for name, text in files.items()}
