@@ -126,7 +126,7 @@ def hashes_of_terrain(fused: FusedMap, rig: StereoRig, config: MappingConfig) ->
         return {"terrain": digest(str(error))}
     layers = {item.name: getattr(grid, item.name) for item in fields(grid)}
     elevation = layers.pop("elevation")
-    layers |= {item.name: getattr(elevation, item.name) for item in fields(elevation)}
+    layers |= {name: getattr(elevation, name) for name in ("height_m", "sigma_m", "count", "origin_m", "cell_m")}
     layers["covariance"] = point_covariances(fused.cloud, fused.T_lm_left, rig.fx)
     return {f"terrain_{name}": digest(values) for name, values in layers.items()}
 

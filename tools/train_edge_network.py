@@ -27,7 +27,7 @@ from sfr_loc_map.mapping.disparity.right_image_correction import correct_right_i
 from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
 from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
 from sfr_loc_map.mapping.disparity.validity import status_before_edges
-from sfr_loc_map.mapping.disparity.variational_refinement import refine
+from sfr_loc_map.mapping.disparity.variational_refinement import refine_disparity
 from sfr_loc_map.mapping.disparity.wrong_surface import (
     EdgeFeatures,
     EdgeNetwork,
@@ -95,9 +95,9 @@ def scene_of(left: np.ndarray, right: np.ndarray, count: int) -> EdgeScene:
     initial_px = semi_global_matching(left, right, count)
     initial_cells = cells_from_disparity(initial_px)
     left_grey = left.astype(np.float32)
-    without_holes_px = disparity_from_cells(initial_cells, left.shape)
-    right_grey = correct_right_image(left_grey, right.astype(np.float32), without_holes_px).image
-    refined = refine(left_grey, right_grey, initial_cells)
+    dense_px = disparity_from_cells(initial_cells, left.shape)
+    right_grey = correct_right_image(left_grey, right.astype(np.float32), dense_px).image
+    refined = refine_disparity(left_grey, right_grey, initial_cells)
     valid = is_valid(status_before_edges(left_grey, right_grey, initial_px, refined))
     sigma_px = disparity_sigma(refined)
     return EdgeScene(left_grey, right_grey, refined.disparity_px, np.isfinite(initial_px), valid, sigma_px)

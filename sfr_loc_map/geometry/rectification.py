@@ -109,7 +109,7 @@ class StereoRectifier:
         self.cameras = cameras
         self._maps = tuple(camera.maps() for camera in cameras)
         for side, camera, maps in zip(SIDES, cameras, self._maps, strict=True):
-            fraction = valid_fraction(maps[0], camera.size)
+            fraction = _valid_fraction(maps[0], camera.size)
             is_centred = all(
                 0.0 <= centre < side_px for centre, side_px in zip(camera.p[2::4], camera.size, strict=False)
             )
@@ -206,7 +206,7 @@ def _largest_shift_px(p_left: FloatArray, p_right: FloatArray, size: tuple[int, 
     return float(max(shifts))
 
 
-def valid_fraction(places: Any, size: tuple[int, int]) -> float:  # noqa: ANN401 - of OpenCV
+def _valid_fraction(places: Any, size: tuple[int, int]) -> float:  # noqa: ANN401 - of OpenCV
     """Return the fraction of a rectified image that raw pixels are mapped to; `places` `(H, W, 2)` in the raw image."""
     width, height = size
     u, v = places[:, :, 0], places[:, :, 1]
@@ -310,7 +310,7 @@ def _is_absurd(
             return f"the rectified focal length is {focal:.4g} px, {ratio:.3g} times that of the camera"
         if not (0.0 <= centre[0] < width and 0.0 <= centre[1] < height):
             return f"the rectified principal point ({centre[0]:.4g}, {centre[1]:.4g}) is outside of the image"
-        fraction = valid_fraction(raw.maps()[0], camera.size)
+        fraction = _valid_fraction(raw.maps()[0], camera.size)
         if fraction < MIN_VALID:
             return f"raw pixels are mapped to {100.0 * fraction:.3g} % of the rectified image"
     return ""

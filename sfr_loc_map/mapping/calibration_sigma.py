@@ -17,7 +17,10 @@ changes disparities by 0.3 pixels."""
 
 
 class CalibrationSigma(NamedTuple):
-    """Standard deviations of a calibration, in the units of the kernels; the default is an exact calibration."""
+    """Standard deviations of a calibration given a pair, in rad and fractions; the default is an exact calibration.
+
+    `CalibrationUncertainty` has those that are configured, in deg and pixels.
+    """
 
     yaw_rad: float = 0.0  #: Of the right camera.
     pitch_rad: float = 0.0  #: Of the right camera.
@@ -29,10 +32,10 @@ class CalibrationSigma(NamedTuple):
 
 def is_yaw_significant(rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty) -> bool:
     """Return whether the measured yaw exceeds what noise and the configured uncertainty of the calibration explain."""
-    return abs(rotation.yaw_rad) > yaw_threshold_rad(rotation, rig, configured)
+    return abs(rotation.yaw_rad) > _yaw_threshold_rad(rotation, rig, configured)
 
 
-def yaw_threshold_rad(rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty) -> float:
+def _yaw_threshold_rad(rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty) -> float:
     """Return the largest yaw that is not significant, rad.
 
     Residual distortion causes the saddle of a yaw as well. Its configured root mean square, taken as the value of such
@@ -44,7 +47,7 @@ def yaw_threshold_rad(rotation: CameraRotation, rig: StereoRig, configured: Cali
     return max(SIGNIFICANT_SIGMAS * sigma_rad, math.radians(MIN_SIGNIFICANT_YAW_DEG))
 
 
-def pitch_threshold_px(configured: CalibrationUncertainty) -> float:
+def _pitch_threshold_px(configured: CalibrationUncertainty) -> float:
     """Return the largest vertical offset that residual distortion explains, pixels; a larger one may be a pitch."""
     return max(configured.distortion_px, MIN_ROTATION_PX)
 
@@ -53,7 +56,7 @@ def calibration_sigma(rotation: CameraRotation, rig: StereoRig, configured: Cali
     """Return the uncertainty of the calibration given what a pair shows of the right camera.
 
     A significant yaw is added to the configured uncertainty; it is not compensated. A vertical offset beyond
-    `pitch_threshold_px` is added as a pitch and not reported. Roll is compensated (`without_roll`).
+    `_pitch_threshold_px` is added as a pitch and not reported. Roll is compensated (`without_roll`).
 
     Residual distortion causes an error along rows of the size of the vertical disparity. An offset and a roll may have
     other causes. With the root mean squares over the image of all vertical disparity and of its rest without offset and
@@ -67,7 +70,7 @@ def calibration_sigma(rotation: CameraRotation, rig: StereoRig, configured: Cali
     if is_yaw_significant(rotation, rig, configured):
         yaw_rad = math.hypot(yaw_rad, rotation.yaw_rad)
     pitch_rad = math.radians(configured.pitch_deg)
-    if abs(rotation.pitch_rad) * rig.fy > pitch_threshold_px(configured):
+    if abs(rotation.pitch_rad) * rig.fy > _pitch_threshold_px(configured):
         pitch_rad = math.hypot(pitch_rad, rotation.pitch_rad)
     distortion_px = 0.0
     if configured.distortion_px > 0.0:

@@ -9,7 +9,8 @@ from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
-from sfr_loc_map.mapping.disparity.semi_global_matching import DISPARITY_STEP, semi_global_matching
+from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
+from sfr_loc_map.mapping.search_range import DISPARITY_STEP
 
 MIN_CONTRAST = 2.0
 """Smallest standard deviation of an image's grey levels that can be matched, grey levels: a covered camera shows its

@@ -15,13 +15,17 @@ where                                  formula
 =====================================  =================================================================================
 variational_refinement.linearise       information and information vector / max(mean chi2 / mean weight, correlation of
                                        the noise over 4 x 4 pixels, which is at least 1)
-uncertainty.disparity_sigma            variance 1 / (8 sqrt(h s)) + (0.34 curvature)^2 s / h + (1.2 crease)^2, with the
-                                       information h less that of noise, at least 1e-3, the smoothness weight s, the
-                                       curvature at most 10 medians and the crease at most 1 px; sigma at most 2 px
-hole_filling.fill_holes                max(sigma, 0.5 px) at filled pixels
+uncertainty.disparity_sigma            variance 1 / (8 sqrt(h s)) + (SMOOTHING_BIAS curvature)^2 s / h +
+                                       (CREASE_BIAS crease)^2, with the information h less NOISE_INFORMATION, at least
+                                       MIN_INFORMATION, the smoothness weight s, the curvature at most
+                                       MAX_CURVATURE_MEDIANS medians and the crease at most MAX_CREASE_PX;
+                                       sigma at most MAX_SIGMA_PX
+hole_filling.fill_holes                max(sigma, MIN_FILLED_SIGMA_PX) at filled pixels
 reprojection.points_from_disparity     abs(ray) Z^2 / (fx baseline) sigma, from pixels to metres
-multiview.fusion (only fused points)   variance 0.5 sigma^2 + 0.5 sum w_i^2 s_i^2 / (sum w_i)^2, w_i = feather / s_i^2
-widened_sigma                          (1 + 1.5 f) sigma, f the saturated fraction of 11 x 11 pixels
+multiview.fusion (only fused points)   variance c sigma^2 + (1 - c) sum w_i^2 s_i^2 / (sum w_i)^2, with the weights
+                                       w_i = feather / s_i^2 and c = COMMON_VARIANCE
+_widened_sigma                         (1 + SIGMA_GROWTH f) sigma, f the saturated fraction of a square of side
+                                       NEARBY_SIDE_PX (`saturation`)
 total_sigma                            variance sigma^2 + r^2 (a^2 (fx / d)^2 + focal^2 + baseline^2), with the angle a
                                        of the uncertainty of `calibration_sigma`
 =====================================  =================================================================================
@@ -62,7 +66,7 @@ SIGMA_GROWTH = F(1.5)
 """Relative growth of sigma in a completely saturated neighbourhood. On rendered, half clipped ground it covers the
 growth of large errors, which is 1.3 to 2.1 times (measurements/mapper_trials.md)."""
 SIGMA_FACTORS = F(1.0) + SIGMA_GROWTH / F(255.0) * np.arange(256, dtype=F)
-"""By the mean of a neighbourhood, 0 to 255: factor on sigma. The noise that is measured in the images is too small
+"""Factor on sigma by `Saturation.nearby_fraction_255`. The noise that is measured in the images is too small
 there, because clipping removes it."""
 
 
@@ -85,16 +89,16 @@ def point_sigma(
 
     Poses of the left cameras (left optical frame to LM) and saturations are in the order of the pairs.
     """
-    random = widened_sigma(points, pair, saturations)
+    random = _widened_sigma(points, pair, saturations)
     return PointSigma(random, total_sigma(points, random, pair, poses, calibration, rig))
 
 
-def widened_sigma(points: ViewPoints, pair: NDArray[np.uint8], saturations: Sequence[Saturation]) -> FloatArray32:
+def _widened_sigma(points: ViewPoints, pair: NDArray[np.uint8], saturations: Sequence[Saturation]) -> FloatArray32:
     """Return the standard deviations of points `(N,)`, metres, increased beside saturated pixels."""
     if not any(item.fraction > 0.0 for item in saturations):
         return points.fusion_sigma.copy()
-    neighbourhoods = np.stack([item.neighbourhood for item in saturations])
-    return _widened(points.fusion_sigma, pair, points.v, points.u, neighbourhoods)
+    nearby_fractions_255 = np.stack([item.nearby_fraction_255 for item in saturations])
+    return _widened(points.fusion_sigma, pair, points.v, points.u, nearby_fractions_255)
 
 
 @jit_rows
@@ -103,12 +107,12 @@ def _widened(
     pair: NDArray[np.uint8],
     v: NDArray[np.uint16],
     u: NDArray[np.uint16],
-    neighbourhoods: NDArray[np.uint8],
+    nearby_fractions_255: NDArray[np.uint8],
 ) -> FloatArray32:
-    """Return the standard deviations `(N,)` times the factors of the neighbourhoods `(pairs, H, W)`."""
+    """Return the standard deviations `(N,)` times the factors of `(pairs, H, W)` saturated fractions."""
     out = np.empty_like(sigma)
     for n in prange(len(sigma)):
-        out[n] = sigma[n] * SIGMA_FACTORS[neighbourhoods[pair[n], v[n], u[n]]]
+        out[n] = sigma[n] * SIGMA_FACTORS[nearby_fractions_255[pair[n], v[n], u[n]]]
     return out
 
 

@@ -49,7 +49,7 @@ def points_from_disparity(
 def _points(
     disparity: FloatImage, sigma_px: FloatImage, grey: FloatImage, camera: StereoCamera, pose: Pose, row_ends: IntArray
 ) -> ViewPoints:
-    """Return the points, filled row by row; `row_ends` `(H,)` counts the points up to the end of a row."""
+    """Return the points, written row by row; `row_ends` `(H,)` counts the points up to the end of a row."""
     rows, cols = disparity.shape
     count = row_ends[-1]
     xyz = np.empty((count, 3), F)

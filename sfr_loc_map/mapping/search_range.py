@@ -8,7 +8,11 @@ from dataclasses import dataclass
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.disparity.semi_global_matching import DISPARITY_STEP
+
+DISPARITY_STEP = 16  #: A multiple of this many disparities is searched, as OpenCV's matcher requires.
+MAX_DISPARITY_FRACTION = 0.5
+"""Largest disparity that is searched, as a fraction of the image's width: most of a nearer surface is visible to one
+camera only."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,15 +26,15 @@ class SearchRange:
 def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:
     """Return the disparities between the farthest and the nearest depth, `d = fx baseline / Z`.
 
-    At most half of the image's width is searched: most of a nearer surface is visible to one camera only. If that is
-    less than the disparity of `min_range_m`, the nearest depth that is searched is larger than `min_range_m`.
+    If `MAX_DISPARITY_FRACTION` of the width is less than the disparity of `min_range_m`, the nearest depth that is
+    searched is larger than `min_range_m`.
     """
     if config.min_range_m >= config.max_range_m:
         raise ConfigError(
             f"min_range_m {config.min_range_m} must be less than max_range_m {config.max_range_m}: correct them"
         )
     scale = rig.fx * rig.baseline_m
-    max_disparity_px = min(scale / config.min_range_m, 0.5 * rig.width)
+    max_disparity_px = min(scale / config.min_range_m, MAX_DISPARITY_FRACTION * rig.width)
     min_disparity_px = scale / config.max_range_m
     if min_disparity_px >= max_disparity_px:
         raise ConfigError(

@@ -23,7 +23,7 @@ from sfr_loc_map.io.images.codec import encode_jpeg, encode_png, samples_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.mapping.terrain.elevation import ElevationModel
+from sfr_loc_map.mapping.terrain.elevation import CellGrid, ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid
 from sfr_loc_map.nodes.messages import (
     ELEVATION_FIELDS,
@@ -219,7 +219,7 @@ def test_grids_come_out_as_they_went_in() -> None:
     layers = np.random.default_rng(2).normal(size=(5, 3, 4)).astype(np.float32)
     layers[:, 1, 2] = np.nan
     count, hazard = np.arange(12, dtype=np.int32).reshape(3, 4), np.arange(-1, 11, dtype=np.int8).reshape(3, 4)
-    grid = TerrainGrid(ElevationModel(*layers[:2], count, (-0.5, 1.25), 0.25), *layers[2:], hazard)
+    grid = TerrainGrid(ElevationModel(*layers[:2], count, CellGrid(-2, 5, *count.shape, 0.25)), *layers[2:], hazard)
     message = sent(elevation_msg(grid, 5, "lm"))
     assert [field.name for field in message.fields] == list(ELEVATION_FIELDS)
     assert (message.height, message.width, message.header.frame_id, message.is_dense) == (3, 4, "lm", False)

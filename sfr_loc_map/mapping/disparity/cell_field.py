@@ -37,21 +37,24 @@ def padded(image: FloatImage) -> FloatImage:
 
 
 def cells_from_disparity(disparity_px: FloatImage) -> FloatImage:
-    """Return the field on cells of a disparity `(H, W)`, NaN in holes: holes are filled, surfaces averaged."""
-    cells = fill_occlusions(cells_from_pixels(padded(disparity_px), SURFACE_JUMP_PX))
+    """Return the initial field on cells, defined everywhere, of a disparity `(H, W)` that is NaN where unmatched.
+
+    Cells without a disparity are extended from beside them, and each surface is averaged.
+    """
+    cells = _extended_from_farther(_cells_from_pixels(padded(disparity_px)))
     for tolerance_px in MEAN_TOLERANCES_PX:
-        cells = edge_preserving_mean(cells, MEAN_RADIUS_CELLS, tolerance_px)
+        cells = _edge_preserving_mean(cells, MEAN_RADIUS_CELLS, tolerance_px)
     return cells
 
 
 def disparity_from_cells(cells: FloatImage, shape: tuple[int, ...]) -> FloatImage:
     """Return the disparity of each pixel of an image `(H, W)`."""
     height, width = shape
-    return np.ascontiguousarray(pixels_from_cells(cells, SURFACE_JUMP_PX)[:height, :width])
+    return np.ascontiguousarray(pixels_from_cells(cells)[:height, :width])
 
 
 @jit_rows
-def cells_from_pixels(disparity: FloatImage, jump: np.float32) -> FloatImage:
+def _cells_from_pixels(disparity: FloatImage) -> FloatImage:
     """Return the mean disparity of each cell's nearest surface `(H/2, W/2)`, NaN if all its pixels are unknown."""
     rows = disparity.shape[0] // 2
     cols = disparity.shape[1] // 2
@@ -66,7 +69,7 @@ def cells_from_pixels(disparity: FloatImage, jump: np.float32) -> FloatImage:
             count = F(0.0)
             for k in range(4):
                 value = disparity[2 * i + k // 2, 2 * j + k % 2]
-                if value > nearest - jump:
+                if value > nearest - SURFACE_JUMP_PX:
                     total += value
                     count += F(1.0)
             cells[i, j] = total / count if count > 0 and nearest >= 0 else F(np.nan)
@@ -74,8 +77,8 @@ def cells_from_pixels(disparity: FloatImage, jump: np.float32) -> FloatImage:
 
 
 @jit_rows
-def fill_occlusions(cells: FloatImage) -> FloatImage:
-    """Return the cells with holes filled by the farther neighbour along the row: most holes are occlusions."""
+def _extended_from_farther(cells: FloatImage) -> FloatImage:
+    """Return the cells. Those without a disparity, mostly occluded ones, have that of the farther one along the row."""
     rows, cols = cells.shape
     out = cells.copy()
     for i in prange(rows):
@@ -101,8 +104,8 @@ def fill_occlusions(cells: FloatImage) -> FloatImage:
 
 
 @jit_rows
-def edge_preserving_mean(cells: FloatImage, radius: int, jump: np.float32) -> FloatImage:
-    """Return each cell's mean over its neighbours that differ by less than `jump`, so that edges stay sharp."""
+def _edge_preserving_mean(cells: FloatImage, radius: int, tolerance: np.float32) -> FloatImage:
+    """Return each cell's mean over its neighbours that differ by less than a tolerance, so that edges stay sharp."""
     rows, cols = cells.shape
     out = np.empty_like(cells)
     for i in prange(rows):
@@ -119,7 +122,7 @@ def edge_preserving_mean(cells: FloatImage, radius: int, jump: np.float32) -> Fl
                 counts = count[first:last]
                 for j in range(len(centres)):
                     step = neighbours[j] - centres[j]
-                    near = F(1.0) if abs(step) < jump else F(0.0)
+                    near = F(1.0) if abs(step) < tolerance else F(0.0)
                     totals[j] += near * step
                     counts[j] += near
         for j in range(cols):
@@ -128,32 +131,30 @@ def edge_preserving_mean(cells: FloatImage, radius: int, jump: np.float32) -> Fl
 
 
 @jit_rows_inline
-def _same_surface(value: np.float32, centre: np.float32, jump: np.float32) -> np.float32:
+def _same_surface(value: np.float32, centre: np.float32) -> np.float32:
     """Return the value if it belongs to the surface of `centre`, otherwise `centre`."""
-    return centre if abs(value - centre) > jump else value
+    return centre if abs(value - centre) > SURFACE_JUMP_PX else value
 
 
 @jit_rows_inline
-def _between(
-    centre: np.float32, along: np.float32, across: np.float32, corner: np.float32, jump: np.float32
-) -> np.float32:
+def _between(centre: np.float32, along: np.float32, across: np.float32, corner: np.float32) -> np.float32:
     """Return the field a quarter of a cell from a centre, towards two of its neighbours and the corner between."""
-    sides = _same_surface(across, centre, jump) + _same_surface(along, centre, jump)
-    return NEAR_TAP * centre + SIDE_TAP * sides + CORNER_TAP * _same_surface(corner, centre, jump)
+    sides = _same_surface(across, centre) + _same_surface(along, centre)
+    return NEAR_TAP * centre + SIDE_TAP * sides + CORNER_TAP * _same_surface(corner, centre)
 
 
 @jit_rows
-def pixels_from_cells(cells: FloatImage, jump: np.float32) -> FloatImage:
-    """Return the field at pixels `(2 h, 2 w)`, bilinear between cell centres but never across a jump."""
+def pixels_from_cells(cells: FloatImage) -> FloatImage:
+    """Return the field at pixels `(2 h, 2 w)`, bilinear between cell centres but never across a jump of surfaces."""
     rows, cols = cells.shape
     out = np.empty((2 * rows, 2 * cols), F)
     for y in prange(2 * rows):
         i = y // 2
         i2 = min(max(i - 1 + 2 * (y % 2), 0), rows - 1)
         for j in range(cols - 1):
-            out[y, 2 * j + 1] = _between(cells[i, j], cells[i2, j], cells[i, j + 1], cells[i2, j + 1], jump)
-            out[y, 2 * j + 2] = _between(cells[i, j + 1], cells[i2, j + 1], cells[i, j], cells[i2, j], jump)
+            out[y, 2 * j + 1] = _between(cells[i, j], cells[i2, j], cells[i, j + 1], cells[i2, j + 1])
+            out[y, 2 * j + 2] = _between(cells[i, j + 1], cells[i2, j + 1], cells[i, j], cells[i2, j])
         for j in (0, cols - 1):
-            edge = _between(cells[i, j], cells[i2, j], cells[i, j], cells[i2, j], jump)
+            edge = _between(cells[i, j], cells[i2, j], cells[i, j], cells[i2, j])
             out[y, 2 * j + (0 if j == 0 else 1)] = edge
     return out

@@ -2,7 +2,7 @@
 
 The change s of a field d solves `(H + A' W A) s = b - A' W A d`, with H the information of the data term, b its
 information vector, and `A' W A` the operator of the smoothness (`smoothness`). The solver is that of Shewchuk (1994),
-section B3, with a diagonal preconditioner. Its arrays (`SolverState`) are updated in place.
+section B3, with a diagonal preconditioner. Its arrays (`SolverState`) are written in place.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from sfr_loc_map.jit import jit_rows, jit_rows_inline, on_one_thread
 from sfr_loc_map.mapping.disparity.smoothness import (
     BLOCK_ROWS,
     SmoothnessWeights,
-    fill_smoothness,
     inverse_diagonal,
     smoothness_gradient,
+    write_smoothness,
 )
 
 MAX_SOLVED_STEP_PX = F(1.0)
@@ -29,7 +29,7 @@ SUMMED_ROWS = 4  #: Rows that are summed in one loop, each in its order: a singl
 
 
 class SolverState(NamedTuple):
-    """Arrays of conjugate gradients, `(h, w)` float32 each; the kernels below update them in place.
+    """Arrays of conjugate gradients, `(h, w)` float32 each; the kernels below write to them.
 
     Between iterations `direction` and `previous_direction` change places, so that no array is copied.
     """
@@ -83,8 +83,8 @@ def _ordered_sum(sums: FloatArray) -> float:
 
 
 @jit_rows_inline
-def _fill_sums(a: FloatImage, b: FloatImage, sums: FloatArray) -> None:
-    """Fill the sum of each row of `a b`, products and sums in float32."""
+def _write_sums(a: FloatImage, b: FloatImage, sums: FloatArray) -> None:
+    """Write the sum of each row of `a b`, products and sums in float32."""
     rows, cols = a.shape
     for i in range(0, rows - SUMMED_ROWS + 1, SUMMED_ROWS):
         s0 = F(0.0)
@@ -128,9 +128,9 @@ def _update_direction(
     beta: np.float32,
     state: SolverState,
 ) -> float:
-    """Fill the direction `d = M r + beta d_previous` and its product q with the system's matrix; return `d' q`.
+    """Write the direction `d = M r + beta d_previous` and its product q with the system's matrix; return `d' q`.
 
-    Both are filled block by block, so that the direction is in the cache when it is multiplied. The product of a block
+    Both are written block by block, so that the direction is in the cache when it is multiplied. The product of a block
     requires two more rows of the direction on either side, which both blocks compute.
     """
     rows, cols = information.shape
@@ -153,7 +153,7 @@ def _update_direction(
             for j in range(cols):
                 out[j] = factor[j] * rest[j] + beta * old[j]
         out_rows = product[first:last]
-        fill_smoothness(extended, top, weights, first, out_rows)
+        write_smoothness(extended, top, weights, first, out_rows)
         for i in range(first, last):
             row = product[i]
             known = information[i]
@@ -162,7 +162,7 @@ def _update_direction(
             for j in range(cols):
                 row[j] = known[j] * along[j] + row[j]
                 copy[j] = along[j]
-        _fill_sums(out_rows, extended[first - top : last - top], sums[first:last])
+        _write_sums(out_rows, extended[first - top : last - top], sums[first:last])
     return _ordered_sum(sums)
 
 
@@ -190,5 +190,5 @@ def _update_step(state: SolverState, preconditioner: FloatImage, alpha: np.float
             for j in range(cols):
                 rest[j] -= alpha * by_matrix[j]
                 square[j] = rest[j] * rest[j]
-        _fill_sums(squares, preconditioner[first:last], sums[first:last])
+        _write_sums(squares, preconditioner[first:last], sums[first:last])
     return _ordered_sum(sums)

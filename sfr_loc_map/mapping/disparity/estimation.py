@@ -33,8 +33,8 @@ from sfr_loc_map.mapping.disparity.saturation import measure_saturation
 from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
 from sfr_loc_map.mapping.disparity.texture import measured_textured_fraction
 from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
-from sfr_loc_map.mapping.disparity.validity import pixel_status
-from sfr_loc_map.mapping.disparity.variational_refinement import refine
+from sfr_loc_map.mapping.disparity.validity import judge_pixels
+from sfr_loc_map.mapping.disparity.variational_refinement import refine_disparity
 
 
 def estimate_disparity(pair: StereoPair, disparity_count: int) -> DisparityMap:
@@ -45,10 +45,10 @@ def estimate_disparity(pair: StereoPair, disparity_count: int) -> DisparityMap:
     dense_px = disparity_from_cells(initial_cells, left.shape)
     corrected = correct_right_image(left, pair.right.astype(F), dense_px)
     right = corrected.image
-    refined = refine(left, right, initial_cells)
+    refined = refine_disparity(left, right, initial_cells)
     sigma_px = disparity_sigma(refined)
     saturation = measure_saturation(pair.left, pair.right, refined.disparity_px)
-    status = pixel_status(left, right, initial_px, refined, sigma_px, saturation)
+    status = judge_pixels(left, right, initial_px, refined, sigma_px, saturation)
     return DisparityMap(
         px=refined.disparity_px,
         sigma_px=sigma_px,

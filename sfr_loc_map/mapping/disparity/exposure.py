@@ -30,12 +30,12 @@ class Exposure(NamedTuple):
     offset_grey: float  #: Grey level of the right image where that of the left image is 0.
 
 
-def grey_quantiles(grey: NDArray[Any]) -> FloatArray:
+def _grey_quantiles(grey: NDArray[Any]) -> FloatArray:
     """Return the low, the middle and the high grey level `(3,)` of a sample of an image."""
     return np.asarray(np.quantile(grey, EXPOSURE_QUANTILES))
 
 
-def exposure_of(left_quantiles: FloatArray, right_quantiles: FloatArray) -> Exposure:
+def _exposure_of(left_quantiles: FloatArray, right_quantiles: FloatArray) -> Exposure:
     """Return the exposure of the right image relative to the left one, from the grey levels of both `(3,)`.
 
     The gain is 1 if the left image has too little contrast.
@@ -55,11 +55,11 @@ def with_exposure_of_left(left: GreyImage, right: GreyImage) -> GreyImage:
     from corresponding pixels.
     """
     sampled = np.s_[::EXPOSURE_STRIDE, ::EXPOSURE_STRIDE]
-    left_quantiles = grey_quantiles(left[sampled])
-    right_quantiles = grey_quantiles(right[sampled])
+    left_quantiles = _grey_quantiles(left[sampled])
+    right_quantiles = _grey_quantiles(right[sampled])
     if np.abs(left_quantiles - right_quantiles).max() <= SAME_EXPOSURE_GREY:
         return right
-    exposure = exposure_of(left_quantiles, right_quantiles)
+    exposure = _exposure_of(left_quantiles, right_quantiles)
     levels = np.rint((np.arange(256.0) - exposure.offset_grey) / exposure.gain)
     return np.asarray(cv2.LUT(right, np.clip(levels, 0, 255).astype(np.uint8)))
 
@@ -78,4 +78,4 @@ def exposure_by_disparity(left: FloatImage, right: FloatImage, disparity_px: Flo
     usable = (left_grey > MIN_GREY) & (left_grey < MAX_GREY) & (right_grey > MIN_GREY) & (right_grey < MAX_GREY)
     if usable.sum() < MIN_EXPOSURE_PIXELS:
         return Exposure(1.0, 0.0)
-    return exposure_of(grey_quantiles(left_grey[usable]), grey_quantiles(right_grey[usable]))
+    return _exposure_of(_grey_quantiles(left_grey[usable]), _grey_quantiles(right_grey[usable]))

@@ -43,7 +43,7 @@ MARGIN_SIGMAS = 1.5
 """Cost margin over other hypotheses, in standard deviations of the noise of one pixel. Chosen on two real pairs and
 rendered grounds."""
 ALTERNATIVE_PX = F(2.0)
-"""A surface that nothing else confirms must match better than disparities this far to either side, pixels, because
+"""A hypothesis that nothing else confirms must match better than disparities this far to either side, pixels, because
 noise matches any surface."""
 SAME_HYPOTHESIS_PX = F(0.5)  #: Hypotheses that differ by less are judged once, pixels: half of `SURFACE_JUMP_PX`.
 MIN_SAME_SURFACE = 5
@@ -97,64 +97,75 @@ class HypothesisCosts(NamedTuple):
     effective_pixels: FloatArray32  #: As of `PlaneCost`.
 
 
-def fill_holes(disparity: DisparityMap) -> DisparityMap:
+def fill_holes(disparity_map: DisparityMap) -> DisparityMap:
     """Return the disparity map with filled holes; completely saturated neighbourhoods stay invalid.
 
     The standard deviation of a filled disparity is at least `MIN_FILLED_SIGMA_PX`. The map is returned as it is if
     fewer than `MIN_SAMPLES` valid pixels beside holes measure the largest cost.
     """
-    measured = disparity.valid
-    unsaturated = ~disparity.saturation.saturated
-    scene = _scene(disparity, disparity.px, measured, unsaturated)
+    measured = disparity_map.valid
+    unsaturated = ~disparity_map.saturation.saturated
+    scene = _scene(disparity_map, disparity_map.px, measured, unsaturated)
     max_cost = _max_cost(scene)
     if max_cost is None:
-        return disparity
-    min_margin = F(MARGIN_SIGMAS * disparity.noise_grey)
-    for _ in range(PASSES):
+        return disparity_map
+    min_margin = F(MARGIN_SIGMAS * disparity_map.noise_grey)
+    filled = _filled(scene, max_cost, min_margin)
+    valid = measured | filled.accepted
+    for _ in range(PASSES - 1):
+        has_new_hypotheses = dilated(filled.accepted, REACH)
+        scene = _scene(disparity_map, filled.px, valid, unsaturated & has_new_hypotheses)
         filled = _filled(scene, max_cost, min_margin)
-        beside_filled = dilated(filled.accepted, REACH)
-        scene = _scene(disparity, filled.px, scene.valid | filled.accepted, unsaturated & beside_filled)
-    has_similar_depth = depth_ratio(np.where(scene.valid, scene.disparity, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
-    is_filled = scene.valid & ~measured & has_similar_depth
+        valid = valid | filled.accepted
+    has_similar_depth = depth_ratio(np.where(valid, filled.px, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
+    is_filled = valid & ~measured & has_similar_depth
     return replace(
-        disparity,
-        px=np.where(is_filled, scene.disparity, disparity.px),
-        sigma_px=np.where(is_filled, np.maximum(disparity.sigma_px, MIN_FILLED_SIGMA_PX), disparity.sigma_px),
-        status=np.where(is_filled, np.uint8(PixelStatus.FILLED), disparity.status),
+        disparity_map,
+        px=np.where(is_filled, filled.px, disparity_map.px),
+        sigma_px=np.where(is_filled, np.maximum(disparity_map.sigma_px, MIN_FILLED_SIGMA_PX), disparity_map.sigma_px),
+        status=np.where(is_filled, np.uint8(PixelStatus.FILLED), disparity_map.status),
     )
 
 
-def _scene(disparity: DisparityMap, px: FloatImage, valid: Mask, allowed: Mask) -> HoleScene:
+def _scene(disparity_map: DisparityMap, px: FloatImage, valid: Mask, allowed: Mask) -> HoleScene:
     """Return the input of a pass over the allowed invalid pixels, with the disparities that are valid so far."""
     distance = np.asarray(cv2.distanceTransform((~valid).astype(np.uint8), cv2.DIST_C, 3), F)
-    return HoleScene(disparity.left, disparity.right, px, valid, allowed & ~valid, disparity.initial_px, distance)
+    return HoleScene(
+        left=disparity_map.left,
+        right=disparity_map.right,
+        disparity=px,
+        valid=valid,
+        fillable=allowed & ~valid,
+        initial=disparity_map.initial_px,
+        distance=distance,
+    )
 
 
 def _filled(scene: HoleScene, max_cost: np.float32, min_margin: np.float32) -> FilledPixels:
     """Return the disparities after one pass.
 
     A proposed disparity is accepted if enough of its neighbours are on its surface and the right image does not
-    contradict it (`confirmed`).
+    contradict it (`_confirmed`).
     """
-    proposed_px = fill_pass(scene, right_surfaces(scene.disparity, scene.valid), max_cost, min_margin)
+    proposed_px = _fill_pass(scene, right_surfaces(scene.disparity, scene.valid), max_cost, min_margin)
     is_proposed = np.isfinite(proposed_px)
     px = np.where(is_proposed, proposed_px, scene.disparity)
     valid = scene.valid | is_proposed
-    accepted = confirmed(px, valid, is_proposed, right_surfaces(px, valid))
+    accepted = _confirmed(px, valid, is_proposed, right_surfaces(px, valid))
     return FilledPixels(np.where(accepted, proposed_px, scene.disparity), accepted)
 
 
 def _max_cost(scene: HoleScene) -> np.float32 | None:
     """Return the largest matching cost of a filled pixel, grey levels; None if too few pixels are beside holes."""
     beside_holes = np.flatnonzero(dilated(~scene.valid, BESIDE_HOLE_PX) & scene.valid)
-    costs = own_costs(scene, beside_holes[::COST_STRIDE])
+    costs = _own_costs(scene, beside_holes[::COST_STRIDE])
     if len(costs) < MIN_SAMPLES:
         return None
     return F(np.percentile(costs, COST_PERCENTILE))
 
 
 @jit_rows
-def fill_pass(scene: HoleScene, surfaces: RightSurfaces, max_cost: np.float32, min_margin: np.float32) -> FloatImage:
+def _fill_pass(scene: HoleScene, surfaces: RightSurfaces, max_cost: np.float32, min_margin: np.float32) -> FloatImage:
     """Return the disparities `(H, W)` that one pass proposes, NaN elsewhere.
 
     `max_cost` is the largest cost of a filled pixel and `min_margin` the margin over other hypotheses of a window of
@@ -162,9 +173,7 @@ def fill_pass(scene: HoleScene, surfaces: RightSurfaces, max_cost: np.float32, m
     """
     rows, cols = scene.disparity.shape
     out = np.full((rows, cols), F(np.nan))
-    for n in prange(rows):
-        # Even rows first, then odd ones: each of two threads gets as many holes as the other.
-        y = 2 * n if 2 * n < rows else 2 * n - rows + 1 - rows % 2
+    for y in prange(rows):
         for x in range(cols):
             if scene.fillable[y, x] and scene.distance[y, x] <= REACH:
                 out[y, x] = _best_hypothesis(scene, surfaces, max_cost, min_margin, y, x)
@@ -311,7 +320,7 @@ def _surface_slope(scene: HoleScene, y: int, x: int, dy: int, dx: int) -> np.flo
 
 
 @jit_rows
-def own_costs(scene: HoleScene, flat_indices: IntArray) -> FloatArray32:
+def _own_costs(scene: HoleScene, flat_indices: IntArray) -> FloatArray32:
     """Return the matching costs `(N,)` of valid pixels at their own disparity, given by indices of the flat image."""
     cols = scene.disparity.shape[1]
     out = np.empty(len(flat_indices), F)
@@ -326,7 +335,10 @@ def own_costs(scene: HoleScene, flat_indices: IntArray) -> FloatArray32:
 
 @jit_rows_inline
 def _is_contradicted(disparity: np.float32, surfaces: RightSurfaces, y: int, x: int) -> bool:
-    """Return whether the corresponding pixel is outside the right image or belongs to another surface."""
+    """Return whether the corresponding pixel is outside the right image or belongs to another surface.
+
+    The last column is outside, because the matching cost interpolates to the right of the corresponding point.
+    """
     column = F(x) - disparity
     if not (column >= F(0.0) and column < F(surfaces.low.shape[1] - 1)):
         return True
@@ -337,7 +349,7 @@ def _is_contradicted(disparity: np.float32, surfaces: RightSurfaces, y: int, x: 
 
 
 @jit_rows
-def confirmed(disparity: FloatImage, valid: Mask, proposed: Mask, surfaces: RightSurfaces) -> Mask:
+def _confirmed(disparity: FloatImage, valid: Mask, proposed: Mask, surfaces: RightSurfaces) -> Mask:
     """Return which proposed pixels `(H, W)` have neighbours on their surface and correspond to no other surface.
 
     `valid` includes the proposed pixels, and the surfaces are those of all valid pixels.

@@ -7,7 +7,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, IntArray, median
 from sfr_loc_map.mapping.disparity.filters import downsample_mean
-from sfr_loc_map.mapping.robust_statistics import mad_sigma
+from sfr_loc_map.mapping.robust_statistics import mad_sigma, spread
 
 ROUNDING_NOISE = 0.3
 """Smallest standard deviation of a residual due to rounding, in steps of the grey levels: that of one image,
@@ -42,7 +42,7 @@ def overall_noise(residual: FloatImage, min_noise: float) -> float:
     sample = sample[np.isfinite(sample)]
     if not len(sample):
         return min_noise
-    return max(mad_sigma(sample - median(sample)), min_noise)
+    return max(spread(sample), min_noise)
 
 
 def noise_variance(

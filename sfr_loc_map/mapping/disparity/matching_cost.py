@@ -36,6 +36,14 @@ WEIGHT_BY_DISTANCE = np.exp(-np.hypot(_OFFSETS[:, None], _OFFSETS[None]) / DISTA
 """Weight of a pixel by its row and column in the window."""
 
 
+@jit_rows_inline
+def _support_weight(left: FloatImage, y: int, x: int, v: int, u: int) -> np.float32:
+    """Return the weight of a pixel (v, u) in the window around (y, x)."""
+    by_grey = WEIGHT_BY_GREY[int(abs(left[v, u] - left[y, x]))]
+    weight: np.float32 = by_grey * WEIGHT_BY_DISTANCE[v - y + WINDOW_RADIUS, u - x + WINDOW_RADIUS]
+    return weight
+
+
 class ConstantCost(NamedTuple):
     """Matching cost of a pixel at a disparity that is constant over the window."""
 
@@ -70,8 +78,7 @@ def constant_cost(left: FloatImage, right: FloatImage, y: int, x: int, disparity
         for u in range(first, last + 1):
             value = right[v, u - whole] + fraction * (right[v, u - whole - 1] - right[v, u - whole])
             difference = min(abs(value - left[v, u]), MAX_DIFFERENCE)
-            weight = WEIGHT_BY_GREY[int(abs(left[v, u] - left[y, x]))]
-            weight *= WEIGHT_BY_DISTANCE[v - y + WINDOW_RADIUS, u - x + WINDOW_RADIUS]
+            weight = _support_weight(left, y, x, v, u)
             total += weight * difference
             weights += weight
             squares += weight * weight
@@ -110,8 +117,7 @@ def plane_cost(
                 continue
             k = int(column)
             value = right[v, k] + (column - F(k)) * (right[v, k + 1] - right[v, k])
-            weight = WEIGHT_BY_GREY[int(abs(left[v, u] - left[y, x]))]
-            weight *= WEIGHT_BY_DISTANCE[v - y + WINDOW_RADIUS, u - x + WINDOW_RADIUS]
+            weight = _support_weight(left, y, x, v, u)
             weight *= VALID_WEIGHT if valid[v, u] else F(1.0)
             total += weight * min(abs(value - left[v, u]), MAX_DIFFERENCE)
             weights += weight

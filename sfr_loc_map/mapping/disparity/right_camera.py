@@ -101,8 +101,7 @@ def _remaining_disparity(disparity_map: DisparityMap, rig: StereoRig) -> Remaini
 
     def shapes(column: FloatArray, row: FloatArray) -> tuple[FloatArray, ...]:
         """Return the terms of a `VerticalPolynomial`."""
-        x = (column - rig.cx) / rig.fx
-        y = (row - rig.cy) / rig.fy
+        x, y = rig.camera.normalised(np.column_stack((column, row))).T
         return np.ones(len(x)), x, y, x * y, y * y
 
     fit = fit_vertical_disparity(

@@ -13,7 +13,7 @@ from sfr_loc_map.mapping.disparity.filters import square
 SATURATED_SQUARE_PX = 5
 """A pixel is invalid if the square of this side around it is completely saturated, pixels: its slope, of five columns
 and three rows, is then 0."""
-NEIGHBOURHOOD_PX = 11
+NEARBY_SIDE_PX = 11
 """Side of the square in which saturated pixels increase the sigma of a pixel (`point_sigma`), pixels: of the order of
 the radius over which the refinement smooths."""
 
@@ -26,7 +26,7 @@ class Saturation:
     """Saturation of a pair around each pixel of the left image."""
 
     saturated: Mask  #: `(H, W)`, the square around the pixel is completely saturated in one of the images.
-    neighbourhood: GreyImage  #: `(H, W)`, saturated fraction of the pixel's neighbourhood, 0 to 255.
+    nearby_fraction_255: GreyImage  #: `(H, W)`, saturated fraction of the square around the pixel, times 255.
     fraction: float  #: Fraction of the pixels that are saturated in either image.
 
 
@@ -42,8 +42,8 @@ def measure_saturation(left: GreyImage, right: GreyImage, disparity_px: FloatIma
     around = square(SATURATED_SQUARE_PX)
     saturated = np.maximum(cv2.erode(saturated_left, around), cv2.erode(saturated_right, around)) > 0
     either = np.maximum(saturated_left, saturated_right)
-    neighbourhood = np.asarray(cv2.blur(either, (NEIGHBOURHOOD_PX, NEIGHBOURHOOD_PX)), np.uint8)
-    return Saturation(saturated, neighbourhood, float(np.count_nonzero(either) / either.size))
+    nearby_fraction_255 = np.asarray(cv2.blur(either, (NEARBY_SIDE_PX, NEARBY_SIDE_PX)), np.uint8)
+    return Saturation(saturated, nearby_fraction_255, float(np.count_nonzero(either) / either.size))
 
 
 def _warped(right: cv2.typing.MatLike, disparity_px: FloatImage) -> cv2.typing.MatLike:

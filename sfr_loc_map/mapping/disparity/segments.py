@@ -41,14 +41,14 @@ def valid_segments(left: FloatImage, right: FloatImage, disparity: FloatImage, v
     """Return the valid pixels `(H, W)` without segments that are too small or consist of noise."""
     steps = np.rint(disparity * STEPS_PER_PX).astype(np.int32)
     steps[~valid] = -1
-    segments = find_segments(steps, np.int32(STEPS_PER_PX * SURFACE_JUMP_PX))
+    segments = _find_segments(steps, np.int32(STEPS_PER_PX * SURFACE_JUMP_PX))
     pixels = segments.pixels
     is_large = np.append(pixels > MAX_MEDIUM_SEGMENT_PIXELS, np.False_)  # the last element is for invalid pixels
     is_medium = np.append((pixels > MAX_SMALL_SEGMENT_PIXELS) & (pixels <= MAX_MEDIUM_SEGMENT_PIXELS), np.False_)
     kept: Mask = is_large[segments.label]
     flat_indices = np.flatnonzero(is_medium[segments.label])
     labels = segments.label.flat[flat_indices]
-    correlation = gradient_correlation(left, right, disparity, flat_indices, labels, len(pixels))
+    correlation = _gradient_correlation(left, right, disparity, flat_indices, labels, len(pixels))
     kept.flat[flat_indices] = correlation >= MIN_CORRELATION
     return kept
 
@@ -69,7 +69,7 @@ def _same_segment(a: np.int32, b: np.int32, largest: np.int32) -> bool:
 
 
 @jit
-def find_segments(steps: NDArray[np.int32], largest: np.int32) -> Segments:
+def _find_segments(steps: NDArray[np.int32], largest: np.int32) -> Segments:
     """Return the segments of disparities in whole steps; negative ones are invalid.
 
     Neighbours above, below or beside that differ by at most `largest` steps belong to one segment. The segments are
@@ -114,7 +114,7 @@ def find_segments(steps: NDArray[np.int32], largest: np.int32) -> Segments:
     return Segments(label.reshape(steps.shape), pixels[:count].copy())
 
 
-def gradient_correlation(
+def _gradient_correlation(
     left: FloatImage,
     right: FloatImage,
     disparity: FloatImage,

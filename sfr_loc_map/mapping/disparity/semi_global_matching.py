@@ -9,12 +9,12 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage
 from sfr_loc_map.mapping.disparity.exposure import with_exposure_of_left
+from sfr_loc_map.mapping.search_range import DISPARITY_STEP
 
 WIDE_COLUMNS = 800
 """Images of this width or more are matched at half their width: a quarter of the cost and less noise, and the
 refinement has cells of two pixels anyway. Smaller images are matched at full width, because edges are sharper
 (measurements/mapper_trials.md)."""
-DISPARITY_STEP = 16  #: OpenCV's matcher searches a multiple of this many disparities.
 SUBPIXELS = 16  #: Steps per pixel of the disparities of OpenCV's matcher.
 SMALL_JUMP_PENALTY = 8
 """P1 of Hirschmueller (2008): cost of a change of disparity by one pixel. OpenCV recommends 8 per channel."""
@@ -29,7 +29,7 @@ MAX_SPECKLE_PIXELS = 60
 200. In wide images a matched pixel is two pixels wide."""
 MAX_SPECKLE_STEP = SUBPIXELS
 """Neighbours within a segment differ by no more than this, steps of the matcher: a pixel of the matched images."""
-UNMATCHED = -SUBPIXELS  #: The matcher's value of an unmatched pixel: `minDisparity - 1` in its steps.
+MATCHER_UNMATCHED = -SUBPIXELS  #: The matcher's value of an unmatched pixel: `minDisparity - 1` in its steps.
 
 
 def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> FloatImage:
@@ -60,9 +60,9 @@ def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> Float
     padded_right = _padded_on_the_left(_averaged_columns(with_exposure_of_left(left, right), reduction), searched)
     steps = matcher.compute(padded_left, padded_right)[:, searched:]
     # In place: pixels of small segments become unmatched.
-    cv2.filterSpeckles(steps, UNMATCHED, MAX_SPECKLE_PIXELS, MAX_SPECKLE_STEP)
+    cv2.filterSpeckles(steps, MATCHER_UNMATCHED, MAX_SPECKLE_PIXELS, MAX_SPECKLE_STEP)
     matched = steps.astype(F) * F(reduction / SUBPIXELS)
-    disparity = np.where(steps < 0, F(np.nan), matched)  # `UNMATCHED` is the only negative value
+    disparity = np.where(steps < 0, F(np.nan), matched)  # `MATCHER_UNMATCHED` is the only negative value
     return np.ascontiguousarray(np.repeat(disparity, reduction, axis=1)[:, : left.shape[1]])
 
 

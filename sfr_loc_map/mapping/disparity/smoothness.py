@@ -65,7 +65,7 @@ def smoothness_weight(
 
 
 @jit_rows_inline
-def _fill_differences(
+def _write_differences(
     field: FloatImage,
     i_in_field: int,
     weights: SmoothnessWeights,
@@ -74,7 +74,7 @@ def _fill_differences(
     along_y: FloatImage,
     mixed: FloatImage,
 ) -> None:
-    """Fill the weighted second differences of row i of a grid, `(w + 2,)` each; their border is not written.
+    """Write the weighted second differences of row i of a grid, `(w + 2,)` each; their border is not written.
 
     The field `(n, w)` is a part of the grid's rows, in which row i has the index `i_in_field`.
     """
@@ -100,10 +100,10 @@ def _fill_differences(
 
 
 @jit_rows_inline
-def fill_smoothness(field: FloatImage, top: int, weights: SmoothnessWeights, first: int, out: FloatImage) -> None:
-    """Fill rows `(m, w)` of `A' W A field` from the grid's row `first` on.
+def write_smoothness(field: FloatImage, top: int, weights: SmoothnessWeights, first: int, out: FloatImage) -> None:
+    """Write rows `(m, w)` of `A' W A field` to `out`, from the grid's row `first` on.
 
-    The field `(n, w)` begins at the row `top` of the grid. It has the rows to fill and, within the grid, two more rows
+    The field `(n, w)` begins at the row `top` of the grid. It has the rows to write and, within the grid, two more rows
     on either side.
     """
     rows, cols = weights.mixed.shape
@@ -114,7 +114,7 @@ def fill_smoothness(field: FloatImage, top: int, weights: SmoothnessWeights, fir
     for n in range(len(out) + 2):
         i = first - 1 + n
         for row in (along_x[n], along_y[n], mixed[n]):
-            if 0 <= i < rows:  # the inside is filled below
+            if 0 <= i < rows:  # the inside is written below
                 row[0] = F(0.0)
                 row[1] = F(0.0)
                 row[cols] = F(0.0)
@@ -123,7 +123,7 @@ def fill_smoothness(field: FloatImage, top: int, weights: SmoothnessWeights, fir
                 for j in range(cols + 2):
                     row[j] = F(0.0)
         if 0 <= i < rows:
-            _fill_differences(field, i - top, weights, i, along_x[n], along_y[n], mixed[n])
+            _write_differences(field, i - top, weights, i, along_x[n], along_y[n], mixed[n])
     for n in range(len(out)):
         row = out[n]
         x0 = along_x[n + 1]
@@ -175,5 +175,5 @@ def smoothness_gradient(field: FloatImage, weights: SmoothnessWeights) -> FloatI
     for block in prange((rows + BLOCK_ROWS - 1) // BLOCK_ROWS):
         first = BLOCK_ROWS * block
         last = min(first + BLOCK_ROWS, rows)
-        fill_smoothness(field, 0, weights, first, out[first:last])
+        write_smoothness(field, 0, weights, first, out[first:last])
     return out

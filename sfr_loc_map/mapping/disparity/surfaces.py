@@ -61,15 +61,15 @@ def right_surfaces(disparity: FloatImage, valid: Mask) -> RightSurfaces:
 
 
 @jit_rows
-def occlusion_mask(disparity: FloatImage, surfaces: RightSurfaces, jump: np.float32) -> Mask:
+def occlusion_mask(disparity: FloatImage, surfaces: RightSurfaces) -> Mask:
     """Return which pixels `(H, W)` are occluded in the right image.
 
-    Their corresponding pixel is outside the right image, or a surface nearer by more than `jump` covers it.
+    Their corresponding pixel is outside the right image, or the pixel of a nearer surface as well.
     """
     rows, cols = disparity.shape
     out = np.zeros((rows, cols), np.bool_)
     for y in prange(rows):
         for x in range(cols):
             u = int(np.rint(F(x) - disparity[y, x]))
-            out[y, x] = not (0 <= u < cols) or surfaces.high[y, u] > disparity[y, x] + jump
+            out[y, x] = not (0 <= u < cols) or surfaces.high[y, u] > disparity[y, x] + SURFACE_JUMP_PX
     return out

@@ -10,7 +10,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import F, FloatImage, median
 from sfr_loc_map.mapping.disparity.filters import box_mean, second_differences, upsample_bilinear
 from sfr_loc_map.mapping.disparity.photometric_residual import SLOPE_NOISE_GAIN
-from sfr_loc_map.mapping.disparity.variational_refinement import EDGE_FACTOR, WINDOW_CELLS, RefinedDisparity
+from sfr_loc_map.mapping.disparity.variational_refinement import WINDOW_CELLS, RefinedDisparity
 
 NOISE_INFORMATION = F(SLOPE_NOISE_GAIN)
 """Information of one cell that noise alone simulates, 1 / px^2: four pixels times the variance of a slope over that of
@@ -22,9 +22,15 @@ the refinement beyond 1.5 pixels or 5 standard deviations are invalid."""
 SMOOTHING_BIAS = F(0.34)
 """Error per pixel of second difference and square cell of smoothing radius. Chosen on rendered ground of several kinds,
 lights and cameras together: measurements/mapper_trials.md."""
+MAX_CURVATURE_MEDIANS = 10.0
+"""Larger second differences are clipped to this multiple of their median in the bias of smoothing, because they are
+creases, which have a term of their own."""
 CREASE_BIAS = F(1.2)
-"""Error per pixel by which the second difference within 3 x 3 cells exceeds its median, chosen likewise: beside edges
-and creases the error is about as large as the second difference."""
+"""Error per pixel by which the second difference around a cell exceeds its median, chosen likewise: beside edges and
+creases the error is about as large as the second difference."""
+CREASE_CELLS = 3
+"""Side of the square over which the second difference beside a crease is averaged, cells. Averaged over five cells, it
+overstates the error 1 to 6 pixels away from a crease (measurements/mapper_trials.md)."""
 MAX_CREASE_PX = F(1.0)
 """Larger second differences are edges between surfaces, pixels; the error beside an edge does not grow with its
 height."""
@@ -47,10 +53,10 @@ def disparity_sigma(refined: RefinedDisparity) -> FloatImage:
     bending = second_differences(refined.cells_px)
     curvature = np.abs(bending.along_x) + np.abs(bending.along_y)
     median_curvature = median(curvature)
-    ground_curvature = np.minimum(curvature, F(EDGE_FACTOR * median_curvature))
+    ground_curvature = np.minimum(curvature, F(MAX_CURVATURE_MEDIANS * median_curvature))
     noise_variance = F(0.125) / np.sqrt(information * weight)
     bias_squared = np.square(SMOOTHING_BIAS * box_mean(ground_curvature, WINDOW_CELLS)) * (weight / information)
-    crease_px = np.clip(box_mean(curvature, 3) - F(median_curvature), F(0.0), MAX_CREASE_PX)
+    crease_px = np.clip(box_mean(curvature, CREASE_CELLS) - F(median_curvature), F(0.0), MAX_CREASE_PX)
     crease_squared = np.square(CREASE_BIAS * crease_px)
     height, width = refined.disparity_px.shape
     cell_rows, cell_columns = noise_variance.shape

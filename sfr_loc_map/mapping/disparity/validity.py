@@ -15,7 +15,7 @@ from sfr_loc_map.mapping.disparity.filters import box_mean, local_variance
 from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus, StatusImage, is_valid, with_reason
 from sfr_loc_map.mapping.disparity.saturation import Saturation
 from sfr_loc_map.mapping.disparity.segments import valid_segments
-from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX, occlusion_mask, right_surfaces, slope_along_rows
+from sfr_loc_map.mapping.disparity.surfaces import occlusion_mask, right_surfaces, slope_along_rows
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
 from sfr_loc_map.mapping.disparity.wrong_surface import EdgeScene, wrong_surface_mask
 from sfr_loc_map.mapping.robust_statistics import mad_sigma
@@ -38,7 +38,7 @@ right camera: a steep ramp joins two surfaces across an occluded region. Values 
 (measurements/mapper_trials.md)."""
 
 
-def pixel_status(
+def judge_pixels(
     left: FloatImage,
     right: FloatImage,
     initial_px: FloatImage,
@@ -63,15 +63,15 @@ def status_before_edges(
     disparity = refined.disparity_px
     measured = np.full(disparity.shape, PixelStatus.MEASURED, np.uint8)
     status = with_reason(measured, np.isnan(initial_px), PixelStatus.UNMATCHED)
-    status = with_reason(status, changed_mask(initial_px, disparity), PixelStatus.CHANGED)
-    occluded = occlusion_mask(disparity, right_surfaces(disparity, is_valid(status)), SURFACE_JUMP_PX)
+    status = with_reason(status, _changed_mask(initial_px, disparity), PixelStatus.CHANGED)
+    occluded = occlusion_mask(disparity, right_surfaces(disparity, is_valid(status)))
     status = with_reason(status, occluded, PixelStatus.OCCLUDED)
-    status = with_reason(status, mismatch_mask(left, refined), PixelStatus.MISMATCHED)
-    status = with_reason(status, ramp_mask(disparity), PixelStatus.RAMP)
+    status = with_reason(status, _mismatch_mask(left, refined), PixelStatus.MISMATCHED)
+    status = with_reason(status, _ramp_mask(disparity), PixelStatus.RAMP)
     return with_reason(status, ~valid_segments(left, right, disparity, is_valid(status)), PixelStatus.NOT_A_SURFACE)
 
 
-def changed_mask(initial_px: FloatImage, disparity: FloatImage) -> Mask:
+def _changed_mask(initial_px: FloatImage, disparity: FloatImage) -> Mask:
     """Return which pixels `(H, W)` of an initial disparity, NaN where unmatched, the refinement changed too much."""
     change_px = np.abs(disparity - initial_px)
     sampled = change_px[::CHANGE_STRIDE, ::CHANGE_STRIDE]
@@ -80,7 +80,7 @@ def changed_mask(initial_px: FloatImage, disparity: FloatImage) -> Mask:
     return changed
 
 
-def mismatch_mask(left: FloatImage, refined: RefinedDisparity) -> Mask:
+def _mismatch_mask(left: FloatImage, refined: RefinedDisparity) -> Mask:
     """Return which pixels `(H, W)` have residuals larger than their noise and similar to the image's contrast."""
     chi2_per_dof = box_mean(np.fmin(np.square(refined.normalised_residual), MAX_CHI2), CHI2_WINDOW)
     squared_residual = chi2_per_dof * F(refined.noise_grey * refined.noise_grey)
@@ -89,7 +89,7 @@ def mismatch_mask(left: FloatImage, refined: RefinedDisparity) -> Mask:
     return mismatch
 
 
-def ramp_mask(disparity: FloatImage) -> Mask:
+def _ramp_mask(disparity: FloatImage) -> Mask:
     """Return which pixels `(H, W)` are on a ramp that joins two surfaces, or beside one along the row."""
     steep = (np.abs(slope_along_rows(disparity)) > MAX_SLOPE).astype(np.uint8)
     return np.asarray(cv2.dilate(steep, np.ones((1, 3), np.uint8))) > 0

@@ -43,7 +43,6 @@ from sfr_loc_map.mapping.disparity.photometric_residual import (
     slopes,
 )
 from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, smoothness_weight
-from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
 
 WARPS = 3
 """Iterations. More of them change the error of rendered ground by less than 5 % (measurements/mapper_trials.md)."""
@@ -59,10 +58,10 @@ WINDOW_CELLS = 9
 """Side of the square over which figures of cells are averaged, cells: 324 residuals, whose mean square has a relative
 standard deviation of 8 %. Smaller windows suit real pairs, larger ones smooth ground
 (measurements/mapper_trials.md)."""
-HALF_WEIGHT_SIGMAS = 5.0
+DATA_HALF_WEIGHT_SIGMAS = 5.0
 """Residuals of this many standard deviations have half the weight in the data term: noise keeps its full weight. The
 optimum is flat (measurements/mapper_trials.md)."""
-ROBUST_FACTOR = F(1.0 / HALF_WEIGHT_SIGMAS**2)  #: Factor of the squared normalised residual in the Cauchy weight.
+ROBUST_FACTOR = F(1.0 / DATA_HALF_WEIGHT_SIGMAS**2)  #: Factor of the squared normalised residual in the Cauchy weight.
 CLIPPING_SIGMAS = 3.0
 """Residuals are clipped to this many standard deviations in the brightness offset: noise is not, occlusions are. The
 optimum is flat (measurements/mapper_trials.md)."""
@@ -78,10 +77,13 @@ optimum is flat (measurements/mapper_trials.md)."""
 EDGE_FACTOR = 10.0
 """Second differences above this multiple of the median are edges, not the shape of the ground: of normally distributed
 ones none would be."""
+LOCAL_SIZE_WINDOW = 9
+"""Side of the square over which the second differences of roughness are averaged, in units of their spacing: the
+mean root of 81 independent ones has a relative standard deviation of 5 %."""
 MIN_ROUGHNESS = 0.1  #: Smallest local roughness over the median of the image, so that flat regions can still bend.
 MIN_TYPICAL_PX = 1e-3  #: Smallest median of the second differences, pixels; it must not be 0.
 ROUGHNESS_WINDOW = 5
-"""Side of the square over which the local roughness is smoothed, in units of its spacing. The optimum is flat
+"""Side of the square over which the local roughness is smoothed afterwards, in the same units. The optimum is flat
 (measurements/mapper_trials.md)."""
 GRID_FACTOR = 2.8
 """Growth of the typical second difference per doubling of the spacing, `2^1.5`: between fractal ground (2 or less) and
@@ -90,9 +92,9 @@ a surface of constant curvature (4). The optimum is flat (measurements/mapper_tr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RefinedDisparity:
-    """A refined field and what its uncertainty and validity are judged by."""
+    """A refined field and what its uncertainty and validity are judged by; both are defined everywhere."""
 
-    disparity_px: FloatImage  #: `(H, W)` float32, pixels, without holes.
+    disparity_px: FloatImage  #: `(H, W)` float32, pixels.
     cells_px: FloatImage  #: `(h, w)` float32, pixels, the field on the cells of the padded image.
     information: FloatImage  #: `(h, w)` float32, 1 / px^2 per cell, at the field.
     weights: SmoothnessWeights  #: Weights of the second differences, those of the field before its last step.
@@ -134,20 +136,20 @@ class Roughness(NamedTuple):
     along_y: FloatImage  #: `(h, w)`, along columns.
 
 
-def refine(left: FloatImage, right: FloatImage, initial_cells: FloatImage) -> RefinedDisparity:
+def refine_disparity(left: FloatImage, right: FloatImage, initial_cells: FloatImage) -> RefinedDisparity:
     """Return the disparity field that fits both images `(H, W)` best.
 
     The right image has equal exposure and no vertical disparity. The initial field (`cells_from_disparity`) is correct
     to about a pixel.
     """
-    reference = prepare_left(left)
+    reference = _prepare_left(left)
     padded_right = padded(right)
     cells = initial_cells
     data_term = linearise(reference, padded_right, cells)
     for warp in range(WARPS + EXTRA_WARPS):
         if warp == WARPS and not median(data_term.information) <= NOISY_PX**-2:  # not noisy
             break
-        cells, weights = coarse_to_fine_solve(cells, data_term)
+        cells, weights = _coarse_to_fine_solve(cells, data_term)
         data_term = linearise(reference, padded_right, cells)
     height, width = left.shape
     deviation = np.sqrt(data_term.variance)
@@ -162,7 +164,7 @@ def refine(left: FloatImage, right: FloatImage, initial_cells: FloatImage) -> Re
     )
 
 
-def prepare_left(left: FloatImage) -> LeftImage:
+def _prepare_left(left: FloatImage) -> LeftImage:
     """Return the left image with what all iterations share."""
     image = padded(left)
     cell_grey = downsample_mean(image, 2)
@@ -177,7 +179,7 @@ def linearise(left: LeftImage, right: FloatImage, cells: FloatImage) -> Linearis
     and the normal equations. The variance is inflated in the information where residuals exceed it, and everywhere if
     they are correlated between pixels.
     """
-    residual = photometric_residual(left.image, right, pixels_from_cells(cells, SURFACE_JUMP_PX))
+    residual = photometric_residual(left.image, right, pixels_from_cells(cells))
     noise = overall_noise(residual, left.min_noise)
     means = cell_means(residual, F(CLIPPING_SIGMAS * noise))
     offset = box_mean(means, WINDOW_CELLS)
@@ -196,7 +198,7 @@ def linearise(left: LeftImage, right: FloatImage, cells: FloatImage) -> Linearis
     )
 
 
-def roughness(cells: FloatImage) -> Roughness:
+def _roughness(cells: FloatImage) -> Roughness:
     """Return the scale of the Cauchy weights, from second differences at a spacing of `ROUGHNESS_SPACING` cells.
 
     A surface of constant curvature has second differences proportional to the square of the spacing.
@@ -217,16 +219,16 @@ def _local_size(differences: FloatImage) -> FloatImage:
     size = np.abs(differences)
     typical = max(median(size), MIN_TYPICAL_PX)
     clipped = np.minimum(size, F(EDGE_FACTOR * typical))
-    local = np.square(box_mean(np.sqrt(clipped), WINDOW_CELLS))
+    local = np.square(box_mean(np.sqrt(clipped), LOCAL_SIZE_WINDOW))
     return box_mean(np.maximum(local, F(MIN_ROUGHNESS * typical)), ROUGHNESS_WINDOW)
 
 
-def coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> SolvedField:
+def _coarse_to_fine_solve(cells: FloatImage, data_term: Linearisation) -> SolvedField:
     """Return the field after one linearised solve on all grids, coarse to fine.
 
     After each coarse step, the information vector of the remaining change is reduced by the information times the step.
     """
-    scale = roughness(cells)
+    scale = _roughness(cells)
     information = data_term.information
     information_vector = data_term.information_vector
     for level in range(LEVELS - 1, 0, -1):

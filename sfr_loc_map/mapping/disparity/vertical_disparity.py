@@ -17,9 +17,9 @@ from sfr_loc_map.mapping.disparity.photometric_residual import photometric_resid
 from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
 
 SAMPLING_STRIDE = 3  #: Every third pixel of every third row is used; 100 000 samples suffice.
-ROW_ROBUST_SIGMAS = 2.0
-"""Residuals of this many standard deviations have half the weight. Under normal noise 2.385 has an efficiency of 95 %
-(Holland and Welsch 1977); a smaller value gives less weight to outliers, such as wrong disparities."""
+ROW_HALF_WEIGHT_SIGMAS = 2.0
+"""Residuals of this many standard deviations have half the weight (`cauchy_weight`). Less than the efficient 2.385,
+because wrong disparities are outliers."""
 MIN_ROW_RESIDUAL_SIGMA = 1e-3  #: Added to the standard deviation of residuals, grey levels: it must not be 0.
 ROW_DAMPING = 1e-9
 """Added to the diagonal of the normal equations, as a fraction of their trace, so that they can be inverted. The
@@ -64,7 +64,7 @@ def fit_vertical_disparity(
     right_row = np.float64(SAMPLING_STRIDE) * row
     sigma = mad_sigma(r) + MIN_ROW_RESIDUAL_SIGMA
     design = np.column_stack(shapes(right_column, right_row)) * slope[:, None]
-    weighted = design * cauchy_weight(r, ROW_ROBUST_SIGMAS * sigma)[:, None]
+    weighted = design * cauchy_weight(r, ROW_HALF_WEIGHT_SIGMAS * sigma)[:, None]
     normal = weighted.T @ design
     if not normal.any():
         return None

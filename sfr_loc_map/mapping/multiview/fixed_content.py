@@ -18,10 +18,10 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.mapping.disparity.filters import square
+from sfr_loc_map.mapping.disparity.filters import dilated, square
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.multiview.projection import MIN_TEXTURE
-from sfr_loc_map.mapping.pair_view import MIN_COVERAGE, PairView
+from sfr_loc_map.mapping.multiview.comparison import MIN_TEXTURE
+from sfr_loc_map.mapping.pair_view import PairView
 
 STRIDE = 3  #: Every third pixel of every third row is compared, a sample: regions are larger than five samples.
 WINDOW_SAMPLES = 9  #: Side of the window over which grey levels are compared, samples: 27 pixels.
@@ -85,7 +85,7 @@ def _fixed_region(same_disparity: Mask, first_grey: FloatImage, second_grey: Flo
     region = square(REGION_SAMPLES)
     closed = cv2.morphologyEx(is_fixed.astype(np.uint8), cv2.MORPH_CLOSE, region)
     opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, region)
-    return np.asarray(cv2.dilate(opened, region)).astype(np.bool_)
+    return dilated(np.asarray(opened).astype(np.bool_), REGION_SAMPLES // 2)
 
 
 def _same_disparity(first: PairView, second: PairView, rig: StereoRig) -> Mask:
@@ -93,8 +93,7 @@ def _same_disparity(first: PairView, second: PairView, rig: StereoRig) -> Mask:
     disparity = first.disparity_px[::STRIDE, ::STRIDE]
     same: Mask = np.abs(disparity - second.disparity_px[::STRIDE, ::STRIDE]) < SAME_DISPARITY_PX
     row, column = np.nonzero(same)
-    x = (column * STRIDE - rig.cx) / rig.fx
-    y = (row * STRIDE - rig.cy) / rig.fy
+    x, y = rig.camera.normalised(np.column_stack((column, row)).astype(np.float64) * STRIDE).T
     inverse_depth = disparity[row, column].astype(np.float64) / (rig.fx * rig.baseline_m)
     T_second_first = second.T_lm_left.inverse() @ first.T_lm_left
     rays = np.stack((x, y, np.ones(len(x))))
@@ -110,7 +109,7 @@ def _similarity(a: FloatImage, b: FloatImage, noise: np.float32) -> FloatImage:
     """Return `1 - mean (a - b)^2 / (var a + var b)` around samples; 0 with too few known samples or no texture."""
     known = np.isfinite(a) & np.isfinite(b)
     known_fraction = _window_mean(known.astype(F))
-    coverage = np.maximum(known_fraction, MIN_COVERAGE)
+    coverage = np.maximum(known_fraction, MIN_WINDOW_FRACTION)  # similarity is 0 below it
     a = np.where(known, a, F(0.0))
     b = np.where(known, b, F(0.0))
     difference = _window_mean(np.square(a - b)) / coverage

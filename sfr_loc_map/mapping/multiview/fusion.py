@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import F, FloatArray32, Mask, median
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.findings import Findings
+from sfr_loc_map.mapping.multiview.comparison import MIN_OVERLAP, MIN_TEXTURE
 from sfr_loc_map.mapping.multiview.projection import (
-    MIN_OVERLAP,
-    MIN_TEXTURE,
     SHIFT_PX,
     Observations,
     ObservedPoints,
@@ -34,7 +33,7 @@ from sfr_loc_map.mapping.multiview.projection import (
     project_into_view,
 )
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
-from sfr_loc_map.mapping.robust_statistics import mad_sigma
+from sfr_loc_map.mapping.robust_statistics import mad_sigma, spread
 
 AGREE_SIGMAS = 3.0  #: Differences up to this many standard deviations are consistent: 0.3 % exceed it by chance.
 COMMON_VARIANCE = 0.5
@@ -170,7 +169,7 @@ def _fused_points(view: PairView, found: Comparison) -> ViewPoints:
     return points._replace(xyz=xyz, fusion_sigma=sigma)
 
 
-def pose_agreement(view: PairView, other: PairView, observed: ObservedPoints) -> PoseAgreement:
+def _pose_agreement(view: PairView, other: PairView, observed: ObservedPoints) -> PoseAgreement:
     """Return how well the points of one view agree with another view; at least one point is seen by both.
 
     Range differences are compared with those expected of correct sigmas and poses, grey level differences with those at
@@ -180,14 +179,13 @@ def pose_agreement(view: PairView, other: PairView, observed: ObservedPoints) ->
     seen = Observations(*(values[::AGREEMENT_STRIDE] for values in observed.observations))
     difference = seen.difference
     sigma = np.sqrt(np.square(view.points.fusion_sigma[indices]) + np.square(seen.sigma))
-    middle = median(difference)
     own_grey = view.points.intensity[indices]
-    grey = _spread(seen.grey - own_grey)
-    grey_shifted = _spread(seen.grey_shifted - own_grey)
+    grey = _spread_of_finite(seen.grey - own_grey)
+    grey_shifted = _spread_of_finite(seen.grey_shifted - own_grey)
     is_textured = grey_shifted > MIN_TEXTURE * max(view.noise_grey, other.noise_grey)
     return PoseAgreement(
-        difference_median_m=middle,
-        difference_spread_m=mad_sigma(difference - F(middle)),
+        difference_median_m=median(difference),
+        difference_spread_m=spread(difference),
         range_ratio=mad_sigma(difference / sigma),
         grey_ratio=grey / grey_shifted if is_textured else math.nan,
     )
@@ -202,7 +200,7 @@ def _agreement_findings(i: int, j: int, view: PairView, other: PairView, observe
     overlap = {f"overlap_{i}_{j}": common / max(view.points.size, 1)}
     if common == 0:
         return Findings(overlap)
-    agreement = pose_agreement(view, other, observed)
+    agreement = _pose_agreement(view, other, observed)
     statistics = overlap | {
         f"difference_median_m_{i}_{j}": agreement.difference_median_m,
         f"difference_spread_m_{i}_{j}": agreement.difference_spread_m,
@@ -220,7 +218,6 @@ def _agreement_findings(i: int, j: int, view: PairView, other: PairView, observe
     return Findings(statistics, (warning,))
 
 
-def _spread(values: FloatArray32) -> float:
+def _spread_of_finite(values: FloatArray32) -> float:
     """Return the robust standard deviation of the finite values; NaN without any."""
-    known = values[np.isfinite(values)]
-    return mad_sigma(known - median(known)) if len(known) else math.nan
+    return spread(values[np.isfinite(values)])

@@ -17,7 +17,8 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP, ViewImages, images_of, project_into_view
+from sfr_loc_map.mapping.multiview.comparison import MIN_OVERLAP
+from sfr_loc_map.mapping.multiview.projection import ViewImages, images_of, project_into_view
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
 
@@ -35,9 +36,9 @@ CONVERGED_STEP = 1e-5  #: The estimate has converged if no parameter changes by 
 PRIOR_SIGMAS = np.array([np.deg2rad(0.5)] * 3 + [0.02] * 3)
 """Standard deviations of the error of a given pose, rad and m: a quarter and a fifth of the largest accepted motion.
 They divide what rotation and translation explain equally well."""
-REGISTRATION_ROBUST_SIGMAS = 3.0
-"""Residuals of this many standard deviations have half the weight. Under normal noise 2.385 has an efficiency of 95 %
-(Holland and Welsch 1977); a larger value gives more weight to large residuals, such as those of a wrong pose."""
+POSE_HALF_WEIGHT_SIGMAS = 3.0
+"""Residuals of this many standard deviations have half the weight (`cauchy_weight`). More than the efficient 2.385,
+because the residuals of a wrong pose are large."""
 MIN_NORMALISED_SIGMA = 1e-6  #: Added to the standard deviation of residuals, which must not be 0.
 MAX_ROTATION_DEG = 2.0  #: Poses that would have to be rotated by more are reported and not changed, deg.
 MAX_TRANSLATION_M = 0.1  #: Poses that would have to be moved by more are reported and not changed, metres.
@@ -73,7 +74,7 @@ def register_views(views: Sequence[PairView], rig: StereoRig) -> RegisteredViews
     registered = [views[0]]
     findings = Findings()
     for index, view in enumerate(views[1:], start=1):
-        motion = estimate_motion(registered, view, rig)
+        motion = _estimate_motion(registered, view, rig)
         findings += _findings_of_motion(index, motion)
         if motion is None or not MotionSize.of(motion).is_accepted:
             registered.append(view)
@@ -98,7 +99,7 @@ def _findings_of_motion(index: int, motion: Transform | None) -> Findings:
     return Findings(statistics, (warning,))
 
 
-def estimate_motion(fixed: Sequence[PairView], moved: PairView, rig: StereoRig) -> Transform | None:
+def _estimate_motion(fixed: Sequence[PairView], moved: PairView, rig: StereoRig) -> Transform | None:
     """Return the motion of a view, in its left optical frame, that makes it agree best with the fixed views.
 
     Ranges and grey levels of the fixed views' points are compared with those of the view where they are projected to.
@@ -158,7 +159,11 @@ def _gauss_newton_step(
         return out
 
     current = residuals(np.zeros(6))
-    derivatives = [(residuals(h) - residuals(-h)) / (2.0 * h.sum()) for h in np.diag(DERIVATIVE_STEPS)]
+    derivatives = []
+    for index, size in enumerate(DERIVATIVE_STEPS):
+        change = np.zeros(6)
+        change[index] = size
+        derivatives.append((residuals(change) - residuals(-change)) / (2.0 * size))
     jacobian = np.stack(derivatives, axis=2)
     motion = given_pose.inverse() @ pose
     prior_information = 1.0 / np.square(PRIOR_SIGMAS)
@@ -171,7 +176,7 @@ def _gauss_newton_step(
         r = residual[known]
         j = derivative[known]
         sigma = mad_sigma(r) + MIN_NORMALISED_SIGMA
-        weighted = j * (cauchy_weight(r, REGISTRATION_ROBUST_SIGMAS * sigma) / sigma**2)[:, None]
+        weighted = j * (cauchy_weight(r, POSE_HALF_WEIGHT_SIGMAS * sigma) / sigma**2)[:, None]
         normal = normal + weighted.T @ j
         rhs = rhs - weighted.T @ r
     return np.asarray(np.linalg.solve(normal, rhs))

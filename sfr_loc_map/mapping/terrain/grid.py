@@ -17,7 +17,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32, IntArray
+from sfr_loc_map.geometry.arrays import F, FloatArray, FloatArray32, IntArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
@@ -28,9 +28,11 @@ MIN_POINTS = 3  #: Cells with fewer points have no height: two points may both b
 OUTLIER_FRACTION = 0.15  #: Fraction of a cell's points above its high height, and below its low height.
 STEP_RADIUS_M = 0.25
 """A step is a difference of heights within this distance, metres: farther away the shape of the ground would count as a
-step. It is part of the definition of a step; the size of the rover acts by the
-parameters `max_step_m` and `footprint_radius_m`."""
-MIN_FOOTPRINT_FRACTION = 0.5  #: Fraction of the footprint's cells that must have a height for slope and roughness.
+step. The distance defines what a step is. The size of the rover acts by the parameters `max_step_m` and
+`footprint_radius_m`."""
+MIN_FOOTPRINT_FRACTION = 0.5
+"""Fraction of the footprint's cells that must have a height for slope and roughness, so that at the edge of the mapped
+ground, where half of a footprint is known, the plane is interpolated and not extrapolated. Chosen by hand."""
 MIN_RADIUS_CELLS = 1.5  #: Smallest radius of a window in which a plane is fitted, cells: a cell and its neighbours.
 MIN_DETERMINANT = 1e-6
 """Smallest determinant of the covariance of the cells' positions, in units of cell_m^4: 0 if all are on a line."""
@@ -89,20 +91,19 @@ def elevation_grid(
     cell_m = config.cell_m
     poses = T_lm_left or None  # an empty sequence is no poses
     grid = CellGrid.over(cloud.xyz, cell_m, None if poses is None else _mapped_square(poses, config))
-    cell = grid.cell_of(cloud.xyz)
-    model = _without_sparse_cells(elevation_model(cloud, poses, grid, cell, random_sigma))
-    outer = outer_heights(cell, cloud.xyz[:, 2], model.count.reshape(-1))
+    model = _without_sparse_cells(elevation_model(cloud, grid, poses, random_sigma))
+    outer = _outer_heights(grid.cell_of(cloud.xyz), cloud.xyz[:, 2], model.count.reshape(-1))
     footprint_cells = config.footprint_radius_m / cell_m
-    planes = fit_planes(model.height_m.astype(np.float64), disc(max(footprint_cells, MIN_RADIUS_CELLS)), cell_m)
-    slope_rad = np.arctan(np.hypot(planes.slope_x, planes.slope_y)).astype(np.float32)
-    roughness_m = planes.residual_m.astype(np.float32)
+    planes = _fit_planes(model.height_m.astype(np.float64), _disc(max(footprint_cells, MIN_RADIUS_CELLS)), cell_m)
+    slope_rad = np.arctan(np.hypot(planes.slope_x, planes.slope_y)).astype(F)
+    roughness_m = planes.residual_m.astype(F)
     shape = (grid.rows, grid.columns)
-    step_window = disc(STEP_RADIUS_M / cell_m)
-    step_m = steps(outer.low.reshape(shape), outer.high.reshape(shape), planes, step_window, cell_m).astype(np.float32)
+    step_window = _disc(STEP_RADIUS_M / cell_m)
+    step_m = _steps(outer.low.reshape(shape), outer.high.reshape(shape), planes, step_window, cell_m).astype(F)
     slope_ratio = slope_rad / np.radians(config.max_slope_deg)
-    plane_ratio = np.maximum(slope_ratio, roughness_m / config.max_roughness_m).astype(np.float32)
-    step_ratio = step_m / np.float32(config.max_step_m)
-    hazard = hazards(plane_ratio, step_ratio, disc(footprint_cells))
+    plane_ratio = np.maximum(slope_ratio, roughness_m / config.max_roughness_m).astype(F)
+    step_ratio = step_m / F(config.max_step_m)
+    hazard = _hazards(plane_ratio, step_ratio, _disc(footprint_cells))
     return TerrainGrid(model, slope_rad, roughness_m, step_m, hazard)
 
 
@@ -115,21 +116,12 @@ def _mapped_square(poses: Sequence[Transform], config: TerrainConfig) -> Square:
 def _without_sparse_cells(model: ElevationModel) -> ElevationModel:
     """Return the model without the heights of cells with fewer than `MIN_POINTS` points."""
     is_sparse = model.count < MIN_POINTS
-    height_m = np.where(is_sparse, np.float32(np.nan), model.height_m)
-    sigma_m = np.where(is_sparse, np.float32(np.nan), model.sigma_m)
+    height_m = np.where(is_sparse, F(np.nan), model.height_m)
+    sigma_m = np.where(is_sparse, F(np.nan), model.sigma_m)
     return replace(model, height_m=height_m, sigma_m=sigma_m)
 
 
-def warm_up() -> None:
-    """Load or compile all kernels, so that no later call takes the time."""
-    xyz = np.random.default_rng(0).uniform(0.0, 1.0, (1000, 3)).astype(np.float32)
-    zeros = np.zeros(len(xyz), np.uint16)
-    ones = np.ones(len(xyz), np.float32)
-    cloud = PointCloud(xyz, ones, ones, zeros, zeros, zeros.astype(np.uint8))
-    elevation_grid(cloud, TerrainConfig(), [Transform.identity()], ones)
-
-
-def disc(radius_cells: float) -> IntArray:
+def _disc(radius_cells: float) -> IntArray:
     """Return the cells whose centres are within a radius: rows and columns relative to the middle one `(K, 2)`."""
     reach = int(radius_cells)
     rows, columns = np.mgrid[-reach : reach + 1, -reach : reach + 1]
@@ -137,7 +129,7 @@ def disc(radius_cells: float) -> IntArray:
     return np.column_stack((rows[inside], columns[inside])).astype(np.int64)
 
 
-def outer_heights(cell: NDArray[np.int32], height: FloatArray32, count: NDArray[np.int32]) -> OuterHeights:
+def _outer_heights(cell: NDArray[np.int32], height: FloatArray32, count: NDArray[np.int32]) -> OuterHeights:
     """Return the quantiles `OUTLIER_FRACTION` and `1 - OUTLIER_FRACTION` of the heights of each cell, by nearest rank.
 
     `cell` and `height` `(N,)` are those of each point, -1 for points outside; `count` `(R C,)` is the number of points.
@@ -168,7 +160,7 @@ def _in_order(bits: NDArray[np.int32]) -> NDArray[np.int32]:
 
 
 @jit_rows
-def fit_planes(height: FloatArray, window: IntArray, cell_m: float) -> Planes:
+def _fit_planes(height: FloatArray, window: IntArray, cell_m: float) -> Planes:
     """Return the least-squares planes of heights `(R, C)`, NaN where unknown, in a window `(K, 2)` around each cell.
 
     A plane requires that `MIN_FOOTPRINT_FRACTION` of the window is known.
@@ -233,10 +225,10 @@ def fit_planes(height: FloatArray, window: IntArray, cell_m: float) -> Planes:
 
 
 @jit_rows
-def steps(low: FloatArray, high: FloatArray, planes: Planes, window: IntArray, cell_m: float) -> FloatArray:
+def _steps(low: FloatArray, high: FloatArray, planes: Planes, window: IntArray, cell_m: float) -> FloatArray:
     """Return the step of each cell `(R, C)`, metres, NaN where there is no plane.
 
-    The step is the largest high height minus the smallest low height (`outer_heights`) of the cells of a window, both
+    The step is the largest high height minus the smallest low height (`_outer_heights`) of the cells of a window, both
     relative to the plane of the footprint, so that a slope alone is not a step.
     """
     rows, columns = low.shape
@@ -260,7 +252,7 @@ def steps(low: FloatArray, high: FloatArray, planes: Planes, window: IntArray, c
     return step
 
 
-def hazards(plane_ratio: FloatArray32, step_ratio: FloatArray32, footprint: IntArray) -> NDArray[np.int8]:
+def _hazards(plane_ratio: FloatArray32, step_ratio: FloatArray32, footprint: IntArray) -> NDArray[np.int8]:
     """Return the hazard of each cell `(R, C)`: 100 for a hazard, otherwise 0 to 99, -1 where unknown.
 
     A cell is a hazard if a criterion reaches its limit under a rover at that cell. A step may be anywhere in the
@@ -275,3 +267,12 @@ def hazards(plane_ratio: FloatArray32, step_ratio: FloatArray32, footprint: IntA
     largest = np.fmax(cv2.dilate(np.nan_to_num(step_ratio, nan=0.0), disc_mask), plane_ratio)
     hazard = np.where(np.isnan(plane_ratio), UNKNOWN, np.minimum(largest, 1.0).astype(np.float64) * HAZARD)
     return np.where(largest >= 1.0, HAZARD, hazard).astype(np.int8)
+
+
+def warm_up() -> None:
+    """Load or compile all kernels, so that no later call takes the time."""
+    xyz = np.random.default_rng(0).uniform(0.0, 1.0, (1000, 3)).astype(F)
+    zeros = np.zeros(len(xyz), np.uint16)
+    ones = np.ones(len(xyz), F)
+    cloud = PointCloud(xyz, ones, ones, zeros, zeros, zeros.astype(np.uint8))
+    elevation_grid(cloud, TerrainConfig(), [Transform.identity()], ones)

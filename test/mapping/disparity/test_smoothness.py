@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.mapping.disparity.conjugate_gradients import MAX_SOLVED_STEP_PX, conjugate_gradient_step
-from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, fill_smoothness, inverse_diagonal
+from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, inverse_diagonal, write_smoothness
 
 F = np.float32
 SHAPES = [(6, 7), (9, 5)]
@@ -21,8 +21,8 @@ def dense_regulariser(weights: SmoothnessWeights) -> np.ndarray:
     for k in range(shape[0] * shape[1]):
         unit, product = np.zeros(shape, F), np.empty(shape, F)
         unit.flat[k] = 1.0
-        fill_smoothness(unit[:6], 0, weights, 0, product[:4])
-        fill_smoothness(unit[2:], 2, weights, 4, product[4:])
+        write_smoothness(unit[:6], 0, weights, 0, product[:4])
+        write_smoothness(unit[2:], 2, weights, 4, product[4:])
         columns.append(product.ravel())
     return np.stack(columns, axis=1).astype(np.float64)
 

@@ -15,7 +15,8 @@ def test_the_background_left_of_a_block_is_occluded() -> None:
     expected[:, :6] = True
     expected[10:30, 52:60] = True
     surfaces = right_surfaces(disparity, valid)
-    np.testing.assert_array_equal(occlusion_mask(disparity, surfaces, F(1.0)), expected)
-    assert not occlusion_mask(disparity, surfaces, F(8.5))[:, 14:].any()  # nearer by less than the jump
+    np.testing.assert_array_equal(occlusion_mask(disparity, surfaces), expected)
+    nearly_flat = np.where(disparity > 10.0, F(6.9), F(6.0))  # nearer by less than a jump
+    assert not occlusion_mask(nearly_flat, right_surfaces(nearly_flat, valid))[:, 7:].any()
     valid[10:30, 60:90] = False  # what is not valid occludes nothing
-    assert not occlusion_mask(disparity, right_surfaces(disparity, valid), F(1.0))[:, 6:].any()
+    assert not occlusion_mask(disparity, right_surfaces(disparity, valid))[:, 6:].any()

@@ -31,7 +31,7 @@ def elevation_from_cloud(
     cloud: PointCloud, poses: list[Transform], cell_m: float, random: np.ndarray | None = None
 ) -> ElevationModel:
     grid = CellGrid.over(cloud.xyz, cell_m)
-    return elevation_model(cloud, poses, grid, grid.cell_of(cloud.xyz), random)
+    return elevation_model(cloud, grid, poses, random)
 
 
 def points(*xy: tuple[float, float]) -> np.ndarray:

@@ -12,7 +12,7 @@ from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import CloudSample, ElevationSample
-from sfr_loc_map.mapping.terrain.elevation import ElevationModel
+from sfr_loc_map.mapping.terrain.elevation import CellGrid, ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid
 from sfr_loc_map.nodes.messages import byte_array, cloud_msg, elevation_from_msg, elevation_msg, hazard_msg
 from sfr_loc_map.nodes.view.maps import MapFeed
@@ -46,7 +46,7 @@ def terrain() -> TerrainGrid:
     layers[0, :, 3] = np.nan  # cells whose height is not known
     hazard = np.zeros((24, 24), np.int8)
     hazard[2, 5], hazard[:, 3] = 100, -1
-    model = ElevationModel(layers[0], layers[1], np.ones((24, 24), np.int32), (0.0, 0.0), CELL_M)
+    model = ElevationModel(layers[0], layers[1], np.ones((24, 24), np.int32), CellGrid(0, 0, 24, 24, CELL_M))
     return TerrainGrid(model, layers[2], layers[3], layers[4], hazard)
 
 

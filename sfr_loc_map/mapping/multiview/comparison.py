@@ -1,0 +1,7 @@
+"""What a comparison of two views requires, so that its result is not due to noise."""
+
+from __future__ import annotations
+
+MIN_TEXTURE = 2.0
+"""Standard deviation of grey levels over that of the noise that their comparison requires; noise alone has about 1."""
+MIN_OVERLAP = 1000  #: Points in common that a statement about poses requires: their spreads are then known to 7 %.
