@@ -57,6 +57,7 @@ class Mutation(NamedTuple):
     instead: str
 
 
+ANSWERS = "nodes/replay/external_answers.py"
 FORMULAS, SCORE, SHORTFALLS = "metrics/formulas.py", "metrics/trajectory_score.py", "metrics/shortfalls.py"
 MUTATIONS = (
     # 4.1.1 sub-trajectories
@@ -275,6 +276,16 @@ MUTATIONS = (
         "files_hash(source.path, source.truth, *map(str, calls))",
         "files_hash(source.path, source.truth)",
     ),
+    # answers of an external node: none before its question, none after its time, no restart that is hidden
+    Mutation(
+        ANSWERS,
+        "latency_s = received_s - self._sent[stamp_ns]",
+        "latency_s = max(received_s - self._sent[stamp_ns], 0.0)",
+    ),
+    Mutation(ANSWERS, "latency_s < -EARLY_S", "latency_s < -5.0 * EARLY_S"),
+    Mutation(ANSWERS, "return not is_late", "return True"),
+    Mutation(ANSWERS, "if latency_s <= self._timeout_s}", "if latency_s <= 1e9}"),
+    Mutation(ANSWERS, "self._findings.setdefault(FindingKind.CRASHED, record)", "pass"),
     # poses that repeat another, poses of the ground truth
     Mutation("metrics/copies.py", "NOISES = 5.0", "NOISES = 0.5"),
     Mutation("metrics/copies.py", "MOVING_SHARE = 0.1", "MOVING_SHARE = 0.01"),

@@ -148,7 +148,9 @@ def replay(
     ] = "",
     answer_timeout: Annotated[
         float,
-        Option(min=0.01, metavar="S", rich_help_panel=UNDER_TEST, help="How long its answer to a pair is waited for."),
+        Option(
+            min=0.01, metavar="S", rich_help_panel=UNDER_TEST, help="Time to answer a pair; later answers are ignored."
+        ),
     ] = 5.0,
     convention: ConventionOption = None,
     apply_diagnosis: ApplyDiagnosisOption = False,

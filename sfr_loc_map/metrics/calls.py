@@ -374,7 +374,7 @@ def stated_row(row: Figure) -> Figure:
 def completeness_of_answers(node: ExternalScore) -> Iterator[Figure]:
     """Yield the rows of the calls of an external node: its answers against the pairs that were published to it."""
     kind, answers = CallKind(node.task), node.answers
-    received = answers.answered + answers.doubled + answers.other_stamp
+    received = answers.answered + answers.late + answers.doubled + answers.other_stamp
     yield expected_row(f"{CALLS} {kind}", answers.answered, answers.pairs)
     yield figure_row("calls_missing", part=kind, n=answers.pairs, value=share_of(answers.missing, answers.pairs))
     yield figure_row("calls_other", part=kind, n=received, value=share_of(answers.other_stamp, received))

@@ -363,6 +363,7 @@ class FindingKind(StrEnum):
     NOT_FINITE = "not finite"  #: A number of its result is NaN or infinite.
     WRONG_STAMP = "wrong stamp"  #: Its result is that of another pair.
     MISSING = "missing answer"  #: An external node did not answer a pair.
+    EARLY = "early answer"  #: An external node answered a pair before its last image was published.
     LATE = "late answer"  #: An external node answered after its time to answer.
     DOUBLED = "doubled answer"  #: An external node answered a pair again.
     MISSTATED = "misstated"  #: What it states of its time or memory contradicts what was measured from outside.
@@ -404,9 +405,10 @@ class AnswerCounts(Record, frozen=True, kw_only=True, omit_defaults=False):
     """What became of the pairs that were published to an external node, and of what it published."""
 
     pairs: int = 0  #: Pairs published to it.
-    answered: int = 0  #: Pairs with a usable answer of their stamp.
-    missing: int = 0  #: Pairs without one.
-    late: int = 0  #: Answers that came after their time to answer.
+    answered: int = 0  #: Pairs with a usable answer of their stamp within the time to answer.
+    missing: int = 0  #: Pairs without such an answer.
+    early: int = 0  #: Answers that came before the last image of their pair.
+    late: int = 0  #: Answers ignored because they came after their time to answer.
     doubled: int = 0  #: Answers of a stamp that had been answered.
     other_stamp: int = 0  #: Answers whose stamp is that of no pair; poses among them count by interpolation.
     other_frame: int = 0  #: Answers ignored because they name other frames.

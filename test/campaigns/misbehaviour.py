@@ -98,6 +98,9 @@ CASES = (
     Case("leaves out every third pair", "node", "leaves out", ("missing answer",), "incomplete", (3,), 12),
     Case("answers NaN", "node", "not finite", ("not finite", "hanging"), "fail", (1,), 12),
     Case("answers twice", "node", "doubled", ("doubled answer",), "incomplete", (3,), 12),
+    Case("answers each pair before its images", "node", "early", ("early answer",), "fail", (1,), 12),
+    Case("answers after the time to answer", "node", "late", ("late answer", "missing answer"), "incomplete", (3,), 12),
+    Case("dies at pair 8, and a script starts it again", "node", "restarts", ("crashed",), "fail", (1,), 12),
 )
 
 
@@ -144,7 +147,10 @@ def run_case(case: Case, folder: Path, sfr: Sfr, library: Path | None = None) ->
     options = ("--call-timeout", CALL_TIMEOUT_S, "--memory-limit", MEMORY_MB, "--stats", stats, *start)
     if case.kind == "node":
         node = f"{sys.executable} {HELPERS / 'misbehaving_node.py'} '{case.config}'"
+        if word == "restarts":
+            node = f'sh -c "while true; do {node}; done"'
         under_test = ("--external", "localisation", "--command", node, "--answer-timeout", "1", "--out", folder / "out")
+        under_test += ("--rate", "1") if word == "early" else ()
         ran, report = [sfr("replay", source, *under_test, *scoring, *start)], folder / "out" / "report.json"
     else:
         ran = [sfr("localise", source, "-o", estimate, "--method", method, "--config", config, *options)]

@@ -12,6 +12,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(180)]
 
+from campaigns.misbehaviour import CASES, differences, run_case
 from helpers.cli_result import Sfr
 from helpers.made_scene import write_folder
 from helpers.processes import Process
@@ -43,6 +44,7 @@ def test_a_faulty_node_of_the_optical_frame_is_scored_and_each_fault_named(sfr: 
         "pairs": PAIRS,
         "answered": 9,
         "missing": PAIRS - 9,
+        "early": 0,
         "late": 0,
         "doubled": 1,
         "other_stamp": 0,
@@ -73,6 +75,16 @@ def test_a_faulty_node_of_the_optical_frame_is_scored_and_each_fault_named(sfr: 
     assert "the truth is here" not in (out / "external.log").read_text()
     for name in ("position", "attitude", "heading"):
         assert number(score, name, "mean") == pytest.approx(number(offline, name, "mean"), abs=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["early", "late", "restarts"])
+def test_no_answer_counts_before_its_question_after_its_time_or_of_a_node_that_crashed(
+    sfr: Sfr, tmp_path: Path, own_domain: None, how: str
+) -> None:
+    (case,) = [item for item in CASES if item.config == how]
+    outcome = run_case(case, tmp_path, sfr)
+    assert not differences(case, outcome), outcome.said
 
 
 @pytest.mark.parametrize(

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 
 import rclpy
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import Image
+
+PAIRS, PERIOD_NS = 12, 100_000_000  #: Of the drive, which a node that answers early knows.
 
 
 class Misbehaving(Node):
@@ -21,10 +24,13 @@ class Misbehaving(Node):
 
     def answer(self, message: Image) -> None:
         self.count += 1
-        if (self.how == "dies" and self.count == 25) or self.how == "hangs":
-            os._exit(3) if self.how == "dies" else self.destroy_publisher(self.publisher)
+        if (self.how == "dies" and self.count == 25) or (self.how == "restarts" and self.count == 8):
+            os._exit(3)
+        if self.how == "hangs" or (self.how == "leaves out" and self.count % 3 == 0):
             return
-        if self.how == "leaves out" and self.count % 3 == 0:
+        if self.how == "late" and self.count == 5:
+            time.sleep(1.3)
+        if self.how == "early" and self.count == PAIRS:
             return
         out = Odometry()
         out.header, out.child_frame_id = message.header, "rb"
@@ -32,6 +38,11 @@ class Misbehaving(Node):
         out.header.stamp.nanosec += 7 if self.how == "other stamps" else 0
         out.pose.pose.orientation.w = 1.0 if self.how != "not finite" else float("nan")
         for _ in range(2 if self.how == "doubled" else 1):
+            if self.how != "early" or self.count == 1:
+                self.publisher.publish(out)
+        if self.how == "early":  # the answer to the pair that comes next
+            next_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec + PERIOD_NS
+            out.header.stamp.sec, out.header.stamp.nanosec = divmod(next_ns, 10**9)
             self.publisher.publish(out)
 
 

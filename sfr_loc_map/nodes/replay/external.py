@@ -6,6 +6,7 @@ What it publishes is read leniently, kept as it is, and published converted for 
 from __future__ import annotations
 
 import os
+import time
 from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import Any
@@ -37,6 +38,7 @@ from sfr_loc_map.scoring.replay_result import ExternalRun
 DEPTH = 1000
 PUBLISHER_GRACE_S = 2.0
 """How long the publisher of a node that listens already is waited for; some make it with their first result."""
+LOOK_PERIOD_S = 0.2  #: Period of the checks of its publishers.
 NOT_YET_NAMED = "_NODE_NAME_UNKNOWN_"  #: Name in ROS of a publisher whose node is not discovered yet.
 WORLD, BODY, MAP = "ds", "rb", "lm"
 
@@ -54,6 +56,8 @@ class ExternalNode(ABC):
         self._name = "external"
         self._watch: ProcessWatch | None = None
         self._book = AnswerBook(options.task.rig, options.timeout_s, options.frames)
+        self._publishers: set[tuple[int, ...]] | None = None  # when its first answer came, by their global ids
+        self._looked_s = 0.0
 
     @abstractmethod
     def read(self, message: Any) -> Any:  # noqa: ANN401 - of `kind`
@@ -139,11 +143,28 @@ class ExternalNode(ABC):
         book.waited(stamp_ns)
 
     def look_after(self) -> None:
-        """Note whether its process has ended."""
+        """Note whether its process has ended, also if a script has started another one in its place.
+
+        A process that is started again has another publisher, with another global id.
+        """
         if self._command is not None and self._command.ending:
             self._book.node_ended(_ended(self._command))
+            return
+        now_s = time.monotonic()
+        if self._publishers is None or now_s - self._looked_s < LOOK_PERIOD_S:
+            return
+        self._looked_s = now_s
+        if self._present_publishers() != self._publishers:
+            topic = self.options.topic
+            self._book.node_restarted(f"the publisher of its first answer on {topic} has left, or another one has come")
+
+    def _present_publishers(self) -> set[tuple[int, ...]]:
+        found = self._node.node.get_publishers_info_by_topic(self.options.topic)
+        return {tuple(item.endpoint_gid) for item in found}
 
     def _on_answer(self, message: Any) -> None:  # noqa: ANN401 - rclpy has no types
+        if self._publishers is None:
+            self._publishers = self._present_publishers()
         content, problem = None, ""
         try:
             content = self.read(message)

@@ -12,12 +12,16 @@ import psutil
 from msgspec.structs import asdict, replace
 
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S
 from sfr_loc_map.methods.process_tree import ProcessTree
 from sfr_loc_map.metrics.formulas import Statistics, statistics
 from sfr_loc_map.metrics.score import AnswerCounts, FindingKind, FindingRecord, ProcessUsage
 
 MAX_IN_A_ROW = 10
 """After so many pairs in a row without an answer the node is not waited for any more, until it answers."""
+EARLY_S = 2.0 * STAMP_TOLERANCE_S
+"""An answer that precedes the last image of its pair by more, s, was made without that image. The images of a pair may
+be published `STAMP_TOLERANCE_S` apart, and a node that uses one of them may answer between them."""
 PERIOD_S = 0.05
 METHOD = f"sum over the process tree, sampled {1 / PERIOD_S:.0f} times a second (psutil)"
 
@@ -58,10 +62,16 @@ class AnswerBook:
             return False
         self._in_a_row = 0
         if stamp_ns in self._sent:
-            self._answered(stamp_ns, now)
-        else:  # of no pair; or of one whose last image is still to be published
-            self._early.setdefault(stamp_ns, []).append(now)
+            return self._answered(stamp_ns, now)
+        # of no pair, or of one whose last image is still to be published
+        self._early.setdefault(stamp_ns, []).append(now)
         return True
+
+    def node_restarted(self, how: str) -> None:
+        """Note that the node ended during the run although another process answers in its place."""
+        last = max(self._sent, default=None)
+        record = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=last, text=how)
+        self._findings.setdefault(FindingKind.CRASHED, record)
 
     def node_ended(self, how: str) -> None:
         """Note that the node's process has ended during the run."""
@@ -85,14 +95,20 @@ class AnswerBook:
     @property
     def counts(self) -> AnswerCounts:
         """The counts, with pairs that have no answer as missing."""
-        pairs, answered = len(self._sent), len(self._latency_s)
+        pairs, answered = len(self._sent), len(self._in_time)
         other = sum(map(len, self._early.values()))
         return replace(self._counts, pairs=pairs, answered=answered, missing=pairs - answered, other_stamp=other)
 
     @property
+    def _in_time(self) -> set[int]:
+        """Stamps of the pairs that were answered within the time to answer."""
+        return {stamp_ns for stamp_ns, latency_s in self._latency_s.items() if latency_s <= self._timeout_s}
+
+    @property
     def findings(self) -> tuple[FindingRecord, ...]:
         """What was wrong, one for each kind."""
-        missing = [stamp_ns for stamp_ns in self._sent if stamp_ns not in self._latency_s]
+        in_time = self._in_time
+        missing = [stamp_ns for stamp_ns in self._sent if stamp_ns not in in_time]
         found = list(self._findings.values())
         if self._early:
             first, count = next(iter(self._early)), self.counts.other_stamp
@@ -107,16 +123,22 @@ class AnswerBook:
 
     @property
     def latency_s(self) -> Statistics | None:
-        """Times from publishing a pair to the receipt of its answer; None without an answer."""
+        """Times from publishing a pair to the receipt of its answer, negative if it came first; None without one."""
         return statistics(np.array(list(self._latency_s.values()))) if self._latency_s else None
 
-    def _answered(self, stamp_ns: int, received_s: float) -> None:
+    def _answered(self, stamp_ns: int, received_s: float) -> bool:
+        """Note the answer to a pair that was published; return whether it is to be used."""
         if stamp_ns in self._latency_s:
             self._note("doubled", FindingKind.DOUBLED, stamp_ns, "the pair had its answer")
-            return
-        self._latency_s[stamp_ns] = latency_s = max(received_s - self._sent[stamp_ns], 0.0)
-        if latency_s > self._timeout_s:
+            return True
+        latency_s = received_s - self._sent[stamp_ns]
+        self._latency_s[stamp_ns] = latency_s
+        if latency_s < -EARLY_S:
+            self._note("early", FindingKind.EARLY, stamp_ns, f"{-latency_s:.3g} s before the pair was published")
+        is_late = latency_s > self._timeout_s
+        if is_late:
             self._note("late", FindingKind.LATE, stamp_ns, f"{latency_s:.3g} s after the pair was published")
+        return not is_late
 
     def _note(self, count: str, kind: FindingKind, stamp_ns: int, text: str) -> None:
         counts = asdict(self._counts)
