@@ -121,6 +121,7 @@ def diagnose(
                 setting=item.setting,
             )
             tried.append(Tried(hypothesis, left))
+    tried += [_truth_scalar_first(true, found)] if has_frames else []
     tried += _time_offset(estimate, truth, before)
     tried.sort(key=lambda item: item.hypothesis.disagreement)
     best = _best_of(tried, plain)
@@ -129,6 +130,17 @@ def diagnose(
     if best is None and before is not None and before >= AGREES:
         best = _one_pair_late(true, found, frames.stamps_ns, before)
     return Diagnosis(disagreement=before, hypotheses=tuple(item.hypothesis for item in tried), found=best)
+
+
+def _truth_scalar_first(true: Poses, found: Poses) -> Tried:
+    """Return the hypothesis that the truth has its quaternions scalar first: no setting of the estimate corrects that."""
+    positions, quats = true
+    left = disagreements((positions, quats[:, WXYZ]), found)
+    sentence = (
+        "the truth looks wrong: its quaternions are scalar first: name its columns, as "
+        "--columns 'truth:t,x,y,z,qw,qx,qy,qz', or write them scalar last"
+    )
+    return Tried(Hypothesis(mismatch="truth scalar first", sentence=sentence, disagreement=float(np.mean(left))), left)
 
 
 def _in_order(poses: Trajectory, step: int) -> Trajectory:

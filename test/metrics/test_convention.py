@@ -114,6 +114,13 @@ def test_poses_of_the_pair_before_are_named(noise: float, scale: float) -> None:
     assert found((stamps, *poses), truth)[0] is None
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_quaternions_of_the_truth_that_are_scalar_first_are_not_blamed_on_the_estimate(seed: int) -> None:
+    (stamps, positions, quats), estimate = rover(seed)
+    name, sentence = found(estimate, (stamps, positions, quats[:, [3, 0, 1, 2]]), RIG if seed % 2 else None)
+    assert (name, sentence.partition(":")[0]) == ("truth scalar first", "the truth looks wrong")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["rolling", "straight", "turning on the spot", "standing", "stop and go"])
 def test_a_correct_pair_is_never_accused(kind: str) -> None:
