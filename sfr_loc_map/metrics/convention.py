@@ -133,7 +133,7 @@ def diagnose(
 
 
 def _truth_scalar_first(true: Poses, found: Poses) -> Tried:
-    """Return the hypothesis that the truth has its quaternions scalar first: no setting of the estimate corrects that."""
+    """Return the hypothesis that the truth is written scalar first, which no setting of the estimate corrects."""
     positions, quats = true
     left = disagreements((positions, quats[:, WXYZ]), found)
     sentence = (
