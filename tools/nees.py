@@ -28,7 +28,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.association import associate
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.consistency import relative_covariance, relative_errors, sums_of_steps
-from sfr_loc_map.runs.calls import stats_of
+from sfr_loc_map.runs.calls import estimates_of, stats_of
 from sfr_loc_map.runs.offline import localise, start_pose, trajectory_of
 
 SCENARIOS = ("rocky", "rolling", "crater_rim", "flat", "low_sun", "sample")
@@ -62,7 +62,7 @@ def stretches(path: Path) -> dict[float, list[Stretch]]:
     truth = source.ground_truth
     assert truth is not None
     found, calls = zip(*localise(source, LocalisationConfig(), start_pose(source, "truth")), strict=True)
-    estimates = stats_of(calls).estimates(trajectory_of(found))
+    estimates = estimates_of(trajectory_of(found), stats_of(calls))
     assert estimates.steps is not None
     print(f"{path}: {len(calls)} poses, {np.count_nonzero(estimates.degraded)} degraded")
     frames, _, _ = associate(estimates.trajectory, truth, AssociationConfig())

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.localisation.estimate import StartPose
     from sfr_loc_map.metrics.limits import Limits
     from sfr_loc_map.nodes.replay.options import ExternalOptions, ReplayOptions
-    from sfr_loc_map.nodes.replay.run import ReplayOutcome
+    from sfr_loc_map.nodes.replay.run import ScoredReplay
     from sfr_loc_map.scoring.replay_result import ReplayFiles
     from sfr_loc_map.scoring.run import Correction
 
@@ -270,7 +270,7 @@ def _room_for(files: ReplayFiles | None, inputs: Iterable[Path | None], *, overw
 
 def _replayed(
     source: Source, options: ReplayOptions, limits: Limits | None, correction: Correction, files: ReplayFiles | None
-) -> ReplayOutcome:
+) -> ScoredReplay:
     """Replay and score with progress bars."""
     from sfr_loc_map.nodes.replay.run import replay_and_score
 
@@ -294,7 +294,7 @@ def _replayed(
         )
 
 
-def _report_files(outcome: ReplayOutcome, files: ReplayFiles | None) -> None:
+def _report_files(outcome: ScoredReplay, files: ReplayFiles | None) -> None:
     """Report the states of the poses and where the report is."""
     for remark in outcome.remarks:
         say(remark, err=True)

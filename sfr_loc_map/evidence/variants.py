@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import StartPose, TrackingStatistics
 from sfr_loc_map.metrics.association import Estimates
-from sfr_loc_map.runs.calls import stats_of
+from sfr_loc_map.runs.calls import estimates_of, stats_of
 from sfr_loc_map.runs.offline import localise, trajectory_of
 
 Progress = Callable[[], None]
@@ -94,7 +94,7 @@ def run_variant(drive: PairsInMemory, config: LocalisationConfig, variant: Varia
             done.append(result)
             progress()
     trajectory = trajectory_of(estimate for estimate, _ in done)
-    estimates = stats_of([record for _, record in done]).estimates(trajectory)
+    estimates = estimates_of(trajectory, stats_of([record for _, record in done]))
     return Run(variant.value, estimates, tuple(estimate.statistics for estimate, _ in done), mirror_ns)
 
 

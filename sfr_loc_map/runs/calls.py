@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 import numpy as np
 from msgspec import Meta
+from numpy.typing import NDArray
 
 from sfr_loc_map.atomic import atomic_path
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, Task, read_table_text, refusing
 from sfr_loc_map.io.tables.text_table import parse_stamp_ns
@@ -110,39 +111,72 @@ class CallStats:
     has_stamps: bool = True  # whether the calls name their pairs; otherwise they are numbered
 
     @property
-    def localised(self) -> dict[int, int]:
-        """Row of a call of a localiser by stamp; calls of a mapper may have the same stamps.
+    def localised_ns(self) -> IntArray:
+        """Stamps of the calls of a localiser; calls of a mapper may have the same stamps."""
+        return self.calls.stamps_ns[self.calls.is_localisation]
 
-        Of several calls of one stamp the row is that of the worst state, and of equal states that of the last call.
+    def localised_rows(self, stamps_ns: IntArray) -> NDArray[np.intp]:
+        """Return the row of the call of a localiser for each stamp, -1 where there is no call.
+
+        Of several calls with one stamp the row is that of the worst state, and of equal states that of the last call.
         """
-        calls = enumerate(zip(self.calls.stamps_ns.tolist(), self.calls.states, strict=True))
-        is_localisation = self.calls.is_localisation
-        of_localiser = [(row, stamp, state) for row, (stamp, state) in calls if is_localisation[row]]
-        worst_last = sorted(of_localiser, key=lambda call: WORST_LAST.get(call[2], 0))
-        return {stamp: row for row, stamp, _ in worst_last}
+        rows = np.flatnonzero(self.calls.is_localisation)
+        severity = np.array([WORST_LAST.get(self.calls.states[row], 0) for row in rows.tolist()], np.intp)
+        order = np.lexsort((severity, self.calls.stamps_ns[rows]))  # stable
+        rows = np.append(-1, rows[order])
+        called_ns = self.calls.stamps_ns[rows[1:]]
+        last = np.searchsorted(called_ns, stamps_ns, "right")
+        is_called = np.isin(stamps_ns, called_ns)
+        return rows[np.where(is_called, last, 0)]
 
-    def estimates(self, trajectory: Trajectory) -> Estimates:
-        """Return poses with what the calls of their stamps report of them."""
-        rows = self.localised
-        at = np.array([rows.get(stamp, -1) for stamp in trajectory.stamps_ns.tolist()], np.intp)
-        states = np.array([*self.calls.states, ""], object)[at]
-        covariance, steps = (
-            None if values is None else np.vstack((values, np.full(values.shape[1], np.nan)))[at]
-            for values in (self.covariance, self.steps)
-        )
-        if steps is not None and self.steps is not None:  # a step is from the pose before, which may be missing
-            told = np.sort([stamp for stamp, row in rows.items() if np.isfinite(self.steps[row]).all()])
-            own = np.unique(trajectory.stamps_ns)
-            between = np.diff(np.searchsorted(told, own, "right")) > np.isin(own[1:], told)
-            steps[np.isin(trajectory.stamps_ns, own[1:][between])] = np.nan
-        lost, degraded = states == TrackingState.LOST, states == TrackingState.DEGRADED
-        is_known = np.asarray(states != "", np.bool_)
-        is_lost_known = is_known
-        if covariance is not None:  # without a state, a covariance says whether the pose is lost
-            lost = lost | lost_by_covariance(covariance)
-            is_lost_known = is_known | np.isfinite(covariance).all(axis=1)
-        estimates = Estimates.of(trajectory, lost, degraded, covariance, steps)
-        return replace(estimates, is_lost_known=is_lost_known, is_degraded_known=is_known)
+
+def estimates_of(trajectory: Trajectory, stats: CallStats | None, covariance: FloatArray | None = None) -> Estimates:
+    """Return poses with what the calls of their stamps and the covariances published with them report.
+
+    `covariance` `(N, 21)` holds the upper triangles that were published with the poses, NaN where there is none; the
+    covariance of the call is taken there. A pose is lost if the state of its call or its covariance reports that.
+    """
+    states = np.full(len(trajectory), "", object)
+    steps = None
+    if stats is not None:
+        rows = stats.localised_rows(trajectory.stamps_ns)
+        states = np.array([*stats.calls.states, ""], object)[rows]
+        steps = _steps_between(trajectory.stamps_ns, stats, rows)
+        covariance = _first_known(covariance, _values_at(stats.covariance, rows))
+    lost, degraded = states == TrackingState.LOST, states == TrackingState.DEGRADED
+    is_known = np.asarray(states != "", np.bool_)
+    is_lost_known = is_known
+    if covariance is not None:
+        lost = lost | lost_by_covariance(covariance)
+        is_lost_known = is_known | np.isfinite(covariance).all(axis=1)
+    estimates = Estimates.of(trajectory, lost, degraded, covariance, steps)
+    return replace(estimates, is_lost_known=is_lost_known, is_degraded_known=is_known)
+
+
+def _values_at(values: FloatArray | None, rows: NDArray[np.intp]) -> FloatArray | None:
+    """Return rows of an array `(N, K)`, NaN for the row -1."""
+    return None if values is None else np.vstack((values, np.full(values.shape[1], np.nan)))[rows]
+
+
+def _first_known(first: FloatArray | None, second: FloatArray | None) -> FloatArray | None:
+    """Return the rows of the first array, and those of the second where the first has NaN."""
+    if first is None or second is None:
+        return second if first is None else first
+    return np.where(np.isnan(first), second, first)
+
+
+def _steps_between(stamps_ns: IntArray, stats: CallStats, rows: NDArray[np.intp]) -> FloatArray | None:
+    """Return the steps `(N, 48)` to poses by the rows of their calls, NaN where the pose before is missing."""
+    steps = _values_at(stats.steps, rows)
+    if steps is None or stats.steps is None:
+        return None
+    has_step = stats.calls.is_localisation & np.isfinite(stats.steps).all(axis=1)
+    stepped_ns = np.unique(stats.calls.stamps_ns[has_step])
+    own_ns = np.unique(stamps_ns)
+    steps_until = np.searchsorted(stepped_ns, own_ns, "right")
+    has_gap = np.diff(steps_until) > np.isin(own_ns[1:], stepped_ns)
+    steps[np.isin(stamps_ns, own_ns[1:][has_gap])] = np.nan
+    return steps
 
 
 def united(parts: Sequence[CallStats]) -> CallStats:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +10,8 @@ from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.bag.bag import Bag, Topic, read_odometry
 from sfr_loc_map.message_types import ODOMETRY, STRING, TF
-from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
-from sfr_loc_map.runs.calls import CallRecord, decode_call, stats_of
+from sfr_loc_map.metrics.association import UPPER, Estimates
+from sfr_loc_map.runs.calls import CallRecord, decode_call, estimates_of, stats_of
 from sfr_loc_map.topics import ESTIMATE, TRUE_POSES, call_topic
 
 CALLS = call_topic(Task.LOCALISATION)
@@ -33,9 +32,7 @@ def bag_estimates(path: Path) -> Estimates:
     covariance = covariances[:, *UPPER]
     known = np.where(covariance.any(axis=1, keepdims=True), covariance, np.nan) if covariance.any() else None
     calls = _calls_of(bag, topic)
-    said = stats_of(calls).estimates(trajectory) if calls else Estimates.of(trajectory)
-    is_lost_known = said.is_lost_known | covariance.any(axis=1)
-    return replace(said, lost=said.lost | lost_by_covariance(covariance), is_lost_known=is_lost_known, covariance=known)
+    return estimates_of(trajectory, stats_of(calls) if calls else None, known)
 
 
 def _calls_of(bag: Bag, odometry: Topic) -> list[CallRecord]:

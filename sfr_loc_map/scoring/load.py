@@ -27,7 +27,7 @@ from sfr_loc_map.io.truth import possible_truth, truth_of_file
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.cloud_error import PairTruth, truths_of
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord, TargetRecord
-from sfr_loc_map.runs.calls import CallStats, load_call_stats, united
+from sfr_loc_map.runs.calls import CallStats, estimates_of, load_call_stats, united
 from sfr_loc_map.scoring.run import IN_MEMORY, CloudToScore, DriveToScore, Run, ScoreInputs
 
 _log = logging.getLogger(__name__)
@@ -135,7 +135,7 @@ def _read_estimate(
         return None
     if found.by_index:
         found = found.with_stamps_of(true)
-    estimates = estimates_of(found.trajectory, run.stats, run.target)
+    estimates = estimates_of_calls(found.trajectory, run.stats, run.target)
     if found.covariance is not None and estimates.covariance is None:
         estimates = replace(estimates, covariance=found.covariance[:, *UPPER])
     return found, estimates
@@ -188,23 +188,24 @@ def load_drive(estimate: Path, truth: Path) -> DriveToScore:
 def load_estimates(path: Path, stats: Sequence[CallStats] = ()) -> Estimates:
     """Read estimated poses; lost flags and covariances come from the bag or from the statistics of the calls."""
     if not is_bag(path):
-        return estimates_of(read_trajectory_file(path).trajectory, stats)
+        return estimates_of_calls(read_trajectory_file(path).trajectory, stats)
     from sfr_loc_map.scoring.bag_estimates import bag_estimates
 
     return bag_estimates(path)
 
 
-def estimates_of(trajectory: Trajectory, stats: Sequence[CallStats] = (), target: CallStats | None = None) -> Estimates:
+def estimates_of_calls(
+    trajectory: Trajectory, stats: Sequence[CallStats] = (), target: CallStats | None = None
+) -> Estimates:
     """Return estimated poses with the lost flags and covariances of the calls that gave them.
 
     The calls are those of all files of this host together or, if these have no call of a pose, those of the target.
     """
     of_target = [] if target is None or not target.has_stamps else [target]
-    stamps = set(trajectory.stamps_ns.tolist())
     for items in (stats, of_target):
-        if own := [item for item in items if not stamps.isdisjoint(item.localised)]:
-            return united(own).estimates(trajectory)
-    if any(item.localised for item in (*stats, *of_target)):
+        if own := [item for item in items if np.isin(item.localised_ns, trajectory.stamps_ns).any()]:
+            return estimates_of(trajectory, united(own))
+    if any(len(item.localised_ns) for item in (*stats, *of_target)):
         _log.warning("no call of the statistics has the stamp of an estimate: which poses are lost is not known")
     return Estimates.of(trajectory)
 

@@ -23,16 +23,15 @@ from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import JUMP_BACK_NS, NS_PER_S
 from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
-from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MAX_PAIRS
-from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, lost_by_covariance, unique_rows
+from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates
 from sfr_loc_map.metrics.calls import METHOD, Calls, stage_of
 from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.consistency import STEP_SIZE
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Provenance, Score
-from sfr_loc_map.runs.calls import CallRecord, CallStats
+from sfr_loc_map.runs.calls import CallRecord, CallStats, estimates_of
 from sfr_loc_map.scoring.contradiction import convention_mismatch
 from sfr_loc_map.scoring.run import DriveToScore, Run, ScoreInputs, UnderWay
 from sfr_loc_map.scoring.score_run import score_run
@@ -43,10 +42,10 @@ MAX_KEPT = 2 * MAX_PAIRS  #: True points, poses, sets of pairs and clouds that a
 POSE = [("stamp_ns", np.int64), ("position", np.float64, 3), ("quat", np.float64, 4)]
 TRUE_POSE = [*POSE, ("variances", np.float64, 6)]
 ESTIMATE = [*POSE, ("covariance", np.float64, COVARIANCE_SIZE)]
-STEP = [("stamp_ns", np.int64), ("step", np.float64, STEP_SIZE), ("degraded", np.bool_), ("known", np.bool_)]
+STEP = [("row", np.int64), ("step", np.float64, STEP_SIZE)]
 CALL: list[Any] = [("stamp_ns", np.int64), ("seconds", np.float64), ("state", "U16"), ("peak", np.float64)]
 CALL += [("above_idle", np.float64), ("stages", np.float64, MAX_STAGES)]
-UNKNOWN_COVARIANCE, UNKNOWN_STEP = np.full(COVARIANCE_SIZE, np.nan), np.full(STEP_SIZE, np.nan)
+UNKNOWN_COVARIANCE = np.full(COVARIANCE_SIZE, np.nan)
 
 
 class _Rows:
@@ -78,6 +77,7 @@ class _CallRows(_Rows):
     def __init__(self) -> None:
         super().__init__(CALL)
         self._stages = dict[str, int]()
+        self._steps = _Rows(STEP)  # of the calls that report one, by the row of the call
 
     def add_call(self, record: CallRecord) -> None:
         stages = np.full(MAX_STAGES, np.nan)
@@ -86,9 +86,21 @@ class _CallRows(_Rows):
                 stages[self._stages.setdefault(name, len(self._stages))] = seconds
         sizes = record.peak_rss_bytes, record.above_idle_bytes
         peaks = (np.nan if value is None else value for value in sizes)
+        if record.step is not None:
+            self._steps.add(len(self), record.step)
         self.add(record.stamp_ns, record.processing_time_s, record.state, *peaks, stages)
 
-    def calls(self) -> Calls:
+    def stats(self) -> CallStats | None:
+        """Return the calls as columns, None without a call; covariances come with the poses."""
+        if not len(self):
+            return None
+        steps = None
+        if len(self._steps):
+            steps = np.full((len(self), STEP_SIZE), np.nan)
+            steps[self._steps.all()["row"]] = self._steps.all()["step"]
+        return CallStats(self._calls(), None, steps)
+
+    def _calls(self) -> Calls:
         rows = self.all()
         stages = {name: rows["stages"][:, column] for name, column in self._stages.items()}
         figures = (rows["stamp_ns"], rows["seconds"], rows["state"].tolist(), rows["peak"], rows["above_idle"])
@@ -163,7 +175,8 @@ class MonitorScore:
         end_ns = max(self._latest_ns.values(), default=0)
         self._ended_ns = {name: (ns, end_ns) for name, ns in self._latest_ns.items() if kind and name != kind}
         self._latest_ns = {kind: stamp_ns} if kind else {}
-        self._estimates, self._truth, self._steps = _Rows(ESTIMATE), _Rows(TRUE_POSE), _Rows(STEP)
+        self._estimates = _Rows(ESTIMATE)
+        self._truth = _Rows(TRUE_POSE)
         self._calls = _CallRows()
         self.map_score: ScoredMap | None = None
 
@@ -203,9 +216,6 @@ class MonitorScore:
     def add_call(self, record: CallRecord) -> None:
         """Add a call, before or after its pose; that of a fusion names the pairs of its cloud."""
         self._calls.add_call(record)
-        degraded, known = record.state == TrackingState.DEGRADED, record.step is not None
-        if degraded or known:
-            self._steps.add(record.stamp_ns, record.step if known else UNKNOWN_STEP, degraded, known)
         self.map_inputs.add_call(record)
 
     def score_maps(self) -> bool:
@@ -230,7 +240,9 @@ class MonitorScore:
         While a run goes on, results of the last `in_flight_s` seconds are still expected and do not count as missing.
         `contradiction` is what the method of that name found.
         """
-        truth, estimates = self._given_truth(), self._given_estimates()
+        stats = self._calls.stats()
+        truth = self._given_truth()
+        estimates = self._given_estimates(stats, is_under_way=in_flight_s > 0.0)
         drive = None
         if truth is not None and estimates is not None:
             drive = DriveToScore(estimates, truth, image_stamps_ns=image_stamps_ns)
@@ -244,14 +256,13 @@ class MonitorScore:
             restarts=self.restarts,
             provenance=provenance,
         )
-        stats = [CallStats(self._calls.calls(), None, None)] if len(self._calls) else []
         pairs = np.array(sorted(self.map_inputs.pair_stamps_ns), np.int64)
-        run = Run(ScoreInputs(), stats, drive=drive, nav_stamps_ns=pairs, under_way=live)
+        run = Run(ScoreInputs(), [] if stats is None else [stats], drive=drive, nav_stamps_ns=pairs, under_way=live)
         return score_run(run, self._config, self._limits)
 
     def contradiction(self) -> str | None:
         """Return the convention mismatch of estimate and truth so far, None without one; takes 0.1 s and more."""
-        truth, estimates = self._given_truth(), self._given_estimates()
+        truth, estimates = self._given_truth(), self._given_estimates(None)
         if truth is None or estimates is None:
             return None
         return convention_mismatch(estimates.trajectory, truth, self._config.trajectory.association)
@@ -268,26 +279,25 @@ class MonitorScore:
         poses = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
         return self._body.applied(poses, rows["variances"])
 
-    def _given_estimates(self) -> Estimates | None:
+    def _given_estimates(self, stats: CallStats | None, *, is_under_way: bool = False) -> Estimates | None:
+        """Return the estimates with what the calls report of them.
+
+        While a run is under way, the calls of the poses after the last call may still come: these count as reported.
+        """
         if not len(self._estimates):
             return None
-        rows, said = self._estimates.all(), self._steps.all()
+        rows = self._estimates.all()
         trajectory = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
         covariance = None if np.isnan(rows["covariance"]).all() else rows["covariance"]
-        lost = lost_by_covariance(rows["covariance"])
-        if not len(said):  # only a covariance says that a pose is lost
-            return Estimates.of(trajectory, None if covariance is None else lost, covariance=covariance)
-        last = unique_rows(said["stamp_ns"])
-        stamps = said["stamp_ns"][last]
-        at = np.minimum(np.searchsorted(stamps, rows["stamp_ns"]), len(stamps) - 1)
-        found = np.flatnonzero(stamps[at] == rows["stamp_ns"])
-        of_found = last[at[found]]
-        degraded, steps = np.zeros(len(rows), np.bool_), None
-        degraded[found] = said["degraded"][of_found]
-        if said["known"][of_found].any():
-            steps = np.full((len(rows), STEP_SIZE), np.nan)
-            steps[found] = said["step"][of_found]
-        return Estimates.of(trajectory, lost, degraded, covariance, steps)
+        estimates = estimates_of(trajectory, stats, covariance)
+        if stats is None or not is_under_way or not len(stats.localised_ns):
+            return estimates
+        is_awaited = rows["stamp_ns"] > stats.localised_ns.max()
+        return replace(
+            estimates,
+            is_lost_known=estimates.is_lost_known | is_awaited,
+            is_degraded_known=estimates.is_degraded_known | is_awaited,
+        )
 
 
 def _check(stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float]) -> None:

@@ -18,18 +18,15 @@ from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, save_cloud, save_point
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import AS_IT_IS, source_config
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
-from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.methods.registry import record_of_ours
-from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.metrics.cloud_error import truths_of
-from sfr_loc_map.metrics.config import CallKind, ScoreConfig
-from sfr_loc_map.metrics.convention import converted_estimates
+from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, FindingRecord, MethodRecord, Score
 from sfr_loc_map.runs.calls import CallRecord, save_stats, stats_of
-from sfr_loc_map.scoring.load import estimates_of, with_read_files
-from sfr_loc_map.scoring.run import CloudToScore, Correction, DriveToScore, Run, ScoreInputs
-from sfr_loc_map.scoring.score_run import corrected, score_run
+from sfr_loc_map.scoring.load import estimates_of_calls, with_read_files
+from sfr_loc_map.scoring.run import CloudToScore, DriveToScore, Run, ScoreInputs
+from sfr_loc_map.scoring.score_run import score_run
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,53 +42,15 @@ class ExternalRun:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ReplayResult:
+class CollectedRun:
     """What came out of a replay."""
 
     estimate: Trajectory  # without poses if there was no drive
     cloud: PointCloud | None  # the last one
     records: Sequence[CallRecord]  # all calls of localiser and mapper
     mapped_ns: tuple[int, ...]  # of the pairs of the cloud, in the order of the points' `pair`: their truth judges it
-    external: ExternalRun | None = None  # `with_converted_poses` converts its poses
+    external: ExternalRun | None = None  # its poses are converted by `external_poses.with_converted_poses`
     points: FloatArray | None = None  # `(N, 3)` in LM of an external mapper that tells no pixels
-
-    def with_converted_poses(self, source: Source, config: ScoreConfig, correction: Correction) -> ReplayResult:
-        """Return the result with the poses of an external localiser converted to RB in DS, and a record for each pose.
-
-        A result without an external localiser is returned unchanged.
-        """
-        run, loc, published = self.external, source.loc, self.estimate
-        if run is None or run.score.task != CallKind.LOCALISATION or loc is None or not len(published):
-            return self
-        rig, truth = loc.rig, loc.ground_truth
-        told = {item.stamp_ns: item for item in self.records if item.task is Task.LOCALISATION}
-        covariance = np.full((len(published), COVARIANCE_SIZE), np.nan)
-        for row, stamp_ns in enumerate(published.stamps_ns.tolist()):
-            known = told.get(stamp_ns)
-            if known is not None and known.covariance is not None:
-                covariance[row] = known.covariance[UPPER]
-        lost = lost_by_covariance(covariance)
-        found = Estimates.of(published, lost, covariance=None if np.isnan(covariance).all() else covariance)
-        convention = None
-        if truth is not None and len(truth):
-            drive, convention = corrected(DriveToScore(found, truth, rig), correction, config)
-            found = drive.estimates
-        elif (declared := correction.declared).settings:
-            found = converted_estimates(found, declared, declared.T_rb_child(rig), None)
-            convention = ConventionRecord(declared=declared.settings)
-        records = []
-        stamps = zip(published.stamps_ns.tolist(), found.trajectory.stamps_ns.tolist(), strict=True)
-        for row, (before, stamp_ns) in enumerate(stamps):  # time and state are unknown where the node reports none
-            record = told.get(before) or CallRecord(stamp_ns, float("nan"))
-            full = None
-            if found.covariance is not None and np.isfinite(found.covariance[row]).all():
-                full = np.zeros((6, 6))
-                full[UPPER] = full[UPPER[1], UPPER[0]] = found.covariance[row]
-            state = TrackingState.LOST.value if lost[row] else record.state
-            records.append(replace(record, stamp_ns=stamp_ns, state=state, covariance=full, step=None))
-        records += [item for item in self.records if item.task is Task.MAPPING]
-        external = replace(run, as_published=published, convention=convention)
-        return replace(self, estimate=found.trajectory, records=records, external=external)
 
 
 class ReplayFiles:
@@ -120,7 +79,7 @@ class ReplayFiles:
             path.unlink(missing_ok=True)
 
 
-def save_replay(result: ReplayResult, files: ReplayFiles) -> None:
+def save_replay(result: CollectedRun, files: ReplayFiles) -> None:
     """Write what there is of a replay but its score."""
     if len(result.estimate):
         save_trajectory(files.estimate, result.estimate)
@@ -138,7 +97,7 @@ def save_replay(result: ReplayResult, files: ReplayFiles) -> None:
 
 def score_replay(
     source: Source,
-    result: ReplayResult,
+    result: CollectedRun,
     config: ScoreConfig,
     limits: Limits | None,
     *,
@@ -162,7 +121,7 @@ def score_replay(
     truth, images = (None, None) if source.loc is None else (source.loc.ground_truth, source.expected_loc_ns())
     if source.loc is not None and truth is not None and len(result.estimate):
         estimate = result.estimate
-        estimates = estimates_of(estimate, stats)
+        estimates = estimates_of_calls(estimate, stats)
         drive = DriveToScore(estimates, truth, source.loc.rig, images)
         inputs = replace(with_read_files(inputs, how), truth=source.path)
         if files is not None:
@@ -198,7 +157,7 @@ def score_replay(
     return score_run(run, config, limits)
 
 
-def _scored_cloud(source: Source, result: ReplayResult) -> CloudToScore | None:
+def _scored_cloud(source: Source, result: CollectedRun) -> CloudToScore | None:
     xyz = result.points if result.cloud is None else result.cloud.xyz
     if source.nav is None or xyz is None:
         return None

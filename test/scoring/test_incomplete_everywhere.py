@@ -31,7 +31,7 @@ from sfr_loc_map.report.page import overall_of, render_page
 from sfr_loc_map.report.test_report import junit, render_test_report
 from sfr_loc_map.runs.calls import CallRecord, stats_of
 from sfr_loc_map.scoring.monitor_score import MonitorScore
-from sfr_loc_map.scoring.replay_result import ReplayResult, score_replay
+from sfr_loc_map.scoring.replay_result import CollectedRun, score_replay
 from sfr_loc_map.scoring.run import CloudToScore, DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary, groups_of
@@ -161,7 +161,7 @@ def scored(made: Made) -> Score:
 
 def replayed(made: Made) -> Score:
     source = Source(Path(__file__), SourceFormat.FOLDER, Loc(made.truth), Nav(made.nav))
-    result = ReplayResult(made.estimate, made.cloud, made.records, tuple(NAV_STAMPS))
+    result = CollectedRun(made.estimate, made.cloud, made.records, tuple(NAV_STAMPS))
     return score_replay(source, result, CONFIG, LIMITS)
 
 

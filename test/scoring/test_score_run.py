@@ -24,8 +24,8 @@ from sfr_loc_map.io.bag.messages import odometry
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.message_types import STRING
-from sfr_loc_map.runs.calls import CallRecord, encode_call, load_call_stats, save_stats
-from sfr_loc_map.scoring.load import estimates_of, load_estimates
+from sfr_loc_map.runs.calls import CallRecord, encode_call, estimates_of, load_call_stats, save_stats
+from sfr_loc_map.scoring.load import estimates_of_calls, load_estimates
 
 Scored = Callable[..., dict[str, Any]]
 
@@ -82,7 +82,7 @@ def test_calls_that_cannot_be_are_refused_and_those_of_another_drive_told(
         with pytest.raises(InputError, match=words):
             load_call_stats(path)
     path.write_text("stamp_ns,state\n5,lost\n")
-    assert not estimates_of(straight(3), [load_call_stats(path)]).lost.any()
+    assert not estimates_of_calls(straight(3), [load_call_stats(path)]).lost.any()
     assert "no call of the statistics has the stamp of an estimate" in caplog.text
 
 
@@ -162,6 +162,6 @@ def test_steps_from_poses_that_are_left_out_are_not_known(tmp_path: Path) -> Non
     save_stats(tmp_path / "s.csv", [replace(record, covariance=np.eye(6)) for record in records])
     rows = [0, 1, 3, 4]
     poses = Trajectory(np.arange(10, 16)[rows], np.zeros((4, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (4, 1)))
-    steps = load_call_stats(tmp_path / "s.csv").estimates(poses).steps
+    steps = estimates_of(poses, load_call_stats(tmp_path / "s.csv")).steps
     assert steps is not None
     assert np.isfinite(steps).all(axis=1).tolist() == [True, True, False, True]

@@ -14,7 +14,7 @@ from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes.replay.external_answers import AnswerBook
 from sfr_loc_map.runs.calls import CallRecord
-from sfr_loc_map.scoring.replay_result import ExternalRun, ReplayResult
+from sfr_loc_map.scoring.replay_result import CollectedRun, ExternalRun
 
 
 @dataclass(slots=True)
@@ -68,12 +68,12 @@ class Received:
         mapped = self.calls[Task.MAPPING]
         return sum((MappingState.MAPPED_SET, stamp_ns) in mapped for stamp_ns, _ in self.clouds)
 
-    def result(self) -> ReplayResult:
+    def collected_run(self) -> CollectedRun:
         """Return what came out of the replay, for its score and its files."""
         (cloud, mapped_ns), points = self.last_map(), None
         if self.external is not None and self.external.score.task == Task.MAPPING:
             cloud, points, mapped_ns = self.external_map()
-        return ReplayResult(self.trajectory, cloud, self.records, mapped_ns, self.external, points)
+        return CollectedRun(self.trajectory, cloud, self.records, mapped_ns, self.external, points)
 
     def external_map(self) -> tuple[PointCloud | None, FloatArray | None, tuple[int, ...]]:
         """Return the map of an external node: its cloud, or its points where they have no pixels; stamps of its pairs.

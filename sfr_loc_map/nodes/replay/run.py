@@ -15,15 +15,16 @@ from sfr_loc_map.nodes.replay.options import ReplayOptions
 from sfr_loc_map.nodes.replay.received import Received
 from sfr_loc_map.nodes.replay.session import replay
 from sfr_loc_map.runs.offline import states_text, tracking_warning
-from sfr_loc_map.scoring.replay_result import ReplayFiles, ReplayResult, save_replay, score_replay
+from sfr_loc_map.scoring.external_poses import with_converted_poses
+from sfr_loc_map.scoring.replay_result import CollectedRun, ReplayFiles, save_replay, score_replay
 from sfr_loc_map.scoring.run import Correction
 
 
 @dataclass(frozen=True, slots=True)
-class ReplayOutcome:
+class ScoredReplay:
     """What came out of a replay."""
 
-    result: ReplayResult
+    result: CollectedRun
     score: Score
     remarks: tuple[str, ...]  #: What the user is told besides the score, a line each.
     warning: str | None  #: That many poses are lost or degraded, None if few are.
@@ -40,7 +41,7 @@ def replay_and_score(
     *,
     progress: Callable[[str], None],
     say: Callable[[str], None],
-) -> ReplayOutcome:
+) -> ScoredReplay:
     """Replay a source, write what came out to files, if any, and score it.
 
     `progress` is called with the rig of each pair that was played, `say` with a line of what is being done. The
@@ -52,7 +53,7 @@ def replay_and_score(
         if was_interrupted and not received.count:
             raise KeyboardInterrupt
         remarks = tuple(_remarks(received, options))
-        result = received.result().with_converted_poses(source, options.score, correction)
+        result = with_converted_poses(received.collected_run(), source, options.score, correction)
     if files is not None:
         files.remove()  # of an earlier run, which may have written more of them
         save_replay(result, files)
@@ -70,7 +71,7 @@ def replay_and_score(
     states = f"{len(result.estimate)} poses, {states_text(result.records)}"
     total = sum(len(part) for part in (source.loc, source.nav) if part is not None)
     interrupted = f"interrupted: {len(received.published)} of {total} pairs were played, and scored"
-    return ReplayOutcome(
+    return ScoredReplay(
         result,
         score,
         (*remarks, states),

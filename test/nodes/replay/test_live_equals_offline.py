@@ -74,7 +74,7 @@ def test_live_equals_offline(tmp_path: Path, own_domain: None) -> None:
         session.node.node.create_subscription(String, "metrics/report", lambda m: reports.append(m.data), latched)
         session.play(lambda rig: None)
         live, received = final_report(session, reports), session.received
-    offline = to_dict(score_replay(source, received.result(), config, None))
+    offline = to_dict(score_replay(source, received.collected_run(), config, None))
     found, expected = dict(numbers(live)), dict(numbers(offline))
     # how much of the drive has no estimate follows from the images, which the monitor does not know
     known = {name for name in expected if not name.startswith("completeness/None/None/")}

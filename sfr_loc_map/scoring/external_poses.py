@@ -1,0 +1,78 @@
+"""Converts the poses of an external localiser to poses of RB in DS after a replay."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.io.sequence import LocSequence, Source
+from sfr_loc_map.localisation.estimate import TrackingState
+from sfr_loc_map.metrics.association import UPPER, Estimates
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.convention import converted_estimates
+from sfr_loc_map.metrics.score import ConventionRecord
+from sfr_loc_map.runs.calls import CallRecord, estimates_of, stats_of
+from sfr_loc_map.scoring.replay_result import CollectedRun
+from sfr_loc_map.scoring.run import Correction, DriveToScore
+from sfr_loc_map.scoring.score_run import corrected
+
+
+def with_converted_poses(
+    result: CollectedRun, source: Source, config: ScoreConfig, correction: Correction
+) -> CollectedRun:
+    """Return a result with the poses of an external localiser converted to RB in DS, and a call for each pose.
+
+    A result without an external localiser is returned unchanged.
+    """
+    published = result.estimate
+    run, loc = result.external, source.loc
+    if run is None or run.score.task != Task.LOCALISATION or loc is None or not len(published):
+        return result
+    calls = {call.stamp_ns: call for call in result.records if call.task is Task.LOCALISATION}
+    estimates = estimates_of(published, stats_of([*calls.values()]) if calls else None)
+    estimates, convention = _converted(estimates, loc, config, correction)
+    stamps_ns = published.stamps_ns.tolist()
+    records = [_call_of(estimates, row, calls.get(stamp_ns)) for row, stamp_ns in enumerate(stamps_ns)]
+    records += [call for call in result.records if call.task is Task.MAPPING]
+    external = replace(run, as_published=published, convention=convention)
+    return replace(result, estimate=estimates.trajectory, records=records, external=external)
+
+
+def _converted(
+    estimates: Estimates, loc: LocSequence, config: ScoreConfig, correction: Correction
+) -> tuple[Estimates, ConventionRecord | None]:
+    """Return converted estimates and what was done, None where nothing was; a diagnosis requires the true poses."""
+    truth = loc.ground_truth
+    if truth is not None and len(truth):
+        drive, convention = corrected(DriveToScore(estimates, truth, loc.rig), correction, config)
+        return drive.estimates, convention
+    declared = correction.declared
+    if not declared.settings:
+        return estimates, None
+    converted = converted_estimates(estimates, declared, declared.T_rb_child(loc.rig), None)
+    return converted, ConventionRecord(declared=declared.settings)
+
+
+def _call_of(estimates: Estimates, row: int, call: CallRecord | None) -> CallRecord:
+    """Return the call of a converted pose: the reported call with the converted covariance and without its step.
+
+    Time and state are unknown where the node reports no call.
+    """
+    stamp_ns = int(estimates.trajectory.stamps_ns[row])
+    if call is None:
+        call = CallRecord(stamp_ns, float("nan"))
+    state = TrackingState.LOST.value if estimates.lost[row] else call.state
+    return replace(call, stamp_ns=stamp_ns, state=state, covariance=_full_covariance(estimates, row), step=None)
+
+
+def _full_covariance(estimates: Estimates, row: int) -> FloatArray | None:
+    """Return the covariance `(6, 6)` of a pose, None where it is unknown."""
+    if estimates.covariance is None or not np.isfinite(estimates.covariance[row]).all():
+        return None
+    full = np.zeros((6, 6))
+    full[UPPER] = estimates.covariance[row]
+    full[UPPER[1], UPPER[0]] = estimates.covariance[row]
+    return full
