@@ -8,6 +8,7 @@ import signal
 import sys
 from collections.abc import Collection
 
+LIBRARY_PATH = "LD_LIBRARY_PATH"  #: Variable of the dynamic linker that ROS needs.
 _PR_SET_PDEATHSIG = 1
 _LIBRARY = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
 """Loaded here: a child between fork and exec loads nothing."""
@@ -20,6 +21,11 @@ def end_with_parent(number: signal.Signals, waiting: Collection[signal.Signals] 
         _LIBRARY.prctl(_PR_SET_PDEATHSIG, number)
 
 
+def inherited_environment() -> dict[str, str]:
+    """Return this process's variables without those by which the dynamic linker loads other code (`LD_PRELOAD`)."""
+    return {name: value for name, value in os.environ.items() if not name.startswith("LD_") or name == LIBRARY_PATH}
+
+
 def child_environment() -> dict[str, str]:
-    """Return this process's variables for one that imports what it does, whatever folder that is started in."""
-    return os.environ | {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
+    """Return the variables for a process that imports what this one does, whatever folder that is started in."""
+    return inherited_environment() | {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}

@@ -286,6 +286,10 @@ MUTATIONS = (
     Mutation(ANSWERS, "return not is_late", "return True"),
     Mutation(ANSWERS, "if latency_s <= self._timeout_s}", "if latency_s <= 1e9}"),
     Mutation(ANSWERS, "self._findings.setdefault(FindingKind.CRASHED, record)", "pass"),
+    # the clock of the process that measures
+    Mutation("host_clock.py", "MOST_S, MOST_SHARE = 0.1, 0.01", "MOST_S, MOST_SHARE = 0.1, 0.02"),
+    Mutation("host_clock.py", "abs(passed_s - kernel_passed_s)", "passed_s - kernel_passed_s"),
+    Mutation("child_process.py", 'not name.startswith("LD_") or name', "True or name"),
     # poses that repeat another, poses of the ground truth
     Mutation("metrics/copies.py", "NOISES = 5.0", "NOISES = 0.5"),
     Mutation("metrics/copies.py", "MOVING_SHARE = 0.1", "MOVING_SHARE = 0.01"),

@@ -26,6 +26,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.host_clock import checked_clock
 from sfr_loc_map.inputs import NS_PER_S, Task
 from sfr_loc_map.io.sequence import LocSequence, NavSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -204,7 +205,7 @@ def compare_mappers(
 
 def run_pass(method: Method, given: PassInput[Opened], progress: Callable[[], None] = lambda: None) -> MethodRun:
     """Process all pairs with a method; MethodError if it does not start, or its process ends."""
-    with given.open(method) as opened:
+    with checked_clock(), given.open(method) as opened:
         run = MethodRun(opened.record.version or "", opened.idle_bytes)
         scale = given.rate_scale if method.background else 1.0
         begin_s, first_ns = time.monotonic(), None

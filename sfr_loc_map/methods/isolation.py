@@ -14,7 +14,7 @@ from contextlib import suppress
 from glob import glob
 from pathlib import Path
 
-from sfr_loc_map.child_process import child_environment
+from sfr_loc_map.child_process import LIBRARY_PATH, child_environment, inherited_environment
 from sfr_loc_map.methods.registry import Method
 from sfr_loc_map.metrics.score import MethodKind
 
@@ -35,7 +35,7 @@ def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> dict[str, 
         code += [place.parent if place.suffix == ".py" else Path.cwd()]
     pythons = [method.python, method.python.resolve()]
     prefixes = [Path(sys.prefix), Path(sys.base_prefix), *(path.parent.parent for path in pythons)]
-    variables = (os.environ.get(name, "") for name in (OWN_FILES, "PYTHONPATH", "LD_LIBRARY_PATH"))
+    variables = (os.environ.get(name, "") for name in (OWN_FILES, "PYTHONPATH", LIBRARY_PATH))
     named = [text for value in (*variables, os.pathsep.join(sys.path)) for text in value.split(os.pathsep) if text]
     named += [method.vocabulary] if method.vocabulary else []
     own = [Path(__file__).parents[1], Path.home() / ".cache" / "numba", *code]
@@ -57,7 +57,7 @@ def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> dict[str, 
 def environment_of(method: Method, folder: Path) -> dict[str, str]:
     """Return the variables of a method's process, which finds code and kernels where this one does."""
     if method.kind is MethodKind.PEER:
-        return {**os.environ, "TMPDIR": str(folder)}
+        return {**inherited_environment(), "TMPDIR": str(folder)}
     found = child_environment()
     found |= {"TMPDIR": str(folder), "NUMBA_CACHE_DIR": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
     found["NUMBA_CACHE_LOCATOR_CLASSES"] = f"{KERNELS}.BesideSources,{KERNELS}.OfUser,UserProvidedCacheLocator"

@@ -17,6 +17,7 @@ from sfr_loc_map.errors import InputError, MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, interpolated
+from sfr_loc_map.host_clock import checked_clock
 from sfr_loc_map.inputs import NS_PER_S, Task
 from sfr_loc_map.io.sequence import LocSequence, NavSequence
 from sfr_loc_map.kernels import load_kernels
@@ -115,12 +116,13 @@ def drive(
 
     `watch` is called after each pair of our localiser.
     """
-    if isinstance(how, UnderTest):
-        yield from localise_with(how, sequence, start.T_ds_rb)
-        return
-    about = record_of_ours(Task.LOCALISATION)
-    for estimate, record in localise(sequence, how, start, watch):
-        yield Step(estimate, record, about)
+    with checked_clock():
+        if isinstance(how, UnderTest):
+            yield from localise_with(how, sequence, start.T_ds_rb)
+            return
+        about = record_of_ours(Task.LOCALISATION)
+        for estimate, record in localise(sequence, how, start, watch):
+            yield Step(estimate, record, about)
 
 
 def localise(
@@ -210,9 +212,10 @@ def panorama(
     ended: Callable[[], bool] = lambda: False,
 ) -> MapRun:
     """Map the pairs of a source by our mapper with parameters or by a method under test; see `map_pairs`."""
-    if isinstance(how, UnderTest):
-        return map_pairs_with(sequence, how, progress, ended)
-    return map_pairs(sequence, how, progress, ended)
+    with checked_clock():
+        if isinstance(how, UnderTest):
+            return map_pairs_with(sequence, how, progress, ended)
+        return map_pairs(sequence, how, progress, ended)
 
 
 def map_pairs(

@@ -7,13 +7,19 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+import subprocess
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from helpers import HELPERS
+from helpers import HELPERS, ROOT
 from helpers.cli_result import Sfr
+from helpers.made_suites import SFR
 from sfr_loc_map.methods.method_process import is_misstated
+
+Build = Callable[..., Path]
 
 
 @pytest.mark.clause("4.2.1", "4.2.2")
@@ -49,6 +55,23 @@ def test_what_a_method_states_of_itself_is_not_believed(
     score = json.loads(scored.out)
     assert (scored.code, score["verdict"]) == (1, "fail")
     assert [item["kind"] for item in score.get("findings", [])] == ([] if finding is None else [finding])
+
+
+@pytest.mark.parametrize("command", ["localise", "map"])
+def test_a_slowed_clock_of_the_command_measures_nothing(
+    command: str, drive: Path, build: Build, tmp_path: Path
+) -> None:
+    """A library that slows the clock of the command and of all that it starts gives no times."""
+    library = build(HELPERS / "slow_clock.c", name="libslow_clock.so")
+    stats = tmp_path / "stats.csv"
+    own = {"localise": ("e.csv", "--start", "truth", "--method", "opencv"), "map": ("c.ply", "--method", "sgbm")}
+    output, *options = own[command]
+    words = [command, drive, "-o", tmp_path / output, "--stats", stats, *options]
+    slowed = os.environ | {"LD_PRELOAD": str(library), "PYTHONPATH": str(ROOT), "SFR_HINTS": "0"}
+    ran = subprocess.run([*SFR, *map(str, words)], capture_output=True, text=True, check=False, env=slowed)
+    assert ran.returncode == 2, ran.stderr
+    assert ran.stderr.splitlines()[-1].startswith("sfr: times cannot be measured"), ran.stderr
+    assert not stats.exists()
 
 
 def test_a_transfer_of_the_result_is_no_misstatement() -> None:

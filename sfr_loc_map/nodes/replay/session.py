@@ -11,6 +11,7 @@ from pathlib import Path
 
 from sfr_loc_map import signals
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.host_clock import checked_clock
 from sfr_loc_map.io.bag import message_stream
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.completeness import MISSING_SHARE
@@ -75,8 +76,9 @@ class ReplaySession:
 
         messages = message_stream.messages_of(self._source)
         end_s = options.offset_s + options.duration_s
-        self.player.play(message_stream.between(messages, options.offset_s, end_s), published)
-        collector.finish()
+        with checked_clock():
+            self.player.play(message_stream.between(messages, options.offset_s, end_s), published)
+            collector.finish()
         if external is not None:
             collector.received.external = external.observe()
 
