@@ -25,9 +25,10 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.inputs import NS_PER_S, Task
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.catalogue import CALLS, MEMORY, STATED, TARGET, Subject, clause_of
+from sfr_loc_map.metrics.catalogue import CALLS, MEMORY, Subject, clause_of
 from sfr_loc_map.metrics.completeness import calls_completeness, expected_row, share_of
 from sfr_loc_map.metrics.config import CallKind, MappingState
+from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.score import (
     CallHistogram,
     CallPlots,
@@ -220,7 +221,7 @@ def has_memory(rows: Iterable[Figure]) -> bool:
 
 
 def completeness_rows(
-    calls: Sequence[Calls], expected_ns: Mapping[Task, IntArray | None], place: str = ""
+    calls: Sequence[Calls], expected_ns: Mapping[Task, IntArray | None], place: Place = Place.HOST
 ) -> Iterator[Figure]:
     """Yield the rows of what of the expected calls was measured; of a kind that several have, those of the last."""
     found: dict[CallKind, tuple[Calls, NDArray[np.intp]]] = {}
@@ -326,14 +327,17 @@ def score_target(
             )
     scored = score_calls(calls, clock=name, details=False)
     is_measured = has_memory(scored.figures)
-    figures = [of_target(row) for row in scored.figures if row.subject is Subject.TIMING or is_measured]
+    figures = [at_place(row, Place.TARGET) for row in scored.figures if row.subject is Subject.TIMING or is_measured]
     method = calls.memory_method or f"as measured on {name}" if is_measured else None
     return tuple(figures), TargetRun(name=name, matched_share=matched, other_run=other_run, memory_method=method)
 
 
-def of_target(row: Figure) -> Figure:
-    """Return a row of calls as one of calls on the target, whose times the specification defines [4.2.1, 4.3.1]."""
-    part = TARGET if row.part is None else f"{TARGET} {row.part}"
+def at_place(row: Figure, place: Place) -> Figure:
+    """Return a row of calls as one of calls that were measured elsewhere.
+
+    The specification defines the times of calls on the target [4.2.1, 4.3.1].
+    """
+    part = RowPart.of(row.part).at(place).text
     return replace_row(row, part=part, clause=clause_of(row.figure, part))
 
 
@@ -350,7 +354,7 @@ def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
     """
     kind, records = CallKind(node.task), scored.records
     kinds = KINDS_OF[Task(node.task)]
-    figures = [stated_row(row) if row.figure in kinds or row.part in kinds else row for row in scored.figures]
+    figures = [at_place(row, Place.STATED) if row.call in kinds else row for row in scored.figures]
     measured = list[Figure]()
     clocks = {name: clock for name, clock in records.clocks.items() if name not in kinds}
     if node.latency_s is not None:
@@ -359,25 +363,19 @@ def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
     method = records.memory_method
     if node.process is not None:
         measured.append(figure_row("peak", part=kind, value=node.process.peak_rss_bytes or None))
-        others = any(row.figure == "peak" and row.part not in kinds and row.value is not None for row in scored.figures)
+        others = any(row.figure == "peak" and row.call not in kinds and row.value is not None for row in scored.figures)
         method = f"{kind}: {node.process.method}{f'; others: {records.memory_method or UNKNOWN}' if others else ''}"
     records = replace_row(records, clocks=clocks, memory_method=method)
     return scored._replace(figures=(*measured, *figures), records=records)
-
-
-def stated_row(row: Figure) -> Figure:
-    """Return a row of calls as what an external node states of itself."""
-    part = STATED if row.part is None else f"{STATED} {row.part}"
-    return replace_row(row, part=part, clause=clause_of(row.figure, part))
 
 
 def completeness_of_answers(node: ExternalScore) -> Iterator[Figure]:
     """Yield the rows of the calls of an external node: its answers against the pairs that were published to it."""
     kind, answers = CallKind(node.task), node.answers
     received = answers.answered + answers.late + answers.doubled + answers.other_stamp
-    yield expected_row(f"{CALLS} {kind}", answers.answered, answers.pairs)
+    yield expected_row(RowPart(CALLS, kind), answers.answered, answers.pairs)
     yield figure_row("calls_missing", part=kind, n=answers.pairs, value=share_of(answers.missing, answers.pairs))
     yield figure_row("calls_other", part=kind, n=received, value=share_of(answers.other_stamp, received))
     yield figure_row("calls_doubled", part=kind, n=received, value=share_of(answers.doubled, received))
     if node.process is not None:
-        yield expected_row(f"{MEMORY} {kind}", 1, 1)  # of its processes over the whole run
+        yield expected_row(RowPart(MEMORY, kind), 1, 1)  # of its processes over the whole run

@@ -17,6 +17,9 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import NamedTuple
 
+from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.row_part import Place, RowPart
+
 
 class Subject(StrEnum):
     """What a figure is about."""
@@ -134,10 +137,8 @@ KINDS: dict[str, FigureKind] = {kind.name: kind for kind in CATALOGUE}
 """The catalogue by the names of its figures, which are unique."""
 ANY = "*"  #: In a look-up: whatever the rows have there.
 DRIVE, MAP, LIVE, SUITE, CALLS, MEMORY = "drive", "map", "live", "suite", "calls", "memory"
-"""Parts of the rows `judged`; those of calls and of their memory are followed by the kind of call."""
-TARGET = "target"  #: First word of the part of a row of calls that were measured on a target.
-STATED = "stated"  #: First word of the part of a row of what an external node states of its own calls.
-CLAUSES_OF_MEMORY = {"localisation": "4.2.2", "mapping_call": "4.3.2"}  #: By the kind of call.
+"""What a row `judged` is about (`RowPart.what`): the last two are followed by the kind of call."""
+CLAUSES_OF_MEMORY = {CallKind.LOCALISATION: "4.2.2", CallKind.MAPPING_CALL: "4.3.2"}  #: By the kind of call.
 DIRECTIONS = ("x", "y", "z", "along", "cross", "vertical")  #: Parts of the position errors along one direction.
 DEFINED = {Subject.TRAJECTORY: OF_ERRORS, Subject.MAP: ()}
 """Statistics that the specification defines of a figure. Of the error of a point it defines none, of calls it leaves
@@ -151,13 +152,14 @@ def clause_of(figure: str, part: str | None) -> str:
     call, times on another host, errors along one direction, and what an external node states of its own calls are not
     in the specification.
     """
-    if figure not in KINDS or part in DIRECTIONS or (part or "").partition(" ")[0] == STATED:
+    place, call = RowPart.of(part).place, RowPart.of(part).call
+    if figure not in KINDS or part in DIRECTIONS or place is Place.STATED:
         return ""
     kind = KINDS[figure]
     if kind.subject is Subject.TIMING:
-        return kind.clause if part == TARGET else ""
+        return kind.clause if part == Place.TARGET else ""
     if kind.subject is Subject.MEMORY:
-        return CLAUSES_OF_MEMORY.get((part or "").removeprefix(f"{TARGET} "), "")
+        return "" if call is None else CLAUSES_OF_MEMORY.get(call, "")
     return kind.clause
 
 

@@ -20,6 +20,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, LIVE, MAP
 from sfr_loc_map.metrics.config import AssociationMode, CallKind, Condition, ConditionKind
+from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.score import Association, Figure, figure_row
 
 MISSING_SHARE = 0.01  #: An estimate that misses more is reported as incomplete where no limit judges it.
@@ -87,7 +88,7 @@ def completeness(
         "unmatched": (unmatched, len(stamps)),
         "doubled": (doubled, given),
     }
-    figures = [expected_row(DRIVE, int(np.count_nonzero(has_estimate & has_truth)), expected)]
+    figures = [expected_row(RowPart(DRIVE), int(np.count_nonzero(has_estimate & has_truth)), expected)]
     for name, (count, total) in counts.items():
         figures += share_rows(name, count, total)
     longest = sizes_of(gaps, stamps, true_ns, travelled_m, images)
@@ -109,9 +110,11 @@ def settled(stamps_ns: IntArray, results_ns: IntArray, in_flight_ns: int) -> Int
     return np.asarray(stamps_ns[stamps_ns <= due_ns])
 
 
-def expected_row(part: str, judged: int, expected: int | None) -> Figure:
+def expected_row(part: RowPart, judged: int, expected: int | None) -> Figure:
     """Return the row of what was expected of a part, and the fraction of it that is judged; null if unknown."""
-    return figure_row("judged", part=part, n=expected, value=None if expected is None else share_of(judged, expected))
+    return figure_row(
+        "judged", part=part.text, n=expected, value=None if expected is None else share_of(judged, expected)
+    )
 
 
 def share_rows(name: str, count: int, total: int) -> Iterator[Figure]:
@@ -278,7 +281,7 @@ def map_completeness(
     are the points at a pixel of a pair that an earlier point has.
     """
     mapped = len(np.unique(point_pairs))
-    yield expected_row(MAP, mapped, expected_pairs)
+    yield expected_row(RowPart(MAP), mapped, expected_pairs)
     yield from share_rows("pairs_without_cloud", max(expected_pairs - mapped, 0), expected_pairs)
     yield from share_rows("points_without_truth", without_truth, points)
     yield from share_rows("points_not_finite", not_finite, points + not_finite)
@@ -288,18 +291,22 @@ def map_completeness(
 
 
 def calls_completeness(
-    kind: CallKind, stamps_ns: IntArray, expected_ns: IntArray | None, values: Mapping[str, FloatArray], place: str = ""
+    kind: CallKind,
+    stamps_ns: IntArray,
+    expected_ns: IntArray | None,
+    values: Mapping[str, FloatArray],
+    place: Place = Place.HOST,
 ) -> Iterator[Figure]:
     """Yield the rows of the calls `(N,)` of one kind against the pairs that were expected.
 
-    `values` are what was measured in each call, by `calls` (time) and `memory`, NaN where not measured. `place` stands
-    before the part of each row. A set of pairs is mapped by one call at the stamp of its last pair, so that at least
+    `values` are what was measured in each call, by `calls` (time) and `memory`, NaN where not measured. `place` is
+    where. A set of pairs is mapped by one call at the stamp of its last pair, so that at least
     one such call is expected, at a stamp of the source.
     """
     for name, measured in values.items():
         given = stamps_ns[np.isfinite(measured)]
         if expected_ns is None or not len(expected_ns):
-            yield expected_row(f"{place}{name} {kind}", 0, None)
+            yield expected_row(RowPart(name, kind, place), 0, None)
             continue
         expected, near_ns = np.unique(expected_ns), nearness_ns(np.unique(expected_ns))
         unique, counts = np.unique(given, return_counts=True)
@@ -307,9 +314,9 @@ def calls_completeness(
         judged, many = int(np.count_nonzero(has_near(expected, unique, near_ns))), len(expected)
         if kind not in (CallKind.LOCALISATION, CallKind.MAPPING):
             judged, many = min(judged, 1), 1
-        yield expected_row(f"{place}{name} {kind}", judged, many)
+        yield expected_row(RowPart(name, kind, place), judged, many)
         if name == CALLS:
-            part, total = f"{place}{kind}", len(given)
+            part, total = RowPart("", kind, place).text, len(given)
             other, doubled = int(counts[~is_of_drive].sum()), int((counts - 1).sum())
             yield figure_row("calls_missing", part=part, n=many, value=share_of(many - judged, many))
             yield figure_row("calls_other", part=part, n=total, value=share_of(other, total))
@@ -318,6 +325,6 @@ def calls_completeness(
 
 def live_completeness(received: int, dropped: int, restarts: int) -> Iterator[Figure]:
     """Yield the rows of a live run: messages that were received and dropped, and restarts of the score."""
-    yield expected_row(LIVE, received, received + dropped)
+    yield expected_row(RowPart(LIVE), received, received + dropped)
     yield from share_rows("dropped", dropped, received + dropped)
     yield figure_row("restarts", value=restarts)

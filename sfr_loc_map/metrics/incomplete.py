@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
-from sfr_loc_map.metrics.catalogue import CALLS, KINDS, MAP, MEMORY, TARGET, Subject
+from sfr_loc_map.metrics.catalogue import CALLS, KINDS, MAP, MEMORY, Subject
 from sfr_loc_map.metrics.completeness import covered_text
 from sfr_loc_map.metrics.config import CallKind, VerdictState
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, LimitPart, margin_of
+from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.rules import limits_of, parts_of
 from sfr_loc_map.metrics.score import Figure, Score, Verdict
 from sfr_loc_map.metrics.shortfalls import SHORTFALLS
@@ -21,13 +22,13 @@ NO_STATE = "which poses are {figure} is unknown: give the calls of the run (--st
 OF_STATES = ("lost", "degraded")  #: Figures that need the state of each pose.
 NEVER_PARTIAL = ("calls_other", "calls_doubled", "doubled", "poses_of_truth")
 """Figures that are no matter of a part: what is given is of something else, or twice."""
-STATES = "states"  #: Part of what is unknown of the states of poses.
+STATES = RowPart("states")  #: Part of what is unknown of the states of poses.
 
 
 class Shortfall(NamedTuple):
     """What of a part cannot be judged, though it was expected."""
 
-    part: str  #: `drive`, `map`, `calls localisation`, ...
+    part: RowPart  #: That of the row `judged`: `drive`, `map`, `calls localisation`, ...
     figure: str  #: Figure that is beyond its largest fraction; `judged` where what was expected is unknown.
     most: float  #: That fraction.
     value: float | None
@@ -45,7 +46,7 @@ class Shortfall(NamedTuple):
             name=name,
             row=self.row,
             subject=Subject.COMPLETENESS,
-            part=self.part if is_lower_bound else None,
+            part=self.part.text if is_lower_bound else None,
             figure=self.figure,
             statistic="value",
             limit=self.most,
@@ -74,22 +75,20 @@ def shortfalls(score: Score) -> list[Shortfall]:
     return found
 
 
-def _shortfalls_of(score: Score, part: str, allowed: Collection[str]) -> Iterator[Shortfall]:
+def _shortfalls_of(score: Score, part: RowPart, allowed: Collection[str]) -> Iterator[Shortfall]:
     row = score.figure("judged", subject=Subject.COMPLETENESS, part=part)
     is_partial = score.rules is not None and score.rules.partial
     if row is None or row.value is None:
         if not is_partial:
             yield Shortfall(part, "judged", 1.0, None, why_unknown(part, row), score.place_of(row))
         return
-    words = part.split()
-    if MEMORY in words:
+    if part.what == MEMORY:
         if row.value < 1.0 and not is_partial and "calls_missing" not in allowed:
-            text = f"the memory of {100.0 * (1.0 - row.value):.4g} % of the {words[-1]} calls was not measured"
+            text = f"the memory of {100.0 * (1.0 - row.value):.4g} % of the {part.call} calls was not measured"
             yield Shortfall(part, "judged", 1.0, row.value, text, score.place_of(row))
         return
-    of_calls = CALLS in words
-    kind = part.replace(f"{CALLS} ", "") if of_calls else None
-    for figure, _, most, text in (each for each in SHORTFALLS if each.part == (CALLS if of_calls else part)):
+    kind = part.of_calls.text if part.what == CALLS else None
+    for figure, _, most, text in (each for each in SHORTFALLS if each.part == part.what):
         asked = is_partial and figure not in NEVER_PARTIAL
         found = score.figure(figure, subject=Subject.COMPLETENESS, part=kind)
         value = None if found is None else found.value
@@ -100,16 +99,14 @@ def _shortfalls_of(score: Score, part: str, allowed: Collection[str]) -> Iterato
         yield Shortfall(part, figure, most, value, said, score.place_of(found))
 
 
-def why_unknown(part: str, row: Figure | None) -> str:
+def why_unknown(part: RowPart, row: Figure | None) -> str:
     """Return why it is unknown what of a part is judged."""
-    words = part.split()
-    kind = " ".join(word for word in words if word not in (CALLS, MEMORY))
-    if row is None and kind != part:
-        return NO_CALL.format(part=kind)
-    if row is not None and TARGET in words:
-        return NO_STAMP.format(part=kind)
+    if row is None and part.call is not None:
+        return NO_CALL.format(part=part.of_calls.text)
+    if row is not None and part.place is Place.TARGET:
+        return NO_STAMP.format(part=part.of_calls.text)
     text = NOT_DUE if row is not None and row.n == 0 else UNKNOWN
-    return text.format(part=part)
+    return text.format(part=part.text)
 
 
 def missing_text(score: Score) -> str:

@@ -19,6 +19,7 @@ from sfr_loc_map.metrics.incomplete import shortfalls, why_incomplete
 from sfr_loc_map.metrics.limited import LimitedFigure, figure_of, truth_error_of
 from sfr_loc_map.metrics.limits import Limit, LimitPart, Limits, Rules, margin_of, meets
 from sfr_loc_map.metrics.proof import Proof, bound_row, prove, sample_of
+from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.rules import limits_of, part_of, task_of, tasks_of
 from sfr_loc_map.metrics.score import Figure, Score, Verdict
 from sfr_loc_map.metrics.terms import BOUND
@@ -54,10 +55,11 @@ def judged_at_the_end(score: Score, missing: str) -> Score:
     if allows or score.incomplete is not None or not missing:
         return score
     limits = () if rules is None else rules.limits
-    judged_parts = [None] * (len(score.verdicts) - len(limits)) + [part_of(limit) for limit in limits]
+    needed: list[RowPart | None] = [None for _ in range(len(score.verdicts) - len(limits))]
+    needed += [part_of(limit) for limit in limits]
     found = []
-    for item, part in zip(score.verdicts, judged_parts, strict=True):
-        found.append(of_incomplete(item) if part == DRIVE else item)
+    for item, part in zip(score.verdicts, needed, strict=True):
+        found.append(of_incomplete(item) if part == RowPart(DRIVE) else item)
     score = struct_replace(score, incomplete=missing, verdicts=tuple(found))
     return struct_replace(score, verdict=overall_verdict(score))
 
@@ -92,7 +94,7 @@ def verdicts(score: Score, proofs: Mapping[Limit, Proof]) -> tuple[Verdict, ...]
     found += [item.verdict for item in short]
     parts = {item.part for item in short}
     if score.incomplete is not None and not short:
-        parts.add(DRIVE)
+        parts.add(RowPart(DRIVE))
     for limit in limits.limits:
         if (proof := proofs.get(limit)) is not None:
             place = len(score.figures) - len(proofs) + list(proofs).index(limit)
@@ -102,7 +104,7 @@ def verdicts(score: Score, proofs: Mapping[Limit, Proof]) -> tuple[Verdict, ...]
             verdict = struct_replace(verdict, by_reading=_by_reading(limit, score, limits))
         if score.contradiction is not None:
             verdict = struct_replace(verdict, state=VerdictState.NOT_JUDGED, by_reading={})
-        elif LIVE in parts or part_of(limit) in parts:
+        elif RowPart(LIVE) in parts or part_of(limit) in parts:
             verdict = of_incomplete(verdict)
         found.append(verdict)
     return tuple(found)

@@ -11,7 +11,8 @@ from sfr_loc_map.metrics.catalogue import ANY
 from sfr_loc_map.metrics.config import Rebase
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.intervals import Interval, normal_quantile
-from sfr_loc_map.metrics.limits import WORST, Limit, LimitPart
+from sfr_loc_map.metrics.limits import Limit, LimitPart
+from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Figure, Score
 from sfr_loc_map.metrics.truth_error import ATTITUDE, TURN
 
@@ -34,18 +35,10 @@ class LimitedFigure(NamedTuple):
     truth_error: float = 0.0  #: What the error of the truth may change the number by.
 
 
-def figure_of(limit: Limit, score: Score, part: str | None = ANY) -> LimitedFigure:
-    """Return the number that a limit is on, by the reading that is judged or, of a trajectory, by another part."""
+def figure_of(limit: Limit, score: Score, reading: Rebase | None = None) -> LimitedFigure:
+    """Return the number that a limit is on, by the reading that is judged or, of a trajectory, by another reading."""
     limited = limit.limited
-    place = limited.part if part == ANY else part
-    condition = ANY if limit.condition is None else limit.condition
-    if place == WORST:
-        rows = score.rows(limited.figure, subject=limited.subject)
-        row = max(rows, key=lambda item: math.inf if item.value is None else item.value, default=None)
-    elif place == ANY:
-        row = score.judged_row(limited.figure, subject=limited.subject, condition=condition)
-    else:
-        row = score.figure(limited.figure, subject=limited.subject, condition=condition, part=place)
+    row = limited_row(limit, score, limited.part if reading is None else RowPart(reading))
     if row is None:
         return LimitedFigure()
     is_counted = limited.statistic in STATISTICS and not limit.is_on_one_call
@@ -60,6 +53,18 @@ def figure_of(limit: Limit, score: Score, part: str | None = ANY) -> LimitedFigu
         independent=row.independent,
         truth_error=truth_error_of(limit, score, row.part),
     )
+
+
+def limited_row(limit: Limit, score: Score, part: RowPart | None) -> Figure | None:
+    """Return the row that a limit is on, None without one; without a part, the row that is judged."""
+    limited = limit.limited
+    if limited.is_of_worst_call:
+        rows = score.rows(limited.figure, subject=limited.subject)
+        return max(rows, key=lambda item: math.inf if item.value is None else item.value, default=None)
+    condition = ANY if limit.condition is None else limit.condition
+    if part is None:
+        return score.judged_row(limited.figure, subject=limited.subject, condition=condition)
+    return score.figure(limited.figure, subject=limited.subject, condition=condition, part=part)
 
 
 def truth_error_of(limit: Limit, score: Score, reading: str | None = None) -> float:

@@ -13,10 +13,11 @@ from typing import Any, NamedTuple
 
 from sfr_loc_map.config import load_yaml, suggestion
 from sfr_loc_map.errors import ConfigError, MetricsError
-from sfr_loc_map.metrics.catalogue import ALIGNED, ANY, CALLS, CATALOGUE, KINDS, MAP, TARGET, FigureKind, Subject
+from sfr_loc_map.metrics.catalogue import ALIGNED, CALLS, CATALOGUE, KINDS, MAP, FigureKind, Subject
 from sfr_loc_map.metrics.config import CallKind, Condition
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.record import Record
+from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.shortfalls import SHORTFALLS
 from sfr_loc_map.metrics.terms import BOUND, Interpretation, Terms, terms_of
 from sfr_loc_map.metrics.tolerance import CONFIDENCE
@@ -39,11 +40,19 @@ class Limited(NamedTuple):
     subject: Subject
     figure: str
     statistic: str
-    part: str | None = ANY  #: Any: the row that is judged (`Score.judged_row`).
+    part: RowPart | None = None  #: Part of the row; None: the row that is judged (`Score.figure`).
+    is_of_worst_call: bool = False  #: Whether the row is that of the kind of call with the largest number.
 
     def of_target(self) -> Limited:
         """Return the same number of the calls that were measured on a target."""
-        return self._replace(part=TARGET if self.part in (ANY, None) else f"{TARGET} {self.part}")
+        return self._replace(part=(self.part or RowPart()).at(Place.TARGET))
+
+    @property
+    def call(self) -> CallKind | None:
+        """Kind of call whose time or memory is limited, None for other figures."""
+        if self.subject is Subject.TIMING:
+            return CallKind(self.figure)
+        return None if self.part is None else self.part.call
 
 
 NOTHING = Limited(Subject.TRAJECTORY, "", "")
@@ -51,15 +60,12 @@ MISSING = "missing_max_share"  #: Limit on how much of a drive may be missing.
 COVERAGE_MIN = "coverage_min"  #: The one limit that is a lower bound.
 MINIMUM_COUNT = 2  #: Fewer values give no verdict, unless the limits file says so.
 MINIMUM_INDEPENDENT = 5.0  #: Fewer independent sub-trajectories give no verdict, unless the limits file says so.
-WORST = "worst"  #: Part of a limit on calls: that of the kind of call with the largest number.
 
 
-def names_of(
-    kinds: Iterable[FigureKind], statistics: Sequence[str] = STATISTICS, part: str | None = ANY
-) -> dict[str, Limited]:
+def names_of(kinds: Iterable[FigureKind], statistics: Sequence[str] = STATISTICS) -> dict[str, Limited]:
     """Return the names of limits on some figures, which end in the unit: `position_mean_plus_3sigma_m`."""
     return {
-        f"{kind.name}_{statistic}_{kind.unit}": Limited(kind.subject, kind.name, statistic, part)
+        f"{kind.name}_{statistic}_{kind.unit}": Limited(kind.subject, kind.name, statistic)
         for kind in kinds
         for statistic in statistics
     }
@@ -69,7 +75,7 @@ OF_CLOUD = [kind for kind in CATALOGUE if kind.subject is Subject.MAP and not ki
 PLACES: dict[LimitPart, dict[str, Limited]] = {
     LimitPart.COMPLETENESS: {
         f"{kind.figure}_max_share": Limited(
-            Subject.COMPLETENESS, kind.figure, "value", WORST if kind.part == CALLS else None
+            Subject.COMPLETENESS, kind.figure, "value", is_of_worst_call=kind.part == CALLS
         )
         for kind in SHORTFALLS
         if not KINDS[kind.figure].is_count
@@ -79,20 +85,20 @@ PLACES: dict[LimitPart, dict[str, Limited]] = {
         (*STATISTICS, BOUND),
     ),
     LimitPart.MAP: {
-        **names_of([kind for kind in OF_CLOUD if not kind.is_one_number], part=None),
+        **names_of([kind for kind in OF_CLOUD if not kind.is_one_number]),
         **{
-            f"{kind.name}_{kind.unit}": Limited(kind.subject, kind.name, "value", None)
+            f"{kind.name}_{kind.unit}": Limited(kind.subject, kind.name, "value")
             for kind in OF_CLOUD
             if kind.is_one_number and kind.unit != "1"
         },
-        COVERAGE_MIN: Limited(Subject.MAP, "coverage", "value", None),
+        COVERAGE_MIN: Limited(Subject.MAP, "coverage", "value"),
     },
     LimitPart.TIMING: {
-        "mapping_call_s": Limited(Subject.TIMING, CallKind.MAPPING_CALL.value, "max", None),
-        **names_of([KINDS[kind] for kind in CallKind], part=None),
+        "mapping_call_s": Limited(Subject.TIMING, CallKind.MAPPING_CALL.value, "max"),
+        **names_of([KINDS[kind] for kind in CallKind]),
     },
     LimitPart.MEMORY: {
-        f"{call}_{kind.name}_bytes": Limited(Subject.MEMORY, kind.name, "value", call.value)
+        f"{call}_{kind.name}_bytes": Limited(Subject.MEMORY, kind.name, "value", RowPart(call=call))
         for call in (CallKind.LOCALISATION, CallKind.MAPPING, CallKind.MAPPING_CALL)
         for kind in CATALOGUE
         if kind.subject is Subject.MEMORY
@@ -102,9 +108,12 @@ PLACES[LimitPart.TARGET] = {
     name: limited.of_target() for name, limited in (PLACES[LimitPart.TIMING] | PLACES[LimitPart.MEMORY]).items()
 }
 """The number that each name of a limits file limits, by the parts of the file; names follow from the catalogue."""
+ON_TARGET = f"{Place.TARGET} "  #: What the name of a limit on the target begins with in a verdict.
 PART_OF_MEMORY = {
-    **{name: limited.part for name, limited in PLACES[LimitPart.MEMORY].items()},
-    **{f"{TARGET} {name}": limited.of_target().part for name, limited in PLACES[LimitPart.MEMORY].items()},
+    prefix + name: limited.part or RowPart()
+    for prefix, part in (("", LimitPart.MEMORY), (ON_TARGET, LimitPart.TARGET))
+    for name, limited in PLACES[part].items()
+    if limited.subject is Subject.MEMORY
 }
 """Part of the row that a limit on memory is on, by the name of the limit in a verdict."""
 REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: What a requirement says of itself.
@@ -169,7 +178,7 @@ class Limit(Record, frozen=True, kw_only=True):
     @property
     def shown_name(self) -> str:
         """The name of the limit in a verdict: after `target ` for one of the target."""
-        return f"{TARGET} {self.name}" if self.part is LimitPart.TARGET else self.name
+        return ON_TARGET + self.name if self.part is LimitPart.TARGET else self.name
 
 
 class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
@@ -221,6 +230,11 @@ class Rules(Limits, frozen=True, kw_only=True, omit_defaults=False):
 def is_lower_bound(limit_name: str) -> bool:
     """Tell whether a limit is a lower bound: its name ends in `_min` (`coverage_min`)."""
     return limit_name.endswith("_min")
+
+
+def is_on_target(shown_name: str) -> bool:
+    """Tell whether a limit is on calls that were measured on a target, by its name in a verdict."""
+    return shown_name.startswith(ON_TARGET)
 
 
 def margin_of(name: str, limit: float, value: float) -> float:

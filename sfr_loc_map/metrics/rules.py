@@ -10,6 +10,7 @@ from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, LIVE, MAP, MEMORY, Subje
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.limited import figure_of
 from sfr_loc_map.metrics.limits import OF_MAP, Limit, LimitPart, Limits, Rules
+from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.score import Score
 
 
@@ -21,9 +22,8 @@ def limits_of(score: Score) -> Rules | None:
 def task_of(limit: Limit) -> str:
     """Return whether a limit is about a drive or a map."""
     limited = limit.limited
-    names = (limited.figure, limited.part or "") if limited.subject is Subject.MEMORY else (limited.figure,)
-    if limited.subject in (Subject.TIMING, Subject.MEMORY):
-        return DRIVE if any(CallKind.LOCALISATION in name for name in names) else MAP
+    if limited.call is not None:
+        return DRIVE if limited.call is CallKind.LOCALISATION else MAP
     return MAP if limited.subject is Subject.MAP or limited.figure in OF_MAP else DRIVE
 
 
@@ -42,26 +42,24 @@ def limits_about(limits: Limits | None, parts: Collection[str]) -> Limits | None
     return struct_replace(limits, limits=chosen) if limits is not None and chosen else None
 
 
-def part_of(limit: Limit) -> str | None:
+def part_of(limit: Limit) -> RowPart | None:
     """Return the part whose completeness a limit needs; None for limits on completeness itself."""
     if limit.part is LimitPart.TRAJECTORY:
-        return DRIVE
+        return RowPart(DRIVE)
     if limit.part is LimitPart.MAP:
-        return MAP
+        return RowPart(MAP)
     if limit.part is LimitPart.COMPLETENESS:
         return None
     limited = limit.limited
-    place = "target " if limit.part is LimitPart.TARGET else ""
-    if limited.subject is Subject.TIMING:
-        return f"{place}{CALLS} {limited.figure}"
-    return f"{place}{MEMORY} {(limited.part or '').removeprefix('target ')}"
+    measured = CALLS if limited.subject is Subject.TIMING else MEMORY
+    place = Place.TARGET if limit.part is LimitPart.TARGET else Place.HOST
+    return RowPart(measured, limited.call, place)
 
 
-def parts_of(limits: Limits, score: Score) -> list[str]:
+def parts_of(limits: Limits, score: Score) -> list[RowPart]:
     """Return the parts of a score that limits judge, as the rows `judged` name them."""
-    found = [DRIVE] if score.has(Subject.TRAJECTORY) or score.figure("judged", part=DRIVE) else []
-    found += [MAP] if score.has(Subject.MAP) or score.figure("judged", part=MAP) else []
-    found += [LIVE] if score.figure("judged", part=LIVE) else []
+    found = [RowPart(task) for task in tasks_of(score)]
+    found += [RowPart(LIVE)] if score.figure("judged", part=LIVE) else []
     for limit in limits.limits:
         part = part_of(limit)
         if part is None or part in found:
@@ -71,9 +69,9 @@ def parts_of(limits: Limits, score: Score) -> list[str]:
     return found
 
 
-def lacks_calls(limit: Limit, part: str, score: Score) -> bool:
+def lacks_calls(limit: Limit, part: RowPart, score: Score) -> bool:
     """Tell whether a limit is on time or memory of calls that a drive or a map must have and of which none is known."""
     is_on_calls = limit.part in (LimitPart.TIMING, LimitPart.MEMORY, LimitPart.TARGET)
     if not is_on_calls or task_of(limit) not in tasks_of(score):
         return False
-    return score.figure("judged", part=part.replace(MEMORY, CALLS)) is None
+    return score.figure("judged", part=part._replace(what=CALLS)) is None

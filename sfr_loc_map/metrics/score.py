@@ -22,11 +22,12 @@ from numpy.typing import NDArray
 from sfr_loc_map.display import data_frame
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.catalogue import ANY, KINDS, Subject, clause_of
-from sfr_loc_map.metrics.config import AssociationMode, CloudKind, Condition, Rebase, VerdictState
+from sfr_loc_map.metrics.config import AssociationMode, CallKind, CloudKind, Condition, Rebase, VerdictState
 from sfr_loc_map.metrics.formulas import STATISTICS, Statistics
 from sfr_loc_map.metrics.intervals import Interval
-from sfr_loc_map.metrics.limits import Rules, is_lower_bound
+from sfr_loc_map.metrics.limits import Rules, is_lower_bound, is_on_target
 from sfr_loc_map.metrics.record import Record
+from sfr_loc_map.metrics.row_part import Place, RowPart
 
 if TYPE_CHECKING:
     import pandas
@@ -78,8 +79,19 @@ class Figure(Numbers, frozen=True):
     clause: str = ""  #: Clause of the specification that defines the figure; empty if the specification does not.
     condition: str | None = None  #: Condition that ends the sub-trajectories [4.1.1], as on the command line.
     #: Which part of the figure: the reading of the document (`pose`, `displacement`, `position`), an axis or direction
-    #: (`x`, `along`), a range (`0-4 m`), a pair (`pair 0`), a kind or stage of calls, a distance (`5 m`).
+    #: (`x`, `along`), a range (`0-4 m`), a pair (`pair 0`), a kind or stage of calls, a distance (`5 m`). What was not
+    #: measured on the host begins with `target` or `stated`.
     part: str | None = None
+
+    @property
+    def place(self) -> Place:
+        """Where the calls of the row were measured."""
+        return RowPart.of(self.part).place
+
+    @property
+    def call(self) -> CallKind | None:
+        """Kind of call that the row is about, None where the row is not about calls."""
+        return CallKind(self.figure) if self.figure in [*CallKind] else RowPart.of(self.part).call
 
     @property
     def interval(self) -> Interval | None:
@@ -150,9 +162,11 @@ def find_rows(
     *,
     subject: str = ANY,
     condition: str | Condition | None = ANY,
-    part: str | None = ANY,
+    part: str | RowPart | None = ANY,
 ) -> Iterator[Figure]:
     """Yield the rows that have these values, in their order."""
+    if isinstance(part, RowPart):
+        part = part.text
     if isinstance(condition, Condition):
         condition = condition.setting
     elif condition is not None and condition != ANY:
@@ -224,6 +238,11 @@ class Verdict(Record, frozen=True, kw_only=True):
     def is_lower_bound(self) -> bool:
         """Whether the figure must not be below the limit, as the name of the limit says."""
         return is_lower_bound(self.name)
+
+    @property
+    def is_of_target(self) -> bool:
+        """Whether the limit is on calls that were measured on a target."""
+        return is_on_target(self.name)
 
     @property
     def is_within_truth_error(self) -> bool:
@@ -647,13 +666,23 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     # ---- look-up
 
     def rows(
-        self, figure: str = ANY, *, subject: str = ANY, condition: str | Condition | None = ANY, part: str | None = ANY
+        self,
+        figure: str = ANY,
+        *,
+        subject: str = ANY,
+        condition: str | Condition | None = ANY,
+        part: str | RowPart | None = ANY,
     ) -> list[Figure]:
         """Return the rows of the table of figures that have these values, in their order."""
         return list(find_rows(self.figures, figure, subject=subject, condition=condition, part=part))
 
     def figure(
-        self, figure: str, *, subject: str = ANY, condition: str | Condition | None = ANY, part: str | None = ANY
+        self,
+        figure: str,
+        *,
+        subject: str = ANY,
+        condition: str | Condition | None = ANY,
+        part: str | RowPart | None = ANY,
     ) -> Figure | None:
         """Return the row of a figure, None without one; unless a part is given, the row that is judged.
 
@@ -685,7 +714,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         *,
         subject: str = ANY,
         condition: str | Condition | None = ANY,
-        part: str | None = ANY,
+        part: str | RowPart | None = ANY,
     ) -> float | None:
         """Return one number of a figure, None where it is undefined or there is no such row."""
         row = self.figure(figure, subject=subject, condition=condition, part=part)

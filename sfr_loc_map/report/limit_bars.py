@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from sfr_loc_map.metrics.config import VerdictState, label_of
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.report.verdict_view import VerdictView, is_of_target, share_of_limit, verdict_views
+from sfr_loc_map.report.verdict_view import VerdictView, share_of_limit, verdict_views
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ def _bar(place: int, view: VerdictView) -> LimitBar:
         figure=item.figure,
         statistic=item.statistic,
         condition=item.condition,
-        is_of_target=is_of_target(item),
+        is_of_target=item.is_of_target,
         name=view.name,
         over=label_of(item.condition),
         state=item.state.value,

@@ -12,9 +12,10 @@ from typing import NamedTuple
 import msgspec
 
 from sfr_loc_map.metrics.calls import AFTER_FIRST, FIRST
-from sfr_loc_map.metrics.catalogue import ALIGNED, KINDS, TARGET, Subject, statistic_title, title_of
+from sfr_loc_map.metrics.catalogue import ALIGNED, KINDS, Subject, statistic_title, title_of
 from sfr_loc_map.metrics.config import CallKind, Rebase, label_of
 from sfr_loc_map.metrics.formulas import STATISTICS
+from sfr_loc_map.metrics.row_part import Place
 from sfr_loc_map.metrics.score import NUMBERS, Figure, Score, Verdict
 from sfr_loc_map.report.tables import (
     ABSENT,
@@ -29,7 +30,7 @@ from sfr_loc_map.report.tables import (
     number,
     to_markdown,
 )
-from sfr_loc_map.report.verdict_view import is_of_target, name_of, verdict_views
+from sfr_loc_map.report.verdict_view import name_of, verdict_views
 
 SUMMARY = (
     *("headline", "aligned", "map", "time", "memory", "target-time", "target-memory", "external", "method"),
@@ -111,7 +112,7 @@ def is_headline(score: Score, row: Figure) -> bool:
     if row.figure not in KINDS or not KINDS[row.figure].shown:
         return False
     if row.subject is Subject.MEMORY:  # a peak is that of a kind of call, which is its part
-        return row.value is not None and not _of_target(row)
+        return row.value is not None and row.place is not Place.TARGET
     return row is score.judged_row(row.figure, condition=row.condition)
 
 
@@ -121,10 +122,6 @@ def is_limited(score: Score, row: Figure) -> bool:
         score.row_of(item) is row and item.subject is not Subject.COMPLETENESS and item.value is not None
         for item in score.verdicts
     )
-
-
-def _of_target(row: Figure) -> bool:
-    return (row.part or "").partition(" ")[0] == TARGET
 
 
 class View(NamedTuple):
@@ -165,12 +162,12 @@ def is_time(score: Score, row: Figure) -> bool:
 def is_stage(score: Score, row: Figure) -> bool:
     """Tell whether a row has the times of a stage of calls on this host."""
     is_of_calls = row.subject is Subject.TIMING and row.figure in [*CallKind]
-    return is_of_calls and row.part not in CALL_PARTS and not _of_target(row)
+    return is_of_calls and row.part not in CALL_PARTS and row.place is not Place.TARGET
 
 
 def is_deadline(score: Score, row: Figure) -> bool:
     """Tell whether a row compares calls on this host with the period of the pairs."""
-    return row.subject is Subject.TIMING and row.figure not in [*CallKind] and not _of_target(row)
+    return row.subject is Subject.TIMING and row.figure not in [*CallKind] and row.place is not Place.TARGET
 
 
 def deadline_note(score: Score) -> str:
@@ -185,7 +182,7 @@ def is_by_direction(score: Score, row: Figure) -> bool:
 
 def is_memory(score: Score, row: Figure) -> bool:
     """Tell whether a row has the memory of calls on this host."""
-    return row.subject is Subject.MEMORY and not _of_target(row)
+    return row.subject is Subject.MEMORY and row.place is not Place.TARGET
 
 
 def memory_note(score: Score) -> str:
@@ -347,7 +344,7 @@ def limits_on(score: Score, figure: str, condition: str | None = None, part: str
         and item.condition == condition
         and item.statistic is not None
         and (part is None or item.part == part)
-        and not is_of_target(item)
+        and not item.is_of_target
     }
 
 
@@ -550,7 +547,7 @@ def about(subject: Subject) -> Callable[[Score, Figure], bool]:
 
 def on_target(subject: Subject) -> Callable[[Score, Figure], bool]:
     """Return the test whether a row is about a subject, as measured on the target."""
-    return lambda score, row: row.subject is subject and _of_target(row)
+    return lambda score, row: row.subject is subject and row.place is Place.TARGET
 
 
 VIEWS = (

@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 
 from sfr_loc_map.inputs import NS_PER_S, printable
-from sfr_loc_map.metrics.catalogue import TARGET, Subject
+from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import CallKind, Rebase, VerdictState, label_of
 from sfr_loc_map.metrics.judge import Common, common_verdict
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
@@ -185,7 +185,7 @@ def _from_the_document(score: Score) -> Iterator[str]:
     if truth is not None and not truth.attitude:
         yield "The truth has positions alone: attitude and heading errors are unknown, and the estimate was fitted."
     for item in score.verdicts:
-        is_of_host = item.subject in (Subject.TIMING, Subject.MEMORY) and not item.name.startswith("target ")
+        is_of_host = item.subject in (Subject.TIMING, Subject.MEMORY) and not item.is_of_target
         if is_of_host:
             clauses = "4.2.1, 4.3.1" if item.subject is Subject.TIMING else "4.2.2, 4.3.2"
             yield f"{_name(item)} was measured on the host; the document requires the target [{clauses}]."
@@ -195,8 +195,7 @@ def _from_the_document(score: Score) -> Iterator[str]:
 
 def is_of_stage(item: Verdict) -> bool:
     """Tell whether a verdict is on the time or the memory of a stage; the kind of call of memory is the part."""
-    part = VerdictView.of(item).part or ""
-    return item.figure in STAGES or part.removeprefix(f"{TARGET} ") in STAGES
+    return item.figure in STAGES or VerdictView.of(item).part.call in STAGES
 
 
 def _allowed(score: Score) -> Iterator[str]:

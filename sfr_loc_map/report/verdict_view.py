@@ -10,11 +10,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from sfr_loc_map.inputs import printable
-from sfr_loc_map.metrics.catalogue import KINDS, TARGET, clause_of, defines, statistic_title, title_of
+from sfr_loc_map.metrics.catalogue import KINDS, clause_of, defines, statistic_title, title_of
 from sfr_loc_map.metrics.config import Rebase, VerdictState, label_of
-from sfr_loc_map.metrics.limits import PART_OF_MEMORY, WORST
+from sfr_loc_map.metrics.limits import PART_OF_MEMORY
 from sfr_loc_map.metrics.proof import words_of
 from sfr_loc_map.metrics.reasons import why_open
+from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Score, Verdict
 from sfr_loc_map.metrics.terms import BOUND
 from sfr_loc_map.report.tables import (
@@ -31,8 +32,7 @@ from sfr_loc_map.report.tables import (
 )
 
 MOST_SHOWN = 10.0  #: Largest fraction of a limit that is shown.
-WITHOUT_NAME = (None, WORST, *Rebase)
-"""Parts that the name of a limit does not have: the reading that is judged, all drives, the worst kind of call."""
+WITHOUT_NAME = (None, *Rebase)  #: Parts that the name of a limit does not have: the reading that is judged.
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,20 +102,20 @@ class VerdictView:
         return f"{self.value_text}, limit {self.limit_text}"
 
     @property
-    def part(self) -> str | None:
+    def part(self) -> RowPart:
         """Part of the row that is limited; the limit on a memory that was not measured names its part."""
-        return self.item.part or PART_OF_MEMORY.get(self.item.name)
+        return RowPart.of(self.item.part) if self.item.part else PART_OF_MEMORY.get(self.item.name, RowPart())
 
     @property
     def clause(self) -> str:
         """The clause of the specification that defines the figure; empty if none does."""
-        return "" if self.item.figure is None else clause_of(self.item.figure, self.part)
+        return "" if self.item.figure is None else clause_of(self.item.figure, self.part.text)
 
     @property
     def is_defined(self) -> bool:
         """Whether the specification defines what is limited: the statistic, and not the figure alone."""
         figure, statistic = self.item.figure, self.item.statistic
-        return figure is not None and defines(figure, self.part, statistic or "")
+        return figure is not None and defines(figure, self.part.text, statistic or "")
 
     @property
     def use(self) -> float | None:
@@ -179,11 +179,6 @@ def share_of_limit(item: Verdict, value: float) -> float:
     """Return how much of a limit a value uses; of a lower bound the limit over the value."""
     use, limit = (item.limit, abs(value)) if item.is_lower_bound else (abs(value), item.limit)
     return min(use / limit if limit else MOST_SHOWN if use else 0.0, MOST_SHOWN)
-
-
-def is_of_target(item: Verdict) -> bool:
-    """Tell whether a limit is on calls that were measured on a target."""
-    return (item.part or "").partition(" ")[0] == TARGET
 
 
 def _count(item: Verdict, key: str, score: Score | None) -> Cell:

@@ -23,7 +23,7 @@ from sfr_loc_map.metrics.calls import (
     score_target,
     with_external,
 )
-from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, MAP, MEMORY, TARGET, Subject
+from sfr_loc_map.metrics.catalogue import DRIVE, MAP, Subject
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest, typical_pixel_offset
 from sfr_loc_map.metrics.completeness import expected_row, live_completeness, settled, share_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, Condition, ScoreConfig, label_of
@@ -32,6 +32,7 @@ from sfr_loc_map.metrics.incomplete import why_incomplete
 from sfr_loc_map.metrics.judge import judged
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.pose_convention import PoseConvention
+from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.score import (
     Alignment,
     Association,
@@ -205,7 +206,7 @@ def _drive_part(
     drive = run.drive
     if drive is None and run.unposed_images:
         many = run.unposed_images
-        return _DrivePart(figures=(expected_row(DRIVE, 0, many), *share_rows("missing", many, many)))
+        return _DrivePart(figures=(expected_row(RowPart(DRIVE), 0, many), *share_rows("missing", many, many)))
     if drive is None:
         return _DrivePart()
     live = run.under_way
@@ -307,7 +308,7 @@ def _map_part(run: Run, config: ScoreConfig) -> _MapPart:
         return _MapPart(figures=made.figures, cloud=made.cloud, details=made.details if live.details else None)
     if run.cloud is None and run.unmapped_pairs:
         many = run.unmapped_pairs
-        return _MapPart(figures=(expected_row(MAP, 0, many), *share_rows("pairs_without_cloud", many, many)))
+        return _MapPart(figures=(expected_row(RowPart(MAP), 0, many), *share_rows("pairs_without_cloud", many, many)))
     if run.cloud is None:
         return _MapPart()
     loaded, truths = run.cloud.loaded, run.cloud.truths
@@ -352,15 +353,14 @@ def _calls_part(run: Run) -> _CallsPart:
     if live is not None and (live.dropped or live.restarts):
         figures += live_completeness(live.received, live.dropped, live.restarts)
     if (node := run.external) is not None:
-        kinds, places = KINDS_OF[Task(node.task)], ("", f"{CALLS} ", f"{MEMORY} ")
-        of_node = {f"{place}{kind}" for kind in kinds for place in places}
-        of_calls = [row for row in figures if row.subject is not Subject.COMPLETENESS or row.part not in of_node]
-        figures = [*of_calls, *completeness_of_answers(node)]
+        kinds = KINDS_OF[Task(node.task)]
+        others = [row for row in figures if row.subject is not Subject.COMPLETENESS or row.call not in kinds]
+        figures = [*others, *completeness_of_answers(node)]
     if run.target is None:
         return _CallsPart(figures=tuple(figures), records=records, plots=of_host.plots)
     of_target, target = _scored_target(run, run.target)
     expected = expected if run.target.has_stamps else {}  # calls without stamps are of no known pair
-    figures += [*of_target, *completeness_rows([run.target.calls], expected, f"{TARGET} ")]
+    figures += [*of_target, *completeness_rows([run.target.calls], expected, Place.TARGET)]
     warnings = tuple(_target_warnings(target))
     return _CallsPart(figures=tuple(figures), records=records, plots=of_host.plots, target=target, warnings=warnings)
 

@@ -4,6 +4,7 @@ from typing import Any
 
 from sfr_loc_map.metrics.completeness import expected_row
 from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Figure
 
 
@@ -27,4 +28,4 @@ def complete() -> tuple[Figure, ...]:
     """Rows that say that everything that was expected of a drive, a map and all calls is judged."""
     parts = ["drive", "map", *(f"{what} {kind}" for what in ("calls", "memory") for kind in CallKind)]
     parts += [f"target {part}" for part in parts[2:]]
-    return tuple(expected_row(part, 1, 1) for part in parts)
+    return tuple(expected_row(RowPart.of(part), 1, 1) for part in parts)

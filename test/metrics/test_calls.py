@@ -11,8 +11,6 @@ from sfr_loc_map.metrics.calls import (
     FIRST,
     HOST_CLOCK,
     METHOD_UNAVAILABLE,
-    STATED,
-    TARGET,
     CallMeter,
     Calls,
     completeness_of_answers,
@@ -115,10 +113,10 @@ def test_a_stage_is_over_the_calls_that_had_it() -> None:
 @pytest.mark.clause("4.2.1", "4.2.2")
 def test_calls_of_a_target_are_apart_from_those_of_the_host() -> None:
     figures, target = score_target(calls([""], [1.0]), "GR740")
-    assert [(row.part, row.clause) for row in figures] == [(TARGET, "4.2.1"), (f"{TARGET} {FIRST}", "")]
+    assert [(row.part, row.clause) for row in figures] == [("target", "4.2.1"), (f"target {FIRST}", "")]
     assert (target.name, target.memory_method) == ("GR740", None)
     measured, target = score_target(calls([""], [1.0], [7.0]), "GR740")
-    assert Score(figures=measured).number("peak", part=f"{TARGET} localisation") == 7.0
+    assert Score(figures=measured).number("peak", part="target localisation") == 7.0
     assert target.memory_method == "as measured on GR740"
 
 
@@ -172,7 +170,7 @@ def test_what_an_external_node_states_of_its_time_is_beside_what_was_measured() 
     node = ExternalScore(task="localisation", topic="t", frames="odom", answers=AnswerCounts(), latency_s=late)
     score = Score(figures=with_external(own, node).figures)
     assert score.number("localisation", "p95", part=None) == 0.4
-    assert score.number("localisation", "p95", part=STATED) == 0.001
+    assert score.number("localisation", "p95", part="stated") == 0.001
 
 
 def test_no_kind_of_mapping_call_that_an_external_node_states_is_one_that_was_measured() -> None:
@@ -184,7 +182,7 @@ def test_no_kind_of_mapping_call_that_an_external_node_states_is_one_that_was_me
     for kind in ("mapping", "fusion", "mapping_call"):
         assert score.judged_row(kind) is None
         assert score.figure("peak", part=kind) is None
-        assert score.number("peak", part=f"{STATED} {kind}") == 1e6
+        assert score.number("peak", part=f"stated {kind}") == 1e6
     assert not any(row.clause for row in score.figures)
     rows = Score(figures=tuple(completeness_of_answers(node)))
     found = [rows.number(name) for name in ("judged", "calls_missing", "calls_other", "calls_doubled")]

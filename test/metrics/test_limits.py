@@ -16,6 +16,7 @@ from sfr_loc_map.metrics.incomplete import Shortfall
 from sfr_loc_map.metrics.judge import judged, judged_at_the_end, overall_verdict
 from sfr_loc_map.metrics.limits import PLACES, LimitPart, Limits, Rules, parse_limits
 from sfr_loc_map.metrics.reasons import reasons_not_judged
+from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Association, Details, FindingKind, FindingRecord, Score, figure_row
 from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.metrics.stored import stored_contradiction
@@ -101,7 +102,7 @@ def test_each_name_of_a_limit_finds_its_number() -> None:
             row = figure_row(
                 limited.figure,
                 "distance=5" if part is LimitPart.TRAJECTORY else None,
-                "pose" if part is LimitPart.TRAJECTORY else limited.part,
+                "pose" if part is LimitPart.TRAJECTORY else limited.part and limited.part.text,
                 n=50,
                 **{statistic: 0.25},
             )
@@ -253,9 +254,9 @@ def test_a_score_of_a_live_run_that_is_over_is_shown_and_not_stored() -> None:
 
 
 def test_the_margin_of_what_is_missed_is_negative() -> None:
-    short = Shortfall("drive", "judged", 1.0, 0.8, "").verdict
+    short = Shortfall(RowPart("drive"), "judged", 1.0, 0.8, "").verdict
     assert (short.name, short.margin) == ("judged_share_min", pytest.approx(-0.2))
-    restarts = Shortfall("live", "restarts", 0.0, 3.0, "").verdict
+    restarts = Shortfall(RowPart("live"), "restarts", 0.0, 3.0, "").verdict
     assert (restarts.name, restarts.margin, unit_of(restarts).symbol) == ("restarts_max", -3.0, "")
 
 

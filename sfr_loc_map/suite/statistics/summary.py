@@ -32,6 +32,7 @@ from sfr_loc_map.metrics.judge import (
 from sfr_loc_map.metrics.limited import LimitedFigure, figure_of, truth_error_of
 from sfr_loc_map.metrics.limits import Limit, Limits, meets
 from sfr_loc_map.metrics.proof import SEQUENTIAL, prove, sample_of
+from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.rules import limits_about, task_of, tasks_of
 from sfr_loc_map.metrics.score import POOLED, Figure, Score, Verdict, figure_row
 from sfr_loc_map.metrics.score_json import to_plain
@@ -162,7 +163,7 @@ class Summary:
         """
         needed = self.tasks - self.waiting if self.is_decided else self.tasks
         planned = needed + len(self.refusals)
-        return expected_row(SUITE, len(self.drives), planned or None)
+        return expected_row(RowPart(SUITE), len(self.drives), planned or None)
 
     def to_dict(self) -> dict[str, object]:
         """Return it as JSON values; of each drive its key, names, verdicts, and the place of its score."""
