@@ -21,6 +21,7 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import panorama_of
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.disparity import matching_cost, surfaces, wrong_surface
 from sfr_loc_map.mapping.disparity.cell_field import cells_from_disparity, disparity_from_cells
 from sfr_loc_map.mapping.disparity.pixel_status import is_valid
 from sfr_loc_map.mapping.disparity.right_image_correction import correct_right_image
@@ -35,7 +36,6 @@ from sfr_loc_map.mapping.disparity.wrong_surface import (
     beside_jump,
     edge_features,
     network_input,
-    training_constants,
 )
 from sfr_loc_map.mapping.search_range import search_range
 
@@ -49,6 +49,17 @@ WRONG_PX = 1.0
 """Disparities that are off by more are those of the wrong surface."""
 MAX_COST = 30.0
 """A wrong pixel counts by its error in pixels, up to this: far ones spoil a map."""
+WINDOW_CONSTANTS = ("WINDOW_RADIUS", "MAX_DIFFERENCE", "MAX_COST", "GREY_SCALE", "DISTANCE_SCALE_PX")
+EDGE_CONSTANTS = (
+    "SMALL_JUMP_PX",
+    "SURFACE_RADIUS",
+    "OCCLUDER_COLUMNS",
+    "SAME_COLUMN_PX",
+    "MAX_LOG",
+    "MIN_TYPICAL_COST",
+    "MIN_RELATIVE_COST",
+    "WINDOW_MARGIN_SCALE",
+)
 Images = tuple[np.ndarray, np.ndarray]
 
 
@@ -140,6 +151,13 @@ def train(features: np.ndarray, error_px: np.ndarray, random: np.random.Generato
     return dict(zip(EdgeNetwork._fields, (low, high, hidden, weights[1] - hidden @ mean, *weights[2:]), strict=True))
 
 
+def feature_constants() -> dict[str, float]:
+    """Return the constants that the features are made with, by name, those of sigma and of slopes excepted."""
+    modules = {matching_cost: WINDOW_CONSTANTS, surfaces: ("SURFACE_JUMP_PX",), wrong_surface: EDGE_CONSTANTS}
+    found = {name: getattr(module, name) for module, names in modules.items() for name in names}
+    return {name: round(float(value), 4) for name, value in found.items()}
+
+
 def main(out: Path, sources: list[Path]) -> None:
     """Train on the sources and write the network."""
     random = np.random.default_rng(0)
@@ -147,7 +165,7 @@ def main(out: Path, sources: list[Path]) -> None:
     features, error_px = (np.concatenate(parts) for parts in zip(*found, strict=True))
     print(f"{len(error_px)} pixels, {100 * (error_px > WRONG_PX).mean():.1f} % of them on the wrong surface")
     weights = train(features, error_px, random)
-    lines = [f'"constants": {json.dumps(training_constants())}']
+    lines = [f'"constants": {json.dumps(feature_constants())}']
     lines += [f'"{name}": {json.dumps(np.round(value, 4).tolist())}' for name, value in weights.items()]
     out.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
 

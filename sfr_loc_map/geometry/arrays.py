@@ -1,4 +1,7 @@
-"""Array types of all packages: the name says what an array holds; its shape and unit are given where it is used."""
+"""Array types of all packages, and two reductions of arrays that are faster than numpy's.
+
+The name of a type says what an array holds. Its shape and unit are given where it is used.
+"""
 
 from __future__ import annotations
 

@@ -82,11 +82,9 @@ class StereoRig:
         """Return whether the cameras of both rigs are the same within `SAME_PX`: drivers round their calibration."""
         if (self.width, self.height) != (other.width, other.height):
             return False
-        mine, theirs = (
-            np.array((rig.fx, rig.fy, rig.cx, rig.cy, rig.width * rig.baseline_m / self.baseline_m))
-            for rig in (self, other)
-        )
-        return bool((np.abs(mine - theirs) < SAME_PX).all())
+        largest_disparity_change_px = self.width * (other.baseline_m / self.baseline_m - 1.0)
+        changes_px = (other.fx - self.fx, other.fy - self.fy, other.cx - self.cx, other.cy - self.cy)
+        return all(abs(change_px) < SAME_PX for change_px in (*changes_px, largest_disparity_change_px))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +113,10 @@ class StereoPair:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosedStereoPair:
-    """A stereo pair for mapping with its pose in the local map frame."""
+    """A stereo pair of a source for mapping, with its pose in the local map frame.
+
+    Methods are given the pair and the pose. The truth is for the score alone.
+    """
 
     pair: StereoPair
     T_lm_navsb: Transform

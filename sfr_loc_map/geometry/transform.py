@@ -26,7 +26,11 @@ IDENTITY = np.eye(3)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transform:
-    """Rigid motion `T_a_b`: takes points given in frame b to frame a."""
+    """Rigid motion `T_a_b`: takes points given in frame b to frame a.
+
+    `from_matrix` and `from_quat`, which take numbers from outside, check that the rotation is one. The constructor does
+    not, because products and inverses of rotations are rotations.
+    """
 
     rotation: FloatArray  #: `(3, 3)` float64, det +1, turns components in b into components in a.
     translation: FloatArray  #: `(3,)` float64, metres, the origin of b in a.

@@ -1,4 +1,4 @@
-"""Checks of a pair: images that cannot give a map are refused with the likely cause."""
+"""Checks of the input of the mapper: what cannot give a map is refused with the likely cause."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_match
 from sfr_loc_map.mapping.search_range import DISPARITY_STEP
 
 MIN_CONTRAST = 2.0
-"""Smallest standard deviation of an image's grey levels that can be matched, grey levels: a covered camera shows its
-noise alone."""
+"""Smallest standard deviation of an image's grey levels, grey levels. Less has a covered camera whose noise is low; one
+with more noise passes this check, and its images do not match."""
 MIN_VALID_TEXTURED_FRACTION = 0.3
 """Fraction of measured pixels among the textured ones below which the matches are due to chance. Swapped images of four
 data sets (rendered ground, KITTI, Middlebury, Mars) have 0.07 or less, images of which one is upside down 0.01 or less,
@@ -32,6 +32,12 @@ def check_index(index: int) -> None:
     """Raise MappingError if a set of pairs cannot have a pair of this index."""
     if not 0 <= index < MAX_PAIRS:
         raise MappingError(f"pair index is {index}: a map has up to {MAX_PAIRS} pairs, 0 to {MAX_PAIRS - 1}")
+
+
+def check_pair_count(count: int) -> None:
+    """Raise MappingError if a map cannot be fused from this number of pairs."""
+    if not 1 <= count <= MAX_PAIRS:
+        raise MappingError(f"a map is fused from 1 to {MAX_PAIRS} pairs: got {count}")
 
 
 def check_images(pair: StereoPair, rig: StereoRig) -> None:

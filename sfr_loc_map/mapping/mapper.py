@@ -54,8 +54,8 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.calibration_sigma import CalibrationSigma, calibration_sigma, largest_of
-from sfr_loc_map.mapping.checks import check_images, check_index, check_matches
-from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
+from sfr_loc_map.mapping.checks import check_images, check_index, check_matches, check_pair_count
+from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
 from sfr_loc_map.mapping.disparity.hole_filling import fill_holes
 from sfr_loc_map.mapping.disparity.pixel_status import StatusImage
@@ -92,7 +92,7 @@ class PairMap:
     T_lm_left: Transform  #: Pose of the left camera.
     disparity_px: FloatImage  #: Disparities of the left image `(H, W)` float32, pixels; NaN where invalid.
     fusion_input: FusionInput | None = None  #: None if the map was not made by `Mapper`, which then cannot fuse it.
-    statistics: Mapping[str, float] = field(default_factory=dict)  #: Figures of the call by name.
+    statistics: Mapping[str, float] = field(default_factory=dict)  #: Statistics of the call by name.
     warnings: tuple[str, ...] = ()  #: Warnings of the call, one line each.
     #: `(H, W)` uint8, the `PixelStatus` of each pixel: measured, filled, or the reason why it has no disparity. None if
     #: the map was not made by `Mapper`.
@@ -107,7 +107,7 @@ class FusedMap:
     #: `(N,)`, metres, part of sigma that differs from point to point: noise, smoothing and saturation.
     random_sigma: FloatArray32
     T_lm_left: tuple[Transform, ...] = ()  #: Poses of the pairs' left cameras, as given or as registered.
-    #: Figures of the fusion by name (overlap and disagreement per pair, ...).
+    #: Statistics of the fusion by name (overlap and disagreement per pair, ...).
     statistics: Mapping[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()  #: Warnings of the fusion, one line each.
 
@@ -182,8 +182,7 @@ class Mapper:
         Raises MappingError for no map or more than three, for a map that `process` did not make or whose points were
         replaced since, and for maps of other cameras than those of the mapper.
         """
-        if not 1 <= len(maps) <= MAX_PAIRS:
-            raise MappingError(f"a map is fused from 1 to {MAX_PAIRS} pairs: got {len(maps)}")
+        check_pair_count(len(maps))
         inputs = [_fusion_input(item, self._rig) for item in maps]
         cleaned = without_fixed_content([item.view for item in inputs], self._rig)
         views = cleaned.views

@@ -21,9 +21,12 @@ MIN_VERTICAL_WARNING_PX = 0.3
 """Smallest vertical disparity that causes a warning, pixels: the residual distortion of a usual calibration."""
 VERTICAL_WARNING_FACTOR = 3.0
 """Vertical disparity over the configured residual distortion that causes a warning: three standard deviations."""
-MAX_GAIN = 1.15  #: Gain, or one over it, beyond which a warning is given: a fifth of a stop of exposure.
+MAX_GAIN = 1.15
+"""Gain, or one over it, beyond which a warning is given: a fifth of a stop of exposure. It is compensated, so that the
+warning concerns the cameras and not the map. Chosen by hand."""
 MAX_SATURATED_FRACTION = 0.1
-"""Fraction of saturated pixels beyond which a warning is given: most of them have no points."""
+"""Fraction of saturated pixels beyond which a warning is given: most of them have no points, so that the density is
+lower by about this fraction. Chosen by hand."""
 
 
 def findings_of_pair(

@@ -19,7 +19,9 @@ MIN_GREY_RANGE = 8.0
 """Range between the outer quantiles that a gain requires, grey levels: rounding changes the ratio of smaller ranges by
 several percent."""
 GAIN_LIMITS = (0.25, 4.0)  #: Smallest and largest gain: two stops of exposure.
-SAME_EXPOSURE_GREY = 8.0  #: Quantiles of equally exposed images differ by less than this, grey levels.
+SAME_EXPOSURE_GREY = 8.0
+"""Quantiles of equally exposed images differ by less than this, grey levels. A correction of smaller differences does
+not help the matcher (measurements/mapper_trials.md)."""
 MIN_EXPOSURE_PIXELS = 100  #: Pixels that a comparison of the exposures requires: ten beyond each outer quantile.
 
 

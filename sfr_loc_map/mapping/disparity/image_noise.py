@@ -10,15 +10,18 @@ from sfr_loc_map.mapping.disparity.filters import downsample_mean
 from sfr_loc_map.mapping.robust_statistics import mad_sigma, spread
 
 ROUNDING_NOISE = 0.3
-"""Smallest standard deviation of a residual due to rounding, in steps of the grey levels: that of one image,
-`1 / sqrt(12)`."""
+"""Smallest standard deviation of a residual due to rounding, in steps of the grey levels: that of the left image,
+`1 / sqrt(12)`. Interpolation averages that of the right image, by an amount that depends on the disparity."""
 GREY_STRIDE = 4  #: Every fourth pixel of every fourth row is read for the steps between grey levels.
 DEFAULT_VARIANCE = F(25.0)
-"""Variance of a residual if too few residuals are available, grey levels squared: that of a noisy camera."""
+"""Variance of a residual if too few are available, grey levels squared: that of a noisy camera, chosen by hand. Only
+images of less than 13 000 pixels, and images that hardly overlap, have so few residuals."""
 NOISE_BINS = 8  #: Ranges of the grey level in which the noise is measured, with equal numbers of residuals.
 MIN_PER_BIN = 50  #: Residuals that each range requires: the variance then has a relative standard deviation of 33 %.
 SAMPLED_PIXELS = np.s_[::8, ::4]  #: Pixels whose residuals measure the noise: 30 000 of a megapixel.
 SAMPLED_CELLS = np.s_[::4, ::2]  #: The cells of these pixels.
+MIN_LEVEL_VARIANCE = 1.0
+"""Smallest variance of the levels that the line is divided by, grey levels squared: closer levels show no slope."""
 NOISE_MASK = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]], F)
 """Difference of two Laplacians, which cancels smooth structure (Immerkaer 1996)."""
 NOISE_GAIN = 6.0  #: Factor by which the mask amplifies white noise: the root of its sum of squares.
@@ -69,9 +72,9 @@ def noise_variance(
     weights = 1.0 / np.square(variances)
     mean_level = np.average(levels, weights=weights)
     mean_variance = float(np.average(variances, weights=weights))
-    spread = float(np.average(np.square(levels - mean_level), weights=weights))
+    spread_of_levels = float(np.average(np.square(levels - mean_level), weights=weights))
     covariance = float(np.average((levels - mean_level) * (variances - mean_variance), weights=weights))
-    slope = covariance / max(spread, 1.0)
+    slope = covariance / max(spread_of_levels, MIN_LEVEL_VARIANCE)
     line = F(mean_variance) + F(slope) * (grey - F(mean_level))
     return np.asarray(np.clip(line, F(variances.min()), F(variances.max())), F)
 

@@ -1,4 +1,4 @@
-"""Cubic interpolation of images."""
+"""Interpolation of images along rows and columns."""
 
 from __future__ import annotations
 
@@ -7,6 +7,13 @@ from numba import prange
 
 from sfr_loc_map.geometry.arrays import F, FloatImage
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
+
+
+@jit_rows_inline
+def linear(p0: np.float32, p1: np.float32, t: np.float32) -> np.float32:
+    """Interpolate at `t` between p0 (0) and p1 (1)."""
+    value: np.float32 = p0 + t * (p1 - p0)
+    return value
 
 
 @jit_rows_inline

@@ -17,6 +17,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
 from sfr_loc_map.jit import jit_rows_inline
+from sfr_loc_map.mapping.disparity.interpolation import linear
 
 WINDOW_RADIUS = 4  #: Half side of the window, pixels: it covers the surface of its centre and little else.
 MAX_DIFFERENCE = F(30.0)  #: Absolute differences are truncated to this, grey levels: more of them are occlusions.
@@ -76,7 +77,7 @@ def constant_cost(left: FloatImage, right: FloatImage, y: int, x: int, disparity
     last = min(x + WINDOW_RADIUS, cols - 1 + whole, cols - 1)
     for v in range(max(0, y - WINDOW_RADIUS), min(rows, y + WINDOW_RADIUS + 1)):
         for u in range(first, last + 1):
-            value = right[v, u - whole] + fraction * (right[v, u - whole - 1] - right[v, u - whole])
+            value = linear(right[v, u - whole], right[v, u - whole - 1], fraction)  # to the left by the fraction
             difference = min(abs(value - left[v, u]), MAX_DIFFERENCE)
             weight = _support_weight(left, y, x, v, u)
             total += weight * difference
@@ -116,7 +117,7 @@ def plane_cost(
             if not (column >= F(0.0) and column < F(cols - 1)):
                 continue
             k = int(column)
-            value = right[v, k] + (column - F(k)) * (right[v, k + 1] - right[v, k])
+            value = linear(right[v, k], right[v, k + 1], column - F(k))
             weight = _support_weight(left, y, x, v, u)
             weight *= VALID_WEIGHT if valid[v, u] else F(1.0)
             total += weight * min(abs(value - left[v, u]), MAX_DIFFERENCE)

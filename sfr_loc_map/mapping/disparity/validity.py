@@ -29,8 +29,11 @@ MAX_CONTRAST_RATIO = F(0.7)
 """Mean squared residual over the variance of the left image above which a suspicious match is invalid; uncorrelated
 images have a ratio of 2. A ratio of 1.2 changes density by 0.001 or less (measurements/mapper_trials.md)."""
 MAX_CHANGE_PX = 1.5
-"""Change by the refinement that is always accepted, pixels: the matcher's noise and the ramps of its smoothness."""
-MAX_CHANGE_SIGMAS = 5.0  #: Larger changes are accepted up to this many standard deviations of all changes.
+"""Change by the refinement that is always accepted, pixels. Larger limits add pixels of real pairs of which more are
+wrong; rendered pairs hardly change (measurements/mapper_trials.md)."""
+MAX_CHANGE_SIGMAS = 5.0
+"""Larger changes are accepted up to this many standard deviations of all changes: of pairs that match poorly, the
+matcher's noise is larger. Chosen as `MAX_CHANGE_PX`."""
 CHANGE_STRIDE = 4  #: Every fourth pixel of every fourth row measures the standard deviation of all changes.
 MAX_SLOPE = F(0.7)
 """Slope along the row above which a pixel is on a ramp, pixels per pixel. A slope of 1 is parallel to a ray of the
@@ -47,12 +50,14 @@ def judge_pixels(
     saturation: Saturation,
 ) -> StatusImage:
     """Return the status of each pixel: measured, or the reason why its disparity is invalid."""
-    disparity = refined.disparity_px
+    disparity_px = refined.disparity_px
     status = status_before_edges(left, right, initial_px, refined)
-    scene = EdgeScene(left, right, disparity, np.isfinite(initial_px), is_valid(status), sigma_px)
+    scene = EdgeScene(left, right, disparity_px, np.isfinite(initial_px), is_valid(status), sigma_px)
     status = with_reason(status, wrong_surface_mask(scene), PixelStatus.WRONG_SURFACE)
     # What the last test has left of a segment may be small.
-    status = with_reason(status, ~valid_segments(left, right, disparity, is_valid(status)), PixelStatus.NOT_A_SURFACE)
+    status = with_reason(
+        status, ~valid_segments(left, right, disparity_px, is_valid(status)), PixelStatus.NOT_A_SURFACE
+    )
     return with_reason(status, saturation.saturated, PixelStatus.SATURATED)
 
 
@@ -60,20 +65,20 @@ def status_before_edges(
     left: FloatImage, right: FloatImage, initial_px: FloatImage, refined: RefinedDisparity
 ) -> StatusImage:
     """Return the status of each pixel by the tests before that of the wrong surface beside a jump."""
-    disparity = refined.disparity_px
-    measured = np.full(disparity.shape, PixelStatus.MEASURED, np.uint8)
+    disparity_px = refined.disparity_px
+    measured = np.full(disparity_px.shape, PixelStatus.MEASURED, np.uint8)
     status = with_reason(measured, np.isnan(initial_px), PixelStatus.UNMATCHED)
-    status = with_reason(status, _changed_mask(initial_px, disparity), PixelStatus.CHANGED)
-    occluded = occlusion_mask(disparity, right_surfaces(disparity, is_valid(status)))
+    status = with_reason(status, _changed_mask(initial_px, disparity_px), PixelStatus.CHANGED)
+    occluded = occlusion_mask(disparity_px, right_surfaces(disparity_px, is_valid(status)))
     status = with_reason(status, occluded, PixelStatus.OCCLUDED)
     status = with_reason(status, _mismatch_mask(left, refined), PixelStatus.MISMATCHED)
-    status = with_reason(status, _ramp_mask(disparity), PixelStatus.RAMP)
-    return with_reason(status, ~valid_segments(left, right, disparity, is_valid(status)), PixelStatus.NOT_A_SURFACE)
+    status = with_reason(status, _ramp_mask(disparity_px), PixelStatus.RAMP)
+    return with_reason(status, ~valid_segments(left, right, disparity_px, is_valid(status)), PixelStatus.NOT_A_SURFACE)
 
 
-def _changed_mask(initial_px: FloatImage, disparity: FloatImage) -> Mask:
+def _changed_mask(initial_px: FloatImage, disparity_px: FloatImage) -> Mask:
     """Return which pixels `(H, W)` of an initial disparity, NaN where unmatched, the refinement changed too much."""
-    change_px = np.abs(disparity - initial_px)
+    change_px = np.abs(disparity_px - initial_px)
     sampled = change_px[::CHANGE_STRIDE, ::CHANGE_STRIDE]
     change_sigma_px = mad_sigma(sampled[np.isfinite(sampled)])
     changed: Mask = change_px > max(MAX_CHANGE_PX, MAX_CHANGE_SIGMAS * change_sigma_px)
@@ -89,7 +94,7 @@ def _mismatch_mask(left: FloatImage, refined: RefinedDisparity) -> Mask:
     return mismatch
 
 
-def _ramp_mask(disparity: FloatImage) -> Mask:
+def _ramp_mask(disparity_px: FloatImage) -> Mask:
     """Return which pixels `(H, W)` are on a ramp that joins two surfaces, or beside one along the row."""
-    steep = (np.abs(slope_along_rows(disparity)) > MAX_SLOPE).astype(np.uint8)
+    steep = (np.abs(slope_along_rows(disparity_px)) > MAX_SLOPE).astype(np.uint8)
     return np.asarray(cv2.dilate(steep, np.ones((1, 3), np.uint8))) > 0

@@ -2,8 +2,8 @@
 
 A network with one hidden layer judges a pixel by thirteen features: matching costs at its own disparity and at that of
 the other surface, and what surrounds the pixel. Its weights were trained on rendered ground, whose true disparity is
-known (`tools/train_edge_network.py`). The constants that the features are made with are stored with the weights and
-compared when these are loaded (`training_constants`).
+known (`tools/train_edge_network.py`). They hold for the values of the constants below and of `matching_cost` with which
+the features were made. These values are stored with the weights, and a test compares them with the code.
 """
 
 from __future__ import annotations
@@ -18,15 +18,11 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage, IntArray, Mask, median
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.filters import dilated, square
 from sfr_loc_map.mapping.disparity.matching_cost import (
-    DISTANCE_SCALE_PX,
-    GREY_SCALE,
     MAX_COST,
-    MAX_DIFFERENCE,
     WEIGHT_BY_GREY,
     WINDOW_RADIUS,
     ConstantCost,
@@ -41,7 +37,7 @@ SURFACE_RADIUS = 3
 """Half side of the square in which other surfaces are searched, pixels: smoothing moves edges by a cell or two."""
 OCCLUDER_COLUMNS = 6
 """Columns to either side in which a surface is searched that occludes the pixel in the right image: twice the radius
-of the search for other surfaces."""
+of the search for other surfaces. Chosen by hand before the network was trained."""
 SAME_COLUMN_PX = F(1.0)  #: Pixels whose right columns differ by no more correspond to the same right pixel.
 LOG_ODDS_AT_1_PX = F(3.3)
 """Log odds above which a pixel is invalid, if the median sigma of the pair is 1 pixel. The threshold is this value plus
@@ -302,40 +298,11 @@ def _signed_log(values: NDArray[np.floating]) -> NDArray[np.floating]:
     return np.asarray(np.sign(values) * np.log1p(np.abs(values)))
 
 
-def training_constants() -> dict[str, float]:
-    """Return the constants that the features are made with, by name: the network holds for these values alone."""
-    constants: dict[str, float | np.float32] = {
-        "WINDOW_RADIUS": WINDOW_RADIUS,
-        "MAX_DIFFERENCE": MAX_DIFFERENCE,
-        "MAX_COST": MAX_COST,
-        "GREY_SCALE": GREY_SCALE,
-        "DISTANCE_SCALE_PX": DISTANCE_SCALE_PX,
-        "SURFACE_JUMP_PX": SURFACE_JUMP_PX,
-        "SMALL_JUMP_PX": SMALL_JUMP_PX,
-        "SURFACE_RADIUS": SURFACE_RADIUS,
-        "OCCLUDER_COLUMNS": OCCLUDER_COLUMNS,
-        "SAME_COLUMN_PX": SAME_COLUMN_PX,
-        "MAX_LOG": MAX_LOG,
-        "MIN_TYPICAL_COST": MIN_TYPICAL_COST,
-        "MIN_RELATIVE_COST": MIN_RELATIVE_COST,
-        "WINDOW_MARGIN_SCALE": WINDOW_MARGIN_SCALE,
-    }
-    return {name: round(float(value), 4) for name, value in constants.items()}
-
-
 @cache
 def edge_network() -> EdgeNetwork:
-    """Return the trained network; raises MappingError if it was trained with other constants (`training_constants`)."""
+    """Return the trained network."""
     text = files("sfr_loc_map.mapping.disparity").joinpath("edge_network.json").read_text(encoding="utf-8")
     weights = json.loads(text)
-    constants = training_constants()
-    trained = weights["constants"]
-    if trained != constants:
-        changed = sorted(name for name in trained.keys() | constants if trained.get(name) != constants.get(name))
-        raise MappingError(
-            f"edge_network.json was trained with other values of {', '.join(changed)}: train it again "
-            "(tools/train_edge_network.py)"
-        )
     return EdgeNetwork(*(np.asarray(weights[name], F) for name in EdgeNetwork._fields))
 
 
