@@ -39,7 +39,7 @@ def shared_data() -> Path:
 def own_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A ROS domain of the test's own, whose nodes write their logs below its folder."""
     from helpers.ros_domain import free_domain
-    from sfr_loc_map.nodes.launch import environment
+    from sfr_loc_map.nodes.ros import environment
 
     monkeypatch.setenv("ROS_DOMAIN_ID", str(free_domain()))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")

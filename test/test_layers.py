@@ -23,6 +23,8 @@ FLOORS = (
     {"__main__", "cli", "api"},
 )
 """From the bottom; what stands on one floor does not import its neighbours, but the root modules do."""
+NODE_FLOORS = ({"ros"}, {"lifecycle"}, {"input"}, {""}, {"launch", "graph"}, {"replay", "view"})
+"""Folders of `nodes` from the bottom; the name of the modules beside them is empty."""
 NEIGHBOURS = {("cli", "api"), ("__main__", "cli")}
 ROS = ("rclpy", "launch", "launch_ros", "ament_index_python", "builtin_interfaces", "std_srvs", "rosidl", "tf2_ros")
 ROS_PACKAGES = {"nodes"}
@@ -67,6 +69,19 @@ def test_modules_import_lower_floors_alone_and_ros_only_in_nodes() -> None:
             other = rest[0] if head == NAME and rest and rest[0] in floor else layer
             below = floor[other] < floor[layer] or other == layer or floor[layer] == 0 or (layer, other) in NEIGHBOURS
             if not below or head == "" or (is_ros(name) and layer not in ROS_PACKAGES):
+                wrong.append(f"{path.relative_to(PACKAGE)}: {name}")
+    assert not wrong
+
+
+def test_folders_of_the_nodes_import_lower_folders_alone() -> None:
+    floor = {folder: number for number, folders in enumerate(NODE_FLOORS) for folder in folders}
+    wrong = []
+    for path in (PACKAGE / "nodes").rglob("*.py"):
+        own = path.parent.name if path.parent.name in floor else ""
+        for name in imported(path):
+            head, _, rest = name.partition(f"{NAME}.nodes.")
+            folder = rest.split(".")[0] if rest.split(".")[0] in floor else ""
+            if not head and rest and own != folder and floor[own] <= floor[folder]:
                 wrong.append(f"{path.relative_to(PACKAGE)}: {name}")
     assert not wrong
 

@@ -113,7 +113,7 @@ CLAUSES = (
         "3.2.4",
         "LOCSB",
         "The stereo bench frame of the localisation cameras.",
-        ("geometry/stereo.py", "nodes/extrinsics.py"),
+        ("geometry/stereo.py", "nodes/input/extrinsics.py"),
         "parameter `T_rb_locsb`, in the provenance",
         "Its pose in RB is the data set's: the document gives none.",
         "as 3.2.3; pose from the data set",

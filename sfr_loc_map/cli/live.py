@@ -64,7 +64,7 @@ def live(
     view_of = _foxglove_view() if foxglove else None
     remaps = list(remap or ())
     if config is not None:
-        from sfr_loc_map.nodes.parameter_files import remaps_of
+        from sfr_loc_map.nodes.launch.run_arguments import remaps_of
 
         remaps += remaps_of(SourceConfig.of(read_sections(config), config))
     state, served = LiveState(), None

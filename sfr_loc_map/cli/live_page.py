@@ -38,8 +38,8 @@ def live_beside(
         yield None
         return
     require_live()
-    from sfr_loc_map.nodes.launch import environment
     from sfr_loc_map.nodes.launch.processes import LivePage
+    from sfr_loc_map.nodes.ros import environment
 
     if isolated:
         environment.isolate()

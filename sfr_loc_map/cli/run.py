@@ -58,7 +58,7 @@ def run(
     require_ros("run")
     propose("sfr doctor", why="while the nodes run: are their inputs there")
     from sfr_loc_map.nodes.launch.processes import node_names, run_nodes
-    from sfr_loc_map.nodes.parameter_files import run_arguments
+    from sfr_loc_map.nodes.launch.run_arguments import run_arguments
 
     given = list(names or ())
     cut = given.index(ROS_ARGS) if ROS_ARGS in given else len(given)

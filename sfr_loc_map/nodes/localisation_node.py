@@ -30,14 +30,14 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingS
 from sfr_loc_map.localisation.frontend.feature_detection import read_mask
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
-from sfr_loc_map.nodes import messages
-from sfr_loc_map.nodes.diagnostics import Level
-from sfr_loc_map.nodes.extrinsics import Extrinsics
-from sfr_loc_map.nodes.lifecycle.endpoints import profile
+from sfr_loc_map.nodes.input.extrinsics import Extrinsics
+from sfr_loc_map.nodes.input.motion_prior import MotionPriorConfig, OdometryBuffer
+from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
+from sfr_loc_map.nodes.lifecycle.diagnostics import Level
 from sfr_loc_map.nodes.lifecycle.runner import run
-from sfr_loc_map.nodes.motion_prior import MotionPriorConfig, OdometryBuffer
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
-from sfr_loc_map.nodes.stereo_input import ReceivedPair
+from sfr_loc_map.nodes.ros import messages
+from sfr_loc_map.nodes.ros.qos import profile
 from sfr_loc_map.nodes.thinned_path import ThinnedPath
 from sfr_loc_map.runs.calls import call_of_estimate
 from sfr_loc_map.runs.localisation_session import LocalisationSession, PoseFile

@@ -27,15 +27,15 @@ from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.mapping.terrain.grid import elevation_grid
 from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.nodes import messages
-from sfr_loc_map.nodes.diagnostics import Level
-from sfr_loc_map.nodes.graph.waiting import Input
-from sfr_loc_map.nodes.lifecycle.endpoints import profile
+from sfr_loc_map.nodes.input.pose_matching import PoseMatching
+from sfr_loc_map.nodes.input.run_order import AGREEING
+from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
+from sfr_loc_map.nodes.input.waiting import Input
+from sfr_loc_map.nodes.lifecycle.diagnostics import Level
 from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
-from sfr_loc_map.nodes.pose_matching import PoseMatching
-from sfr_loc_map.nodes.reception import AGREEING
-from sfr_loc_map.nodes.stereo_input import ReceivedPair
+from sfr_loc_map.nodes.ros import messages
+from sfr_loc_map.nodes.ros.qos import profile
 from sfr_loc_map.runs.calls import CallRecord, call_of_fusion, call_of_stages
 from sfr_loc_map.topics import CLOUD, DISPARITY, ELEVATION, HAZARD, NAV_POSE
 

@@ -37,14 +37,16 @@ from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
 from sfr_loc_map.metrics.limits import load_limits
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import to_json
-from sfr_loc_map.nodes.diagnostics import Level, Value, status_msg
-from sfr_loc_map.nodes.graph.publishers import publishers_of
-from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED, RELIABILITIES, TF_STATIC_QOS, profile
+from sfr_loc_map.nodes.input.run_order import AnyOrder
+from sfr_loc_map.nodes.input.stereo_input import StereoInputConfig
+from sfr_loc_map.nodes.input.truth_input import TruthFrame, TruthTopic
+from sfr_loc_map.nodes.lifecycle.diagnostics import Level, Value, status_msg
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.lifecycle.worker import Overload
-from sfr_loc_map.nodes.messages import (
+from sfr_loc_map.nodes.report_file import ReportFile
+from sfr_loc_map.nodes.ros.messages import (
     cloud_from_msg,
     covariance_of,
     header_msg,
@@ -53,10 +55,9 @@ from sfr_loc_map.nodes.messages import (
     tf_message_type,
     transform_from_pose,
 )
-from sfr_loc_map.nodes.reception import AnyOrder, TransportGaps
-from sfr_loc_map.nodes.report_file import ReportFile
-from sfr_loc_map.nodes.stereo_input import StereoInputConfig
-from sfr_loc_map.nodes.truth_input import TruthFrame, TruthTopic
+from sfr_loc_map.nodes.ros.publishers import publishers_of
+from sfr_loc_map.nodes.ros.qos import LATCHED, RELIABILITIES, TF_STATIC_QOS, profile
+from sfr_loc_map.nodes.ros.transport import TransportGaps
 from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.topics import (

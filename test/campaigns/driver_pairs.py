@@ -31,10 +31,10 @@ from sfr_loc_map.child_process import child_environment
 from sfr_loc_map.geometry.camera_info import projection
 from sfr_loc_map.inputs import SIDES, stamp_of
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.nodes.diagnostics import values_of
-from sfr_loc_map.nodes.launch.environment import start_ros
 from sfr_loc_map.nodes.launch.processes import Supervisor
-from sfr_loc_map.nodes.messages import tf_message_type
+from sfr_loc_map.nodes.lifecycle.diagnostics import values_of
+from sfr_loc_map.nodes.ros.environment import start_ros
+from sfr_loc_map.nodes.ros.messages import tf_message_type
 
 SECONDS = 8.0
 JITTER_S = 0.008

@@ -194,7 +194,7 @@ def table(outcomes: Sequence[tuple[Case, Outcome]]) -> str:
 
 def main(names: list[str]) -> int:
     """Run all cases, or those whose configuration is named, and print the table; exit code 1 if one differs."""
-    from sfr_loc_map.nodes.launch import environment
+    from sfr_loc_map.nodes.ros import environment
 
     environment.prepare()
     environment.isolate()

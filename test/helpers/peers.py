@@ -20,9 +20,9 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
-from sfr_loc_map.nodes.diagnostics import Level, level_of, values_of
+from sfr_loc_map.nodes.lifecycle.diagnostics import Level, level_of, values_of
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
-from sfr_loc_map.nodes.messages import odometry_row
+from sfr_loc_map.nodes.ros.messages import odometry_row
 
 Capture = pytest.CaptureFixture[str]
 Position = tuple[float, ...]

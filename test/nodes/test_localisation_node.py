@@ -32,9 +32,10 @@ from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
-from sfr_loc_map.nodes.diagnostics import Level, values_of
+from sfr_loc_map.nodes.input.motion_prior import OdometryBuffer
+from sfr_loc_map.nodes.lifecycle.diagnostics import Level, values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
-from sfr_loc_map.nodes.messages import (
+from sfr_loc_map.nodes.ros.messages import (
     covariance_of,
     header_msg,
     odometry_row,
@@ -42,7 +43,6 @@ from sfr_loc_map.nodes.messages import (
     tracks_from_msg,
     transform_from_pose,
 )
-from sfr_loc_map.nodes.motion_prior import OdometryBuffer
 from sfr_loc_map.runs.calls import decode_call
 
 CONFIG = Path(__file__).resolve().parents[2] / "config"

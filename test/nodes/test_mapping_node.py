@@ -17,9 +17,9 @@ from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.mapping.config import MappingConfig, TerrainConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.mapping.terrain.grid import elevation_grid
-from sfr_loc_map.nodes.diagnostics import Level, level_of, values_of
+from sfr_loc_map.nodes.lifecycle.diagnostics import Level, level_of, values_of
 from sfr_loc_map.nodes.mapping_node import MappingNode
-from sfr_loc_map.nodes.messages import cloud_from_msg, elevation_msg, hazard_msg
+from sfr_loc_map.nodes.ros.messages import cloud_from_msg, elevation_msg, hazard_msg
 
 
 def test_mapping_makes_disparities_and_clouds_of_sets_of_pairs(ros: None, capfd: Capture) -> None:

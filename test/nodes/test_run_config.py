@@ -17,7 +17,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
 from sfr_loc_map.nodes.mapping_node import MappingNodeConfig
 from sfr_loc_map.nodes.monitor_node import MonitorNodeConfig
-from sfr_loc_map.nodes.parameter_files import run_arguments
+from sfr_loc_map.nodes.launch.run_arguments import run_arguments
 from sfr_loc_map.source_setup.proposal import propose_config
 
 pytestmark = pytest.mark.ros

@@ -1,1 +1,1 @@
-"""Observes the running graph: its publishers, why a topic is silent, its services, and its messages in a bag."""
+"""Observes the running graph for the doctor, and records its topics into a bag."""

@@ -29,14 +29,14 @@ from sfr_loc_map.errors import NodeError
 from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME
 from sfr_loc_map.geometry.transform import FrameTree
 from sfr_loc_map.inputs import NS_PER_S, PLAYER_NODE, SUITE_NODES, Task, stamp_of
-from sfr_loc_map.nodes.extrinsics import add_static_transforms
-from sfr_loc_map.nodes.graph.peer import POLL_S, Peer
-from sfr_loc_map.nodes.graph.publishers import node_of, publishers_of, reliability_of
-from sfr_loc_map.nodes.graph.services import call_service
-from sfr_loc_map.nodes.launch import environment
-from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED, TF_STATIC_QOS
-from sfr_loc_map.nodes.messages import message_type, tf_message_type
-from sfr_loc_map.nodes.reception import TransportGaps
+from sfr_loc_map.nodes.input.extrinsics import add_static_transforms
+from sfr_loc_map.nodes.ros import environment
+from sfr_loc_map.nodes.ros.messages import message_type, tf_message_type
+from sfr_loc_map.nodes.ros.peer import POLL_S, Peer
+from sfr_loc_map.nodes.ros.publishers import node_of, publishers_of, reliability_of
+from sfr_loc_map.nodes.ros.qos import LATCHED, TF_STATIC_QOS
+from sfr_loc_map.nodes.ros.services import call_service
+from sfr_loc_map.nodes.ros.transport import TransportGaps
 from sfr_loc_map.topics import IMAGES, TF_STATIC, call_topic, rectified_beside
 
 QUIET_S = 1.5  #: Discovery counts as complete when there are images and the graph has not changed for so long,

@@ -17,10 +17,10 @@ from sfr_loc_map.doctor.silence import silence_of
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.io.bag.bag import TYPESTORE
 from sfr_loc_map.io.bag.writer import BagRecorder
-from sfr_loc_map.nodes.graph.peer import Peer
-from sfr_loc_map.nodes.graph.publishers import publishers_of
-from sfr_loc_map.nodes.messages import message_type
-from sfr_loc_map.nodes.reception import TransportGaps
+from sfr_loc_map.nodes.ros.messages import message_type
+from sfr_loc_map.nodes.ros.peer import Peer
+from sfr_loc_map.nodes.ros.publishers import publishers_of
+from sfr_loc_map.nodes.ros.transport import TransportGaps
 from sfr_loc_map.signals import hold, stopping
 from sfr_loc_map.topics import names, rectified_beside
 

@@ -12,8 +12,8 @@ from launch.substitutions import EnvironmentVariable, LaunchConfiguration
 from launch_ros.actions import Node
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.nodes.launch.environment import PROFILE, PROFILE_VARIABLES
 from sfr_loc_map.nodes.launch.processes import NODES
+from sfr_loc_map.nodes.ros.environment import PROFILE, PROFILE_VARIABLES
 
 PACKAGE = "sfr_loc_map"
 SWITCH = ["true", "false"]

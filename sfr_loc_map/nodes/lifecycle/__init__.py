@@ -1,1 +1,1 @@
-"""What the three nodes share: lifecycle, endpoints, parameters, quality of service, the worker thread."""
+"""What the three nodes share: lifecycle, endpoints, parameters, health on /diagnostics, the worker thread."""

@@ -12,22 +12,12 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode
-from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy, qos_policy_name_from_kind
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, qos_policy_name_from_kind
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.nodes.graph.publishers import node_of
-
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""Of a topic that keeps its last message for subscribers that come later."""
-TF_STATIC_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-RELIABILITIES = ("reliable", "best_effort")
-
-
-def profile(reliability: str, depth: int) -> QoSProfile:
-    """Return a volatile profile of one of `RELIABILITIES` that keeps the last `depth` messages."""
-    policy = ReliabilityPolicy.RELIABLE if reliability == "reliable" else ReliabilityPolicy.BEST_EFFORT
-    return QoSProfile(depth=depth, reliability=policy)
+from sfr_loc_map.nodes.ros.publishers import node_of
+from sfr_loc_map.nodes.ros.qos import LATCHED, profile
 
 
 class Endpoints:

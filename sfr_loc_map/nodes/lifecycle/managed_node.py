@@ -33,7 +33,7 @@ from sfr_loc_map.config import build, flatten, parameters
 from sfr_loc_map.errors import ConfigError, NodeError, SfrError
 from sfr_loc_map.inputs import JUMP_BACK_NS
 from sfr_loc_map.kernels import load_kernels
-from sfr_loc_map.nodes.diagnostics import (
+from sfr_loc_map.nodes.lifecycle.diagnostics import (
     ACTIVE,
     COMPILING,
     DROPS,

@@ -15,9 +15,9 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
 from sfr_loc_map.config import ParamInfo, param
-from sfr_loc_map.nodes.diagnostics import HealthConfig
-from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES
+from sfr_loc_map.nodes.lifecycle.diagnostics import HealthConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
+from sfr_loc_map.nodes.ros.qos import RELIABILITIES
 
 BUILT_IN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """Parameters that ROS itself declares on a node."""

@@ -13,13 +13,13 @@ from std_msgs.msg import String
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import Task, stamp_of
-from sfr_loc_map.nodes import diagnostics
-from sfr_loc_map.nodes.diagnostics import Level, level_of
-from sfr_loc_map.nodes.graph.peer import POLL_S
-from sfr_loc_map.nodes.messages import cloud_from_msg, covariance_of, odometry_row
+from sfr_loc_map.nodes.lifecycle import diagnostics
+from sfr_loc_map.nodes.lifecycle.diagnostics import Level, level_of
 from sfr_loc_map.nodes.replay.external import ExternalNode
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
 from sfr_loc_map.nodes.replay.received import Received
+from sfr_loc_map.nodes.ros.messages import cloud_from_msg, covariance_of, odometry_row
+from sfr_loc_map.nodes.ros.peer import POLL_S
 from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.topics import CLOUD, ESTIMATE, call_topic
 

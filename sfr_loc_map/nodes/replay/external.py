@@ -26,13 +26,13 @@ from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.convention import world_at_first_pose
 from sfr_loc_map.metrics.pose_convention import FIRST_POSE, PoseConvention, aligned, converted
 from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, MethodKind, MethodRecord
-from sfr_loc_map.nodes import messages
 from sfr_loc_map.nodes.launch.processes import ChildProcess
-from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED
 from sfr_loc_map.nodes.replay.external_answers import AnswerBook, ProcessWatch, processes_named
 from sfr_loc_map.nodes.replay.graph_node import ReplayNode
 from sfr_loc_map.nodes.replay.options import ExternalOptions
 from sfr_loc_map.nodes.replay.received import Received
+from sfr_loc_map.nodes.ros import messages
+from sfr_loc_map.nodes.ros.qos import LATCHED
 from sfr_loc_map.scoring.replay_result import ExternalRun
 
 DEPTH = 1000

@@ -12,9 +12,9 @@ from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.inputs import MONITOR_NODE, PLAYER_NODE, Task
-from sfr_loc_map.nodes.graph.peer import POLL_S, Peer
-from sfr_loc_map.nodes.graph.services import call_service
 from sfr_loc_map.nodes.launch.processes import LivePage, Supervisor
+from sfr_loc_map.nodes.ros.peer import POLL_S, Peer
+from sfr_loc_map.nodes.ros.services import call_service
 from sfr_loc_map.topics import ESTIMATE, REPORT, RESULTS, TRUE_POSES, call_topic
 
 ANSWER_TIMEOUT_S = 120.0

@@ -9,7 +9,7 @@ from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S, WAITING, Stamp
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, Task
 from sfr_loc_map.io.bag.message_stream import Message
-from sfr_loc_map.nodes.pose_matching import PoseMatching
+from sfr_loc_map.nodes.input.pose_matching import PoseMatching
 from sfr_loc_map.topics import COMPRESSED_END, NAV_POSE
 
 

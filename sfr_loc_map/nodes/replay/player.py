@@ -14,10 +14,10 @@ from std_srvs.srv import Trigger
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.bag.message_stream import Message
 from sfr_loc_map.localisation.estimate import StartPose
-from sfr_loc_map.nodes.graph.peer import POLL_S
-from sfr_loc_map.nodes.messages import header_msg, message_type, pose_msg
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
 from sfr_loc_map.nodes.replay.pacing import Pacer
+from sfr_loc_map.nodes.ros.messages import header_msg, message_type, pose_msg
+from sfr_loc_map.nodes.ros.peer import POLL_S
 from sfr_loc_map.topics import INITIAL_POSE, INITIAL_POSE_SET
 
 START_TIMEOUT_S = 300.0  #: The first start after an installation compiles the kernels.

@@ -15,8 +15,7 @@ from sfr_loc_map.host_clock import checked_clock
 from sfr_loc_map.io.bag import message_stream
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.completeness import MISSING_SHARE
-from sfr_loc_map.nodes.extrinsics import publish_extrinsics
-from sfr_loc_map.nodes.launch import environment
+from sfr_loc_map.nodes.input.extrinsics import publish_extrinsics
 from sfr_loc_map.nodes.launch.processes import Supervisor, user_command
 from sfr_loc_map.nodes.replay.collector import ResultCollector
 from sfr_loc_map.nodes.replay.external import ExternalNode, external_node
@@ -25,6 +24,7 @@ from sfr_loc_map.nodes.replay.options import ReplayOptions, node_arguments
 from sfr_loc_map.nodes.replay.pacing import PairTracker
 from sfr_loc_map.nodes.replay.player import Player
 from sfr_loc_map.nodes.replay.received import Received
+from sfr_loc_map.nodes.ros import environment
 from sfr_loc_map.runs.offline import check_count
 from sfr_loc_map.topics import RECTIFIED, Role, names
 

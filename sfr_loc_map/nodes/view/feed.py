@@ -30,14 +30,14 @@ from sfr_loc_map.io.images.codec import SampleDepth, samples_of
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages
-from sfr_loc_map.nodes import messages
-from sfr_loc_map.nodes.diagnostics import TOPIC, level_of, values_of
-from sfr_loc_map.nodes.graph.peer import Peer
+from sfr_loc_map.nodes.input.truth_input import TruthTopic
 from sfr_loc_map.nodes.launch.processes import page_node_name
-from sfr_loc_map.nodes.lifecycle.endpoints import LATCHED
+from sfr_loc_map.nodes.lifecycle.diagnostics import TOPIC, level_of, values_of
 from sfr_loc_map.nodes.lifecycle.worker import Overload, Worker
-from sfr_loc_map.nodes.reception import TransportGaps
-from sfr_loc_map.nodes.truth_input import TruthTopic
+from sfr_loc_map.nodes.ros import messages
+from sfr_loc_map.nodes.ros.peer import Peer
+from sfr_loc_map.nodes.ros.qos import LATCHED
+from sfr_loc_map.nodes.ros.transport import TransportGaps
 from sfr_loc_map.nodes.view.maps import MapFeed
 from sfr_loc_map.nodes.view.operator import NodeOperator
 from sfr_loc_map.runs.calls import decode_call

@@ -19,7 +19,7 @@ from sfr_loc_map.io.images.codec import points_image
 from sfr_loc_map.live import media, updates
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.nodes import messages
+from sfr_loc_map.nodes.ros import messages
 from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.topics import ELEVATION, TRUE_POINTS
 

@@ -15,7 +15,7 @@ import pytest
 from helpers.processes import PATIENCE_S, Process
 from sfr_loc_map.doctor.findings import Cause
 from sfr_loc_map.doctor.silence import COMPRESSED, IMAGE, Publisher, Reliability, silence_of
-from sfr_loc_map.nodes.launch.environment import see_whole_graph
+from sfr_loc_map.nodes.ros.environment import see_whole_graph
 
 SFR = ("-m", "sfr_loc_map")
 ROVER = ("-m", "helpers.rover_process", "good")

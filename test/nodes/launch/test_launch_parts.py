@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.nodes.launch.environment import PROFILE, PROFILE_VARIABLES
+from sfr_loc_map.nodes.ros.environment import PROFILE, PROFILE_VARIABLES
 
 ROOT = Path(__file__).resolve().parents[3]
 KINDS = {

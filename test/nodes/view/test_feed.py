@@ -14,7 +14,7 @@ from sensor_msgs.msg import CompressedImage
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import View
-from sfr_loc_map.nodes.messages import header_msg, image_msg, message_type
+from sfr_loc_map.nodes.ros.messages import header_msg, image_msg, message_type
 from sfr_loc_map.nodes.view.feed import RosFeed
 from sfr_loc_map.topics import IMAGES
 

@@ -14,7 +14,7 @@ from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import CloudSample, ElevationSample
 from sfr_loc_map.mapping.terrain.elevation import CellGrid, ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid
-from sfr_loc_map.nodes.messages import byte_array, cloud_msg, elevation_from_msg, elevation_msg, hazard_msg
+from sfr_loc_map.nodes.ros.messages import byte_array, cloud_msg, elevation_from_msg, elevation_msg, hazard_msg
 from sfr_loc_map.nodes.view.maps import MapFeed
 from sfr_loc_map.runs.calls import CallRecord
 

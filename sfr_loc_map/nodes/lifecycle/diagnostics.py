@@ -29,7 +29,7 @@ from rclpy.qos import QoSProfile
 from sfr_loc_map.config import param
 from sfr_loc_map.inputs import NS_PER_S, one_line
 from sfr_loc_map.metrics.calls import CallMeter, CallUsage
-from sfr_loc_map.nodes.messages import header_msg
+from sfr_loc_map.nodes.ros.messages import header_msg
 from sfr_loc_map.runs.calls import CallRecord
 
 Value = str | bool | int | float

@@ -13,8 +13,9 @@ from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME, rig_in_body
 from sfr_loc_map.geometry.transform import FrameTree, Transform
 from sfr_loc_map.io.source_config import ExtrinsicsConfig
-from sfr_loc_map.nodes.lifecycle.endpoints import TF_STATIC_QOS, Endpoints
-from sfr_loc_map.nodes.messages import header_msg, pose_msg, tf_message_type, transform_msg
+from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
+from sfr_loc_map.nodes.ros.messages import header_msg, pose_msg, tf_message_type, transform_msg
+from sfr_loc_map.nodes.ros.qos import TF_STATIC_QOS
 from sfr_loc_map.topics import TF_STATIC
 
 

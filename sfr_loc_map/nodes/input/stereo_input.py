@@ -20,12 +20,14 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Side, stamp_of
 from sfr_loc_map.io.images.codec import SampleDepth, Samples, samples_of
 from sfr_loc_map.localisation.parallel import both
-from sfr_loc_map.nodes.diagnostics import StatusReporter
-from sfr_loc_map.nodes.graph.waiting import Input
-from sfr_loc_map.nodes.launch.environment import EXPORT_LINE
-from sfr_loc_map.nodes.lifecycle.endpoints import RELIABILITIES, Endpoints, profile
-from sfr_loc_map.nodes.messages import check_image
-from sfr_loc_map.nodes.reception import AGREEING, RunOrder, TransportGaps
+from sfr_loc_map.nodes.input.run_order import AGREEING, RunOrder
+from sfr_loc_map.nodes.input.waiting import Input
+from sfr_loc_map.nodes.lifecycle.diagnostics import StatusReporter
+from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
+from sfr_loc_map.nodes.ros.environment import EXPORT_LINE
+from sfr_loc_map.nodes.ros.messages import check_image
+from sfr_loc_map.nodes.ros.qos import RELIABILITIES, profile
+from sfr_loc_map.nodes.ros.transport import TransportGaps
 from sfr_loc_map.topics import COMPRESSED_END
 
 LOSS_WINDOW = 40  #: Images of which the share lost is taken, at the least.

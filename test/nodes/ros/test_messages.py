@@ -25,7 +25,7 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.mapping.terrain.elevation import CellGrid, ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid
-from sfr_loc_map.nodes.messages import (
+from sfr_loc_map.nodes.ros.messages import (
     ELEVATION_FIELDS,
     check_image,
     cloud_from_msg,

@@ -1,6 +1,6 @@
 """Variables that a process of ROS needs; those of the user stay."""
 
-from sfr_loc_map.nodes.launch import environment
+from sfr_loc_map.nodes.ros import environment
 
 
 def test_what_the_user_chose_stays() -> None:

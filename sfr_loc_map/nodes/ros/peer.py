@@ -14,7 +14,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from rclpy.utilities import try_shutdown
 
-from sfr_loc_map.nodes.launch import environment
+from sfr_loc_map.nodes.ros import environment
 
 POLL_S = 0.05
 NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)

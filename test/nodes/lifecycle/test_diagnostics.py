@@ -7,7 +7,14 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 
 from helpers.node_scenes import sent
-from sfr_loc_map.nodes.diagnostics import HealthConfig, Level, NodeActivity, StatusReporter, level_of, values_of
+from sfr_loc_map.nodes.lifecycle.diagnostics import (
+    HealthConfig,
+    Level,
+    NodeActivity,
+    StatusReporter,
+    level_of,
+    values_of,
+)
 from sfr_loc_map.runs.calls import CallRecord
 
 

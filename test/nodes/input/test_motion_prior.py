@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.nodes.motion_prior import OdometryBuffer
+from sfr_loc_map.nodes.input.motion_prior import OdometryBuffer
 
 MS = 1_000_000
 START = Transform(matrix_from_rotvec([0.1, -0.2, 2.0]), np.array([5.0, -3.0, 0.2]))

@@ -1,0 +1,65 @@
+"""Latency and losses of messages on their way from a publisher."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+COMPARABLE_NS = 60 * 1_000_000_000
+"""Clocks that are further apart, or in the wrong order, cannot be compared (a recording that is played back, a host
+whose clock is not set)."""
+CLOCK_NOISE_NS = 1_000_000  # tolerance for the wrong order: clocks are read and rounded differently
+
+
+def latencies(
+    infos: Sequence[Mapping[str, Any]], stamp_ns: int, published_ns: int, node_time_ns: int
+) -> dict[str, float]:
+    """Return the latencies of one result of some messages, seconds, as far as their clocks can be compared.
+
+    `infos` is what the middleware tells of each message: it gives 0 for times that it does not know.
+    `latency_transport_s`: from the publisher's publish call to the receipt by the middleware, the slowest message;
+    `latency_receive_to_publish_s`: from the receipt of the last message to the publication (system time), with the wait
+    in queues; `latency_stamp_to_publish_s`: from the stamp to the same moment on the node's clock, which may be
+    simulated.
+    """
+
+    def seconds(begin_ns: int, end_ns: int) -> float | None:
+        passed = end_ns - begin_ns
+        return max(passed, 0) * 1e-9 if -CLOCK_NOISE_NS <= passed <= COMPARABLE_NS else None
+
+    found: dict[str, float | None] = {}
+    sent, received = ([info.get(f"{name}_timestamp") or 0 for info in infos] for name in ("source", "received"))
+    if all(received):
+        known = [seconds(begin, end) for begin, end in zip(sent, received, strict=True) if begin]
+        transports = [transport for transport in known if transport is not None]
+        found["latency_transport_s"] = max(transports, default=None) if None not in known else None
+        found["latency_receive_to_publish_s"] = seconds(max(received), published_ns)
+    found["latency_stamp_to_publish_s"] = seconds(stamp_ns, node_time_ns)
+    return {name: value for name, value in found.items() if value is not None}
+
+
+class TransportGaps:
+    """Counts messages that were published but not received, for topics with one publisher at a time.
+
+    A publisher numbers its messages from 1, so a lower number is a new publisher; its identity is not transmitted.
+    `count` is that of the messages received, `lost` that of the missing ones so far.
+    """
+
+    def __init__(self) -> None:
+        self.count = self.lost = self._last = 0
+        self._several = False
+
+    def add(self, info: dict[str, Any]) -> int:
+        """Count the gap before a message, and return it."""
+        number, last = int(info.get("publication_sequence_number") or 0), self._last
+        self._last = number
+        self.count += 1
+        gap = number - last - 1 if last and number > last and not self._several else 0
+        self.lost += gap
+        return gap
+
+    def set_several(self, several: bool) -> None:
+        """Count no gaps while several publishers number their messages: nothing tells whose a number is."""
+        if several and not self._several:
+            self.lost = 0
+        self._several = several
