@@ -14,10 +14,10 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag.bag import TYPESTORE
 from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.nodes.launch.run_arguments import run_arguments
 from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
 from sfr_loc_map.nodes.mapping_node import MappingNodeConfig
 from sfr_loc_map.nodes.monitor_node import MonitorNodeConfig
-from sfr_loc_map.nodes.launch.run_arguments import run_arguments
 from sfr_loc_map.source_setup.proposal import propose_config
 
 pytestmark = pytest.mark.ros
