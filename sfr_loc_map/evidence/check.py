@@ -24,7 +24,6 @@ from sfr_loc_map.metrics.config import Condition, label_of
 from sfr_loc_map.metrics.score import Figure, figure_row
 from sfr_loc_map.report.tables import Cell, Column, Table, Unit, fitting
 
-ROWS_OF_A_COMPARISON = 5  #: Rows of `agreement_rows`.
 MIN_PAIRS = 20
 COMPARED = (
     (Variant.FORWARD, Variant.BACKWARD),
@@ -89,23 +88,29 @@ def check_table(check: Check) -> Table:
     """Return the comparisons as a table, one line each; the cells name their places in the figures."""
     titles = ("difference, rmse", "NEES", "expected below", "n", "p", "one of both is off by")
     columns = (Column("runs", words=True), Column("over", words=True), Column("unit"), *map(Column, titles))
+    places: dict[tuple[str | None, str | None], dict[str, int]] = {}  # of the figures of a comparison, by name
+    for place, row in enumerate(check.figures):
+        places.setdefault((row.condition, row.part), {})[row.figure] = place
     rows = []
-    for place in range(0, len(check.figures) - ROWS_OF_A_COMPARISON + 1, ROWS_OF_A_COMPARISON):
-        difference, _, nees, least, agreement = check.figures[place : place + ROWS_OF_A_COMPARISON]
-        if difference.figure != "difference":
-            break
+    for (condition, part), at in places.items():
+        if "difference" not in at:
+            continue
+        difference = check.figures[at["difference"]]
+        nees = check.figures[at["difference_nees"]]
+        least = check.figures[at["error_at_least"]]
+        agreement = check.figures[at["agreement"]]
         unit = fitting(Unit("m"), difference.rmse, least.value)
         rows.append(
             (
-                Cell.head(difference.part or ""),
-                Cell(label_of(difference.condition)),
+                Cell.head(part or ""),
+                Cell(label_of(condition)),
                 Cell(unit.symbol),
-                Cell.number(difference.rmse, f"figures.{place}.rmse", unit),
-                Cell.number(nees.mean, f"figures.{place + 2}.mean"),
-                Cell.number(nees.high95, f"figures.{place + 2}.high95"),
-                Cell.number(nees.n, f"figures.{place + 2}.n"),
-                Cell.number(agreement.value, f"figures.{place + 4}.value"),
-                Cell.number(least.value, f"figures.{place + 3}.value", unit),
+                Cell.number(difference.rmse, f"figures.{at['difference']}.rmse", unit),
+                Cell.number(nees.mean, f"figures.{at['difference_nees']}.mean"),
+                Cell.number(nees.high95, f"figures.{at['difference_nees']}.high95"),
+                Cell.number(nees.n, f"figures.{at['difference_nees']}.n"),
+                Cell.number(agreement.value, f"figures.{at['agreement']}.value"),
+                Cell.number(least.value, f"figures.{at['error_at_least']}.value", unit),
             )
         )
     note = (

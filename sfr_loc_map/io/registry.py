@@ -13,12 +13,12 @@ from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import check_regular, refusing
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.layouts.euroc import is_euroc, open_euroc
-from sfr_loc_map.io.layouts.folder import PLACES, open_folder
+from sfr_loc_map.io.layouts.folder import is_folder, open_folder
 from sfr_loc_map.io.layouts.image_folder import is_image_folder, open_image_folder
 from sfr_loc_map.io.layouts.kitti import is_kitti, open_kitti
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig, SyncConfig, source_config
-from sfr_loc_map.io.truth import TruthConfig, possible_truth, truth_of_file
+from sfr_loc_map.io.truth import TruthConfig, resolve_truth, truth_of_file
 
 _log = logging.getLogger(__name__)
 
@@ -31,12 +31,30 @@ def _open_bag(path: Path, config: SourceConfig) -> Source:
     return open_bag(path, config)
 
 
+def _configured(open_files: Opener) -> Opener:
+    """Return what opens a source of files with the extrinsics and the truth that a configuration gives."""
+
+    def open_configured(path: Path, config: SourceConfig) -> Source:
+        source = open_files(path, config)
+        loc: Any = source.loc
+        if loc is None:
+            return source
+        own = loc.ground_truth
+        loc = replace(loc, ground_truth=resolve_truth(path, lambda: own, config.truth))
+        T_rb_sb = config.extrinsics.transform()
+        if T_rb_sb is not None:
+            loc = replace(loc, rig=replace(loc.rig, T_rb_sb=T_rb_sb))
+        return replace(source, loc=loc)
+
+    return open_configured
+
+
 READERS: dict[str, tuple[Callable[[Path], bool], Opener]] = {
     "bag": (is_bag, _open_bag),
-    "sfr": (lambda path: any((path / place).exists() for place in PLACES), lambda path, _: open_folder(path)),
-    "kitti": (is_kitti, lambda path, _: open_kitti(path)),
-    "euroc": (is_euroc, open_euroc),
-    "images": (is_image_folder, open_image_folder),
+    "sfr": (is_folder, _configured(lambda path, _: open_folder(path))),
+    "kitti": (is_kitti, _configured(lambda path, _: open_kitti(path))),
+    "euroc": (is_euroc, _configured(open_euroc)),
+    "images": (is_image_folder, _configured(open_image_folder)),
 }
 """Name of a format, its test and opener, in the order of trying; a folder with rig.json or pairs.csv is `sfr`.
 
@@ -55,7 +73,6 @@ def open_source(path: Path, config: SourceConfig | None = None) -> Source:
     if name in STATED_PAIRS and config.sync != SyncConfig():
         _log.warning(f"'{path}': sync.* is ignored, because the files state which images are a pair")
     source = READERS[name][1](path, config)
-    source = source if name == "bag" else _configured(source, config)
     named = Path(config.truth.source)
     if config.truth.source and named.exists():  # else it is a topic of the bag
         source = replace(source, truth_files=(*source.truth_files, named))
@@ -81,24 +98,6 @@ def format_of(path: Path) -> str:
     )
 
 
-def _configured(source: Source, config: SourceConfig) -> Source:
-    """Return a source of files with the extrinsics and the truth that a configuration gives."""
-    loc: Any = source.loc
-    T_rb_sb, truth = config.extrinsics.transform(), config.truth
-    if loc is not None and T_rb_sb is not None:
-        loc = replace(loc, rig=replace(loc.rig, T_rb_sb=T_rb_sb))
-    if loc is not None and truth.source:
-        loc = replace(loc, ground_truth=truth_of_file(source.path, truth))
-    elif loc is not None and loc.ground_truth is not None:
-        poses = loc.ground_truth
-        if truth == TruthConfig():
-            poses = possible_truth(poses, f"of '{source.path}'")[1]
-        else:
-            poses = truth.applied(poses, read_from=str(source.path))
-        loc = replace(loc, ground_truth=poses)
-    return replace(source, loc=loc)
-
-
 def read_truth(place: Path, config: TruthConfig | None = None, remap: Mapping[str, str] | None = None) -> Truth:
     """Read the truth that belongs to a source (bag, folder, file of poses), or to which its configuration refers.
 
@@ -107,8 +106,7 @@ def read_truth(place: Path, config: TruthConfig | None = None, remap: Mapping[st
     config = config or TruthConfig()
     if config.source or place.is_file() or is_bag(place):
         return truth_of_file(place, config, remap)
-    loc = open_source(place).loc
-    found = None if loc is None else loc.ground_truth
-    if found is None or not len(found):
+    found = open_source(place).truth
+    if found is None:
         raise InputError(f"'{place}' has no true poses (groundtruth.csv): give a source with truth")
     return found if isinstance(found, Truth) else config.applied(found, read_from=str(place))

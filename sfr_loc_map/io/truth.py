@@ -202,6 +202,26 @@ def sigma_of(variances: FloatArray) -> float:
     return float(np.sqrt(np.median(known.mean(axis=1)))) if len(known) else 0.0
 
 
+def resolve_truth(
+    place: Path,
+    own: Callable[[], Trajectory | None],
+    config: TruthConfig = TruthConfig(),
+    remap: Mapping[str, str] | None = None,
+) -> Trajectory | None:
+    """Return the truth of a source of any format: what the configuration names, else its own; None without either.
+
+    `own` reads the true poses that the source itself has, None if it has none.
+    """
+    if config.source:
+        return truth_of_file(place, config, remap)
+    poses = own()
+    if poses is None:
+        return None
+    if config != TruthConfig():
+        return config.applied(poses, read_from=str(place))
+    return poses if isinstance(poses, Truth) else possible_truth(poses, f"of '{place}'")[1]
+
+
 def truth_of_file(place: Path, config: TruthConfig = TruthConfig(), remap: Mapping[str, str] | None = None) -> Truth:
     """Read the truth of a bag or a file of poses, or of the topic, bag or file that the configuration names.
 

@@ -125,8 +125,14 @@ def plates(x: float, y: float, footprint: float, seed: np.uint32) -> tuple[float
     return crack, 0.16 * (unit(tilt) - 0.5), 0.16 * (unit(mix(tilt)) - 0.5)
 
 
+APPEARANCE = ("albedo", "contrast", "bump", "lunar")
+"""Settings of `GroundConfig` that kernels take as they are."""
+AIR = ("sky", "sky_grey", "haze_m")
+"""Settings of `LightConfig` that kernels take as they are."""
+
+
 class ShadingParameters(NamedTuple):
-    """Appearance of ground and rocks, sun, sky and air; the names of the configuration stand for the same."""
+    """Appearance of ground and rocks, sun, sky and air."""
 
     albedo: float  #: Mean reflectance of the ground.
     contrast: float  #: Strength of the changes of reflectance.
@@ -148,9 +154,9 @@ class ShadingParameters(NamedTuple):
 def shading_parameters(config: SimulationConfig, sun: FloatArray, terrain: Terrain) -> ShadingParameters:
     """Return the parameters of the shading, for a unit vector `(3,)` towards the sun."""
     ground, sky = config.ground, config.light
-    names = ShadingParameters._fields
     return ShadingParameters(
-        **{name: float(getattr(part, name)) for part in (ground, sky) for name in names if hasattr(part, name)},
+        **{name: float(getattr(ground, name)) for name in APPEARANCE},
+        **{name: float(getattr(sky, name)) for name in AIR},
         **dict(zip(("sun_x", "sun_y", "sun_z"), map(float, sun), strict=True)),
         rock_albedo=float(config.rocks.albedo),
         gain=float(1.0 / (ground.albedo * (reflect(sun[2], 0.5, ground.lunar) * sun[2] + sky.sky))),

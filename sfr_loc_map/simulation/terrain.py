@@ -20,8 +20,25 @@ OCTAVE_ANGLE = 0.6435
 _HILL, _RELIEF, _RIPPLE, _CRATER, _SAND, _ROCK = (np.uint32(k) for k in (11, 22, 33, 44, 55, 66))
 
 
+RELIEF = (
+    "relief_m",
+    "relief_length_m",
+    "hurst",
+    "hills_m",
+    "hills_length_m",
+    "ripple_height_m",
+    "crater_density",
+    "rim_radius_m",
+    "rim_x_m",
+    "rim_y_m",
+)
+"""Settings of `ReliefConfig` that kernels take as they are."""
+MATERIALS = ("gravel", "bedrock")
+"""Settings of `GroundConfig` that kernels take as they are."""
+
+
 class TerrainParameters(NamedTuple):
-    """The ground as kernels take it; the names of `ReliefConfig` and `GroundConfig` stand for the same."""
+    """The ground as kernels take it."""
 
     relief_m: float  #: Standard deviation of the rolling relief.
     relief_length_m: float  #: Longest wavelength of the relief.
@@ -52,9 +69,9 @@ class Terrain:
     def make(cls, seed: int, terrain: ReliefConfig, ground: GroundConfig) -> Terrain:
         """Return the ground of a configuration."""
         azimuth, number = math.radians(terrain.ripple_azimuth_deg), 2.0 * math.pi
-        names = TerrainParameters._fields
         parameters = TerrainParameters(
-            **{name: float(getattr(part, name)) for part in (terrain, ground) for name in names if hasattr(part, name)},
+            **{name: float(getattr(terrain, name)) for name in RELIEF},
+            **{name: float(getattr(ground, name)) for name in MATERIALS},
             gradient=math.tan(math.radians(terrain.slope_deg)),
             ripple_wave_x=number * math.cos(azimuth) / terrain.ripple_length_m,
             ripple_wave_y=number * math.sin(azimuth) / terrain.ripple_length_m,

@@ -29,7 +29,7 @@ from sfr_loc_map.io.sequence import RecordedBag, Source, SourceFormat
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
 from sfr_loc_map.io.stereo_pairs import stereo_pairs
 from sfr_loc_map.io.tables.text_table import check_order
-from sfr_loc_map.io.truth import TruthConfig, possible_truth, truth_of_file
+from sfr_loc_map.io.truth import TruthConfig, resolve_truth, truth_of_file
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE
 from sfr_loc_map.topics import NAV_POSE, RAW, RECTIFIED, TRUE_POINTS, TRUE_POSES
 
@@ -176,12 +176,17 @@ class BagLocSequence(_BagPairs):
     @cached_property
     def ground_truth(self) -> Trajectory | None:
         """True poses as configured, else on `ground_truth/odometry`, or None; read at the first use."""
+        return resolve_truth(self._bag.path, self._own_truth, self._config.truth, self._config.remap)
+
+    def _own_truth(self) -> Trajectory | None:
         config = self._config.truth
-        if config == TruthConfig() and not self._bag.matches(TRUE_POSES):
+        if config != TruthConfig():
+            return truth_of_file(self._bag.path, config, self._config.remap)
+        names = self._bag.matches(TRUE_POSES)
+        if not names:
             return None
-        if config == TruthConfig() and self._bag.topics[self._bag.matches(TRUE_POSES)[0]] == ODOMETRY:
-            poses = read_trajectory(self._bag, TRUE_POSES)
-            return None if poses is None else possible_truth(poses, f"of '{self._bag.path}'")[1]
+        if self._bag.topics[names[0]] == ODOMETRY:
+            return read_trajectory(self._bag, TRUE_POSES)
         return truth_of_file(self._bag.path, config, self._config.remap)
 
     def pairs(self) -> Iterator[StereoPair]:

@@ -40,8 +40,8 @@ NAV_COLUMNS = (
 )
 TRUTH_COLUMN = "truth"
 HEADERS = (LOC_COLUMNS, NAV_COLUMNS, (*NAV_COLUMNS, TRUTH_COLUMN))
-PLACES = tuple(f"{part}/{name}" for part in (".", "loc", "nav") for name in ("pairs.csv", "rig.json"))
-"""What a data set folder is known by."""
+FILES = tuple(f"{part}/{name}" for part in (".", "loc", "nav") for name in ("pairs.csv", "rig.json"))
+"""Files that identify a data set folder; any of them does."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +56,11 @@ class FolderNavSequence(ImageFiles):
                 raise InputError(f"pair of stamp {entry.stamp_ns} has no pose in LM")
             truth = None if entry.truth is None else _load_point_image(entry.truth, self.rig)
             yield PosedStereoPair(read_pair(entry, self.rig, depth), entry.T_lm_navsb, truth)
+
+
+def is_folder(path: Path) -> bool:
+    """Tell whether a path is a data set folder."""
+    return any((path / name).exists() for name in FILES)
 
 
 def open_folder(path: Path) -> Source:
