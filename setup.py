@@ -115,7 +115,7 @@ setup(
         "psutil>=5.9,<8",  # BSD-3
         "pyyaml>=6,<7",  # MIT
         "rich>=13,<16",  # MIT
-        "rosbags>=0.11.9,<0.12",  # Apache-2.0; io/bag/mcap_file.py checks the CRC of mcap chunks
+        "rosbags>=0.11.9,<0.12",  # Apache-2.0; mcap files are read by io/bag/mcap_file.py
         "scipy>=1.11,<2",  # BSD-3
         "simplejpeg>=1.7,<2",  # MIT; refuses broken JPEG data that OpenCV decodes without a word
         "typer>=0.19,<1",  # MIT
