@@ -684,15 +684,18 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         condition: str | Condition | None = ANY,
         part: str | RowPart | None = ANY,
     ) -> Figure | None:
-        """Return the row of a figure, None without one; unless a part is given, the row that is judged.
+        """Return the row of a figure and a part, without a part the row that is judged; None if there is no such row.
 
-        Of several conditions the first one counts. A figure that has parts alone has no row that is judged: its first
-        part is returned.
+        Of several conditions the first one counts. ConfigError, which names the parts, if none is given and all rows of
+        the figure have one that is not judged.
         """
-        rows = self.rows(figure, subject=subject, condition=condition, part=part)
-        if part == ANY and (row := self.judged_row(figure, subject=subject, condition=condition)) is not None:
-            return row
-        return rows[0] if rows else None
+        if part != ANY:
+            return next(find_rows(self.figures, figure, subject=subject, condition=condition, part=part), None)
+        row = self.judged_row(figure, subject=subject, condition=condition)
+        if row is None and (rows := self.rows(figure, subject=subject, condition=condition)):
+            parts = ", ".join(dict.fromkeys(str(row.part) for row in rows))
+            raise ConfigError(f"figure '{figure}' has several parts: give part= as one of {parts}")
+        return row
 
     def judged_row(self, figure: str, *, subject: str = ANY, condition: str | Condition | None = ANY) -> Figure | None:
         """Return the row of a figure that verdicts are on, whatever the order of the rows; None without one.

@@ -49,45 +49,42 @@ def load_run(
     """
     stats = [*(load_call_stats(path) for path in inputs.stats), *calls]
     target = None if inputs.target is None else load_call_stats(inputs.target, needed="processing_time_s")
-    run = _with_cloud(_with_target(Run(inputs, stats, target)), fused)
-    how = _how_to_read(inputs)
-    run = replace(run, inputs=with_read_files(inputs, how))
-    if inputs.truth is None and truth is None:
-        return run
-    true, opened = _read_truth(inputs.truth, truth, how)
-    read = _read_estimate(inputs, estimate, true, run)
-    if read is None:
-        return run
-    found, estimates = read
-    if true.by_index:
-        true = true.with_stamps_of(found)
-    true = _as_declared(true, inputs.truth, how)
-    notes = tuple(item.text for item in (found, true) if item.is_announced)
-    run = _with_nav_stamps(run, opened)
-    rig, images = _images_of(opened)
-    return replace(run, drive=DriveToScore(estimates, true.trajectory, rig, images, notes))
+    about = None if inputs.target_about is None else load_target(inputs.target_about)
+    cloud, nav_stamps_ns = _read_cloud(inputs, fused)
+    how, drive = _how_to_read(inputs), None
+    if (inputs.truth or truth) is not None and (inputs.estimate or estimate) is not None:
+        true, source = _read_truth(inputs.truth, truth, how)
+        found, estimates = _read_estimate(inputs, estimate, true, stats, target)
+        drive = _drive_of(found, estimates, true, source, inputs.truth, how)
+        if nav_stamps_ns is None:
+            nav_stamps_ns = _nav_stamps_of(source, stats if target is None else [*stats, target])
+    return Run(
+        with_read_files(inputs, how),
+        stats,
+        target,
+        about=about,
+        drive=drive,
+        cloud=cloud,
+        method=None if about is None else _method_of(about),
+        nav_stamps_ns=nav_stamps_ns,
+    )
 
 
-def _with_target(run: Run) -> Run:
-    """Return a run with what the target says of itself."""
-    if run.inputs.target_about is None:
-        return run
-    about = load_target(run.inputs.target_about)
-    method = MethodRecord(name="candidate", version=about.candidate, kind=MethodKind.LIBRARY)
-    return replace(run, about=about, method=method)
+def _method_of(about: TargetRecord) -> MethodRecord:
+    """Return whose run it is by what the target reports about itself."""
+    return MethodRecord(name="candidate", version=about.candidate, kind=MethodKind.LIBRARY)
 
 
-def _with_cloud(run: Run, fused: bool | None) -> Run:
-    """Return a run with its cloud and the truth of the pairs that the cloud was made of."""
-    inputs = run.inputs
+def _read_cloud(inputs: ScoreInputs, fused: bool | None) -> tuple[CloudToScore | None, IntArray | None]:
+    """Read a cloud, the truth of the pairs that it was made of, and the stamps of all pairs of the source."""
     if inputs.cloud is None or inputs.map_truth is None:
-        return run
+        return None, None
     loaded = with_fusion_flag(load_cloud(inputs.cloud), fused, f"cloud '{inputs.cloud}'")
     stamps_ns = None if loaded.cloud is None else loaded.cloud.pair_stamps_ns
     truths, nav_stamps_ns = load_map_truth(inputs.map_truth, stamps_ns, inputs.config)
     if truths:
         loaded = loaded.of_images(truths[0].rig.width, truths[0].rig.height, f"cloud '{inputs.cloud}'")
-    return replace(run, cloud=CloudToScore(loaded, truths), nav_stamps_ns=nav_stamps_ns)
+    return CloudToScore(loaded, truths), nav_stamps_ns
 
 
 def _how_to_read(inputs: ScoreInputs) -> SourceConfig:
@@ -121,24 +118,44 @@ def _read_truth(
 
 
 def _read_estimate(
-    inputs: ScoreInputs, estimate: Trajectory | None, true: LoadedTrajectory, run: Run
-) -> tuple[LoadedTrajectory, Estimates] | None:
-    """Read the estimated poses of a bag or file, else those in memory; None if there are none."""
+    inputs: ScoreInputs,
+    estimate: Trajectory | None,
+    true: LoadedTrajectory,
+    stats: Sequence[CallStats],
+    target: CallStats | None,
+) -> tuple[LoadedTrajectory, Estimates]:
+    """Read the estimated poses of a bag or file, else those in memory; poses without stamps have those of the truth."""
     if inputs.estimate is not None and is_bag(inputs.estimate):
         estimates = load_estimates(inputs.estimate)
         return LoadedTrajectory(inputs.estimate, estimates.trajectory), estimates
     if inputs.estimate is not None:
         found = read_trajectory_file(inputs.estimate, inputs.columns, "estimate")
-    elif estimate is not None:
-        found = LoadedTrajectory(Path(IN_MEMORY), estimate)
     else:
-        return None
+        assert estimate is not None  # one of both is there
+        found = LoadedTrajectory(Path(IN_MEMORY), estimate)
     if found.by_index:
         found = found.with_stamps_of(true)
-    estimates = estimates_of_calls(found.trajectory, run.stats, run.target)
+    estimates = estimates_of_calls(found.trajectory, stats, target)
     if found.covariance is not None and estimates.covariance is None:
         estimates = replace(estimates, covariance=found.covariance[:, *UPPER])
     return found, estimates
+
+
+def _drive_of(
+    found: LoadedTrajectory,
+    estimates: Estimates,
+    true: LoadedTrajectory,
+    source: Source | None,
+    place: Path | None,
+    how: SourceConfig,
+) -> DriveToScore:
+    """Return what was read as a drive; true poses without stamps have those of the estimate."""
+    if true.by_index:
+        true = true.with_stamps_of(found)
+    true = _as_declared(true, place, how)
+    rig, images = _images_of(source)
+    notes = tuple(item.text for item in (found, true) if item.is_announced)
+    return DriveToScore(estimates, true.trajectory, rig, images, notes)
 
 
 def _as_declared(true: LoadedTrajectory, place: Path | None, how: SourceConfig) -> LoadedTrajectory:
@@ -159,14 +176,11 @@ def _images_of(source: Source | None) -> tuple[StereoRig | None, IntArray | None
     return source.loc.rig, None
 
 
-def _with_nav_stamps(run: Run, source: Source | None) -> Run:
-    """Return a run with the stamps of the mapping pairs of its source if calls of a mapper are compared with them."""
-    stats = [*run.stats, *([] if run.target is None else [run.target])]
-    if source is None or source.nav is None or run.nav_stamps_ns is not None:
-        return run
-    if all(item.calls.is_localisation.all() for item in stats):
-        return run
-    return replace(run, nav_stamps_ns=source.expected_nav_ns())
+def _nav_stamps_of(source: Source | None, stats: Sequence[CallStats]) -> IntArray | None:
+    """Return the stamps of the mapping pairs of a source if calls of a mapper are compared with them, else None."""
+    if source is None or source.nav is None or all(item.calls.is_localisation.all() for item in stats):
+        return None
+    return source.expected_nav_ns()
 
 
 def load_target(path: Path) -> TargetRecord:

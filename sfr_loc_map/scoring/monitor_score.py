@@ -32,9 +32,9 @@ from sfr_loc_map.metrics.consistency import STEP_SIZE
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.runs.calls import CallRecord, CallStats, estimates_of
-from sfr_loc_map.scoring.contradiction import convention_mismatch
-from sfr_loc_map.scoring.run import DriveToScore, Run, ScoreInputs, UnderWay
-from sfr_loc_map.scoring.score_run import score_run
+from sfr_loc_map.scoring.live_score import LiveRun, score_so_far
+from sfr_loc_map.scoring.run import DriveToScore, Run, ScoreInputs
+from sfr_loc_map.scoring.score_run import convention_mismatch
 
 T = TypeVar("T")
 MAX_STAGES = 16  #: Stages whose times are kept: their names come from the network.
@@ -246,7 +246,7 @@ class MonitorScore:
         drive = None
         if truth is not None and estimates is not None:
             drive = DriveToScore(estimates, truth, image_stamps_ns=image_stamps_ns)
-        live = UnderWay(
+        live = LiveRun(
             in_flight_ns=round(in_flight_s * NS_PER_S),
             details=details,
             contradiction=contradiction,
@@ -257,15 +257,15 @@ class MonitorScore:
             provenance=provenance,
         )
         pairs = np.array(sorted(self.map_inputs.pair_stamps_ns), np.int64)
-        run = Run(ScoreInputs(), [] if stats is None else [stats], drive=drive, nav_stamps_ns=pairs, under_way=live)
-        return score_run(run, self._config, self._limits)
+        run = Run(ScoreInputs(), [] if stats is None else [stats], drive=drive, nav_stamps_ns=pairs)
+        return score_so_far(run, live, self._config, self._limits)
 
     def contradiction(self) -> str | None:
         """Return the convention mismatch of estimate and truth so far, None without one; takes 0.1 s and more."""
         truth, estimates = self._given_truth(), self._given_estimates(None)
         if truth is None or estimates is None:
             return None
-        return convention_mismatch(estimates.trajectory, truth, self._config.trajectory.association)
+        return convention_mismatch(DriveToScore(estimates, truth), self._config)
 
     @property
     def poses(self) -> int:

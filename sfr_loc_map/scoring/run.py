@@ -13,17 +13,10 @@ from sfr_loc_map.io.clouds.cloud_file import SUFFIXES as CLOUD_SUFFIXES
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.metrics.association import Estimates
-from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap
+from sfr_loc_map.metrics.cloud_error import PairTruth
 from sfr_loc_map.metrics.convention import converted_estimates
 from sfr_loc_map.metrics.pose_convention import PoseConvention
-from sfr_loc_map.metrics.score import (
-    ConventionRecord,
-    ExternalScore,
-    FindingRecord,
-    MethodRecord,
-    Provenance,
-    TargetRecord,
-)
+from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, FindingRecord, MethodRecord, TargetRecord
 from sfr_loc_map.runs.calls import CallStats, stats_beside
 
 TARGET_FILE, TARGET_RESULTS = "target.json", ("estimate.csv", "cloud_0.ply")
@@ -95,20 +88,6 @@ class CloudToScore:
     truths: Sequence[PairTruth]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class UnderWay:
-    """What the score of a run that goes on needs to know besides the run."""
-
-    in_flight_ns: int = 0  #: Results of the last so many nanoseconds may still come.
-    details: bool = False  #: Whether what plots are drawn from is kept, besides the errors of sub-trajectories.
-    contradiction: str | None = None  #: Convention mismatch as it was found last: to look for it takes 0.1 s and more.
-    scored_map: ScoredMap | None = None  #: Score of the last map, which is made once.
-    received: int = 0  #: Poses, true poses and calls that were received.
-    dropped: int = 0  #: Messages that were lost in transport or dropped.
-    restarts: int = 0  #: How often another time began a new run.
-    provenance: Provenance | None = None  #: What the score is made of.
-
-
 @dataclass(frozen=True, slots=True)
 class Correction:
     """How an estimate is converted to poses of RB in DS before it is scored."""
@@ -143,4 +122,3 @@ class Run:
     in_memory: Mapping[str, str] = field(default_factory=dict)  #: Hash of inputs that are no file, by role.
     #: Settings of localiser and mapper that differ from the defaults, for provenance.
     settings: Mapping[str, object] = field(default_factory=dict)
-    under_way: UnderWay | None = None  #: What is known of a run that goes on; None of one that is over.

@@ -6,9 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from sfr_loc_map.metrics.catalogue import KINDS, TOTAL, Subject, statistic_title
-from sfr_loc_map.metrics.config import VerdictState, label_of
-from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.catalogue import ANY, DRIVE, KINDS, TOTAL, Subject, statistic_title
+from sfr_loc_map.metrics.config import CallKind, VerdictState, label_of
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.report.tables import (
     ABSENT,
@@ -71,14 +70,14 @@ POOLED: Columns = (
     ("sub-trajectories", NONE, "n"),
     ("drives", NONE, "independent"),
 )
-OF_DRIVES: tuple[tuple[str, Unit, str, str], ...] = (
-    ("covered", PERCENT, "judged", "value"),
-    ("n", NONE, "position", "n"),
-    ("lost", NONE, "lost", "count"),
-    ("call p95", MILLISECOND, "localisation", "p95"),
-    ("peak", MIB, "peak", "value"),
+OF_DRIVES: tuple[tuple[str, Unit, str, str, str | None], ...] = (
+    ("covered", PERCENT, "judged", "value", DRIVE),
+    ("n", NONE, "position", "n", ANY),
+    ("lost", NONE, "lost", "value", "count"),
+    ("call p95", MILLISECOND, "localisation", "p95", None),
+    ("peak", MIB, "peak", "value", CallKind.LOCALISATION),
 )
-"""Columns of the table of drives after the errors that the catalogue compares: title, unit, figure, statistic."""
+"""Columns of the table of drives after the errors that the catalogue compares: title, unit, figure, statistic, part."""
 BUDGET: Columns = (
     ("source of error", HEAD, "source"),
     ("share alone", PERCENT, "alone.value"),
@@ -268,17 +267,12 @@ def result_table(
         if subject is Subject.MAP:
             cells.append(Cell.number(score.number("coverage"), "coverage", PERCENT, ABSENT))
         else:
-            cells += [_number_cell(score, unit, figure, statistic) for _, unit, figure, statistic in OF_DRIVES]
+            for _, unit, figure, statistic, part in OF_DRIVES:
+                cells.append(Cell.number(score.number(figure, statistic, part=part), figure, unit, ABSENT))
         cells.append(Cell.number(len(score.missed)))
         cells.append(Cell(job.key[:SHORT_KEY], link=f"results/{job.key}.json"))
         rows.append(tuple(cells))
     return Table(name, title, tuple(columns), tuple(rows), note)
-
-
-def _number_cell(score: Score, unit: Unit, figure: str, statistic: str) -> Cell:
-    if statistic == "count":
-        return Cell.number(score.number(figure, part="count"), figure, unit, ABSENT)
-    return Cell.number(score.number(figure, statistic), figure, unit, ABSENT)
 
 
 def shown_unit(unit: str) -> Unit:

@@ -10,8 +10,8 @@ from pathlib import Path
 from sfr_loc_map.config import build, flatten, load_yaml, param
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.faults.kinds import FaultKind, parse_fault, with_amount
-from sfr_loc_map.metrics.catalogue import KINDS
-from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
+from sfr_loc_map.metrics.catalogue import ANY, KINDS, Subject
+from sfr_loc_map.metrics.config import CallKind, Condition, TrajectoryScoreConfig
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.simulation.config import SimulationConfig
@@ -117,7 +117,9 @@ class SearchSpecification:
     def ratio_of(self, score: Score) -> float | None:
         """Return the figure over its limit: 1 and more is a miss; None without the figure."""
         chosen = self.settings
-        value = score.number(chosen.figure, chosen.statistic)  # the score has one condition
+        is_of_memory = KINDS[chosen.figure].subject is Subject.MEMORY
+        part = CallKind.LOCALISATION if is_of_memory else ANY  # the calls of a drive are of one kind
+        value = score.number(chosen.figure, chosen.statistic, part=part)  # the score has one condition
         return None if value is None else abs(value) / chosen.limit
 
 

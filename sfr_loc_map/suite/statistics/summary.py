@@ -286,9 +286,8 @@ def verdicts_over(
         plain = plain_verdict("convention_mismatch_drives", 0.0, value, state)
         yield _of_group(replace(plain, n=len(scores)), "worst drive", contradicted)
     if parts := [score for score in scores if score.incomplete is not None]:
-        shares = [
-            share for score in parts if (share := score.number("judged", subject=Subject.COMPLETENESS)) is not None
-        ]
+        rows = [row for score in parts for row in score.rows("judged", subject=Subject.COMPLETENESS)[:1]]
+        shares = [row.value for row in rows if row.value is not None]
         # a drive that is not covered is no pass, whatever the figures of the others
         whole = replace(incomplete_verdict(min(shares, default=None)), n=len(scores))
         yield _of_group(whole, "worst drive", len(parts))

@@ -1,0 +1,74 @@
+"""The score of a run that goes on, put together of the same parts as that of a run that is over."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from sfr_loc_map.geometry.arrays import IntArray
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.metrics.calls import concatenated
+from sfr_loc_map.metrics.cloud_error import ScoredMap
+from sfr_loc_map.metrics.completeness import live_completeness, settled
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.limits import Limits
+from sfr_loc_map.metrics.score import Provenance, Score
+from sfr_loc_map.scoring.run import Run
+from sfr_loc_map.scoring.score_parts import CallsPart, DrivePart, MapPart, calls_part, drive_part, expected_calls
+from sfr_loc_map.scoring.score_run import all_kept, assembled, judged_with_warnings, with_conditions
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveRun:
+    """What the score of a run that goes on needs to know besides the run."""
+
+    in_flight_ns: int = 0  #: Results of the last so many nanoseconds may still come.
+    details: bool = False  #: Whether what plots are drawn from is kept, besides the errors of sub-trajectories.
+    contradiction: str | None = None  #: Convention mismatch as it was found last: to look for it takes 0.1 s and more.
+    scored_map: ScoredMap | None = None  #: Score of the last map, which is made once.
+    received: int = 0  #: Poses, true poses and calls that were received.
+    dropped: int = 0  #: Messages that were lost in transport or dropped.
+    restarts: int = 0  #: How often another time began a new run.
+    provenance: Provenance | None = None  #: What the score is made of.
+
+
+def score_so_far(run: Run, live: LiveRun, config: ScoreConfig, limits: Limits | None = None) -> Score:
+    """Return the score of a run that goes on."""
+    config = with_conditions(config, limits)
+    trajectory = DrivePart()
+    if run.drive is not None:
+        trajectory = drive_part(
+            run.drive,
+            config.trajectory,
+            live.contradiction,
+            all_kept(limits),
+            details=live.details,
+            under_way=True,
+            in_flight_ns=live.in_flight_ns,
+        )
+    surface = MapPart()
+    if (made := live.scored_map) is not None:
+        surface = MapPart(figures=made.figures, cloud=made.cloud, details=made.details if live.details else None)
+    calls = _with_transport(calls_part(run, _due_calls(run, live.in_flight_ns), details=live.details), live)
+    return judged_with_warnings(assembled(run, trajectory, surface, calls, live.provenance), config, limits)
+
+
+def _due_calls(run: Run, in_flight_ns: int) -> Mapping[Task, IntArray | None]:
+    """Return the stamps of the pairs whose calls are due: those of the last pairs may still come."""
+    expected = expected_calls(run)
+    if not run.stats:
+        return expected
+    calls = concatenated([item.calls for item in run.stats])
+    is_localisation = calls.is_localisation
+    of_task = {Task.LOCALISATION: calls.stamps_ns[is_localisation], Task.MAPPING: calls.stamps_ns[~is_localisation]}
+    return {
+        task: None if stamps is None else settled(stamps, of_task[task], in_flight_ns)
+        for task, stamps in expected.items()
+    }
+
+
+def _with_transport(part: CallsPart, live: LiveRun) -> CallsPart:
+    """Return the part of the calls with the messages that were dropped, if any were, and with restarts."""
+    if not live.dropped and not live.restarts:
+        return part
+    return replace(part, figures=(*part.figures, *live_completeness(live.received, live.dropped, live.restarts)))

@@ -1,0 +1,265 @@
+"""The parts of a score: what the trajectory, the map and the calls of a run add to it, of files and live.
+
+The functions take values and know nothing of where a run comes from. `score_run` puts the parts of a run together that
+is over, `score_so_far` those of a run that goes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from msgspec.structs import replace as struct_replace
+
+from sfr_loc_map.geometry.arrays import IntArray
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.inputs import Task
+from sfr_loc_map.metrics.aligned_error import aligned_errors
+from sfr_loc_map.metrics.calls import (
+    KINDS_OF,
+    ScoredCalls,
+    completeness_of_answers,
+    completeness_rows,
+    concatenated,
+    score_calls,
+    score_target,
+    with_external,
+)
+from sfr_loc_map.metrics.catalogue import DRIVE, MAP
+from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest, typical_pixel_offset
+from sfr_loc_map.metrics.completeness import expected_row, share_rows
+from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, MapScoreConfig, TrajectoryScoreConfig
+from sfr_loc_map.metrics.row_part import Place, RowPart
+from sfr_loc_map.metrics.score import (
+    Alignment,
+    Association,
+    CallPlots,
+    CallRecords,
+    CloudRecord,
+    ErrorRows,
+    Figure,
+    MapDetails,
+    TargetRun,
+    TrajectoryDetails,
+    TruthRecord,
+)
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
+from sfr_loc_map.runs.calls import CallStats
+from sfr_loc_map.scoring.run import CloudToScore, DriveToScore, Run
+
+FEW_TRUE_POSES = 0.5  #: Below so many true poses an image it is said that frames count true poses.
+MAX_PIXEL_OFFSET = 5.0  #: Typical distance of points from the pixels that they name, px: matching errs by less.
+MAX_EXCESS = 0.05  #: Share of the path of a truth that may be noise without a word.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrivePart:
+    """What the trajectory adds to a score."""
+
+    figures: tuple[Figure, ...] = ()
+    warnings: tuple[str, ...] = ()
+    association: Association | None = None
+    truth: TruthRecord | None = None
+    alignment: Alignment | None = None
+    contradiction: str | None = None
+    errors: tuple[ErrorRows, ...] = ()
+    details: TrajectoryDetails | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapPart:
+    """What the map adds to a score."""
+
+    figures: tuple[Figure, ...] = ()
+    warnings: tuple[str, ...] = ()
+    cloud: CloudRecord | None = None
+    details: MapDetails | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CallsPart:
+    """What the calls add to a score."""
+
+    figures: tuple[Figure, ...] = ()
+    warnings: tuple[str, ...] = ()
+    records: CallRecords | None = None
+    plots: Mapping[str, CallPlots] = field(default_factory=dict)
+    target: TargetRun | None = None
+
+
+# ---- the trajectory
+
+
+def drive_part(
+    drive: DriveToScore,
+    config: TrajectoryScoreConfig,
+    contradiction: str | None,
+    kept_errors: Collection[tuple[str, str]],
+    *,
+    details: bool = True,
+    under_way: bool = False,
+    in_flight_ns: int = 0,
+) -> DrivePart:
+    """Return what a trajectory adds to a score; a contradiction is the convention mismatch of estimate and truth.
+
+    While a run is under way, an estimate need not have a truth yet, and results of the last `in_flight_ns` may come.
+    """
+    scored = score_trajectory(
+        drive.estimates,
+        drive.truth,
+        config,
+        image_stamps_ns=drive.image_stamps_ns,
+        details=details,
+        under_way=under_way,
+        in_flight_ns=in_flight_ns,
+        kept_errors=kept_errors,
+    )
+    warnings = [] if contradiction is None else [contradiction]
+    warnings += _frame_warnings(drive, scored.association)
+    warnings += truth_warnings(scored.truth)
+    return DrivePart(
+        figures=scored.figures,
+        warnings=tuple(warnings),
+        association=scored.association,
+        truth=scored.truth,
+        contradiction=contradiction,
+        errors=scored.errors,
+        details=scored.details,
+    )
+
+
+def with_aligned_errors(part: DrivePart, drive: DriveToScore, config: AlignedErrorConfig) -> DrivePart:
+    """Return the part of a trajectory with APE and RPE."""
+    beside = aligned_errors(drive.estimates.trajectory, drive.truth, config)
+    return replace(part, figures=(*part.figures, *beside.figures), alignment=beside.alignment)
+
+
+def part_without_poses(images: int) -> DrivePart:
+    """Return the part of a drive with so many images, none of which has an estimate."""
+    if not images:
+        return DrivePart()
+    return DrivePart(figures=(expected_row(RowPart(DRIVE), 0, images), *share_rows("missing", images, images)))
+
+
+def _frame_warnings(drive: DriveToScore, association: Association) -> Iterator[str]:
+    """Yield that frames are those of a sparse truth."""
+    many, what = association.images, "images"
+    if not many:
+        many, what = len(drive.estimates.trajectory), "estimates"
+    if association.mode is AssociationMode.MATCH and association.truth_poses < FEW_TRUE_POSES * many:
+        yield (
+            f"the truth has {association.truth_poses} poses for {many} {what}: frames and spacing count true poses; "
+            "sfr score --frames images interpolates the truth to every image"
+        )
+
+
+def truth_warnings(about: TruthRecord) -> Iterator[str]:
+    """Yield what a score by this truth does not hold."""
+    if not about.attitude:
+        tilt = "" if about.tilt_deg is None else f", its z by {about.tilt_deg:.3g} deg,"
+        yield (
+            "the truth has positions alone: attitude and heading errors are not known; the estimate was turned by "
+            f"{about.yaw_deg or 0.0:.3g} deg about z{tilt} and moved to fit it over the drive, so that attitude errors "
+            "from before a sub-trajectory count in its position error (chord errors need no fit)"
+        )
+    if not (about.height and about.tilt):
+        names = [name for name, is_known in (("height", about.height), ("roll and pitch", about.tilt)) if not is_known]
+        judged = [] if about.height else ["horizontal position errors are judged in place of position errors"]
+        judged += [] if about.tilt else ["attitude errors are unknown, and roll and pitch are those of the estimate"]
+        yield f"the truth does not know {' and '.join(names)}: {'; '.join(judged)}"
+    if about.path_excess is not None and about.path_excess > MAX_EXCESS:
+        yield (
+            f"the noise of the truth ({about.sigma_m:.3g} m) lengthens its path by about "
+            f"{100.0 * about.path_excess:.3g} %: a sub-trajectory distance=METRES ends too early; give "
+            "displacement=METRES, or a smoothed truth"
+        )
+
+
+# ---- the map
+
+
+def map_part(made: CloudToScore, config: MapScoreConfig, expected_pairs: int | None) -> MapPart:
+    """Return what a cloud adds to a score; `expected_pairs` are those of the source, None where they are unknown."""
+    loaded, truths = made.loaded, made.truths
+    if loaded.cloud is None:
+        found = score_nearest(loaded.xyz, truths, config, expected_pairs=expected_pairs, not_finite=loaded.not_finite)
+        return MapPart(figures=found.figures, cloud=found.cloud, details=found.details)
+    found = score_map(loaded.cloud, truths, config, expected_pairs=expected_pairs, not_finite=loaded.not_finite)
+    warnings = tuple(_pixel_warnings(loaded.cloud, truths))
+    return MapPart(figures=found.figures, warnings=warnings, cloud=found.cloud, details=found.details)
+
+
+def part_without_cloud(pairs: int) -> MapPart:
+    """Return the part of a map of so many pairs of which there is no cloud."""
+    if not pairs:
+        return MapPart()
+    rows = share_rows("pairs_without_cloud", pairs, pairs)
+    return MapPart(figures=(expected_row(RowPart(MAP), 0, pairs), *rows))
+
+
+def _pixel_warnings(cloud: PointCloud, truths: Sequence[PairTruth]) -> Iterator[str]:
+    """Yield that points are not seen at the pixels that they name."""
+    offset_px = typical_pixel_offset(cloud, truths)
+    if offset_px > MAX_PIXEL_OFFSET:
+        yield (
+            f"the points of the cloud are typically {offset_px:.3g} px from the pixels that they name: the pixels are "
+            "of images of another size or of another pair, or the points are in another frame than LM; errors are "
+            "those at the named pixels (a cloud of x, y, z alone is scored by the nearest true point)"
+        )
+
+
+# ---- the calls
+
+
+def calls_part(run: Run, expected_ns: Mapping[Task, IntArray | None], *, details: bool = True) -> CallsPart:
+    """Return what the calls of a run add to a score; `expected_ns` are the stamps of the pairs that have a call."""
+    of_host = host_part(run, expected_ns, details=details)
+    return of_host if run.target is None else with_target(of_host, run, run.target, expected_ns)
+
+
+def host_part(run: Run, expected_ns: Mapping[Task, IntArray | None], *, details: bool) -> CallsPart:
+    """Return what the calls of this host add to a score, with an external node as it was measured from outside."""
+    calls = [concatenated([item.calls for item in run.stats])] if run.stats else []
+    scored = score_calls(calls[0], details=details) if calls else ScoredCalls()
+    expected = [*completeness_rows(calls, expected_ns)]
+    if (node := run.external) is None:
+        records = scored.records if calls else None
+        return CallsPart(figures=(*scored.figures, *expected), records=records, plots=scored.plots)
+    scored = with_external(scored, node)
+    others = [row for row in expected if row.call not in KINDS_OF[Task(node.task)]]
+    figures = (*scored.figures, *others, *completeness_of_answers(node))
+    return CallsPart(figures=figures, records=scored.records, plots=scored.plots)
+
+
+def with_target(part: CallsPart, run: Run, calls: CallStats, expected_ns: Mapping[Task, IntArray | None]) -> CallsPart:
+    """Return the part of the calls with those that were measured on a target."""
+    rows, target = _scored_target(run, calls)
+    expected_ns = expected_ns if calls.has_stamps else {}  # calls without stamps are of no known pair
+    expected = completeness_rows([calls.calls], expected_ns, Place.TARGET)
+    figures = (*part.figures, *rows, *expected)
+    return replace(part, figures=figures, target=target, warnings=tuple(_target_warnings(target)))
+
+
+def expected_calls(run: Run) -> dict[Task, IntArray | None]:
+    """Return the stamps of the pairs that each task has a call for: those of the source, else of the truth."""
+    images = None if run.drive is None else run.drive.image_stamps_ns
+    if images is None and run.drive is not None:
+        images = run.drive.truth.stamps_ns
+    return {Task.LOCALISATION: images, Task.MAPPING: run.nav_stamps_ns}
+
+
+def _scored_target(run: Run, calls: CallStats) -> tuple[tuple[Figure, ...], TargetRun]:
+    name = run.inputs.target_name or "target"
+    if run.about is not None:
+        name = run.about.board or "a board that is not named"
+    stamps = None if run.drive is None else run.drive.estimates.trajectory.stamps_ns
+    other_run = run.inputs.target_run
+    figures, target = score_target(calls.calls, name, stamps, has_stamps=calls.has_stamps, other_run=other_run)
+    return figures, struct_replace(target, about=run.about)
+
+
+def _target_warnings(target: TargetRun) -> Iterator[str]:
+    if target.other_run is not None:
+        yield f"the times of {target.name} are of another run: {target.other_run}"
+    elif target.matched_share is not None and target.matched_share < 1.0:
+        yield f"the times of {target.name} are of {100.0 * target.matched_share:.3g} % of the estimates"
