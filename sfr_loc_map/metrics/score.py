@@ -694,7 +694,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         row = self.judged_row(figure, subject=subject, condition=condition)
         if row is None and (rows := self.rows(figure, subject=subject, condition=condition)):
             parts = ", ".join(dict.fromkeys(str(row.part) for row in rows))
-            raise ConfigError(f"figure '{figure}' has several parts: give part= as one of {parts}")
+            raise ConfigError(f"figure '{figure}' has no row without a part: give part=, one of {parts}")
         return row
 
     def judged_row(self, figure: str, *, subject: str = ANY, condition: str | Condition | None = ANY) -> Figure | None:

@@ -66,5 +66,5 @@ def test_nothing_in_common_and_wrong_lengths() -> None:
         with pytest.raises(MetricsError, match="is not defined: give frames=NUMBER or distance=METRES"):
             aligned_errors(TENTHS, TENTHS, AlignedErrorConfig(rpe_delta=delta))
     far = aligned_errors(TENTHS, TENTHS, AlignedErrorConfig(rpe_delta="distance=1000"))
-    row = Score(figures=far.figures).figure("rpe")
+    row = Score(figures=far.figures).figure("rpe", part="translation")
     assert (row.n, row.rmse) == (0, None)

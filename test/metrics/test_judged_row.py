@@ -5,6 +5,7 @@ import pytest
 from msgspec.structs import replace
 
 from helpers.made_scores import whole_score
+from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import Rebase
 from sfr_loc_map.metrics.judge import judged
 from sfr_loc_map.metrics.limits import parse_limits
@@ -42,6 +43,18 @@ def test_rows_over_all_drives_are_judged_where_there_is_no_reading() -> None:
     found = Score(figures=tuple(rows)).judged_row("position")
     assert found is rows[1]
     assert Score(figures=(rows[0],)).judged_row("position") is None
+
+
+def test_a_figure_that_has_parts_alone_is_not_guessed() -> None:
+    rows = [figure_row("peak", part=part, value=1.0) for part in ("localisation", "target localisation")]
+    score = Score(figures=tuple(rows))
+    with pytest.raises(
+        ConfigError, match=r"'peak' has no row .*: give part=, one of localisation, target localisation"
+    ):
+        score.figure("peak")
+    assert score.figure("peak", part="target localisation") is rows[1]
+    assert score.figure("peak", part="mapping") is None
+    assert score.number("position", "mean") is None
 
 
 @pytest.mark.parametrize(("absent", "state"), [(0.0, "pass"), (0.5, "incomplete")])

@@ -81,7 +81,7 @@ def test_every_row_of_the_score_is_in_a_table_and_an_unknown_one_in_the_last() -
     assert shown == {str(k) for k in range(len(score.figures))}
     assert "slip over 3 deg turned, left" in [row[0].text for row in table(score, "others").rows]
     exact = {line.split(",")[-2]: line.split(",")[-1] for line in to_csv(score_tables(score)).splitlines()}
-    assert exact[f"{place_of(score, 'roughness')}.mean"] == "0.25"
+    assert exact[f"{place_of(score, 'roughness', part='all')}.mean"] == "0.25"
 
 
 def test_every_cell_leads_back_to_its_figure_and_tables_keep_their_shape() -> None:
