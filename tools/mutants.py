@@ -57,7 +57,7 @@ class Mutation(NamedTuple):
     instead: str
 
 
-ANSWERS = "nodes/replay/external_answers.py"
+ANSWERS, STORE = "nodes/replay/external_answers.py", "suite/running/store.py"
 FORMULAS, SCORE, SHORTFALLS = "metrics/formulas.py", "metrics/trajectory_score.py", "metrics/shortfalls.py"
 MUTATIONS = (
     # 4.1.1 sub-trajectories
@@ -290,6 +290,12 @@ MUTATIONS = (
     Mutation("host_clock.py", "MOST_S, MOST_SHARE = 0.1, 0.01", "MOST_S, MOST_SHARE = 0.1, 0.02"),
     Mutation("host_clock.py", "abs(passed_s - kernel_passed_s)", "passed_s - kernel_passed_s"),
     Mutation("child_process.py", 'not name.startswith("LD_") or name', "True or name"),
+    # a suite hides no drive that was run, and its plan is that of its files
+    Mutation(STORE, "for name in WORK)) not in planned:", "for name in WORK)) in planned:"),
+    Mutation(STORE, "if failure.source not in places:", "if failure.source in places:"),
+    Mutation(STORE, "fault_seed if faults else 0, repeat)", "fault_seed if faults else 0)"),
+    Mutation(STORE, 'elif hash_path(path) != item["sha256"]:', "elif False:"),
+    Mutation(STORE, 'if to_plain(limits_in(suite)) != self._plan["limits"]:', "if False:"),
     # poses that repeat another, poses of the ground truth
     Mutation("metrics/copies.py", "NOISES = 5.0", "NOISES = 0.5"),
     Mutation("metrics/copies.py", "MOVING_SHARE = 0.1", "MOVING_SHARE = 0.01"),

@@ -75,7 +75,7 @@ def run(
     with store.locked():
         planned, refusals = make_plan(specification, store.facts_of, store.cache)
         if not dry_run:
-            store.plan(planned, refusals, specification.limits)
+            store.plan(planned, refusals, specification.limits, specification.files)
         for refusal in refusals:
             say(f"sfr: warning: left out: {refusal.reason}", err=True)
         wanted = ("waiting", "failed") if retry_failed else ("waiting",)
@@ -278,7 +278,10 @@ def _open_store(folder: Path) -> Store:
 
     if not (folder / "plan.json").is_file():
         raise InputError(f"'{folder}' is not a folder of a suite: sought plan.json; give one made by sfr suite run")
-    return Store(folder)
+    store = Store(folder)
+    for path in store.check_files():
+        say(f"sfr: warning: '{path}' is not there: that the plan has its tasks and limits was not checked", err=True)
+    return store
 
 
 def _present(
@@ -294,6 +297,8 @@ def _present(
         say(f"MLflow run {log_to_mlflow(summary, store.folder, mlflow)}", err=True)
     show(summary.to_dict(), json_path, suite_tables(summary))
     say(f"report: {store.folder / 'report.html'}", err=True)
+    for refusal in store.left_over():
+        say(one_line(f"left out: {refusal.reason}"), err=True)
     for failure in summary.failures:
         say(one_line(f"failed: {failure.label}: {failure.cause}: {failure.message}"), err=True)
     verdicts = [(group, item) for group in summary.groups for item in group.verdicts]

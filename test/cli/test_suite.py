@@ -158,6 +158,43 @@ def test_the_calls_beside_an_estimate_are_judged_as_by_score(sfr: Sfr, tmp_path:
     assert (failed["name"], failed["missed_by"]) == ("leaking_calls", 1)
 
 
+@pytest.mark.slow
+def test_a_suite_without_its_bad_drive_and_an_edited_plan_pass_nothing(sfr: Sfr, tmp_path: Path) -> None:
+    suite = made_suite(tmp_path / "made", 3, limits=LIMITS)
+    made_suite(tmp_path / "bad", 3, sigma_m=0.2)
+    (tmp_path / "bad/drive2.csv").replace(tmp_path / "made/drive2.csv")
+    content = suite.read_text()
+    out = tmp_path / "out"
+    run = ("suite", "run", suite, "--out", out, "--workers", 1, "--json", "-")
+    report = ("suite", "report", out, "--json", "-")
+    assert (ran := sfr(*run)).code == 1, ran.err
+    plan = (out / "plan.json").read_text()
+
+    edited = json.loads(plan)
+    edited["limits"]["trajectory"][0]["position_mean_plus_3sigma_m"] = 9.0
+    (out / "plan.json").write_text(json.dumps(edited))
+    refused = sfr(*report)
+    assert (refused.code, "has other limits than" in refused.err) == (2, True), refused.err
+
+    edited = json.loads(plan)
+    bad = [job for job in edited["jobs"] if job["source"]["name"] == "drive2.csv"]
+    edited["jobs"].remove(*bad)
+    (out / "plan.json").write_text(json.dumps(edited))
+    without = sfr(*report)
+    assert (without.code, json.loads(without.out)["verdict"]) == (2, "incomplete")
+    assert "left out: 'drive2.csv' was run" in without.err
+
+    (out / "plan.json").write_text(plan)
+    suite.write_text(yaml.safe_dump((whole := yaml.safe_load(content)) | {"sources": whole["sources"][:2]}))
+    changed = sfr(*report)
+    assert (changed.code, "has changed since" in changed.err) == (2, True), changed.err
+    chosen = sfr(*run)
+    assert (chosen.code, json.loads(chosen.out)["verdict"]) == (2, "incomplete")
+    assert "left out: 'drive2.csv' was run" in chosen.err
+    suite.unlink()
+    assert "was not checked" in sfr(*report).err
+
+
 def test_usage_errors_are_one_line(sfr: Sfr, tmp_path: Path) -> None:
     suite = made_suite(tmp_path / "made", 1)
     (tmp_path / "other").mkdir()

@@ -80,8 +80,14 @@ class SuiteSpecification:
     budget: tuple[str, ...]  #: Names of the sources of error of a budget, empty without one.
     scoring: TrajectoryScoreConfig  #: How each task is scored; conditions that only the limits name are among it.
     limits: Mapping[str, Any]  #: Limits, empty for none.
+    limits_file: Path | None  #: File of the limits, None if they are in the suite's file or absent.
     kept_errors: tuple[tuple[str, str], ...]  #: Figures and conditions whose tolerance bound is limited.
     settings: SuiteSettings  #: Single values.
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The suite's file, and the file of its limits if they have one."""
+        return (self.path,) if self.limits_file is None else (self.path, self.limits_file)
 
 
 def load_specification(path: Path) -> SuiteSpecification:
@@ -89,7 +95,9 @@ def load_specification(path: Path) -> SuiteSpecification:
     content = load_yaml(path)
     lists = {name: content.pop(name, None) or [] for name in LISTS}
     budget = parse_budget(content.pop("budget"), str(path)) if "budget" in content else ()
-    configurations, limits = content.pop("configurations", None), _limits(content.pop("limits", None), path)
+    configurations = content.pop("configurations", None)
+    stated_limits = content.pop("limits", None)
+    limits = _limits(stated_limits, path)
     settings = build(SuiteSettings, content, origin=str(path))
     if odd := next((name for name, value in lists.items() if not isinstance(value, list)), None):
         raise ConfigError(f"{path}: '{odd}' is a {type(lists[odd]).__name__}: a list is needed")
@@ -127,9 +135,15 @@ def load_specification(path: Path) -> SuiteSpecification:
         budget=tuple(source.name for source in budget),
         scoring=TrajectoryScoreConfig(conditions, settings.spacing, settings.rebase, settings.partial),
         limits=limits,
+        limits_file=path.parent / stated_limits if isinstance(stated_limits, str) else None,
         kept_errors=() if parsed is None else _kept_errors(parsed),
         settings=settings,
     )
+
+
+def limits_in(path: Path) -> Mapping[str, Any]:
+    """Return the limits of a suite's file, or of the file that it names for them; empty for none."""
+    return _limits(load_yaml(path).get("limits"), path)
 
 
 def _kept_errors(limits: Limits) -> tuple[tuple[str, str], ...]:

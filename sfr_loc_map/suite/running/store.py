@@ -2,7 +2,8 @@
 
 DIR/results/KEY.json        score of a job (sfr-score/2)
 DIR/failures/KEY.json       why a job failed
-DIR/plan.json               what the sources of the suite's file hold, its jobs in their order, its limits, its code
+DIR/plan.json               what the sources of the suite's file hold, its jobs in their order, its limits, its code;
+                            path and hash of that file and of the file of the limits
 DIR/workers.json            the workers of its runs, what they did, why they were set aside
 DIR/cache/                  simulated and fetched sources, may be deleted
 """
@@ -19,7 +20,7 @@ from typing import Any, TypeVar
 
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.errors import InputError, OutputError
-from sfr_loc_map.inputs import refusing
+from sfr_loc_map.inputs import hash_path, refusing
 from sfr_loc_map.metrics.limits import Limits, parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict, from_plain, json_line, to_plain
@@ -27,10 +28,11 @@ from sfr_loc_map.suite.running.cluster import FailureCause, JobOutcome, WorkerRe
 from sfr_loc_map.suite.running.digests import file_state
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.plan import SourceFacts, about_run, inspect_source
-from sfr_loc_map.suite.running.specification import Refusal
+from sfr_loc_map.suite.running.specification import Refusal, limits_in
 
 PLAN, WORKERS = "plan.json", "workers.json"
 ADVICE = "delete it and run the suite again"
+WORK = ("task", "source", "faults", "fault_seed", "repeat")  #: Keys of a result's provenance that name its work.
 T = TypeVar("T")
 
 
@@ -62,7 +64,7 @@ class Store:
                 path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OutputError(f"cannot make the folder '{folder}': {error.strerror}; check the rights") from error
-        self._plan: dict[str, Any] = {"sources": {}, "jobs": [], "limits": {}, "refusals": [], "run": {}}
+        self._plan: dict[str, Any] = {"sources": {}, "jobs": [], "limits": {}, "refusals": [], "run": {}, "files": []}
         if plan.exists():
             found = _read(plan)
             if not isinstance(found, dict) or any(type(found.get(k, v)) is not type(v) for k, v in self._plan.items()):
@@ -93,15 +95,44 @@ class Store:
         self._plan["sources"][str(path.absolute())] = {"stamp": state, "facts": to_plain(facts)}
         return facts
 
-    def plan(self, jobs: Sequence[Job], refusals: Sequence[Refusal] = (), limits: Mapping[str, object] = {}) -> None:
-        """Take the jobs and limits of a suite's file as it is now, and the sources that it cannot read."""
+    def plan(
+        self,
+        jobs: Sequence[Job],
+        refusals: Sequence[Refusal] = (),
+        limits: Mapping[str, object] = {},
+        files: Sequence[Path] = (),
+    ) -> None:
+        """Take the jobs and limits of a suite's file as it is now, and the sources that it cannot read.
+
+        `files` are the suite's file and, if its limits have one of their own, that file.
+        """
         self._plan |= {
+            "files": [{"path": str(path.absolute()), "sha256": hash_path(path)} for path in files],
             "jobs": to_plain(jobs),
             "limits": to_plain(limits),
             "refusals": to_plain(refusals),
             "run": about_run(),
         }
         write_text(json_line(self._plan), self.folder / PLAN)
+
+    def check_files(self) -> tuple[str, ...]:
+        """Compare the plan with the files that it was made of; return those that are not there.
+
+        InputError if a file has changed, or if the limits of the plan are not those of the suite's file.
+        """
+        plan = self.folder / PLAN
+        absent = []
+        for item in self._plan["files"]:
+            path = Path(item["path"])
+            if not path.is_file():
+                absent.append(str(path))
+            elif hash_path(path) != item["sha256"]:
+                raise InputError(f"'{path}' has changed since '{plan}' was made of it: run the suite again")
+        if self._plan["files"] and not absent:
+            suite = Path(self._plan["files"][0]["path"])
+            if to_plain(limits_in(suite)) != self._plan["limits"]:
+                raise InputError(f"'{plan}' has other limits than '{suite}': run the suite again")
+        return tuple(absent)
 
     @property
     def run(self) -> dict[str, Any]:
@@ -116,8 +147,30 @@ class Store:
 
     @property
     def refusals(self) -> tuple[Refusal, ...]:
-        """Sources that could not be read when it was run last."""
-        return tuple(_record(Refusal, item, self.folder / PLAN) for item in self._plan["refusals"])
+        """Sources that could not be read when it was run last, and those that left results but are of no task now."""
+        unread = (_record(Refusal, item, self.folder / PLAN) for item in self._plan["refusals"])
+        return (*unread, *self.left_over())
+
+    def left_over(self) -> tuple[Refusal, ...]:
+        """Return the sources that have a result or a failure in the folder, but no task of the same kind in the plan.
+
+        A suite without its bad drive would otherwise be complete. Results of a source that is run again with other
+        code, another configuration or other data are superseded.
+        """
+        jobs = [job for job, _ in self.entries()]
+        keys = {job.key for job in jobs}
+        planned = {_work(job.kind.value, job.source.name, job.faults, job.fault_seed, job.repeat) for job in jobs}
+        places = {job.source.path for job in jobs}
+        found = []
+        for path in sorted(path for path in self.results.glob("*.json") if path.stem not in keys):
+            about = _read(path).get("provenance", {}).get("configuration", {})
+            if _work(*(about.get(f"suite.{name}") for name in WORK)) not in planned:
+                found.append(_left_over(str(about.get("suite.source")), path))
+        for path in sorted(path for path in self.failures.glob("*.json") if path.stem not in keys):
+            failure = self.failure(path.stem)
+            if failure.source not in places:
+                found.append(_left_over(failure.source, path))
+        return tuple(found)
 
     def workers(self) -> tuple[WorkerRecord, ...]:
         """Return the workers of all its runs."""
@@ -164,6 +217,18 @@ class Store:
         """Return the jobs of the suite in its order, each with `done`, `failed` or `waiting`."""
         jobs = (_record(Job, item, self.folder / PLAN) for item in self._plan["jobs"])
         return [(job, self.state(job.key)) for job in jobs]
+
+
+def _work(task: object, source: object, faults: object, fault_seed: object, repeat: object) -> tuple[object, ...]:
+    """Return what is done with which source; without faults their seed changes nothing."""
+    return (task, source, faults, fault_seed if faults else 0, repeat)
+
+
+def _left_over(source: str, path: Path) -> Refusal:
+    where = f"{path.parent.name}/{path.name}"
+    return Refusal(
+        source, f"'{source}' was run ({where}) and is in no task now: add it to the suite, or delete that file"
+    )
 
 
 def _record(kind: type[T], value: object, path: Path) -> T:

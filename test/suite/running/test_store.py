@@ -1,0 +1,61 @@
+"""The folder of a suite: results of no task are reported, and a plan is compared with the files it was made of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from helpers.made_suites import JOB
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.metrics.score import Provenance, Score
+from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.suite.running.cluster import FailureCause, JobOutcome
+from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.store import Store
+
+
+def result_of(job: Job) -> JobOutcome:
+    about = {"key": job.key, "task": job.kind.value, "source": job.source.name, "faults": job.faults}
+    about |= {"fault_seed": job.fault_seed, "repeat": job.repeat}
+    configuration = {f"suite.{name}": value for name, value in about.items()}
+    return JobOutcome(result=to_json(Score(figures=(), provenance=Provenance(version="", configuration=configuration))))
+
+
+def test_a_source_that_was_run_and_is_in_no_task_is_reported(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    bad = replace(JOB, source=replace(JOB.source, name="b", path="b.mcap", sha256="1"))
+    gone = replace(JOB, source=replace(JOB.source, name="c", path="c.mcap", sha256="2"))
+    again = replace(JOB, repeat=1)
+    for job in (JOB, bad, again):
+        store.save(job, result_of(job))
+    store.save(gone, JobOutcome(cause=FailureCause.BAD_INPUT, message="cut off"))
+    store.plan([JOB, bad, gone, again])
+    assert not store.refusals
+    store.plan([JOB])
+    assert sorted(item.path for item in store.refusals) == ["a", "b", "c.mcap"], "a repeat is work of its own"
+    store.plan([replace(job, code="other", fault_seed=7) for job in (JOB, bad, gone, again)])
+    assert not store.refusals, "with other code, and with a seed of no faults, the same work is done again"
+
+
+def test_a_plan_is_compared_with_its_files(tmp_path: Path) -> None:
+    limits, suite = tmp_path / "limits.yaml", tmp_path / "suite.yaml"
+    suite.write_text("limits: limits.yaml\n")
+    limits.write_text("memory: {localisation_peak_bytes: 5}\n")
+    store = Store(tmp_path / "out")
+
+    def planned(peak: int) -> None:
+        store.plan([JOB], limits={"memory": {"localisation_peak_bytes": peak}}, files=(suite, limits))
+
+    planned(5)
+    assert store.check_files() == ()
+    planned(6)
+    with pytest.raises(InputError, match="has other limits than"):
+        store.check_files()
+    planned(5)
+    limits.write_text("memory: {localisation_peak_bytes: 6}\n")
+    with pytest.raises(InputError, match="has changed since"):
+        store.check_files()
+    limits.unlink()
+    assert store.check_files() == (str(limits),)
