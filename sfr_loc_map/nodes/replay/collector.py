@@ -31,13 +31,23 @@ QUIET_S = 5.0  #: At a rate, results are awaited for so long after the last one.
 class ResultCollector:
     """Subscribes to the results of the nodes and waits for them."""
 
-    def __init__(self, node: ReplayNode, pairs_per_map: int, external: ExternalNode | None) -> None:
-        """Subscribe; an external node in place of one of ours collects the results of its task itself."""
-        self.received, self._external, self._pairs_per_map = Received(), external, pairs_per_map
+    def __init__(
+        self,
+        node: ReplayNode,
+        received: Received,
+        external: ExternalNode | None,
+        *,
+        pairs_per_map: int,
+        is_lock_step: bool,
+    ) -> None:
+        """Subscribe; an external node in place of one of ours puts the results of its task into `received` itself."""
+        self.received = received
+        self._external = external
+        self._pairs_per_map = pairs_per_map
+        self._is_lock_step = is_lock_step
+        self._node = node
         other = None if external is None else external.options.task
-        if external is not None:
-            self.received.answers = external.put_into(self.received)
-        self._node, subscribe = node, node.node.create_subscription
+        subscribe = node.node.create_subscription
         self._input_error = ""  # what a node reports of input that it cannot use
         deep = QoSProfile(depth=QUEUE_DEPTH)
         if other is not Task.LOCALISATION:
@@ -47,6 +57,19 @@ class ResultCollector:
         for task in Task:
             subscribe(String, call_topic(task), partial(self._on_call, task), deep)
         subscribe(DiagnosticArray, diagnostics.TOPIC, self._on_diagnostics, deep)
+
+    def note_published(self, rig: str, stamp_ns: int, sent_s: float) -> None:
+        """Note that a pair was published, its last image at a time of the monotonic clock; in lock step wait for it."""
+        external = self._external
+        self.received.published.add((rig, stamp_ns))
+        if external is not None and rig == external.options.task.rig:
+            external.published(stamp_ns, sent_s)
+        if self._is_lock_step:
+            self.wait_for_pair(rig, stamp_ns)
+            return
+        self._node.supervisor.check()
+        if external is not None:
+            external.look_after()
 
     def wait_for_pair(self, rig: str, stamp_ns: int) -> None:
         """Wait for the results of one pair."""
@@ -67,15 +90,26 @@ class ResultCollector:
         self._node.wait_for(received, ANSWER_TIMEOUT_S, problem)
 
     def finish(self) -> None:
-        """Wait for the results of all published pairs, as long as some are received; a map begun is finished."""
-        mapped, maps = self.received.published_stamps(Task.MAPPING.rig), 0
-        if self._external is None or self._external.options.task is not Task.MAPPING:
-            maps, left = divmod(len(mapped), max(self._pairs_per_map, 1))
-            if left:
-                for stamp_ns in mapped:
-                    self.wait_for_pair(Task.MAPPING.rig, stamp_ns)
-                self._node.call("mapping_node/finish", "mapping_node did not finish its map")
-                maps += 1
+        """Finish a map begun, wait for the results of all published pairs, and observe an external node at its end."""
+        self._wait_for_rest(self._finish_map())
+        if self._external is not None:
+            self.received.external = self._external.observe()
+
+    def _finish_map(self) -> int:
+        """Let the mapper finish a map begun; return how many maps of ours are expected."""
+        if self._external is not None and self._external.options.task is Task.MAPPING:
+            return 0
+        mapped = self.received.published_stamps(Task.MAPPING.rig)
+        maps, left = divmod(len(mapped), max(self._pairs_per_map, 1))
+        if not left:
+            return maps
+        for stamp_ns in mapped:
+            self.wait_for_pair(Task.MAPPING.rig, stamp_ns)
+        self._node.call(f"{Task.MAPPING.node}/finish", f"{Task.MAPPING.node} did not finish its map")
+        return maps + 1
+
+    def _wait_for_rest(self, maps: int) -> None:
+        """Wait for the results of all published pairs and for a number of maps, as long as results are received."""
         received, count, deadline = self.received, -1, 0.0
         while count != received.count or time.monotonic() < deadline:
             if received.map_count >= maps and all(received.has_pair(*pair) for pair in received.published):

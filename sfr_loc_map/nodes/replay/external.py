@@ -27,7 +27,7 @@ from sfr_loc_map.metrics.convention import world_at_first_pose
 from sfr_loc_map.metrics.pose_convention import FIRST_POSE, PoseConvention, aligned, converted
 from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, MethodKind, MethodRecord
 from sfr_loc_map.nodes.launch.processes import ChildProcess
-from sfr_loc_map.nodes.replay.external_answers import AnswerBook, ProcessWatch, processes_named
+from sfr_loc_map.nodes.replay.external_answers import ProcessWatch, processes_named
 from sfr_loc_map.nodes.replay.graph_node import ReplayNode
 from sfr_loc_map.nodes.replay.options import ExternalOptions
 from sfr_loc_map.nodes.replay.received import Received
@@ -48,14 +48,21 @@ class ExternalNode(ABC):
 
     kind: type[Any]
 
-    def __init__(self, node: ReplayNode, options: ExternalOptions, command: ChildProcess | None) -> None:
-        """Subscribe to nothing yet; the command is its process, None where it was not started here."""
+    def __init__(
+        self, node: ReplayNode, options: ExternalOptions, command: ChildProcess | None, received: Received
+    ) -> None:
+        """Subscribe to nothing yet; the command is its process, None where it was not started here.
+
+        What it publishes is put into `received`, and its answers are counted in the book of `received`.
+        """
+        assert received.answers is not None  # a replay with an external node has a book
         self.options = options
         self.version: str | None = None
         self._node, self._command = node, command
         self._name = "external"
         self._watch: ProcessWatch | None = None
-        self._book = AnswerBook(options.task.rig, options.timeout_s, options.frames)
+        self._results = received
+        self._book = received.answers
         self._publishers: set[tuple[int, ...]] | None = None  # when its first answer came, by their global ids
         self._looked_s = 0.0
 
@@ -66,11 +73,6 @@ class ExternalNode(ABC):
     @abstractmethod
     def keep(self, message: Any, content: Any, results: Received) -> None:  # noqa: ANN401 - of `kind`
         """Keep what it published, and publish it converted."""
-
-    def put_into(self, results: Received) -> AnswerBook:
-        """Put what is received into the results of a replay; return the book of its answers."""
-        self._results = results
-        return self._book
 
     def published(self, stamp_ns: int, sent_s: float) -> None:
         """Note that a pair was published, its last image at a time of the monotonic clock."""
@@ -93,12 +95,13 @@ class ExternalNode(ABC):
             )
 
         self._node.wait_for(listens, self.options.start_timeout_s, problem)
-        publishers: list[Any] = []
-        for _ in range(round(PUBLISHER_GRACE_S / 0.1)):
-            publishers = list(graph.get_publishers_info_by_topic(self.options.topic))
-            if publishers and all(item.node_name != NOT_YET_NAMED for item in publishers):
-                break
-            self._node.spin_for(0.1)
+
+        def are_named() -> bool:
+            names = [item.node_name for item in graph.get_publishers_info_by_topic(self.options.topic)]
+            return bool(names) and NOT_YET_NAMED not in names
+
+        self._node.spin(PUBLISHER_GRACE_S, are_named)
+        publishers = list(graph.get_publishers_info_by_topic(self.options.topic))
         names = {item.node_name for item in publishers} - {NOT_YET_NAMED}
         self._name = ", ".join(sorted(names)) or (self._name if command is None else command.name)
         reliable = {item.qos_profile.reliability for item in publishers} == {ReliabilityPolicy.RELIABLE}
@@ -183,10 +186,15 @@ class ExternalLocaliser(ExternalNode):
     kind = Odometry
 
     def __init__(
-        self, node: ReplayNode, options: ExternalOptions, command: ChildProcess | None, loc: LocSequence
+        self,
+        node: ReplayNode,
+        options: ExternalOptions,
+        command: ChildProcess | None,
+        received: Received,
+        loc: LocSequence,
     ) -> None:
         """Advertise the converted poses; their frame may follow from the rig, and their world from the truth."""
-        super().__init__(node, options, command)
+        super().__init__(node, options, command, received)
         self._convention, self._truth = options.convention, loc.ground_truth
         self._T_rb_child = options.convention.T_rb_child(loc.rig)
         self._T_ds_world: Transform | None = None
@@ -222,10 +230,15 @@ class ExternalMapper(ExternalNode):
     kind = PointCloud2
 
     def __init__(
-        self, node: ReplayNode, options: ExternalOptions, command: ChildProcess | None, nav: NavSequence
+        self,
+        node: ReplayNode,
+        options: ExternalOptions,
+        command: ChildProcess | None,
+        received: Received,
+        nav: NavSequence,
     ) -> None:
         """Advertise the converted clouds; the poses of the pairs take their points to LM."""
-        super().__init__(node, options, command)
+        super().__init__(node, options, command, received)
         convention, here = options.convention, replace(nav.rig, T_rb_sb=Transform.identity())
         self._in_lm = convention == PoseConvention(metres_per_unit=convention.metres_per_unit)
         self._unit, self._T_sb_child = convention.metres_per_unit, convention.T_rb_child(here)
@@ -259,11 +272,11 @@ def _ended(command: ChildProcess) -> str:
 
 
 def external_node(
-    node: ReplayNode, source: Source, options: ExternalOptions, command: ChildProcess | None
+    node: ReplayNode, source: Source, options: ExternalOptions, command: ChildProcess | None, received: Received
 ) -> ExternalNode:
     """Return the external node of a replay."""
     if options.task is Task.LOCALISATION and source.loc is not None:
-        return ExternalLocaliser(node, options, command, source.loc)
+        return ExternalLocaliser(node, options, command, received, source.loc)
     if options.task is Task.MAPPING and source.nav is not None:
-        return ExternalMapper(node, options, command, source.nav)
+        return ExternalMapper(node, options, command, received, source.nav)
     raise ConfigError(f"'--external {options.task}': the source has no pairs for it; give one that has them")

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable
 from typing import Any
 
-from rcl_interfaces.srv import ListParameters
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.parameter import parameter_value_to_python
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.inputs import MONITOR_NODE, PLAYER_NODE, Task
+from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S
+from sfr_loc_map.inputs import MONITOR_NODE, NS_PER_S, PLAYER_NODE, Task
 from sfr_loc_map.nodes.launch.processes import LivePage, Supervisor
-from sfr_loc_map.nodes.ros.peer import POLL_S, Peer
+from sfr_loc_map.nodes.ros.peer import Peer
 from sfr_loc_map.nodes.ros.services import call_service
 from sfr_loc_map.topics import ESTIMATE, REPORT, RESULTS, TRUE_POSES, call_topic
 
 ANSWER_TIMEOUT_S = 120.0
+STAMP_TOLERANCE = "input.stamp_tolerance_s"  #: Parameter of the nodes that pair images.
 SETTLE_S = 0.3  #: Time for the nodes to discover each other once this node has discovered all of them.
 PAGE_TIMEOUT_S = 30.0
 PAGE_TOPICS = (ESTIMATE, TRUE_POSES, REPORT)
@@ -33,15 +35,16 @@ class ReplayNode(Peer):
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float, problem: Callable[[], str]) -> None:
         """Spin until a condition holds, for a limited time; `problem` says what did not happen."""
-        deadline = time.monotonic() + timeout_s
-        while True:
+
+        def is_met() -> bool:
             self._refuse_others()  # first: what they publish may be what the condition fails of
             if condition():
-                return
+                return True
             self.supervisor.check()
-            if time.monotonic() > deadline:
-                raise NodeError(f"{problem()} within {timeout_s:g} s: look at the load of this host and start again")
-            self.executor.spin_once(timeout_sec=POLL_S)
+            return False
+
+        if not self.spin(timeout_s, is_met):
+            raise NodeError(f"{problem()} within {timeout_s:g} s: look at the load of this host and start again")
 
     def wait_for_page(self, page: LivePage) -> bool:
         """Wait, for a limited time, until a page receives what is played; return whether it does or has ended."""
@@ -74,6 +77,17 @@ class ReplayNode(Peer):
 
         bounds = {"found_s": ANSWER_TIMEOUT_S, "answer_s": ANSWER_TIMEOUT_S}
         return call_service(self.node, kind, service, request, wait=wait, **bounds)
+
+    def stamp_tolerance_ns(self, task: Task) -> int:
+        """Return the tolerance by which the node of a task pairs images, the default if another node has its place."""
+        tolerance_s = STAMP_TOLERANCE_S
+        if task.node in self.supervisor.processes:
+            request = GetParameters.Request(names=[STAMP_TOLERANCE])
+            answer = self.request(
+                GetParameters, f"{task.node}/get_parameters", request, f"{task.node} did not report its parameters"
+            )
+            tolerance_s = float(parameter_value_to_python(answer.values[0]))
+        return round(tolerance_s * NS_PER_S)
 
     def wait_until_known(self) -> None:
         """Wait until each node knows all subscriptions of this one, and this one knows those of the monitor.

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 
-from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S, WAITING, StampPairing
+from sfr_loc_map.geometry.stamp_pairing import WAITING, StampPairing
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S, Task
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.bag.message_stream import Message
 from sfr_loc_map.nodes.input.pose_matching import PoseMatching
 from sfr_loc_map.topics import COMPRESSED_END, NAV_POSE
@@ -36,10 +37,10 @@ class Pacer:
 class PairTracker:
     """Tells when a stereo pair, with its pose where it needs one, has been published; pairs as the nodes pair them."""
 
-    def __init__(self) -> None:
-        tolerance_ns = round(STAMP_TOLERANCE_S * NS_PER_S)
-        self._images = {task.rig: StampPairing[int](tolerance_ns, WAITING) for task in Task}
-        self._poses = PoseMatching[int](tolerance_ns, math.inf, lambda stamp_ns: None)
+    def __init__(self, tolerance_ns: Mapping[Task, int]) -> None:
+        """Start before the first message; the tolerances are those by which the nodes of the tasks pair stamps."""
+        self._images = {task.rig: StampPairing[int](tolerance_ns[task], WAITING) for task in Task}
+        self._poses = PoseMatching[int](tolerance_ns[Task.MAPPING], math.inf, lambda stamp_ns: None)
 
     def add(self, message: Message) -> list[tuple[str, int]]:
         """Add a published message; return rig and stamp, that of the left image, of the pairs that it completes."""

@@ -8,17 +8,19 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 from sfr_loc_map import signals
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.host_clock import checked_clock
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.bag import message_stream
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.completeness import MISSING_SHARE
 from sfr_loc_map.nodes.input.extrinsics import publish_extrinsics
 from sfr_loc_map.nodes.launch.processes import Supervisor, user_command
 from sfr_loc_map.nodes.replay.collector import ResultCollector
-from sfr_loc_map.nodes.replay.external import ExternalNode, external_node
+from sfr_loc_map.nodes.replay.external import external_node
+from sfr_loc_map.nodes.replay.external_answers import AnswerBook
 from sfr_loc_map.nodes.replay.graph_node import ReplayNode
 from sfr_loc_map.nodes.replay.options import ReplayOptions, node_arguments
 from sfr_loc_map.nodes.replay.pacing import PairTracker
@@ -29,62 +31,55 @@ from sfr_loc_map.runs.offline import check_count
 from sfr_loc_map.topics import RECTIFIED, Role, names
 
 Say = Callable[[str], None]
+Progress = Callable[[str], None]
 
 
-class ReplaySession:
-    """The running nodes of a replay, ready to receive; made by `running`."""
+class Running(NamedTuple):
+    """What takes part in a replay."""
 
-    def __init__(
-        self,
-        source: Source,
-        options: ReplayOptions,
-        node: ReplayNode,
-        player: Player,
-        collector: ResultCollector,
-        external: ExternalNode | None,
-    ) -> None:
-        self.node, self.player = node, player
-        self._source, self._options, self._collector, self._external = source, options, collector, external
+    node: ReplayNode
+    player: Player
+    collector: ResultCollector
 
-    @property
-    def received(self) -> Received:
-        """What the nodes have published so far."""
-        return self._collector.received
 
-    def play(self, progress: Callable[[str], None]) -> None:
-        """Publish the source until its end or until the player is stopped, then wait for the missing results.
+def replay(source: Source, options: ReplayOptions, progress: Progress, say: Say) -> tuple[Received, bool]:
+    """Replay a source through the nodes; return what they published, and whether a signal ended it early.
 
-        `progress` is called with the rig of each pair that was played.
-        """
-        options, pairs, collector, external = (self._options, PairTracker(), self._collector, self._external)
-        if options.start is not None:
-            self.player.set_pose(options.start)
+    `progress` is called with the rig of each pair that was played.
+    """
+    with running(source, options, say) as parts:
+        with signals.stopping(parts.player.stop) as interrupted:
+            say(f"plays from {options.offset_s:g} s")
+            play(source, options, parts, progress)
+            was_interrupted = interrupted()
+            signals.hold()  # what was played is there to be scored
+        received = parts.collector.received
+        if options.page is not None:
+            parts.node.call("monitor_node/finish", "monitor_node did not publish its figures")
+            options.page.run_is_over(missing=_missing_poses(source, received))
+        return received, was_interrupted
 
-        def published(message: message_stream.Message) -> None:
-            sent_s = time.monotonic()
-            for rig, stamp_ns in pairs.add(message):
-                collector.received.published.add((rig, stamp_ns))
-                if external is not None and rig == external.options.task.rig:
-                    external.published(stamp_ns, sent_s)
-                if options.rate > 0.0:
-                    self.node.supervisor.check()
-                    if external is not None:
-                        external.look_after()
-                else:
-                    collector.wait_for_pair(rig, stamp_ns)
-                progress(rig)
 
-        messages = message_stream.messages_of(self._source)
-        end_s = options.offset_s + options.duration_s
-        with checked_clock():
-            self.player.play(message_stream.between(messages, options.offset_s, end_s), published)
-            collector.finish()
-        if external is not None:
-            collector.received.external = external.observe()
+def play(source: Source, options: ReplayOptions, parts: Running, progress: Progress) -> None:
+    """Publish a source until its end or until the player is stopped, then wait for the missing results."""
+    pairs = PairTracker({task: parts.node.stamp_tolerance_ns(task) for task in Task})
+    if options.start is not None:
+        parts.player.set_pose(options.start)
+
+    def published(message: message_stream.Message) -> None:
+        sent_s = time.monotonic()
+        for rig, stamp_ns in pairs.add(message):
+            parts.collector.note_published(rig, stamp_ns, sent_s)
+            progress(rig)
+
+    messages = message_stream.messages_of(source)
+    end_s = options.offset_s + options.duration_s
+    parts.player.play(message_stream.between(messages, options.offset_s, end_s), published)
+    parts.collector.finish()
 
 
 @contextmanager
-def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[ReplaySession]:
+def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[Running]:
     """Start the nodes of a replay as processes of their own, and end them with the `with` block."""
     check_source(source, options.offset_s)
     environment.isolate()
@@ -102,9 +97,15 @@ def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[Replay
         if options.external is not None and options.external.command:
             command = stack.enter_context(user_command(options.external.command, folder))
         node = stack.enter_context(ReplayNode(supervisor))
-        external = None if options.external is None else external_node(node, source, options.external, command)
+        received = Received()
+        external = None
+        if (other := options.external) is not None:
+            received.answers = AnswerBook(other.task.rig, other.timeout_s, other.frames)
+            external = external_node(node, source, other, command, received)
         player = Player(node, topics, options.rate, paused=options.paused)
-        collector = ResultCollector(node, 0 if source.nav is None else len(source.nav), external)
+        pairs_per_map = 0 if source.nav is None else len(source.nav)
+        is_lock_step = options.rate <= 0.0
+        collector = ResultCollector(node, received, external, pairs_per_map=pairs_per_map, is_lock_step=is_lock_step)
         if source.loc is not None and source.loc.rig.T_rb_sb is not None:
             publish_extrinsics(node.node, source.loc.rig.T_rb_sb)
         say("waiting for the nodes")
@@ -114,25 +115,14 @@ def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[Replay
         if external is not None:
             rig = f"{external.options.task.rig}/"
             external.wait_until_ready([name for name in topics if name.startswith(rig) and RECTIFIED in name])
-        yield ReplaySession(source, options, node, player, collector, external)
+        yield Running(node, player, collector)
 
 
-def replay(source: Source, options: ReplayOptions, progress: Callable[[str], None], say: Say) -> tuple[Received, bool]:
-    """Replay a source through the nodes; return what they published, and whether a signal ended it early."""
-    with running(source, options, say) as session:
-        with signals.stopping(session.player.stop) as interrupted:
-            say(f"plays from {options.offset_s:g} s")
-            session.play(progress)
-            was_interrupted = interrupted()
-            signals.hold()  # what was played is there to be scored
-        received = session.received
-        if options.page is not None:
-            session.node.call("monitor_node/finish", "monitor_node did not publish its figures")
-            images = 0 if source.loc is None else len(source.loc)
-            posed = len({stamp_ns for stamp_ns, _, _ in received.rows})
-            whole = images - posed <= MISSING_SHARE * images
-            options.page.run_is_over(missing="" if whole else "not every image of the source has a pose")
-        return received, was_interrupted
+def _missing_poses(source: Source, received: Received) -> str:
+    """Return what the estimate lacks for the page; empty if nearly every image has a pose."""
+    images = 0 if source.loc is None else len(source.loc)
+    posed = len({stamp_ns for stamp_ns, _, _ in received.rows})
+    return "" if images - posed <= MISSING_SHARE * images else "not every image of the source has a pose"
 
 
 def check_source(source: Source, offset_s: float = 0.0) -> None:

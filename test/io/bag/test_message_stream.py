@@ -14,8 +14,9 @@ from helpers.made_scene import LOC_RIG, START_NS, loc_pair, nav_pair, true_pose,
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.faults.source import faulty
 from sfr_loc_map.geometry.camera_info import rig_from_camera_info
+from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S, SIDES
+from sfr_loc_map.inputs import NS_PER_S, SIDES, Task
 from sfr_loc_map.io.bag.bag import TYPESTORE
 from sfr_loc_map.io.bag.message_stream import Message, begin_of, between, end_of, messages_of, topics_of
 from sfr_loc_map.io.convert import ConvertOptions, convert
@@ -104,7 +105,7 @@ def test_a_part_of_a_source_is_what_lies_between_two_positions_and_the_first_cam
 
 @pytest.mark.parametrize("late_ns", [0, 3_000_000])
 def test_a_pair_is_whole_with_its_last_part_and_has_the_stamp_of_the_left_image(late_ns: int) -> None:
-    tracker = PairTracker()
+    tracker = PairTracker(dict.fromkeys(Task, round(STAMP_TOLERANCE_S * NS_PER_S)))
     for stamp_ns in range(10**9, 2 * 10**9, 10**8):
         parts = [("loc/left/image_rect", 0), ("loc/right/image_rect/compressed", late_ns)]
         added = [tracker.add(Message(topic, "", stamp_ns + later, b"")) for topic, later in parts]
@@ -113,3 +114,12 @@ def test_a_pair_is_whole_with_its_last_part_and_has_the_stamp_of_the_left_image(
         added = [tracker.add(Message(topic, "", stamp_ns + later, b"")) for topic, later in parts]
         assert added == [[], [], [("nav", stamp_ns)]]
         assert tracker.add(Message("ground_truth/odometry", "", stamp_ns, b"")) == []
+
+
+def test_pairs_of_a_replay_have_the_tolerance_of_the_node_that_pairs_them() -> None:
+    tracker = PairTracker({Task.LOCALISATION: 0, Task.MAPPING: 5_000_000})
+    for rig, pairs in (("loc", []), ("nav", [("nav", 10**9)])):
+        added = []
+        for topic, stamp_ns in (("left/image_rect", 10**9), ("pose", 10**9), ("right/image_rect", 10**9 + 3_000_000)):
+            added += tracker.add(Message(f"{rig}/{topic}", "", stamp_ns, b""))
+        assert added == pairs

@@ -20,7 +20,7 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import score_config
 from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.nodes.replay.options import ReplayOptions
-from sfr_loc_map.nodes.replay.session import ReplaySession, running
+from sfr_loc_map.nodes.replay.session import Running, play, running
 from sfr_loc_map.runs.offline import start_pose
 from sfr_loc_map.scoring.replay_result import score_replay
 
@@ -37,17 +37,17 @@ def numbers(score: dict[str, Any]) -> Iterator[tuple[str, float]]:
                 yield f"{names}/{column}", float(value)
 
 
-def final_report(session: ReplaySession, reports: list[str]) -> dict[str, Any]:
+def final_report(parts: Running, reports: list[str]) -> dict[str, Any]:
     """Return the monitor's report once everything that was published is in it."""
 
     def is_complete() -> bool:
-        session.node.call("monitor_node/finish", "monitor_node did not publish its figures")
+        parts.node.call("monitor_node/finish", "monitor_node did not publish its figures")
         report = json.loads(reports[-1]) if reports else {}
         posed = (report.get("association") or {}).get("matched") == POSES
         timed = posed and number(report, "localisation", "n") == POSES
         return bool(timed and number(report, "mapping_call", "n") == 1 and number(report, "coverage"))
 
-    session.node.wait_for(is_complete, 60.0, lambda: f"no complete report, the last one is {reports[-1:]}")
+    parts.node.wait_for(is_complete, 60.0, lambda: f"no complete report, the last one is {reports[-1:]}")
     return dict(json.loads(reports[-1]))
 
 
@@ -69,11 +69,11 @@ def test_live_equals_offline(tmp_path: Path, own_domain: None) -> None:
         parameter_file=None,
     )
     reports: list[str] = []
-    with running(source, options, lambda line: None) as session:
+    with running(source, options, lambda line: None) as parts:
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        session.node.node.create_subscription(String, "metrics/report", lambda m: reports.append(m.data), latched)
-        session.play(lambda rig: None)
-        live, received = final_report(session, reports), session.received
+        parts.node.node.create_subscription(String, "metrics/report", lambda m: reports.append(m.data), latched)
+        play(source, options, parts, lambda rig: None)
+        live, received = final_report(parts, reports), parts.collector.received
     offline = to_dict(score_replay(source, received.collected_run(), config, None))
     found, expected = dict(numbers(live)), dict(numbers(offline))
     # how much of the drive has no estimate follows from the images, which the monitor does not know
