@@ -11,12 +11,12 @@ import json
 import os
 import platform
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -54,7 +54,8 @@ LIMITS = MethodLimits(call_timeout_s=900.0, memory_mb=16_000, restarts=0)
 COMPARED = ("accuracy", "time_s", "memory_bytes")
 """Parts of an entry of which the ratios of ours to the others are reported."""
 Opened = TypeVar("Opened", IsolatedLocaliser, IsolatedMapper)
-Figures = dict[str, Any]  #: Figures of a pass, or their medians, as they are written to a file.
+Figures: TypeAlias = "dict[str, float | Figures | None]"
+"""Numbers of a pass by their names, in groups of numbers, or medians or ratios of such; None is unknown."""
 
 
 @dataclass(slots=True, eq=False)
@@ -65,6 +66,41 @@ class MethodRun:
     idle_bytes: int | None
     calls: list[MethodCall] = field(default_factory=list)
     results: list[Any] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """Figures of one method: the medians over its passes, and those of each pass."""
+
+    version: str
+    medians: Figures
+    passes: tuple[Figures, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Figures of several methods on the same pairs."""
+
+    entries: dict[str, Entry]  #: By the name of the method, ours first.
+    failed: dict[str, str]  #: Why a method has no entry, by its name.
+    findings: dict[str, list[str]]  #: What was observed of a method during its calls, by its name.
+    interrupted: str = ""  #: How many of the passes were done, if the user interrupted the comparison.
+
+    @property
+    def ratios(self) -> dict[str, Figures]:
+        """Ratios of ours to each of the other methods."""
+        ours = self.entries[OURS_IN_TABLES].medians
+        others = {name: entry.medians for name, entry in self.entries.items() if name != OURS_IN_TABLES}
+        return {name: ratios({part: ours.get(part) for part in COMPARED}, figures) for name, figures in others.items()}
+
+    def content(self) -> dict[str, Any]:
+        """Return the parts of the JSON."""
+        entries = {
+            name: {"version": entry.version, **entry.medians, "runs": list(entry.passes)}
+            for name, entry in self.entries.items()
+        }
+        parts = {"entries": entries, "ratios": self.ratios, "failed": self.failed, "findings": self.findings}
+        return parts | ({"interrupted": self.interrupted} if self.interrupted else {})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,10 +142,11 @@ def compare_localisers(
     rate_hz: float | None = None,
     hidden: Sequence[Path] = (),
     progress: Callable[[], None] = lambda: None,
-) -> Figures:
-    """Return the figures of localisers, ours with its parameters first, on a drive; accuracy where it has truth.
+) -> dict[str, Any]:
+    """Return the JSON of the figures of localisers, ours with its parameters first, on a drive.
 
-    Methods that work in the background get the pairs at `rate_hz`, None: as recorded.
+    Their accuracy is reported if the drive has a truth. Methods that work in the background get the pairs at
+    `rate_hz`, None: as recorded.
     """
     head = _head("localise", len(sequence), repeat) | {"conditions": list(scoring.conditions)}
     stamps_ns = sequence.stamps_ns
@@ -150,7 +187,7 @@ def compare_localisers(
         call,
         rate_hz / recorded_hz,
     )
-    return head | _compared(methods, config, given, figures, repeat, progress)
+    return head | _compared(methods, config, given, figures, repeat, progress).content()
 
 
 def accuracy(score: Score, condition: str) -> Figures:
@@ -172,10 +209,10 @@ def compare_mappers(
     repeat: int = 3,
     hidden: Sequence[Path] = (),
     progress: Callable[[], None] = lambda: None,
-) -> Figures:
-    """Return the figures of mappers, ours with its parameters first, on the pairs of a source, as maps of single pairs.
+) -> dict[str, Any]:
+    """Return the JSON of the figures of mappers, ours with its parameters first, on the pairs of a source.
 
-    All search the same disparities.
+    Each pair is a map of its own. All methods search the same disparities.
     """
     rig, items = sequence.rig, list(sequence.pairs())
     count = search_range(rig, config).count
@@ -200,7 +237,7 @@ def compare_mappers(
 
     opening = partial(IsolatedMapper, rig=rig, limits=LIMITS, disparities=count, hidden=hidden)
     given = PassInput(sequence.pairs, opening, call)
-    return head | _compared(methods, config, given, figures, repeat, progress)
+    return head | _compared(methods, config, given, figures, repeat, progress).content()
 
 
 def run_pass(method: Method, given: PassInput[Opened], progress: Callable[[], None] = lambda: None) -> MethodRun:
@@ -231,12 +268,12 @@ def _compared(
     figures: Callable[[MethodRun], Figures],
     repeat: int,
     progress: Callable[[], None],
-) -> Figures:
-    """Repeat the passes; a method that has failed is left out, but ours must run. Interrupted, those that are done."""
+) -> Comparison:
+    """Repeat the passes; a method that has failed is ignored, but ours must run. Interrupted, those that are done."""
     methods = [replace(methods[0], config=json.dumps(asdict(config))), *methods[1:]]
     runs: dict[str, list[MethodRun]] = {}
     failed: dict[str, str] = {}
-    interrupted = {}
+    interrupted = ""
     for number, method in enumerate(methods * repeat):
         if method.name in failed:
             continue
@@ -249,25 +286,24 @@ def _compared(
         except KeyboardInterrupt:
             if OURS_IN_TABLES not in runs:
                 raise
-            interrupted = {"interrupted": f"{number} of {len(methods) * repeat} runs"}
+            interrupted = f"{number} of {len(methods) * repeat} runs"
             break
         else:
             runs.setdefault(method.name, []).append(made)
     hold()
-    entries, findings = {}, {}
+    entries: dict[str, Entry] = {}
+    findings: dict[str, list[str]] = {}
     for name, mine in runs.items():
         if name in failed:
             continue
-        each = [figures(run) | _costs(run) for run in mine]
-        entries[name] = {"version": mine[0].version, **medians(each), "runs": each}
+        passes = tuple(figures(run) | _costs(run) for run in mine)
+        entries[name] = Entry(mine[0].version, medians(passes), passes)
         if texts := list(dict.fromkeys(call.finding for run in mine for call in run.calls if call.finding)):
             findings[name] = texts
-    ours = {part: entries[OURS_IN_TABLES].get(part, {}) for part in COMPARED}
-    compared = {name: ratios(ours, entry) for name, entry in entries.items() if name != OURS_IN_TABLES}
-    return {"entries": entries, "ratios": compared, "failed": failed, "findings": findings, **interrupted}
+    return Comparison(entries, failed, findings, interrupted)
 
 
-def _head(kind: str, pairs: int, repeat: int) -> Figures:
+def _head(kind: str, pairs: int, repeat: int) -> dict[str, Any]:
     host = {
         "machine": platform.machine(),
         "system": platform.system(),
@@ -287,28 +323,30 @@ def _costs(run: MethodRun) -> Figures:
     if seconds:
         p50, p95 = np.percentile(seconds, (50.0, 95.0)).tolist()
         times = {"p50": p50, "p95": p95, "max": max(seconds), "first": seconds[0]}
-    memory = {"peak": max(peaks, default=None), "idle": run.idle_bytes}
+    memory: Figures = {"peak": max(peaks, default=None), "idle": run.idle_bytes}
     return {"time_s": times, "memory_bytes": memory, "calls": len(seconds)}
 
 
-def medians(runs: Sequence[Mapping[str, Any]]) -> Figures:
-    """Return the median of each number of nested figures over the runs that have it."""
+def medians(passes: Sequence[Figures]) -> Figures:
+    """Return the median of each number over the passes that have it."""
     found: Figures = {}
-    for name in dict.fromkeys(name for run in runs for name in run):
-        known = [value for run in runs if (value := run.get(name)) is not None]
-        if known and isinstance(known[0], Mapping):
-            found[name] = medians(known)
+    for name in dict.fromkeys(name for figures in passes for name in figures):
+        values = [figures.get(name) for figures in passes]
+        groups = [value for value in values if isinstance(value, dict)]
+        numbers = [value for value in values if isinstance(value, (int, float))]
+        if groups:
+            found[name] = medians(groups)
         else:
-            found[name] = float(np.median(known)) if known else None
+            found[name] = float(np.median(numbers)) if numbers else None
     return found
 
 
-def ratios(ours: Mapping[str, Any], other: Mapping[str, Any]) -> Figures:
+def ratios(ours: Figures, other: Figures) -> Figures:
     """Return the magnitude of ours over the other's for each number that both have; None where the other's is 0."""
     found: Figures = {}
-    for name in ours:
-        a, b = ours[name], other.get(name)
-        if isinstance(a, Mapping) and isinstance(b, Mapping):
+    for name, a in ours.items():
+        b = other.get(name)
+        if isinstance(a, dict) and isinstance(b, dict):
             found[name] = ratios(a, b)
         elif isinstance(a, (int, float)) and isinstance(b, (int, float)):
             found[name] = abs(a / b) if b else None

@@ -1,33 +1,14 @@
-"""Pebbles: shadows lie away from the sun."""
-
-from __future__ import annotations
+"""Rocks: their number by size follows the law."""
 
 import numpy as np
+import pytest
 
-from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.simulation.pebbles import PebbleCover, PebbleField, pebble_cache, pebbles
-
-SUN = np.array([0.8, 0.0, 0.6])
-FIELD = PebbleField.of(1.0, 1.0, np.uint32(7), SUN)
-FINE_M = 0.0005
+from sfr_loc_map.simulation.rocks import rocks_per_area
 
 
-def positions(count: int = 1500) -> FloatArray:
-    return np.random.default_rng(4).uniform(-3.0, 3.0, (count, 2))
-
-
-def covers(fill: float, at: FloatArray, footprint: float = FINE_M) -> list[PebbleCover]:
-    cache = pebble_cache()
-    return [pebbles(x, y, footprint, fill, FIELD, cache) for x, y in at]
-
-
-def test_shadows_lie_on_the_side_away_from_the_sun() -> None:
-    """Step from shadow towards the sun and a pebble is met sooner than stepping away from it."""
-    at = positions(4000)
-    shadow = np.array([cover.shadow > 0.5 and cover.cover == 0.0 for cover in covers(1.0, at)])
-    assert shadow.sum() > 30
-    step = np.array([0.004, 0.0])
-    sunward, leeward = (
-        np.mean([cover.cover for cover in covers(1.0, at[shadow] + sign * step)]) for sign in (1.0, -1.0)
-    )
-    assert sunward > 1.3 * leeward
+def test_rock_cover_is_that_of_the_law() -> None:
+    """The areas of all rocks above D add up to k exp(-q D), here for k = 5 % (Golombek and Rapp 1997)."""
+    diameters = np.geomspace(0.1, 5.0, 20000)
+    numbers = rocks_per_area(diameters, 0.05)
+    areas = 0.25 * np.pi * (0.5 * (diameters[1:] + diameters[:-1])) ** 2 * -np.diff(numbers)
+    assert areas.sum() == pytest.approx(0.05 * np.exp(-(1.79 + 0.152 / 0.05) * 0.1), rel=5e-3)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from helpers.cli_result import Sfr
-from helpers.made_scene import LOC_RIG, loc_pair
+from helpers.made_scene import LOC_RIG, loc_pair, write_folder
 from helpers.score_rows import number
 from sfr_loc_map.bench.method_benchmark import LIMITS, PassInput, compare_localisers, run_pass
 from sfr_loc_map.errors import MethodError
@@ -41,6 +41,12 @@ class MadeMethod:
         return {{"T_ds_rb": None, "statistics": dict(zip(("left", "right", "since_start_s"), numbers))}}
 open_method = MadeMethod
 """
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drive of 12 pairs and a panorama of two."""
+    return write_folder(tmp_path_factory.mktemp("methods") / "source", 12, 2)
 
 
 @pytest.fixture(autouse=True)
