@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 from campaigns.camera_driver import ENCODINGS
 from helpers.node_scenes import DRIVERS, params
 from helpers.own_domain import in_own_domain
-from helpers.processes import IMPORTS, ROOT, Peer
+from helpers.peer import Peer
+from helpers.processes import IMPORTS, ROOT
 from sfr_loc_map.child_process import child_environment
 from sfr_loc_map.geometry.camera_info import projection
 from sfr_loc_map.inputs import SIDES, stamp_of

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from helpers.node_harness import Harness
+from campaigns.node_harness import Harness
 from helpers.own_domain import in_own_domain
 
 WARM_UP_SHARE = 1.0 / 3.0

@@ -13,7 +13,7 @@ from campaigns import driver_pairs, node_faults
 from campaigns.driver_pairs import Case
 from campaigns.long_runs import MemoryTrend
 from campaigns.node_faults import Row
-from helpers.node_harness import LOCALISATION, MONITOR, Harness
+from campaigns.node_harness import LOCALISATION, MONITOR, Harness
 
 
 @pytest.mark.slow

@@ -19,7 +19,8 @@ from nav_msgs.msg import Odometry
 
 from helpers.cli_result import Sfr
 from helpers.made_scene import PERIOD_NS, START_NS, write_folder
-from helpers.processes import Peer, Process
+from helpers.peer import Peer
+from helpers.processes import Process
 from sfr_loc_map.inputs import stamp_of
 
 COMMAND = ("-m", "sfr_loc_map")

@@ -28,7 +28,8 @@ from std_msgs.msg import String
 from helpers.cli_result import Sfr
 from helpers.made_scene import LOC_RIG, T_RB_LOCSB, loc_pair
 from helpers.node_scenes import MOUNT, raw, send_infos, send_pair
-from helpers.processes import Peer, Process, has_started_ros, nodes_of, segments_of, wait_until
+from helpers.peer import Peer
+from helpers.processes import Process, has_started_ros, nodes_of, segments_of, wait_until
 from sfr_loc_map.cli.main import main
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file

@@ -16,7 +16,7 @@ from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.bag.bag import TYPESTORE
 
 if TYPE_CHECKING:
-    from helpers.processes import Peer
+    from helpers.peer import Peer
 
 
 OPTICAL = (-0.5, 0.5, -0.5, 0.5)

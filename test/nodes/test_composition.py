@@ -8,8 +8,8 @@ from typing import Any
 from geometry_msgs.msg import PointStamped
 
 from helpers.made_scene import LOC_RIG
+from helpers.manager import Capture, LocalNode, Manager
 from helpers.node_scenes import MOUNT, params, send_infos
-from helpers.peers import Capture, LocalNode, Manager
 from sfr_loc_map.config import param
 from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
 

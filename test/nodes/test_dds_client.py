@@ -14,7 +14,8 @@ from nav_msgs.msg import Odometry
 
 from helpers.made_scene import LOC_RIG, loc_pair
 from helpers.node_scenes import MOUNT, send_infos, send_pair
-from helpers.processes import Peer, Process, node_process, wait_until
+from helpers.peer import Peer
+from helpers.processes import Process, node_process, wait_until
 from sfr_loc_map.nodes.ros.messages import odometry_row
 
 LOOPBACK = (

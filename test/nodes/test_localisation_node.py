@@ -18,9 +18,9 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 
 from campaigns import malformed_messages
 from helpers.made_scene import LOC_RIG, PERIOD_NS, START_NS, forged, loc_pair, true_pose
+from helpers.manager import Capture, LocalNode, Manager, localised
 from helpers.node_scenes import MOUNT, calls, params, raw, send_infos, send_pair
-from helpers.peers import Capture, LocalNode, Manager, localised
-from helpers.processes import Peer
+from helpers.peer import Peer
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.rectification import rectified_rig, rig_of_rectified
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec

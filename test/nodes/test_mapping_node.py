@@ -9,8 +9,8 @@ from sensor_msgs.msg import PointCloud2
 from stereo_msgs.msg import DisparityImage
 
 from helpers.made_scene import NAV_RIG, nav_pair
+from helpers.manager import Capture, LocalNode, Manager
 from helpers.node_scenes import calls, disparity_of, params, raw, send_infos, send_pair, sent
-from helpers.peers import Capture, LocalNode, Manager
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.inputs import stamp_of
 from sfr_loc_map.io.bag import messages as bag_messages

@@ -21,8 +21,8 @@ from std_msgs.msg import Float64, String
 
 from helpers.made_scene import PERIOD_NS, START_NS
 from helpers.made_suites import SFR
+from helpers.manager import Capture, LocalNode, Manager
 from helpers.node_scenes import params, raw
-from helpers.peers import Capture, LocalNode, Manager
 from helpers.score_rows import row, rows_about
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.geometry.transform import Transform

@@ -23,8 +23,8 @@ from sensor_msgs.msg import Image, PointCloud2
 from std_msgs.msg import String
 
 from helpers.made_scene import LOC_RIG, NAV_RIG, PERIOD_NS, T_RB_LOCSB, loc_pair, nav_pair
+from helpers.manager import Capture, LocalNode, Manager, localised
 from helpers.node_scenes import DRIVERS, MOUNT, OPTICAL, params, raw, send_infos, send_pair
-from helpers.peers import Capture, LocalNode, Manager, localised
 from helpers.score_rows import number
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
 from sfr_loc_map.geometry.transform import Transform

@@ -15,8 +15,8 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
 from helpers.made_scene import LOC_RIG, loc_pair, true_pose
+from helpers.manager import Capture, LocalNode, Manager, localised
 from helpers.node_scenes import MOUNT, RELIABLE, calls, params, send_infos, send_pair
-from helpers.peers import Capture, LocalNode, Manager, localised
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
 from sfr_loc_map.nodes.lifecycle.diagnostics import Level, values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode

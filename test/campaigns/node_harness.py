@@ -1,4 +1,4 @@
-"""The nodes as processes, and one node in this process that publishes to them as a rover and keeps their results."""
+"""The graph of a campaign: the nodes as processes, and a rover in this process that keeps what they publish."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nodes in the test's process, and a peer that drives them."""
+"""A peer that manages one node: its state, parameters and calls; and what the localiser gives offline."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from std_msgs.msg import String
 
 from helpers.made_scene import LOC_RIG, loc_pair
 from helpers.node_scenes import calls, problems, send_pair
-from helpers.processes import Peer
+from helpers.peer import Peer
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
