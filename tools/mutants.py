@@ -58,7 +58,8 @@ class Mutation(NamedTuple):
 
 
 ANSWERS, STORE = "nodes/replay/external_answers.py", "suite/running/store.py"
-FORMULAS, SCORE, SHORTFALLS = "metrics/formulas.py", "metrics/trajectory_score.py", "metrics/shortfalls.py"
+JUDGE = "metrics/judging/judge.py"
+FORMULAS, SCORE, SHORTFALLS = "metrics/formulas.py", "metrics/trajectory_score.py", "metrics/judging/shortfall_kinds.py"
 MUTATIONS = (
     # 4.1.1 sub-trajectories
     Mutation(FORMULAS, "np.arange(0, frames, spacing)", "np.arange(1, frames, spacing)"),
@@ -197,15 +198,15 @@ MUTATIONS = (
     Mutation("metrics/truth_error.py", "[2.0 * of_position] * 3", "[1.0 * of_position] * 3"),
     Mutation("metrics/consistency.py", "free_from = end\n", "free_from = start\n"),
     Mutation("metrics/consistency.py", "+ start.noise + end.noise", "+ end.noise"),
-    Mutation("metrics/limits.py", "abs(value) <= limit.limit", "abs(value) <= 1.001 * limit.limit"),
-    Mutation("metrics/limits.py", "abs(value) <= limit.limit", "value <= limit.limit"),
-    Mutation("metrics/limits.py", "abs(value) <= limit.limit", "abs(value) < limit.limit"),
-    Mutation("metrics/limits.py", "value >= limit.limit if", "value <= limit.limit if"),
-    Mutation("metrics/judge.py", "score = struct_replace(score, incomplete=why_incomplete(score))\n    ", ""),
-    Mutation("metrics/judge.py", "RowPart(LIVE) in parts or part_of(limit) in parts:", "RowPart(LIVE) in parts:"),
+    Mutation("metrics/judging/limits.py", "abs(value) <= limit.limit", "abs(value) <= 1.001 * limit.limit"),
+    Mutation("metrics/judging/limits.py", "abs(value) <= limit.limit", "value <= limit.limit"),
+    Mutation("metrics/judging/limits.py", "abs(value) <= limit.limit", "abs(value) < limit.limit"),
+    Mutation("metrics/judging/limits.py", "value >= limit.limit if", "value <= limit.limit if"),
+    Mutation(JUDGE, "score = struct_replace(score, incomplete=why_incomplete(score))\n    ", ""),
+    Mutation(JUDGE, "RowPart(LIVE) in parts or part_of(limit) in parts:", "RowPart(LIVE) in parts:"),
     Mutation(SHORTFALLS, '"points_without_truth", MAP, 0.01', '"points_without_truth", MAP, 0.1'),
     Mutation("metrics/config.py", "return min(states, key", "return max(states, key"),
-    Mutation("metrics/judge.py", "figure.n < limits.minimum_count", "figure.n <= limits.minimum_count"),
+    Mutation(JUDGE, "figure.n < limits.minimum_count", "figure.n <= limits.minimum_count"),
     Mutation(
         "metrics/intervals.py",
         "1.0 - 1.0 / count) / (1.0 - 1.0 / independent",
@@ -223,13 +224,13 @@ MUTATIONS = (
     Mutation("metrics/association.py", "is_enough = MATCHES_PER_STAMP *", "is_enough = 1 *"),
     Mutation("metrics/aligned_error.py", "np.array([1.0, 1.0, np.sign(", "np.array([1.0, 1.0, abs("),
     # limits, their files
-    Mutation("metrics/limits.py", 'not 0 <= bound < float("inf")', 'not 0 <= bound <= float("inf")'),
-    Mutation("metrics/limits.py", "if key in SHARES and bound > 1:", "if key in SHARES and bound > 100:"),
-    Mutation("metrics/limits.py", "not 1 <= independent < 1e9", "not 0 <= independent < 1e9"),
-    Mutation("metrics/limits.py", "MINIMUM_INDEPENDENT = 5.0", "MINIMUM_INDEPENDENT = 4.0"),
-    Mutation("metrics/limits.py", "entry = {**of_all, **entry}", "entry = {**entry, **of_all}"),
-    Mutation("metrics/limits.py", "minimum_independent=float(independent))", ")"),
-    Mutation("metrics/limits.py", "name: limited.of_target() for", "name: limited for"),
+    Mutation("metrics/judging/limits.py", 'not 0 <= bound < float("inf")', 'not 0 <= bound <= float("inf")'),
+    Mutation("metrics/judging/limits.py", "if key in SHARES and bound > 1:", "if key in SHARES and bound > 100:"),
+    Mutation("metrics/judging/limits.py", "not 1 <= independent < 1e9", "not 0 <= independent < 1e9"),
+    Mutation("metrics/judging/limits.py", "MINIMUM_INDEPENDENT = 5.0", "MINIMUM_INDEPENDENT = 4.0"),
+    Mutation("metrics/judging/limits.py", "entry = {**of_all, **entry}", "entry = {**entry, **of_all}"),
+    Mutation("metrics/judging/limits.py", "minimum_independent=float(independent))", ")"),
+    Mutation("metrics/judging/limits.py", "name: limited.of_target() for", "name: limited for"),
     # completeness of a drive, a map, calls, a live run
     Mutation("metrics/completeness.py", "np.count_nonzero(has_estimate & has_truth)", "np.count_nonzero(has_estimate)"),
     Mutation("metrics/completeness.py", "DOUBLED_SHARE = 0.1 ", "DOUBLED_SHARE = 0.6 "),
@@ -261,10 +262,10 @@ MUTATIONS = (
     Mutation(SHORTFALLS, '"points_not_finite", MAP, 0.0', '"points_not_finite", MAP, 0.5'),
     Mutation(SHORTFALLS, "MAP,\n        0.5,", "MAP,\n        0.99,"),
     Mutation(SHORTFALLS, '"calls_doubled", CALLS, 0.0', '"calls_doubled", CALLS, 0.1'),
-    Mutation("metrics/incomplete.py", "figure not in NEVER_PARTIAL", 'figure != "calls_other"'),
-    Mutation("metrics/incomplete.py", "row.n and row.value is None", "row.n and row.value == 0.0"),
+    Mutation("metrics/judging/incomplete.py", "figure not in NEVER_PARTIAL", 'figure != "calls_other"'),
+    Mutation("metrics/judging/incomplete.py", "row.n and row.value is None", "row.n and row.value == 0.0"),
     Mutation(
-        "metrics/rules.py",
+        "metrics/judging/limit_scope.py",
         "not in tasks_of(score):\n        return False",
         "not in tasks_of(score) or True:\n        return False",
     ),
@@ -325,40 +326,40 @@ MUTATIONS = (
         "count.value - share.value * count.n > EXACT",
     ),
     Mutation(
-        "metrics/limits.py",
+        "metrics/judging/limits.py",
         "for item in self.limits if item.part is LimitPart.TRAJECTORY)",
         "for item in self.limits if item.terms is not None)",
     ),
     # several scores, several drives
-    Mutation("metrics/judge.py", "if len(made) < len(scores):", "if not made:"),
+    Mutation("metrics/judging/several_scores.py", "if len(made) < len(scores):", "if not made:"),
     Mutation(
-        "metrics/judge.py",
+        "metrics/judging/several_scores.py",
         "(item.version, item.commit) for item in made}) > 1",
         "(item.version, item.commit) for item in made}) > 2",
     ),
     Mutation(
-        "metrics/judge.py",
+        "metrics/judging/several_scores.py",
         "file.data_sha256 or file.sha256 for file in files}) > 1",
         "file.data_sha256 or file.sha256 for file in files}) > 2",
     ),
-    Mutation("metrics/proof.py", "in sorted(drives.items())]", "in drives.items()]"),
+    Mutation("metrics/judging/proof.py", "in sorted(drives.items())]", "in drives.items()]"),
     Mutation("metrics/calls.py", "if row.call in kinds else row for", "if row.figure in kinds[:1] else row for"),
     Mutation("metrics/catalogue.py", " or place is Place.STATED:", ":"),
     Mutation("metrics/cloud_error.py", "max(len(xyz) - len(np.unique(xyz, axis=0)), len(xyz) - pixels, 0)", "0"),
-    Mutation("metrics/judge.py", "if len(items) > 1:", "if len(items) > 2:"),
-    Mutation("metrics/judge.py", "if None in items:", "if items == {None, 0}:"),
-    Mutation("metrics/judge.py", "(figure.independent or 0.0) >= limits", "(figure.independent or 0.0) > limits"),
+    Mutation("metrics/judging/several_scores.py", "if len(items) > 1:", "if len(items) > 2:"),
+    Mutation("metrics/judging/several_scores.py", "if None in items:", "if items == {None, 0}:"),
+    Mutation(JUDGE, "(figure.independent or 0.0) >= limits", "(figure.independent or 0.0) > limits"),
     Mutation("metrics/score.py", "<= self.truth_error", "<= 0.1 * self.truth_error"),
-    Mutation("metrics/limited.py", '{"mean_plus_3sigma": 3.0, "max"', '{"mean_plus_3sigma": 1.0, "max"'),
+    Mutation("metrics/judging/limited_figure.py", '{"mean_plus_3sigma": 3.0, "max"', '{"mean_plus_3sigma": 1.0, "max"'),
     Mutation("metrics/stored.py", "expected = abs(row.mean) + 3.0 * row.sigma", "expected = row.mean_plus_3sigma"),
     Mutation("metrics/stored.py", "if mine != theirs and not _is_near(mine, theirs):", "if False:"),
     Mutation(
-        "metrics/limited.py",
+        "metrics/judging/limited_figure.py",
         "math.inf if item.value is None else item.value,",
         "0.0 if item.value is None else -item.value,",
     ),
-    Mutation("metrics/judge.py", "if score.fatal_findings:", "if score.fatal_findings and score.rules:"),
-    Mutation("metrics/judge.py", "interval[0] <= limit.limit < interval[1]", "interval[0] <= limit.limit"),
+    Mutation(JUDGE, "if score.fatal_findings:", "if score.fatal_findings and score.rules:"),
+    Mutation(JUDGE, "interval[0] <= limit.limit < interval[1]", "interval[0] <= limit.limit"),
     # methods: what is shown to them, what a call takes
     Mutation(
         "methods/adapters/loop.py",

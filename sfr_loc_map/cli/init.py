@@ -41,7 +41,7 @@ def init(
         sections = sections_of(None, calibration, settings, remap)
         _init_from(source, folder, sections, (source, calibration), overwrite=overwrite)
         return
-    from sfr_loc_map.metrics.limits_template import limits_text
+    from sfr_loc_map.metrics.judging.limits_template import limits_text
 
     make_folder(folder, "name")
     configuration, limits = folder / "configuration.yaml", folder / "limits.yaml"
@@ -67,7 +67,7 @@ def _init_from(
 ) -> None:
     """Write the configuration that is inferred from a source, and limits; report what is missing."""
     from sfr_loc_map.io.source_config import NAME
-    from sfr_loc_map.metrics.limits_template import CONDITION, active_limits, is_edited, limits_text
+    from sfr_loc_map.metrics.judging.limits_template import CONDITION, active_limits, is_edited, limits_text
     from sfr_loc_map.source_setup.proposal import propose_config
 
     path, limits = folder / NAME, folder / "limits.yaml"

@@ -101,7 +101,7 @@ def report(
         config = build(AlignedErrorConfig, {"align": align, "max_difference_s": max_difference}, origin="options")
         _draw(results, truth, config, output)
         return
-    from sfr_loc_map.metrics.judge import common_verdict, each_by_its_limits
+    from sfr_loc_map.metrics.judging.several_scores import common_verdict, each_by_its_limits
     from sfr_loc_map.report.page import load_score
 
     scores = each_by_its_limits([load_score(path) for path in results])

@@ -20,7 +20,7 @@ from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, InterruptedRunError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.proof import words_of
+from sfr_loc_map.metrics.judging.proof import words_of
 from sfr_loc_map.metrics.score_json import json_line
 from sfr_loc_map.signals import hold
 
@@ -226,7 +226,7 @@ def plan(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Say how many independent drives a requirement with a share and a confidence needs."""
-    from sfr_loc_map.metrics.terms import terms_of
+    from sfr_loc_map.metrics.judging.bound_terms import terms_of
     from sfr_loc_map.suite.statistics.drive_count import count_without_runs, drive_counts, plan_table
     from sfr_loc_map.suite.statistics.summary import summarise
 

@@ -53,8 +53,8 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
     A method that failed has failed. Figures of an estimate and a truth that contradict each other by convention judge
     nothing, whatever the limits; otherwise a limit that was missed counts before one that could not be judged.
     """
-    from sfr_loc_map.metrics.judge import finding_verdicts
-    from sfr_loc_map.metrics.reasons import reasons_not_judged
+    from sfr_loc_map.metrics.judging.judge import finding_verdicts
+    from sfr_loc_map.metrics.judging.reasons import reasons_not_judged
     from sfr_loc_map.report.verdict_view import VerdictView
 
     if score.missed:
@@ -73,7 +73,7 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
 
 def check_conditions(truth: Trajectory | None, conditions: Sequence[str], *, lenient: bool) -> None:
     """Check before the work is done that a drive meets conditions."""
-    from sfr_loc_map.metrics.reasons import conditions_beyond
+    from sfr_loc_map.metrics.judging.reasons import conditions_beyond
 
     parsed = [Condition.parse(text) for text in conditions]
     if truth is not None:

@@ -17,7 +17,7 @@ from sfr_loc_map.live import updates
 from sfr_loc_map.live.path import ROW_FIELDS, LivePath
 from sfr_loc_map.live.timeline import LOCALISATION_NODE, NODE_FRESHNESS, EventKind, Timeline, TopicView
 from sfr_loc_map.metrics.config import label_of
-from sfr_loc_map.metrics.judge import judged_at_the_end
+from sfr_loc_map.metrics.judging.judge import judged_at_the_end
 from sfr_loc_map.metrics.score import SCHEMA, Score
 from sfr_loc_map.metrics.score_json import from_json, to_dict
 from sfr_loc_map.report.limit_bars import limit_bars

@@ -3,9 +3,9 @@
 To add a figure, add its line here and, for an error of sub-trajectories, the function that computes its errors in
 `metrics.trajectory_score.ERRORS`. To show one more statistic of a figure, add its name to the line. To add a
 statistic, add it to `metrics.formulas.Statistics`, compute it in `metrics.formulas.statistics` (a quantile is a line of
-`metrics.formulas.QUANTILES`), and state in `metrics.limited.EXPANSION` how the error of the truth counts in it.
-Reports, comparisons, suites, searches, histories, limits, the topics of the monitor and the check of stored scores
-follow. Scores that were stored without the statistic are read as before.
+`metrics.formulas.QUANTILES`), and state in `EXPANSION` of `metrics.judging.limited_figure` how the error of the truth
+counts in it. Reports, comparisons, suites, searches, histories, limits, the topics of the monitor and the check of
+stored scores follow. Scores that were stored without the statistic are read as before.
 
 What does not follow: the topics that `config/sros2_policy.xml` allows by name; plots, which draw mean, mean + 3 sigma,
 p50 and p95; quantiles over the drives of a suite, which are judged by the worst drive. A statistic that is added to
@@ -117,7 +117,7 @@ CATALOGUE = (
     FigureKind("nees", Subject.CONSISTENCY, "", "1", "normalised error squared (NEES)"),
     FigureKind("nees_not_usable", Subject.CONSISTENCY, "", "1", "sub-trajectories whose covariance cannot be tested"),
     FigureKind("nees_from_steps", Subject.CONSISTENCY, "", "1", "sub-trajectories tested by the covariance of steps"),
-    # what the figures prove (metrics.proof): not in the document
+    # what the figures prove (metrics.judging.proof): not in the document
     FigureKind("confidence", Subject.EVIDENCE, "", "1", "confidence of mean + 3 sigma"),
     FigureKind("shape", Subject.EVIDENCE, "", "1", "relative sigma of position errors"),
     FigureKind("normality", Subject.EVIDENCE, "", "1", "significance of position errors as normal"),

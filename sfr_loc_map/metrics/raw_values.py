@@ -13,7 +13,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS, statistics
-from sfr_loc_map.metrics.proof import errors_of
+from sfr_loc_map.metrics.judging.proof import errors_of
 from sfr_loc_map.metrics.score import CallPlots, Figure, Score, SubTrajectoryRows
 
 EXACT = 1e-9  #: Relative difference of a statistic that was computed again.

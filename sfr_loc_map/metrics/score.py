@@ -25,7 +25,7 @@ from sfr_loc_map.metrics.catalogue import ANY, KINDS, Subject, clause_of
 from sfr_loc_map.metrics.config import AssociationMode, CallKind, CloudKind, Condition, Rebase, VerdictState
 from sfr_loc_map.metrics.formulas import STATISTICS, Statistics
 from sfr_loc_map.metrics.intervals import Interval
-from sfr_loc_map.metrics.limits import Rules, is_lower_bound, is_on_target
+from sfr_loc_map.metrics.judging.limits import Rules, is_lower_bound, is_on_target
 from sfr_loc_map.metrics.record import Record
 from sfr_loc_map.metrics.row_part import Place, RowPart
 
@@ -831,7 +831,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         from sfr_loc_map.report.tables import UNKNOWN
 
         texts = [self.verdict or "no verdict"]
-        for row in (self.figure("position"), self.figure("point_error", part=None)):
+        for row in (self.judged_row("position"), self.judged_row("point_error")):
             if row is not None:
                 total = UNKNOWN if row.mean_plus_3sigma is None else f"{row.mean_plus_3sigma:.4g} {row.unit}"
                 texts.append(f"{row_title(row)} {total} (mean + 3 sigma)")

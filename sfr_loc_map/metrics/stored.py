@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from sfr_loc_map.metrics.judge import judged_again
+from sfr_loc_map.metrics.judging.judge import judged_again
 from sfr_loc_map.metrics.raw_values import raw_contradiction
 from sfr_loc_map.metrics.score import Figure, Score, Verdict
 

@@ -29,7 +29,7 @@ from sfr_loc_map.metrics.consistency import StepSums, nees_rows, sums_of_steps
 from sfr_loc_map.metrics.copies import copy_rows
 from sfr_loc_map.metrics.formulas import Lengths, Poses, SubTrajectoryErrors
 from sfr_loc_map.metrics.intervals import interval95
-from sfr_loc_map.metrics.proof import evidence_rows
+from sfr_loc_map.metrics.judging.proof import evidence_rows
 from sfr_loc_map.metrics.score import (
     Association,
     Column,

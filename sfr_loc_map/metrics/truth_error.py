@@ -1,6 +1,6 @@
 """The error of the ground truth itself: interpolation, stated noise, lever arm.
 
-A verdict whose margin lies within this error is not enough data (`metrics.judge`).
+A verdict whose margin lies within this error is not enough data (`metrics.judging.judge`).
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ from sfr_loc_map.io.truth import LiveTruth
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.catalogue import KINDS
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
-from sfr_loc_map.metrics.limits import load_limits
+from sfr_loc_map.metrics.judging.limits import load_limits
 from sfr_loc_map.metrics.score import Provenance, Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.nodes.input.run_order import AnyOrder

@@ -17,10 +17,10 @@ import msgspec
 from sfr_loc_map.inputs import NS_PER_S, printable
 from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import CallKind, Rebase, VerdictState, label_of
-from sfr_loc_map.metrics.judge import Common, common_verdict
-from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
+from sfr_loc_map.metrics.judging.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
+from sfr_loc_map.metrics.judging.several_scores import Common, common_verdict
+from sfr_loc_map.metrics.judging.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.score import Score, TargetRecord, Verdict
-from sfr_loc_map.metrics.shortfalls import SHORTFALLS
 from sfr_loc_map.report.page import NO_VERDICT, Overall, from_template, overall_of
 from sfr_loc_map.report.printed_figure import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, printed_figures
 from sfr_loc_map.report.score_tables import NO_INTERVAL, readings_text, table_of

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from sfr_loc_map.inputs import printable
 from sfr_loc_map.metrics.catalogue import KINDS, clause_of, defines, statistic_title, title_of
 from sfr_loc_map.metrics.config import Rebase, VerdictState, label_of
-from sfr_loc_map.metrics.limits import PART_OF_MEMORY
-from sfr_loc_map.metrics.proof import words_of
-from sfr_loc_map.metrics.reasons import why_open
+from sfr_loc_map.metrics.judging.bound_terms import BOUND
+from sfr_loc_map.metrics.judging.limits import PART_OF_MEMORY
+from sfr_loc_map.metrics.judging.proof import words_of
+from sfr_loc_map.metrics.judging.reasons import why_open
 from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Score, Verdict
-from sfr_loc_map.metrics.terms import BOUND
 from sfr_loc_map.report.tables import (
     ABSENT,
     NOT_ENOUGH,

@@ -12,9 +12,9 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.inputs import hash_arrays
 from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ScoreConfig, label_of
 from sfr_loc_map.metrics.convention import Diagnosis, diagnose
-from sfr_loc_map.metrics.incomplete import why_incomplete
-from sfr_loc_map.metrics.judge import judged
-from sfr_loc_map.metrics.limits import Limits
+from sfr_loc_map.metrics.judging.incomplete import why_incomplete
+from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.limits import Limits
 from sfr_loc_map.metrics.pose_convention import PoseConvention
 from sfr_loc_map.metrics.score import (
     CallPlots,

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.judging.limits import parse_limits
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.nodes.monitor_node import RESTS, score_statuses
 from sfr_loc_map.runs.calls import CallRecord

@@ -20,8 +20,8 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.server import LiveServer
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import Action, ImageProblem, PoseSample, Report, Status, StatusKind
-from sfr_loc_map.metrics.judge import judged
-from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.limits import parse_limits
 from sfr_loc_map.metrics.score_json import to_json
 
 pytestmark = [

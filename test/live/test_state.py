@@ -15,7 +15,7 @@ from helpers.made_scores import HOSTILE, dig, json_of, whole_score
 from sfr_loc_map.live.state import MAX_CALLS, MAX_NODES, LiveState
 from sfr_loc_map.live.updates import Call, GraphView, PoseSample, Report, Sampled, Status, StatusKind, Track, Update
 from sfr_loc_map.metrics.config import Condition, ConditionKind, ScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.judge import judged
+from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.runs.calls import CallRecord

@@ -7,8 +7,8 @@ from helpers.made_scores import LIMITS, whole_score
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.timeline import MAX_EVENTS, EventKind, Timeline
 from sfr_loc_map.live.updates import PoseSample, Report
-from sfr_loc_map.metrics.judge import judged
-from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.limits import parse_limits
 from sfr_loc_map.metrics.score_json import to_json
 
 

@@ -7,8 +7,8 @@ from msgspec.structs import replace
 from helpers.made_scores import whole_score
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import Rebase
-from sfr_loc_map.metrics.judge import judged
-from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.limits import parse_limits
 from sfr_loc_map.metrics.score import POOLED, Score, figure_row
 
 LIMITS = {

@@ -10,11 +10,11 @@ from scipy import stats
 from campaigns.tolerance_coverage import coverage
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.metrics import judge, limits, reasons, rules, tolerance
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.judging import judge, limit_scope, limits, reasons, tolerance
+from sfr_loc_map.metrics.judging.tolerance import Sample
 from sfr_loc_map.metrics.score import Score, figure_row
 from sfr_loc_map.metrics.stored import stored_contradiction
-from sfr_loc_map.metrics.tolerance import Sample
 
 SHAPES = (1.0, 1.0, 1.0), (1.0, 0.3, 0.3), (1.0, 0.0, 0.0)
 RANDOM = np.random.default_rng(1)
@@ -112,7 +112,7 @@ def test_a_limit_with_a_share_passes_fails_or_says_how_many_drives_are_missing()
     assert row.value == verdict.value < 10.0
     assert score.figure("position").p95 < row.value <= score.figure("position").max
     assert row.unit == "m"
-    again = judge.judged(found, rules.limits_of(found))
+    again = judge.judged(found, limit_scope.limits_of(found))
     assert again.rows("bound") == found.rows("bound"), "judged again, the table has the bound once"
     assert judged(score, limit=0.0, prob=0.95, confidence=0.95)[1].state == "fail"
     _, ensemble = judged(score, limit=10.0, prob=0.95, confidence=0.95, interpretation="ensemble")

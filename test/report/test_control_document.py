@@ -13,8 +13,8 @@ from msgspec.structs import replace
 
 from helpers.cli_result import Sfr
 from helpers.made_scores import json_of, of_drive, whole_score
-from sfr_loc_map.metrics.judge import judged
-from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.limits import parse_limits
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord, Score
 from sfr_loc_map.report.control_document import COLUMNS, control_csv
 

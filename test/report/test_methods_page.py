@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from helpers.made_scores import HOSTILE, whole_score, without
 from sfr_loc_map.cli.main import app
 from sfr_loc_map.metrics.formulas import Statistics
-from sfr_loc_map.metrics.judge import judged_again
+from sfr_loc_map.metrics.judging.judge import judged_again
 from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, MethodKind, MethodRecord, Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.report.comparison import methods_figures, methods_tables, plain

@@ -14,8 +14,9 @@ from helpers.cli_result import Sfr
 from helpers.made_scores import HOSTILE, calls, dig, half, json_of, of_drive, of_map, whole_score
 from sfr_loc_map.metrics.calls import score_target
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.judge import common_verdict, each_by_its_limits, judged, judged_again
-from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.judging.judge import judged, judged_again
+from sfr_loc_map.metrics.judging.limits import parse_limits
+from sfr_loc_map.metrics.judging.several_scores import common_verdict, each_by_its_limits
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord, Score, Verdict
 from sfr_loc_map.report.page import load_score, overall_of
 from sfr_loc_map.report.printed_figure import printed_figures
@@ -189,7 +190,7 @@ def test_a_verdict_that_depends_on_the_reading_is_named() -> None:
 
 
 def test_limits_of_the_sample_are_ten_requirements() -> None:
-    from sfr_loc_map.metrics.limits import load_limits
+    from sfr_loc_map.metrics.judging.limits import load_limits
 
     limits = load_limits(Path(__file__).resolve().parents[2] / "sample/limits.yaml").limits
     assert len({item.id for item in limits}) == len(limits) == 10

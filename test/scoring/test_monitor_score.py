@@ -18,8 +18,8 @@ from sfr_loc_map.inputs import LOST_VARIANCE
 from sfr_loc_map.io.truth import TrackedBody
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.judge import judged
-from sfr_loc_map.metrics.limits import parse_limits
+from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.limits import parse_limits
 from sfr_loc_map.metrics.score import Details, Score
 from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
 from sfr_loc_map.nodes.report_file import ReportFile

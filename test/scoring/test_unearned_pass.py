@@ -16,7 +16,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
-from sfr_loc_map.metrics.judge import judged
+from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.score_json import from_json, to_json
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from sfr_loc_map.config import build, flatten, load_yaml, param
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.faults.kinds import FaultKind, parse_fault, with_amount
-from sfr_loc_map.metrics.catalogue import ANY, KINDS, Subject
-from sfr_loc_map.metrics.config import CallKind, Condition, TrajectoryScoreConfig
+from sfr_loc_map.metrics.catalogue import ANY, KINDS
+from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.simulation.config import SimulationConfig
@@ -51,6 +51,7 @@ class SearchSettings:
 
     figure: str = param("position", doc="Figure of the score that is searched for (`figure` of its table).")
     statistic: str = param("mean_plus_3sigma", doc="Statistic of the figure.", choices=CHOICES)
+    part: str = param("", doc="Part of the figure; empty for the part that is judged.")
     condition: str = param("distance=5", doc="Condition of the sub-trajectories.")
     limit: float = param(0.1, doc="Upper limit of the figure, in its unit.", low=1e-12, high=1e12)
     runs: int = param(100, doc="Points that are searched, before the found one is reduced.", low=1, high=10**6)
@@ -117,9 +118,7 @@ class SearchSpecification:
     def ratio_of(self, score: Score) -> float | None:
         """Return the figure over its limit: 1 and more is a miss; None without the figure."""
         chosen = self.settings
-        is_of_memory = KINDS[chosen.figure].subject is Subject.MEMORY
-        part = CallKind.LOCALISATION if is_of_memory else ANY  # the calls of a drive are of one kind
-        value = score.number(chosen.figure, chosen.statistic, part=part)  # the score has one condition
+        value = score.number(chosen.figure, chosen.statistic, part=chosen.part or ANY)  # the score has one condition
         return None if value is None else abs(value) / chosen.limit
 
 

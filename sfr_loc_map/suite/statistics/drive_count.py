@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.limits import Limits
-from sfr_loc_map.metrics.proof import sample_over_drives
-from sfr_loc_map.metrics.terms import BOUND, Interpretation, Terms
-from sfr_loc_map.metrics.tolerance import count_needed, moments, normal_count, zero_failure_count
+from sfr_loc_map.metrics.judging.bound_terms import BOUND, Interpretation, Terms
+from sfr_loc_map.metrics.judging.limits import Limits
+from sfr_loc_map.metrics.judging.proof import sample_over_drives
+from sfr_loc_map.metrics.judging.tolerance import count_needed, moments, normal_count, zero_failure_count
 from sfr_loc_map.report.tables import Cell, Column, Table
 from sfr_loc_map.report.verdict_view import limited_name
 from sfr_loc_map.suite.statistics.summary import ScoredJob, samples_by_drive

@@ -20,7 +20,7 @@ from sfr_loc_map.doctor.observation import EXPECTED, RIG_OF_NODE, Observation, O
 from sfr_loc_map.io.bag.topic_guess import is_own
 from sfr_loc_map.io.source_config import NAME
 from sfr_loc_map.message_types import IMAGE
-from sfr_loc_map.metrics.limits import load_limits
+from sfr_loc_map.metrics.judging.limits import load_limits
 
 EXTRINSICS = {"translation_m": [0.3, 0.0, 0.6], "quat_xyzw": [0.0, 0.3826834323650898, 0.0, 0.9238795325112867]}
 

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.metrics.score import Provenance, Score, figure_row
+from sfr_loc_map.metrics.score import Association, Provenance, Score, figure_row
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.suite.running.cluster import FailureCause, JobOutcome
 from sfr_loc_map.suite.running.job import Job
@@ -20,6 +20,7 @@ from sfr_loc_map.suite.search.specification import SearchSpecification, load_sea
 from sfr_loc_map.suite.search.worst_case import BISECTIONS
 
 pytest.importorskip("optuna")
+ASSOCIATION = Association(matched=100, estimate_poses=100, truth_poses=100)
 
 
 @pytest.fixture
@@ -46,7 +47,7 @@ class Host:
             if not self.has_pieces:
                 row = figure_row("position", "distance=5", "pose", n=0)
             provenance = Provenance(version="", configuration={"suite.key": job.key})
-            outcome = JobOutcome(result=to_json(Score(figures=(row,), provenance=provenance)))
+            outcome = JobOutcome(result=to_json(Score(figures=(row,), association=ASSOCIATION, provenance=provenance)))
             if self.done > self.most:
                 outcome = JobOutcome(cause=FailureCause.TIME, message="over the time limit")
             self.store.save(job, outcome)
@@ -80,6 +81,14 @@ def test_a_broken_host_is_no_worst_case_and_the_search_continues(
     whole = Store(tmp_path / "whole")
     continued = run_search(specification, store, Host(store).run)
     assert continued == run_search(specification, whole, Host(whole).run)
+
+
+def test_a_search_can_be_about_a_part_of_a_figure(specification: SearchSpecification) -> None:
+    file = specification.path
+    change = {"figure": "peak", "statistic": "value", "part": "localisation", "limit": 4.0}
+    file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | change))
+    rows = (figure_row("peak", part="mapping", value=9.0), figure_row("peak", part="localisation", value=2.0))
+    assert load_search(file).ratio_of(Score(figures=rows)) == 0.5
 
 
 @pytest.mark.parametrize(("change", "has_pieces"), [({"figure": "nees", "statistic": "max"}, True), ({}, False)])

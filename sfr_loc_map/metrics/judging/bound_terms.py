@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from enum import StrEnum
 from typing import Any, NamedTuple
 
-from sfr_loc_map.metrics.sequential import SequentialTest
-from sfr_loc_map.metrics.tolerance import CONFIDENCE, THREE_SIGMA
+from sfr_loc_map.metrics.judging.sequential import SequentialTest
+from sfr_loc_map.metrics.judging.tolerance import CONFIDENCE, THREE_SIGMA
 
 BOUND = "bound"  #: Statistic of a limit that is judged by a tolerance bound.
 

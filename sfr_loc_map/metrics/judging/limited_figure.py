@@ -11,7 +11,7 @@ from sfr_loc_map.metrics.catalogue import ANY
 from sfr_loc_map.metrics.config import Rebase
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.intervals import Interval, normal_quantile
-from sfr_loc_map.metrics.limits import Limit, LimitPart
+from sfr_loc_map.metrics.judging.limits import Limit, LimitPart
 from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Figure, Score
 from sfr_loc_map.metrics.truth_error import ATTITUDE, TURN

@@ -1,4 +1,4 @@
-"""Limits of a requirements file, whose form docs/configuration.md shows; `metrics.judge` makes the verdicts on them.
+"""Limits of a requirements file, whose form docs/configuration.md shows; `metrics.judging.judge` makes verdicts.
 
 A score keeps the limits that it was judged by as they are here (`rules`).
 Every key names figure and unit; limits are upper bounds, except `coverage_min`.
@@ -16,11 +16,11 @@ from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.metrics.catalogue import ALIGNED, CALLS, CATALOGUE, KINDS, MAP, FigureKind, Subject
 from sfr_loc_map.metrics.config import CallKind, Condition
 from sfr_loc_map.metrics.formulas import STATISTICS
+from sfr_loc_map.metrics.judging.bound_terms import BOUND, Interpretation, Terms, terms_of
+from sfr_loc_map.metrics.judging.shortfall_kinds import SHORTFALLS
+from sfr_loc_map.metrics.judging.tolerance import CONFIDENCE
 from sfr_loc_map.metrics.record import Record
 from sfr_loc_map.metrics.row_part import Place, RowPart
-from sfr_loc_map.metrics.shortfalls import SHORTFALLS
-from sfr_loc_map.metrics.terms import BOUND, Interpretation, Terms, terms_of
-from sfr_loc_map.metrics.tolerance import CONFIDENCE
 
 
 class LimitPart(StrEnum):

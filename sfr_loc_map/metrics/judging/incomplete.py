@@ -8,11 +8,11 @@ from typing import NamedTuple
 from sfr_loc_map.metrics.catalogue import CALLS, KINDS, MAP, MEMORY, Subject
 from sfr_loc_map.metrics.completeness import covered_text
 from sfr_loc_map.metrics.config import CallKind, VerdictState
-from sfr_loc_map.metrics.limits import COVERAGE_MIN, LimitPart, margin_of
+from sfr_loc_map.metrics.judging.limit_scope import limits_of, parts_of
+from sfr_loc_map.metrics.judging.limits import COVERAGE_MIN, LimitPart, margin_of
+from sfr_loc_map.metrics.judging.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.row_part import Place, RowPart
-from sfr_loc_map.metrics.rules import limits_of, parts_of
 from sfr_loc_map.metrics.score import Figure, Score, Verdict
-from sfr_loc_map.metrics.shortfalls import SHORTFALLS
 
 NOT_DUE = "nothing of the {part} is due yet"
 UNKNOWN = "what was expected of the {part} is unknown: score against the source"

@@ -1,7 +1,7 @@
 """Requirements with a share, a confidence and an interpretation (ECSS-E-ST-60-10C), and what mean + 3 sigma proves.
 
 A limit such as `position_bound_m: {limit: 0.1, prob: 0.95, confidence: 0.95, interpretation: mixed}` is judged by a
-tolerance bound (`metrics.tolerance`) of errors that are independent. Which errors these are is the interpretation
+tolerance bound (`metrics.judging.tolerance`) of independent errors. The interpretation states which errors these are
 [ECSS-E-ST-60-10C, 4.1.4.2]:
 
 - temporal: at every drive the share of its sub-trajectories meets the limit; each drive is proved by itself;
@@ -19,9 +19,16 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.judging.bound_terms import Interpretation, Terms
+from sfr_loc_map.metrics.judging.tolerance import (
+    THREE_SIGMA,
+    Sample,
+    confidence_of,
+    count_needed,
+    moments,
+    tolerance_bound,
+)
 from sfr_loc_map.metrics.score import Figure, ProofRecord, Score, figure_row
-from sfr_loc_map.metrics.terms import Interpretation, Terms
-from sfr_loc_map.metrics.tolerance import THREE_SIGMA, Sample, confidence_of, count_needed, moments, tolerance_bound
 
 SHARES = (THREE_SIGMA, 0.95)  #: Shares for which a report states what mean + 3 sigma proves.
 SEQUENTIAL = "sequential"  #: Method of a verdict by a sequential test.

@@ -1,0 +1,93 @@
+"""The common verdict of several scores, and the limits that each of several scores is judged by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from msgspec.structs import replace as struct_replace
+
+from sfr_loc_map.metrics.catalogue import DRIVE, MAP
+from sfr_loc_map.metrics.config import VerdictState, worst_of
+from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.limit_scope import limits_of, task_of, tasks_of
+from sfr_loc_map.metrics.score import Score
+
+
+class Common(NamedTuple):
+    """The verdict over several scores; None where there is none in common."""
+
+    state: VerdictState | None
+    text: str = ""
+
+
+OF_PART = {DRIVE: ("trajectory", "localisation"), MAP: ("map", "mapping")}
+"""First words of the settings that are about a drive or a map."""
+
+
+def common_verdict(scores: Sequence[Score]) -> Common:
+    """Return the verdict over scores: the worst, and a pass only if all are of one run.
+
+    Scores are of one run if all name the same item under test and were made by the same version and configuration from
+    the same ground truth. Several drives have a verdict in common in a suite, which counts the drives that it planned.
+    """
+    states = [score.verdict for score in scores]
+    worst = worst_of(state for state in states if state is not None)
+    if worst is VerdictState.PASS and None in states:
+        worst = None
+    items = {None if score.method is None else (score.method.name, score.method.version, score.method.sha256)
+             for score in scores}  # fmt: skip
+    if worst is None and any(states):
+        return Common(None, "There is no common verdict: not every score was judged by limits.")
+    if worst is not VerdictState.PASS or len(scores) < 2:
+        return Common(worst)
+    if None in items:
+        return Common(None, "There is no common verdict: not every score names its item under test.")
+    if len(items) > 1:
+        return Common(None, f"There is no common verdict: the scores are of {len(items)} items under test.")
+    if (difference := difference_of(scores)) is not None:
+        return Common(None, f"There is no common verdict: {difference}.")
+    return Common(worst)
+
+
+def difference_of(scores: Sequence[Score]) -> str | None:
+    """Return how scores of one item under test differ; None if they are of one run."""
+    made = [score.provenance for score in scores if score.provenance is not None]
+    if len(made) < len(scores):
+        return "not every score says what it was made of"
+    if len({(item.version, item.commit) for item in made}) > 1:
+        return "the scores were made by several versions of sfr_loc_map"
+    for role in ("truth", "map_truth"):
+        files = [item.inputs[role] for item in made if role in item.inputs]
+        if len({file.data_sha256 or file.sha256 for file in files}) > 1:
+            return "the scores are of several ground truths, which a suite judges together"
+    for part, words in OF_PART.items():
+        settings = [
+            {name: value for name, value in item.configuration.items() if name.partition(".")[0] in words}
+            for score, item in zip(scores, made, strict=True)
+            if part in tasks_of(score)
+        ]
+        names = sorted({name for mine in settings for name, value in mine.items()})
+        if odd := [name for name in names if any(mine.get(name) != settings[0].get(name) for mine in settings)]:
+            return f"the scores are of several configurations ({', '.join(odd)})"
+    return None
+
+
+def each_by_its_limits(scores: Sequence[Score]) -> list[Score]:
+    """Return scores that were judged by one limits file, each by the limits that are about it.
+
+    A score is judged without a limit only if another score, which is of the part that the limit is about, is judged by
+    the same limit. A limit on a map therefore stays with every score where there are drives alone.
+    """
+    every = [(tasks_of(score), limits_of(score)) for score in scores]
+    found = []
+    for score, (own, limits) in zip(scores, every, strict=True):
+        elsewhere = [
+            item for parts, given in every if given is not None for item in given.limits if task_of(item) in parts
+        ]
+        kept = [item for item in limits.limits if task_of(item) in own or item not in elsewhere] if limits else []
+        if limits is not None and len(kept) < len(limits.limits):
+            is_partial = score.rules is not None and score.rules.partial
+            score = judged(score, struct_replace(limits, limits=tuple(kept)) if kept else None, partial=is_partial)
+        found.append(score)
+    return found
