@@ -1,8 +1,8 @@
 """Completeness: what was expected of a drive, a map, the calls or a live run, and what of it can be judged.
 
 What is expected comes from the source, never from the item under test: the stamps of its images or, where these are
-unknown, the stamps of the ground truth. Each function returns rows of the table of figures. `metrics.judging` decides by
-these rows whether there can be a verdict. docs/metrics.md, "Completeness".
+unknown, the stamps of the ground truth. Each function returns rows of the table of figures. By these rows
+`metrics.judging` decides whether there can be a verdict. docs/metrics.md, "Completeness".
 """
 
 from __future__ import annotations

@@ -128,9 +128,9 @@ def test_calls_against_the_period_of_the_pairs() -> None:
     seconds[[3, 7]] = 0.15
     unknown = np.full(10, np.nan)
     score = Score(figures=score_calls(Calls(stamps, seconds, ["tracking"] * 10, unknown, unknown)).figures)
-    assert score.number("period") == pytest.approx(0.1)
-    assert score.number("within_period") == pytest.approx(0.8)
-    assert score.number("processor_share") == pytest.approx(0.7)
+    assert score.number("period", part="localisation") == pytest.approx(0.1)
+    assert score.number("within_period", part="localisation") == pytest.approx(0.8)
+    assert score.number("processor_share", part="localisation") == pytest.approx(0.7)
     without = score_calls(Calls(np.zeros(10, np.int64), seconds, ["tracking"] * 10, unknown, unknown))
     assert not Score(figures=without.figures).rows("period"), "calls without stamps have no period"
 
@@ -152,9 +152,9 @@ def test_a_call_that_takes_the_period_is_within_it_and_the_load_is_that_of_all_c
     stamps, unknown = np.array([0, 1, 2, 3, 9]) * 10**9, np.full(5, np.nan)
     seconds = np.array([1.0, 0.1, 0.1, 0.1, 2.7])
     score = Score(figures=score_calls(Calls(stamps, seconds, ["tracking"] * 5, unknown, unknown)).figures)
-    assert score.number("period") == 1.0, "one pause does not change the period"
-    assert score.number("within_period") == 0.8
-    assert score.number("processor_share") == pytest.approx(0.8)
+    assert score.number("period", part="localisation") == 1.0, "one pause does not change the period"
+    assert score.number("within_period", part="localisation") == 0.8
+    assert score.number("processor_share", part="localisation") == pytest.approx(0.8)
 
 
 def test_the_share_of_a_target_is_of_the_estimates() -> None:
@@ -185,5 +185,5 @@ def test_no_kind_of_mapping_call_that_an_external_node_states_is_one_that_was_me
         assert score.number("peak", part=f"stated {kind}") == 1e6
     assert not any(row.clause for row in score.figures)
     rows = Score(figures=tuple(completeness_of_answers(node)))
-    found = [rows.number(name) for name in ("judged", "calls_missing", "calls_other", "calls_doubled")]
+    found = [rows.rows(name)[0].value for name in ("judged", "calls_missing", "calls_other", "calls_doubled")]
     assert found == [0.75, 0.25, 0.2, 0.2]

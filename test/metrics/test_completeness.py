@@ -40,7 +40,7 @@ class Covered:
     def __init__(self, score: Score) -> None:
         self.incomplete, self.matched = score.association.incomplete, score.association.matched
         self.without_truth = score.number("images_without_truth", part="count")
-        self.judged_share, self.missing_share = score.number("judged"), score.number("missing")
+        self.judged_share, self.missing_share = score.number("judged", part="drive"), score.number("missing")
         self.missing = score.number("missing", part="count")
         self.unmatched_estimates = score.number("unmatched", part="count")
         self.doubled_stamps = score.number("doubled", part="count")

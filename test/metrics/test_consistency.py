@@ -66,7 +66,7 @@ def test_an_honest_covariance_is_consistent_and_a_wrong_one_is_found_out() -> No
 
 
 def test_no_two_displacements_of_the_consistency_share_a_step() -> None:
-    assert nees(*odometry(300, 6)).figure("nees").n == 14, "29.9 m hold 14 displacements of 2 m"
+    assert nees(*odometry(300, 6)).figure("nees", part="pose").n == 14, "29.9 m hold 14 displacements of 2 m"
 
 
 def test_lost_unknown_and_shrinking_covariances_are_left_out() -> None:
@@ -75,9 +75,13 @@ def test_lost_unknown_and_shrinking_covariances_are_left_out() -> None:
     assert not nees(truth, estimate, np.full((300, 21), np.nan)).rows("nees")
     lost = covariance.copy()
     lost[100:200] = (LOST_VARIANCE * np.eye(6))[UPPER]
-    assert 0 < nees(truth, estimate, lost).figure("nees").n < nees(truth, estimate, covariance).figure("nees").n
+    assert (
+        0
+        < nees(truth, estimate, lost).figure("nees", part="pose").n
+        < nees(truth, estimate, covariance).figure("nees", part="pose").n
+    )
     constant = nees(truth, estimate, np.tile(covariance[-1], (300, 1)))
-    assert (constant.figure("nees").n, constant.figure("nees").mean) == (0, None)
+    assert (constant.figure("nees", part="pose").n, constant.figure("nees", part="pose").mean) == (0, None)
     assert constant.number("nees_not_usable") > 0
 
 

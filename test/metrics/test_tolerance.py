@@ -108,7 +108,7 @@ def test_a_limit_with_a_share_passes_fails_or_says_how_many_drives_are_missing()
     found, verdict = judged(score, limit=10.0, prob=0.95, confidence=0.95)
     assert (verdict.state, verdict.proof.more, verdict.n) == ("pass", None, score.figure("position").n)
     assert verdict.proof.independent == independent
-    row = found.figure("bound")
+    row = found.rows("bound")[0]
     assert row.value == verdict.value < 10.0
     assert score.figure("position").p95 < row.value <= score.figure("position").max
     assert row.unit == "m"
@@ -141,7 +141,7 @@ def test_a_tolerance_bound_within_the_error_of_the_truth_decides_nothing() -> No
         terms = {"limit": bound + beyond * error, "prob": 0.95, "confidence": 0.95}
         found, verdict = judged(noisy, **terms)
         assert (verdict.state, verdict.truth_error) == (state, pytest.approx(error, rel=1e-4))
-        assert found.row_of(verdict) is found.figure("bound")
+        assert found.row_of(verdict) is found.rows("bound")[0]
         assert judged(replace(score, figures=exact), **terms)[1].state == "pass"
         if state != "pass":
             assert "within the error of the truth" in reasons.why_open(verdict, found)
