@@ -1,4 +1,6 @@
-"""Names of the message types of ROS 2 that the suite reads and writes."""
+"""Names of the message types of ROS 2 that the suite reads and writes, and the levels of diagnostics."""
+
+from enum import IntEnum
 
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
@@ -18,3 +20,17 @@ STRING = "std_msgs/msg/String"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 TF = "tf2_msgs/msg/TFMessage"
 CLOCK = "rosgraph_msgs/msg/Clock"
+
+
+class Level(IntEnum):
+    """Levels of diagnostic_msgs/DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+    @property
+    def word(self) -> str:
+        """The level in the JSON of the live page, and for people."""
+        return "warning" if self is Level.WARN else self.name.lower()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.live_page import require_live
+from sfr_loc_map.cli.live_option import require_live
 from sfr_loc_map.cli.options import ConfigOption, NamespaceOption, require_ros
 from sfr_loc_map.config import build, read_sections
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, MissingExtraError

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from typer import Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.live_page import LiveOption, LivePortOption, live_beside
+from sfr_loc_map.cli.live_option import LiveOption, LivePortOption, live_beside
 from sfr_loc_map.cli.options import (
     ApplyDiagnosisOption,
     ConditionOption,

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.live_page import LiveOption, LivePortOption, live_beside
+from sfr_loc_map.cli.live_option import LiveOption, LivePortOption, live_beside
 from sfr_loc_map.cli.options import NamespaceOption, OverwriteOption, require_ros
 from sfr_loc_map.cli.output import output_folder, say
 from sfr_loc_map.errors import InputError, OutputError

@@ -33,8 +33,8 @@ from sfr_loc_map.errors import ConfigError, NodeError, SfrError
 from sfr_loc_map.inputs import parse_json
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.connections import IDLE_TIMEOUT_S, BoundedConnections
-from sfr_loc_map.live.page import Page, text_message
 from sfr_loc_map.live.state import LiveState, ReportView
+from sfr_loc_map.live.viewer import Viewer, text_message
 from sfr_loc_map.signals import stopping
 
 DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8080
@@ -99,7 +99,7 @@ class LiveServer:
         self._config, self._title = config, title
         self._command_token = secrets.token_urlsafe(18)
         self._files = _page_files(self._command_token)
-        self._pages: list[Page] = []
+        self._viewers: list[Viewer] = []
         self._texts: dict[str, str] = {}  # the latest message of each kind that is the same for all pages
         self._begin_s = time.time()
         self._nodes_sent_s = 0.0
@@ -139,7 +139,7 @@ class LiveServer:
         now_s = time.time()
         self.state.stop(now_s)
         self._nodes_sent_s = 0.0
-        self._notify_pages(now_s)
+        self._notify_viewers(now_s)
 
     def _application(self) -> web.Application:
         app = web.Application(middlewares=[self._guard], client_max_size=MAX_MESSAGE_BYTES)
@@ -148,7 +148,7 @@ class LiveServer:
                 web.get("/healthz", self._get_health),
                 web.get("/state.json", self._get_state),
                 web.get("/report", self._get_report),
-                web.get("/ws", self._open_page),
+                web.get("/ws", self._open_viewer),
                 web.post("/command", self._run_command),
                 web.get("/{name:[^/]*}", self._get_file),
             ]
@@ -187,10 +187,10 @@ class LiveServer:
                 async with asyncio.timeout(NODES_PERIOD_S):
                     await self._changed.wait()
             self._changed.clear()
-            self._notify_pages(time.time())
+            self._notify_viewers(time.time())
             await asyncio.sleep(TICK_S)
 
-    def _notify_pages(self, now_s: float) -> None:
+    def _notify_viewers(self, now_s: float) -> None:
         state = self.state
         if state.report is not None and state.report is not self._report:
             self._report = state.report
@@ -201,8 +201,8 @@ class LiveServer:
         if not 0.0 <= now_s - self._nodes_sent_s < NODES_PERIOD_S:
             self._nodes_sent_s = now_s
             self._texts["nodes"] = text_message("nodes", state.live_to_plain(now_s) | {"actions": state.actions})
-        for page in self._pages:
-            page.notify(self._texts)
+        for viewer in self._viewers:
+            viewer.notify(self._texts)
 
     # ---- access
 
@@ -280,32 +280,32 @@ class LiveServer:
             return web.json_response({"ok": False, "text": str(error)}, status=400)
         return web.json_response({"ok": True, "text": text})
 
-    async def _open_page(self, request: web.Request) -> web.StreamResponse:
+    async def _open_viewer(self, request: web.Request) -> web.StreamResponse:
         """Serve the websocket of a page until it is closed."""
-        if len(self._pages) >= MAX_PAGES:
+        if len(self._viewers) >= MAX_PAGES:
             raise web.HTTPServiceUnavailable
         channel = web.WebSocketResponse(heartbeat=HEARTBEAT_S, max_msg_size=MAX_MESSAGE_BYTES, compress=False)
         await channel.prepare(request)
         transport = request.transport
         if transport is None:
             return channel
-        page = Page(self.state, channel)
+        viewer = Viewer(self.state, channel)
 
         async def send() -> None:
             with suppress(ConnectionError, TimeoutError):
-                await page.send_all(self._facts(time.time()))
+                await viewer.send_all(self._facts(time.time()))
             transport.abort()  # without the closing handshake, which a page that does not read never answers
 
-        self._pages.append(page)
-        self._notify_pages(time.time())
+        self._viewers.append(viewer)
+        self._notify_viewers(time.time())
         sender = asyncio.create_task(send())
         try:
             async for received in channel:
                 if received.type is WSMsgType.TEXT:
-                    page.receive(received.data)
+                    viewer.receive(received.data)
         finally:
-            self._pages.remove(page)
-            self.state.looks.pop(page, None)
+            self._viewers.remove(viewer)
+            self.state.looks.pop(viewer, None)
             sender.cancel()
         return channel
 
@@ -316,7 +316,7 @@ class LiveServer:
             "time_s": now_s,
             "uptime_s": round(now_s - self._begin_s, 3),
             "actions": self.state.actions,
-            "pages": len(self._pages),
+            "pages": len(self._viewers),
         }
 
 

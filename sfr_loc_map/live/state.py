@@ -16,6 +16,7 @@ from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.path import ROW_FIELDS, LivePath
 from sfr_loc_map.live.timeline import LOCALISATION_NODE, NODE_FRESHNESS, EventKind, Timeline, TopicView
+from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.judging.judge import judged_at_the_end
 from sfr_loc_map.metrics.score import SCHEMA, Score
@@ -31,7 +32,6 @@ from sfr_loc_map.topics import ESTIMATE, REPORT, TRUE_POSES
 MAX_NODES, MAX_TOPICS, MAX_STAMPS, MAX_PROBLEMS, MAX_CALLS = 32, 32, 2000, 20, 600
 MAX_VALUES, MAX_LETTERS = 100, 300  #: Values of a node's health that are kept, and letters of each.
 MAX_REPORT_CHARACTERS = 8_000_000
-LEVELS = ("ok", "warning", "error", "stale")
 CALL_TIMES = ("processing_time_s", "latency_transport_s", "latency_receive_to_publish_s")  #: Shown times.
 
 
@@ -40,7 +40,7 @@ class NodeView:
     """What a node reports: its last health, its last call, its last unusable input."""
 
     name: str
-    level: int = 3
+    level: Level = Level.STALE
     message: str = ""
     values: dict[str, str] = field(default_factory=dict)
     call: CallRecord | None = None
@@ -64,7 +64,9 @@ class NodeView:
             self.problem = message
         else:
             self.periods.extend(() if self.health_s is None else (now_s - self.health_s,))
-            self.health_s, self.level, self.message = now_s, min(max(status.level, 0), 3), message
+            self.health_s = now_s
+            self.level = Level(status.level)
+            self.message = message
             kept = islice(status.values.items(), MAX_VALUES)
             self.values = {name[:MAX_LETTERS]: text[:MAX_LETTERS] for name, text in kept}
 
@@ -80,7 +82,7 @@ class NodeView:
             "name": self.name,
             "stale": stale,
             "age_s": round(max(now_s - self.heard_s, 0.0), 3) if self.heard_s else None,
-            "level": "stale" if stale else LEVELS[self.level],
+            "level": (Level.STALE if stale else self.level).word,
             "message": self.message,
             "lifecycle": self.values.get("lifecycle", "unknown"),
             **_state_to_plain(self.call),

@@ -20,11 +20,19 @@ from rich.text import Text
 from sfr_loc_map.inputs import one_line, printable
 from sfr_loc_map.live.keyboard import Keyboard
 from sfr_loc_map.live.state import LiveState, ReportView
+from sfr_loc_map.message_types import Level
 from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, Table, fitting, number, to_rich
 
 PERIOD_S, LINE_PERIOD_S, KEY_PERIOD_S = 0.5, 1.0, 0.05
 """Time between two drawings of the screen, two lines, two looks at the keys."""
-LEVELS = {"ok": ("✔", "green"), "warning": ("!", "yellow"), "error": ("✖", "bold red"), "stale": ("?", "bold yellow")}
+STYLES = {
+    Level.OK: ("✔", "green"),
+    Level.WARN: ("!", "yellow"),
+    Level.ERROR: ("✖", "bold red"),
+    Level.STALE: ("?", "bold yellow"),
+}
+"""Sign and style of a level."""
+LEVELS = {level.word: style for level, style in STYLES.items()}
 BAD, WIDE = "bold red", 80  #: Style of a failure; columns from which on all figures of a node are shown.
 WAITING = "no figures yet: waiting for metrics/report of the monitor"
 
@@ -190,7 +198,7 @@ def _notes(state: LiveState, live: dict[str, Any]) -> Iterator[str]:
     """Yield problems of nodes, dropped messages with their causes, unreadable inputs."""
     for node in live["nodes"]:
         name = one_line(node["name"])
-        if node["level"] in ("warning", "error"):
+        if node["level"] in (Level.WARN.word, Level.ERROR.word):
             yield f"{name}: {one_line(node['message'])}"
         if drops := [f"{count} {cause}" for cause, count in _drops(node).items() if count]:
             yield f"{name} dropped: {', '.join(drops)}"

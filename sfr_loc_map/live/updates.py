@@ -16,6 +16,7 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
 from sfr_loc_map.inputs import one_line
+from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.association import UPPER, lost_by_covariance
 from sfr_loc_map.runs.calls import CallRecord
 
@@ -80,11 +81,11 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """One status of a node on /diagnostics; levels are 0 ok, 1 warning, 2 error, 3 stale."""
+    """One status of a node on /diagnostics."""
 
     node: str
     kind: StatusKind
-    level: int
+    level: Level
     message: str
     values: Mapping[str, str]
     received_s: float

@@ -30,10 +30,10 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingS
 from sfr_loc_map.localisation.frontend.feature_detection import read_mask
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
+from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.input.extrinsics import Extrinsics
 from sfr_loc_map.nodes.input.motion_prior import MotionPriorConfig, OdometryBuffer
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
-from sfr_loc_map.nodes.lifecycle.diagnostics import Level
 from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
 from sfr_loc_map.nodes.ros import messages

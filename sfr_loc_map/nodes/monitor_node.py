@@ -32,6 +32,7 @@ from sfr_loc_map.io.bag.true_poses import TYPES, TruePoses, TrueRow
 from sfr_loc_map.io.images.codec import points_image
 from sfr_loc_map.io.truth import LiveTruth
 from sfr_loc_map.mapping.config import MAX_PAIRS
+from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.catalogue import KINDS
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
 from sfr_loc_map.metrics.judging.limits import load_limits
@@ -40,7 +41,7 @@ from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.nodes.input.run_order import AnyOrder
 from sfr_loc_map.nodes.input.stereo_input import StereoInputConfig
 from sfr_loc_map.nodes.input.truth_input import TruthFrame, TruthTopic
-from sfr_loc_map.nodes.lifecycle.diagnostics import Level, Value, status_msg
+from sfr_loc_map.nodes.lifecycle.diagnostics import Value, status_msg
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.runner import run

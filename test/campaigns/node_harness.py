@@ -34,8 +34,9 @@ from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, stamp_of
 from sfr_loc_map.io.bag import messages as bag_messages
+from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.launch.processes import ChildProcess, end_processes, node_process
-from sfr_loc_map.nodes.lifecycle.diagnostics import TOPIC, Level, level_of, values_of
+from sfr_loc_map.nodes.lifecycle.diagnostics import TOPIC, level_of, values_of
 from sfr_loc_map.nodes.ros.environment import start_ros
 from sfr_loc_map.nodes.ros.messages import pose_msg
 

@@ -27,6 +27,7 @@ from sfr_loc_map.live.updates import (
     Track,
     Update,
 )
+from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits import parse_limits
 from sfr_loc_map.metrics.score import Score
@@ -97,7 +98,7 @@ def call(number: int, received_s: float, state: str = "tracking", reason: str = 
     return Call("localisation_node", record, received_s)
 
 
-def health(node: str, received_s: float, level: int = 0, message: str = "tracking") -> Status:
+def health(node: str, received_s: float, level: Level = Level.OK, message: str = "tracking") -> Status:
     values = {
         "lifecycle": "active",
         "received_messages_hz": "20.0",
@@ -167,7 +168,7 @@ def updates(count: int, begin_s: float) -> Iterator[Update]:
     yield from poses(count, begin_s)
     yield call(count - 1, end_s)
     yield health("localisation_node", end_s)
-    yield health("mapping_node", end_s, 1, "stereo pairs without a pose")
-    yield health("monitor_node", end_s, 0, "scoring")
+    yield health("mapping_node", end_s, Level.WARN, "stereo pairs without a pose")
+    yield health("monitor_node", end_s, Level.OK, "scoring")
     yield GraphView(frozenset(NODES), end_s, {"loc/left/image_rect": 2})
     yield report(count, end_s)

@@ -20,6 +20,7 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.server import LiveServer
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import Action, ImageProblem, PoseSample, Report, Status, StatusKind
+from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits import parse_limits
 from sfr_loc_map.metrics.score_json import to_json
@@ -152,11 +153,18 @@ async def check_hostile_names(browser: Browser, state: LiveState) -> None:
     hostile = judged(structs.replace(whole_score(100, 48, 2), warnings=(long,)), limits)
     state.put(Report(to_json(hostile), time.time()))
     state.put(
-        Status("monitor_node", StatusKind.HEALTH, 2, long, {"lifecycle": long, "dropped_" + long: long}, time.time())
+        Status(
+            "monitor_node",
+            StatusKind.HEALTH,
+            Level.ERROR,
+            long,
+            {"lifecycle": long, "dropped_" + long: long},
+            time.time(),
+        )
     )
     values = {HOSTILE: HOSTILE, "lifecycle": HOSTILE, "dropped_" + HOSTILE: HOSTILE}
     for kind in StatusKind:
-        state.put(Status("localisation_node", kind, 2, HOSTILE, values, time.time()))
+        state.put(Status("localisation_node", kind, Level.ERROR, HOSTILE, values, time.time()))
     state.put(call(82, time.time(), "degraded", HOSTILE))
     state.put(ImageProblem("loc/left", HOSTILE))
     state.put(Report("{" + HOSTILE, time.time()))

@@ -21,6 +21,7 @@ from helpers.live_run import NODES, health, pose_pair, report, updates
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.terminal import Terminal, one_line_of
 from sfr_loc_map.live.updates import Report
+from sfr_loc_map.message_types import Level
 from sfr_loc_map.signals import handle_signals
 
 BEGIN_S, COUNT = 1_700_000_000.0, 200
@@ -86,7 +87,7 @@ def test_what_is_stale_lost_or_hostile_is_said_in_words(recorded: list[Any]) -> 
     assert re.search(r"STALE . [\w ]+, 7 s old  no pose for 7.1 s", later)
     assert len(re.findall(r"\? stale", later)) == 3
     silent = [*recorded, *(health(node, END_S + 7.0) for node in NODES)]
-    silent.append(health("localisation_node", END_S + 7.0, 2, "lost: no_features"))
+    silent.append(health("localisation_node", END_S + 7.0, Level.ERROR, "lost: no_features"))
     silent += [pose_pair(COUNT + 20, END_S + 7.0, lost=True)[1], report(COUNT, END_S + 7.0)]
     back = drawn(silent, END_S + 7.1)
     assert "STALE" not in back

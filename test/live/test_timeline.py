@@ -7,6 +7,7 @@ from helpers.made_scores import LIMITS, whole_score
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.timeline import MAX_EVENTS, EventKind, Timeline
 from sfr_loc_map.live.updates import PoseSample, Report
+from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits import parse_limits
 from sfr_loc_map.metrics.score_json import to_json
@@ -41,7 +42,7 @@ def test_what_happened_is_told_with_its_times() -> None:
     drive(state, range(50, 60), offset_s=4.0)
     drive(state, range(60, 70), offset_s=4.0, jump_s=3600.0)
     drive(state, range(70, 80), offset_s=4.0)
-    state.put(health("mapping_node", 12.0, 2, "out of memory"))
+    state.put(health("mapping_node", 12.0, Level.ERROR, "out of memory"))
     limits = parse_limits(LIMITS | {"minimum_independent": 1}, "test")  # the drive is short
     state.put(Report(to_json(judged(whole_score(100, 48, 2), limits)), 12.0))
     state.end("", "monitor_node was killed by SIGKILL", 13.0)

@@ -32,8 +32,9 @@ from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
+from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.input.motion_prior import OdometryBuffer
-from sfr_loc_map.nodes.lifecycle.diagnostics import Level, values_of
+from sfr_loc_map.nodes.lifecycle.diagnostics import values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.ros.messages import (
     covariance_of,

@@ -17,7 +17,8 @@ from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.mapping.config import MappingConfig, TerrainConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.mapping.terrain.grid import elevation_grid
-from sfr_loc_map.nodes.lifecycle.diagnostics import Level, level_of, values_of
+from sfr_loc_map.message_types import Level
+from sfr_loc_map.nodes.lifecycle.diagnostics import level_of, values_of
 from sfr_loc_map.nodes.mapping_node import MappingNode
 from sfr_loc_map.nodes.ros.messages import cloud_from_msg, elevation_msg, hazard_msg
 

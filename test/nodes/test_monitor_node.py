@@ -27,7 +27,7 @@ from helpers.score_rows import row, rows_about
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag import messages as bag_messages
-from sfr_loc_map.nodes.lifecycle.diagnostics import Level
+from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 from sfr_loc_map.nodes.ros.messages import header_msg, pose_msg, transform_msg
 

@@ -31,9 +31,9 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Side, stamp_of
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.source_config import ExtrinsicsConfig
+from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.input.extrinsics import Extrinsics, add_static_transforms
 from sfr_loc_map.nodes.lifecycle import managed_node
-from sfr_loc_map.nodes.lifecycle.diagnostics import Level
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.mapping_node import MappingNode
 from sfr_loc_map.nodes.monitor_node import MonitorNode

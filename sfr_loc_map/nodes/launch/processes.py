@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shlex
-import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
-from sfr_loc_map.atomic import write_text
 from sfr_loc_map.child_process import child_environment, end_with_parent
 from sfr_loc_map.errors import ConfigError, NodeError
 from sfr_loc_map.inputs import SUITE_NODES
 from sfr_loc_map.nodes.ros import environment
-from sfr_loc_map.signals import END_SIGNALS, hold, stopping
+from sfr_loc_map.signals import END_SIGNALS, hold
 
 NODES = tuple(node.removesuffix("_node") for node in SUITE_NODES)  #: Names by which a user starts nodes.
 EVERYTHING = "all"
@@ -124,51 +120,6 @@ def user_command(command: str, folder: Path) -> Iterator[ChildProcess]:
     finally:
         end_processes([process])
         process.send(signal.SIGKILL)  # what it started and left behind
-
-
-class LivePage(AbstractContextManager["LivePage"]):
-    """The live page beside a replay or the nodes: a process whose end matters to nobody; a context manager.
-
-    It writes its address to standard output, and what it has to say of its end to standard error.
-    """
-
-    def __init__(self, arguments: Sequence[str]) -> None:
-        self._folder = Path(tempfile.mkdtemp(prefix="sfr-live-"))
-        self._end_file, self._told = self._folder / "end.json", dict[str, str]()
-        self._process = node_process("nodes.view.page", (*arguments, "--end-file", str(self._end_file)))
-
-    def __exit__(self, *_: object) -> None:
-        end_processes([self._process])
-        shutil.rmtree(self._folder, ignore_errors=True)
-
-    @property
-    def node_name(self) -> str:
-        """Name of its node, which joins the graph after the page is served; empty where the page does not run."""
-        return page_node_name(self._process.popen.pid) if self._process.is_running else ""
-
-    def run_is_over(self, **told: str) -> None:
-        """Tell it, without waiting, that the run is over, before the nodes end.
-
-        `missing`: what the estimate is known to lack; `aborted`: by what; `report`: the page of the score.
-        """
-        self._told |= told
-        with suppress(OSError):
-            write_text(json.dumps(self._told), self._end_file)
-        if self._process.is_running:
-            self._process.send(signal.SIGUSR1)
-
-    def stay(self, words: str = "") -> None:
-        """Let it be served until a signal or its own end; say so after other words."""
-        if self._process.is_running:
-            print(f"{words}the run is over; its page is served until Ctrl-C", file=sys.stderr, flush=True)
-            with suppress(KeyboardInterrupt), stopping() as ended:
-                while self._process.is_running and not ended():
-                    time.sleep(WATCH_S)
-
-
-def page_node_name(pid: int) -> str:
-    """Return the name of the node of the page that is the process `pid`."""
-    return f"sfr_live_{pid}"
 
 
 class Supervisor(AbstractContextManager["Supervisor"]):

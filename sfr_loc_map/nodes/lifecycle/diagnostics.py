@@ -15,7 +15,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from enum import IntEnum
 from threading import Lock
 
 import numpy as np
@@ -28,6 +27,7 @@ from rclpy.qos import QoSProfile
 
 from sfr_loc_map.config import param
 from sfr_loc_map.inputs import NS_PER_S, one_line
+from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.calls import CallMeter, CallUsage
 from sfr_loc_map.nodes.ros.messages import header_msg
 from sfr_loc_map.runs.calls import CallRecord
@@ -61,15 +61,6 @@ OFFSETS = {
     "disparity_offset_px": (0.3, "disparity bias of more than {:g} px"),
 }
 """Statistics of the localiser that are monitored (right camera pitched, rolled, yawed): their limit and warning."""
-
-
-class Level(IntEnum):
-    """Levels of diagnostic_msgs/DiagnosticStatus."""
-
-    OK = 0
-    WARN = 1
-    ERROR = 2
-    STALE = 3
 
 
 SEVERITY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)

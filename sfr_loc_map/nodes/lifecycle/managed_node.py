@@ -33,13 +33,13 @@ from sfr_loc_map.config import build, flatten, parameters
 from sfr_loc_map.errors import ConfigError, NodeError, SfrError
 from sfr_loc_map.inputs import JUMP_BACK_NS
 from sfr_loc_map.kernels import load_kernels
+from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.lifecycle.diagnostics import (
     ACTIVE,
     COMPILING,
     DROPS,
     LOG_PERIOD_S,
     UNCONFIGURED,
-    Level,
     NodeActivity,
     StatusReporter,
 )

@@ -13,8 +13,9 @@ from std_msgs.msg import String
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import Task, stamp_of
+from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.lifecycle import diagnostics
-from sfr_loc_map.nodes.lifecycle.diagnostics import Level, level_of
+from sfr_loc_map.nodes.lifecycle.diagnostics import level_of
 from sfr_loc_map.nodes.replay.external import ExternalNode
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
 from sfr_loc_map.nodes.replay.received import Received

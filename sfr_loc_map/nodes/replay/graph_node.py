@@ -13,7 +13,8 @@ from std_srvs.srv import Trigger
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S
 from sfr_loc_map.inputs import MONITOR_NODE, NS_PER_S, PLAYER_NODE, Task
-from sfr_loc_map.nodes.launch.processes import LivePage, Supervisor
+from sfr_loc_map.nodes.launch.live_process import LiveProcess
+from sfr_loc_map.nodes.launch.processes import Supervisor
 from sfr_loc_map.nodes.ros.peer import Peer
 from sfr_loc_map.nodes.ros.services import call_service
 from sfr_loc_map.topics import ESTIMATE, REPORT, RESULTS, TRUE_POSES, call_topic
@@ -46,7 +47,7 @@ class ReplayNode(Peer):
         if not self.spin(timeout_s, is_met):
             raise NodeError(f"{problem()} within {timeout_s:g} s: look at the load of this host and start again")
 
-    def wait_for_page(self, page: LivePage) -> bool:
+    def wait_for_page(self, page: LiveProcess) -> bool:
         """Wait, for a limited time, until a page receives what is played; return whether it does or has ended."""
 
         def settled() -> bool:

@@ -19,7 +19,7 @@ from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.pose_convention import PoseConvention
-from sfr_loc_map.nodes.launch.processes import LivePage
+from sfr_loc_map.nodes.launch.live_process import LiveProcess
 from sfr_loc_map.topics import RESULTS
 
 CONVERTED = "external/converted"
@@ -64,7 +64,7 @@ class ReplayOptions:
     paused: bool  #: Whether it waits for the service ~/resume before the first pair.
     parameter_file: Path | None  #: ROS parameter file for all nodes; the parameters above override it.
     monitor: Mapping[str, Any] = field(default_factory=dict)  #: More parameters of the monitor.
-    page: LivePage | None = None  #: Page that shows the run, None for none.
+    page: LiveProcess | None = None  #: Page that shows the run, None for none.
     external: ExternalOptions | None = None  #: Node under test in place of one of ours, None for ours.
 
 

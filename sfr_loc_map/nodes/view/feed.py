@@ -31,7 +31,7 @@ from sfr_loc_map.live import updates
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages
 from sfr_loc_map.nodes.input.truth_input import TruthTopic
-from sfr_loc_map.nodes.launch.processes import page_node_name
+from sfr_loc_map.nodes.launch.live_process import page_node_name
 from sfr_loc_map.nodes.lifecycle.diagnostics import TOPIC, level_of, values_of
 from sfr_loc_map.nodes.lifecycle.worker import Overload, Worker
 from sfr_loc_map.nodes.ros import messages
@@ -222,7 +222,7 @@ class RosFeed(Peer):
             space, _, name = full_name.strip("/").rpartition("/")
             if space != self._space or name not in SUITE_NODES or kind not in set(updates.StatusKind):
                 continue
-            what, level = updates.StatusKind(kind), int(level_of(status))
+            what, level = updates.StatusKind(kind), level_of(status)
             self._state.put(updates.Status(name, what, level, status.message, values_of(status), time.time()))
 
     def _on_call(self, task: Task, message: String, _: dict[str, Any]) -> None:

@@ -17,8 +17,9 @@ from std_msgs.msg import String
 from helpers.made_scene import LOC_RIG, loc_pair, true_pose
 from helpers.manager import Capture, LocalNode, Manager, localised
 from helpers.node_scenes import MOUNT, RELIABLE, calls, params, send_infos, send_pair
+from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
-from sfr_loc_map.nodes.lifecycle.diagnostics import Level, values_of
+from sfr_loc_map.nodes.lifecycle.diagnostics import values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 from sfr_loc_map.nodes.ros.messages import covariance_of

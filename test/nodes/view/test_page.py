@@ -28,7 +28,7 @@ from sfr_loc_map.live.path import ROW_FIELDS
 from sfr_loc_map.live.timeline import NODE_FRESHNESS
 
 COMMAND = ("-m", "sfr_loc_map")
-PAGE = ("-m", "sfr_loc_map.nodes.start", "nodes.view.page", "--port", "0")
+PAGE = ("-m", "sfr_loc_map.nodes.start", "nodes.view.main", "--port", "0")
 
 
 def asked(url: str, content: Any = None, **headers: str) -> bytes:

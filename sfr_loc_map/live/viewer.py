@@ -1,4 +1,4 @@
-"""What one open page is sent: all figures in their order, of each image and map the newest.
+"""What one open page, a viewer of the state, is sent: all figures in their order, of each image and map the newest.
 
 A page takes what is new when its network has room. Nothing is queued for it but what the state keeps anyway. A page
 that does not read is disconnected.
@@ -54,7 +54,7 @@ def binary_message(media: PageMedia) -> bytes:
     return struct.pack("<I", len(head)) + head + body
 
 
-class Page:
+class Viewer:
     """One open page: what it was sent, what it shows. Used by the event loop of the server alone."""
 
     def __init__(self, state: LiveState, channel: web.WebSocketResponse) -> None:

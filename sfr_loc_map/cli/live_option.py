@@ -13,7 +13,7 @@ from sfr_loc_map.errors import FailedVerdictError, MissingExtraError, NodeError,
 from sfr_loc_map.inputs import one_line
 
 if TYPE_CHECKING:
-    from sfr_loc_map.nodes.launch.processes import LivePage
+    from sfr_loc_map.nodes.launch.live_process import LiveProcess
 
 LiveOption = Annotated[bool, Option("--live", help="Show the run on a page while it goes on (see sfr live).")]
 LivePortOption = Annotated[int, Option(metavar="P", min=0, max=65535, help="Port of that page; 0: a free one.")]
@@ -28,7 +28,7 @@ def require_live() -> None:
 @contextmanager
 def live_beside(
     wanted: bool, port: int, namespace: str = "", remaps: Sequence[str] = (), *, isolated: bool = False
-) -> Iterator[LivePage | None]:
+) -> Iterator[LiveProcess | None]:
     """Show what the `with` block runs on a page, if it is wanted; yield the page, None if it is not.
 
     The page receives topics with the remappings `FROM:=TO` of the nodes.
@@ -38,13 +38,13 @@ def live_beside(
         yield None
         return
     require_live()
-    from sfr_loc_map.nodes.launch.processes import LivePage
+    from sfr_loc_map.nodes.launch.live_process import LiveProcess
     from sfr_loc_map.nodes.ros import environment
 
     if isolated:
         environment.isolate()
     words = [word for remap in remaps for word in ("-r", remap)]
-    with LivePage(("--port", str(port), "--namespace", namespace, *words)) as page:
+    with LiveProcess(("--port", str(port), "--namespace", namespace, *words)) as page:
         try:
             yield page
         except NodeError as error:
