@@ -40,6 +40,7 @@ GROUPS = (
     ("test/geometry",),
     ("test/scoring/test_incomplete_everywhere.py",),
     ("test/scoring/test_hidden_shortfalls.py",),
+    ("test/scoring/test_unjudged_frames.py",),
     ("test/cli/test_signed_verdict.py", "test/report/test_test_report.py"),
 )
 """The tests."""
@@ -297,6 +298,11 @@ MUTATIONS = (
     Mutation(STORE, "fault_seed if faults else 0, repeat)", "fault_seed if faults else 0)"),
     Mutation(STORE, 'elif hash_path(path) != item["sha256"]:', "elif False:"),
     Mutation(STORE, 'if to_plain(limits_in(suite)) != self._plan["limits"]:', "if False:"),
+    # frames that no judged error contains
+    Mutation(SCORE, "BEYOND = 3.0", "BEYOND = 0.1"),
+    Mutation(SCORE, "np.setdiff1d(np.arange(len(placed.frames.stamps_ns)), known)", "known"),
+    Mutation(SHORTFALLS, "BEYOND_MOST = 0.02", "BEYOND_MOST = 0.2"),
+    Mutation("metrics/judging/incomplete.py", "value is not None and not meets(limit, value)", "value is not None"),
     # poses that repeat another, poses of the ground truth
     Mutation("metrics/copies.py", "NOISES = 5.0", "NOISES = 0.5"),
     Mutation("metrics/copies.py", "MOVING_SHARE = 0.1", "MOVING_SHARE = 0.01"),

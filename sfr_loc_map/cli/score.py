@@ -288,9 +288,11 @@ def _write_beside(
 
 def _propose_next(result: Score, json_path: str | None, html: Path | None) -> None:
     """Propose what is useful after a score, unless a program reads the JSON."""
+    from sfr_loc_map.metrics.judging.incomplete import is_lifted_by_partial
+
     if json_path == STANDARD_OUTPUT:
         return
-    if result.incomplete is not None:
+    if result.incomplete is not None and is_lifted_by_partial(result):
         propose("... --partial", why="judges the part that is there")
     elif result.contradiction is not None:
         propose("... --diagnose", why="which convention mismatch it is, and what corrects it")

@@ -50,6 +50,8 @@ class FigureKind(NamedTuple):
     is_count: bool = False  #: Whether a figure in `1` is a count; the others are fractions.
 
 
+ERRORS_BEYOND = "errors_beyond"
+"""Fraction of the frames that are in no judged error and have an error far beyond the judged ones."""
 ALIGNED = ("ape", "rpe")  #: Figures of the estimate as it was aligned with the truth, which cannot be limited.
 TOTAL = "mean_plus_3sigma"  #: The statistic that the specification limits.
 OF_ERRORS = ("mean", "sigma", TOTAL)
@@ -102,6 +104,7 @@ CATALOGUE = (
     FigureKind("doubled", Subject.COMPLETENESS, "", "1", "estimates with a repeated stamp"),
     FigureKind("poses_repeated", Subject.COMPLETENESS, "", "1", "poses that repeat the pose before while moving"),
     FigureKind("poses_of_truth", Subject.COMPLETENESS, "", "1", "poses that are those of the ground truth"),
+    FigureKind(ERRORS_BEYOND, Subject.COMPLETENESS, "", "1", "frames in no judged error, with an error far beyond"),
     FigureKind("longest_gap", Subject.COMPLETENESS, "", "m", "longest gap"),
     FigureKind("points_without_truth", Subject.COMPLETENESS, "", "1", "map points without ground truth"),
     FigureKind("pairs_without_cloud", Subject.COMPLETENESS, "", "1", "mapping pairs without points"),
@@ -138,6 +141,7 @@ KINDS: dict[str, FigureKind] = {kind.name: kind for kind in CATALOGUE}
 ANY = "*"  #: In a look-up: whatever the rows have there.
 DRIVE, MAP, LIVE, SUITE, CALLS, MEMORY = "drive", "map", "live", "suite", "calls", "memory"
 """What a row `judged` is about (`RowPart.what`): the last two are followed by the kind of call."""
+OTHER_FRAMES = "other frames"  #: Part of the row of the errors of frames that are in no judged error.
 CLAUSES_OF_MEMORY = {CallKind.LOCALISATION: "4.2.2", CallKind.MAPPING_CALL: "4.3.2"}  #: By the kind of call.
 DIRECTIONS = ("x", "y", "z", "along", "cross", "vertical")  #: Parts of the position errors along one direction.
 DEFINED = {Subject.TRAJECTORY: OF_ERRORS, Subject.MAP: ()}

@@ -15,21 +15,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix, quat_multiply
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth, at_point
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.aligned_error import umeyama
 from sfr_loc_map.metrics.association import Estimates, Frames, associate
-from sfr_loc_map.metrics.catalogue import KINDS
-from sfr_loc_map.metrics.completeness import completeness
-from sfr_loc_map.metrics.config import AssociationConfig, Condition, ConditionKind, Rebase, TrajectoryScoreConfig
+from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND, KINDS, OTHER_FRAMES
+from sfr_loc_map.metrics.completeness import completeness, share_of
+from sfr_loc_map.metrics.config import (
+    AssociationConfig,
+    Condition,
+    ConditionKind,
+    Rebase,
+    TrajectoryScoreConfig,
+    label_of,
+)
 from sfr_loc_map.metrics.consistency import StepSums, nees_rows, sums_of_steps
 from sfr_loc_map.metrics.copies import copy_rows
 from sfr_loc_map.metrics.formulas import Lengths, Poses, SubTrajectoryErrors
 from sfr_loc_map.metrics.intervals import interval95
 from sfr_loc_map.metrics.judging.proof import evidence_rows
+from sfr_loc_map.metrics.judging.shortfall_kinds import BEYOND_MOST
 from sfr_loc_map.metrics.score import (
     Association,
     Column,
@@ -53,6 +61,9 @@ READINGS: dict[Rebase, Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors
 MIN_TILT_DEG, TILT_GAIN = 0.1, 3.0
 """The complete rotation is fitted where it tilts z by this angle and reduces the residual by this factor."""
 ROLL_GAIN = 1.1  #: A rotation about the line of the drive is fitted only if it reduces the residual by this factor.
+BEYOND = 3.0
+"""Multiple of the largest judged error from which the error up to another frame is not as the judged ones are."""
+NAMED_FRAMES = 5  #: Ranges of frames that a message names.
 PATH_ROWS, DETAIL_ROWS = 2000, 1000  #: Frames, and sub-trajectories of each condition, that are kept for plots.
 POSITION_VARIANCES = [0, 6, 11]
 """Columns of the upper triangle of a 6 x 6 covariance that hold the variances of x, y and z."""
@@ -108,6 +119,7 @@ ERRORS_OF_ALL_READINGS = [
 """Errors that are the same by each reading."""
 HORIZONTAL = ErrorFigure("horizontal", lambda pieces: pieces.errors.position_m[:, :2])
 """Errors that a truth without heights has in place of the position errors."""
+KINDS_OF_ERRORS = (*ERRORS, *ERRORS_OF_ALL_READINGS, HORIZONTAL)
 NAMED_COLUMNS = ("position", "attitude", "heading", "chord")
 """Figures whose errors have columns of their own in `SubTrajectoryRows`."""
 
@@ -120,6 +132,7 @@ class ScoredTrajectory(NamedTuple):
     truth: TruthRecord
     details: TrajectoryDetails  #: What plots are drawn from; the frames only if they are wanted.
     errors: tuple[ErrorRows, ...] = ()  #: What tolerance bounds are made of, as far as that is wanted.
+    warnings: tuple[str, ...] = ()
 
 
 def score_trajectory(
@@ -157,13 +170,20 @@ def score_trajectory(
     figures: list[Figure] = []
     rows: list[SubTrajectoryRows] = []
     errors: list[ErrorRows] = []
+    warnings: list[str] = []
     for condition, (starts, ends) in zip(conditions, chosen, strict=True):
         pieces = Pieces(starts, ends, placed.poses, placed.reading(placed.poses, starts, ends))
         overlap = overlap_of(starts, ends, config.spacing)
         figures += error_rows(condition.setting, pieces, overlap, placed, truth)
         figures += evidence_of(condition.setting, pieces, overlap, placed, truth, sums)
+        of_other_frames = list(
+            rows_of_other_frames(condition.setting, pieces, placed, has_height=known_of(truth).has_height)
+        )
+        figures += of_other_frames
+        warnings += unjudged_frames(condition.setting, pieces, placed, of_other_frames)
         errors += error_columns(condition.setting, pieces, kept_errors)
         rows.append(sub_trajectory_rows(condition.setting, pieces, frames.stamps_ns, placed.length_m))
+    figures += worst_beyond(figures)
     figures += growth_rows(placed.poses, placed.length_m, config.spacing, placed.reading)
     figures += truth_error_rows(truth, frames.stamps_ns if association.interpolated else frames.stamps_ns[:0])
     path = path_rows(placed.estimates, frames, placed.length_m) if details else None
@@ -173,6 +193,7 @@ def score_trajectory(
         truth=truth_record(truth, frames, placed.placement),
         details=TrajectoryDetails(path=path, sub_trajectories=tuple(rows)),
         errors=tuple(errors),
+        warnings=tuple(warnings),
     )
 
 
@@ -407,6 +428,61 @@ def error_rows(
             other = pieces._replace(errors=of_known(known, reading)(placed.poses, pieces.starts, pieces.ends))
             for kind in ERRORS:
                 yield error_row(kind, condition, str(name), other)
+
+
+def rows_of_other_frames(condition: str, judged: Pieces, placed: PlacedFrames, *, has_height: bool) -> Iterator[Figure]:
+    """Yield the errors of the frames that are in no judged error, and the fraction far beyond the judged errors."""
+    if not len(judged.starts):
+        return
+    others, frames = to_other_frames(judged, placed), len(placed.frames.stamps_ns)
+    for kind in KINDS_OF_ERRORS[: -1 if has_height else None]:
+        yield error_row(kind, condition, OTHER_FRAMES, others)
+        beyond = int(np.count_nonzero(beyond_the_judged(kind, others, judged)))
+        yield figure_row(ERRORS_BEYOND, condition, kind.name, n=frames, value=share_of(beyond, frames))
+
+
+def to_other_frames(judged: Pieces, placed: PlacedFrames) -> Pieces:
+    """Return sub-trajectories to the frames at which no judged one starts or ends, from the nearest that is judged.
+
+    An error that neighbouring frames have in common cancels between them, but not from a judged frame.
+    """
+    known = np.union1d(judged.starts, judged.ends)
+    ends = np.setdiff1d(np.arange(len(placed.frames.stamps_ns)), known)
+    after = np.minimum(np.searchsorted(known, ends), len(known) - 1)
+    before = np.maximum(after - 1, 0)
+    is_after_nearer = np.abs(known[after] - ends) < np.abs(ends - known[before])
+    starts = np.where(is_after_nearer, known[after], known[before])
+    return Pieces(starts, ends, placed.poses, placed.reading(placed.poses, starts, ends))
+
+
+def beyond_the_judged(kind: ErrorFigure, others: Pieces, judged: Pieces) -> Mask:
+    """Tell which sub-trajectories have an error far beyond the largest judged one; unknown errors have not."""
+    largest, sizes = (np.linalg.norm(np.atleast_2d(kind.errors_of(pieces).T), axis=0) for pieces in (judged, others))
+    return np.asarray(sizes > BEYOND * np.max(largest[np.isfinite(largest)], initial=0.0))
+
+
+def unjudged_frames(condition: str, judged: Pieces, placed: PlacedFrames, rows: Sequence[Figure]) -> Iterator[str]:
+    """Yield which frames are in no judged error and have an error far beyond the judged ones, if they are many."""
+    many = {row.part for row in rows if row.figure == ERRORS_BEYOND and (row.value or 0.0) > BEYOND_MOST}
+    kinds = [kind for kind in KINDS_OF_ERRORS if kind.name in many]
+    if not kinds:
+        return
+    others = to_other_frames(judged, placed)
+    found = others.ends[np.logical_or.reduce([beyond_the_judged(kind, others, judged) for kind in kinds])]
+    breaks = np.flatnonzero(np.diff(found) > 1) + 1
+    parts = [f"{part[0]}-{part[-1]}" if len(part) > 1 else f"{part[0]}" for part in np.split(found, breaks)]
+    more = " ..." if len(parts) > NAMED_FRAMES else ""
+    yield (
+        f"{len(found)} of {len(placed.frames.stamps_ns)} frames are in no judged error over {label_of(condition)}, and "
+        f"their errors are far beyond the judged ones: frames {', '.join(parts[:NAMED_FRAMES])}{more}, counted from 0"
+    )
+
+
+def worst_beyond(rows: Sequence[Figure]) -> list[Figure]:
+    """Return the row of the largest fraction that is beyond the judged errors; empty without sub-trajectories."""
+    shares = [row for row in rows if row.figure == ERRORS_BEYOND and row.value is not None]
+    worst = max(shares, key=lambda row: row.value or 0.0, default=None)
+    return [] if worst is None else [figure_row(ERRORS_BEYOND, n=worst.n, value=worst.value)]
 
 
 def evidence_of(

@@ -117,6 +117,7 @@ def drive_part(
     warnings = [] if contradiction is None else [contradiction]
     warnings += _frame_warnings(drive, scored.association)
     warnings += truth_warnings(scored.truth)
+    warnings += scored.warnings
     return DrivePart(
         figures=scored.figures,
         warnings=tuple(warnings),

@@ -58,7 +58,9 @@ def test_score_of_trajectories_in_files_and_bags_with_their_calls(tmp_path: Path
     assert position["sigma"] == pytest.approx(0.0, abs=1e-12)
     assert "position error over 5 m" in sfr("score", *files).out
     score = scored(*files, "--condition", "time=3", "--condition", "frames=7", "--stats", stats)
-    conditions = [item["condition"] for item in score["figures"] if item["figure"] == "chord"]
+    conditions = [
+        item["condition"] for item in score["figures"] if item["figure"] == "chord" and item.get("part") == "pose"
+    ]
     assert conditions == ["time=3", "frames=7"]
     assert (score["association"]["lost"], score["association"]["degraded"]) == (10, 3)
     assert score_rows.number(score, "lost") == pytest.approx(10 / 300)

@@ -5,12 +5,26 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
-from sfr_loc_map.metrics.catalogue import CALLS, KINDS, MAP, MEMORY, Subject
+from msgspec.structs import replace as struct_replace
+
+from sfr_loc_map.metrics.catalogue import (
+    CALLS,
+    DRIVE,
+    ERRORS_BEYOND,
+    KINDS,
+    MAP,
+    MEMORY,
+    OTHER_FRAMES,
+    Subject,
+    statistic_title,
+    title_of,
+)
 from sfr_loc_map.metrics.completeness import covered_text
-from sfr_loc_map.metrics.config import CallKind, VerdictState
+from sfr_loc_map.metrics.config import CallKind, VerdictState, label_of
+from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.judging.limit_scope import limits_of, parts_of
-from sfr_loc_map.metrics.judging.limits import COVERAGE_MIN, LimitPart, margin_of
-from sfr_loc_map.metrics.judging.shortfall_kinds import SHORTFALLS
+from sfr_loc_map.metrics.judging.limits import COVERAGE_MIN, Limit, LimitPart, Limits, Rules, margin_of, meets
+from sfr_loc_map.metrics.judging.shortfall_kinds import BEYOND_MOST, SHORTFALLS
 from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.score import Figure, Score, Verdict
 
@@ -67,6 +81,8 @@ def shortfalls(score: Score) -> list[Shortfall]:
         allowed.add("pixels_without_point")
     for part in parts_of(limits, score):
         found += _shortfalls_of(score, part, allowed)
+    if ERRORS_BEYOND not in allowed:
+        found += _beyond_the_judged(score, limits)
     for limit in limits.limits:
         figure = limit.limited.figure
         row = score.figure(figure, part=None) if figure in OF_STATES else None
@@ -92,11 +108,51 @@ def _shortfalls_of(score: Score, part: RowPart, allowed: Collection[str]) -> Ite
         asked = is_partial and figure not in NEVER_PARTIAL
         found = score.figure(figure, subject=Subject.COMPLETENESS, part=kind)
         value = None if found is None else found.value
-        if figure in allowed or asked or most is None or value is None or value <= most:
+        if figure in (ERRORS_BEYOND, *allowed) or asked or most is None or value is None or value <= most:
             continue
         said = text.format(percent=f"{100.0 * value:.4g}", value=f"{value:g}", part=kind)
         said = missing_text(score) if figure == "missing" else said
         yield Shortfall(part, figure, most, value, said, score.place_of(found))
+
+
+def _beyond_the_judged(score: Score, limits: Limits) -> Iterator[Shortfall]:
+    """Yield the limits that the judged errors meet, and the errors of the other frames miss.
+
+    A figure that differs by the choice of the starts alone is no shortfall: many errors have to be far beyond the
+    largest judged one.
+    """
+    for limit in limits.limits:
+        if limit.part is not LimitPart.TRAJECTORY:
+            continue
+        limited = limit.limited
+        share = score.figure(ERRORS_BEYOND, condition=limit.condition, part=limited.figure)
+        others = score.figure(limited.figure, condition=limit.condition, part=OTHER_FRAMES)
+        if share is None or share.value is None or share.value <= BEYOND_MOST or others is None:
+            continue
+        value = others.statistic(statistic_of(limit))
+        if value is not None and not meets(limit, value):
+            text = beyond_text(score, limit, share.value, value)
+            yield Shortfall(RowPart(DRIVE), ERRORS_BEYOND, BEYOND_MOST, share.value, text, score.place_of(share))
+
+
+def statistic_of(limit: Limit) -> str:
+    """Return the statistic that a limit is on; of a tolerance bound the largest quantile within its fraction."""
+    if limit.prob is None:
+        return limit.limited.statistic
+    within = [name for name, percent in QUANTILES.items() if percent <= 100.0 * limit.prob]
+    return max(within, key=QUANTILES.__getitem__, default="p50")
+
+
+def beyond_text(score: Score, limit: Limit, share: float, value: float) -> str:
+    """Return which fraction of the frames no judged error contains although their errors miss a limit."""
+    limited = limit.limited
+    spacing = 1 if score.association is None else score.association.spacing_frames
+    unit = KINDS[limited.figure].unit
+    return (
+        f"{100.0 * share:.4g} % of the frames are in no judged error, because starts are {spacing} frames apart, and "
+        f"far beyond the judged errors: {statistic_title(statistic_of(limit))} of the {title_of(limited.figure)} over "
+        f"{label_of(limit.condition or '')} is {value:.4g} {unit} for the frames that are in none"
+    )
 
 
 def why_unknown(part: RowPart, row: Figure | None) -> str:
@@ -132,6 +188,12 @@ def why_incomplete(score: Score) -> str | None:
     if rules is None or not (rules.partial or rules.allow_missing):
         texts += unanswered(score)
     return "; ".join(dict.fromkeys(texts)) or None
+
+
+def is_lifted_by_partial(score: Score) -> bool:
+    """Tell whether `--partial` judges what an incomplete score has."""
+    rules = Rules.of(limits_of(score), partial=True)
+    return why_incomplete(struct_replace(score, rules=rules)) is None
 
 
 def plainly_absent(score: Score) -> Iterator[str]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, LIVE, MAP
+from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, ERRORS_BEYOND, LIVE, MAP
 
 
 class ShortfallKind(NamedTuple):
@@ -20,6 +20,7 @@ class ShortfallKind(NamedTuple):
     text: str = ""  #: Why the part is incomplete, with `percent`, `value` and `part` of the calls.
 
 
+BEYOND_MOST = 0.02  #: Fraction of the frames that may be wrong between the judged ones, as a short loss is.
 SHORTFALLS = (
     ShortfallKind("missing", DRIVE, 0.0),  # in the words of `judge.missing_text`
     ShortfallKind(
@@ -48,6 +49,8 @@ SHORTFALLS = (
         "{percent} % of the steps are those of the ground truth, more exactly than any measurement: give the estimate "
         "of the item under test",
     ),
+    # in the words of `incomplete.beyond_text`, for each limit that the errors of the other frames miss
+    ShortfallKind(ERRORS_BEYOND, DRIVE, BEYOND_MOST),
     ShortfallKind("pairs_without_cloud", MAP, 0.0, "{percent} % of the mapping pairs have no point in the cloud"),
     # a few points at the edges of the sky have no truth
     ShortfallKind(

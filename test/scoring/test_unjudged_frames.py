@@ -1,0 +1,107 @@
+"""Frames that no judged error contains: what is wrong with them is no pass, and a choice of starts is no reason."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from helpers.cli_result import Sfr
+from helpers.honest_drives import honest_drive
+from helpers.straight_drive import COUNT, POSITION, limits, straight
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND, OTHER_FRAMES
+from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.judging.shortfall_kinds import BEYOND_MOST
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
+
+LENGTH = 50  #: Frames of a sub-trajectory of 5 m.
+STARTS = np.arange(0, COUNT, 10)
+
+
+def honest() -> Trajectory:
+    """Steps that err by 0.2 mm: over 5 m about 2 mm."""
+    noise = np.cumsum(np.random.default_rng(4).normal(0.0, 2e-4, (COUNT, 3)), axis=0)
+    drive = straight()
+    return Trajectory(drive.stamps_ns, drive.positions + noise, drive.quats_xyzw)
+
+
+def with_wrong(frames: np.ndarray) -> Trajectory:
+    """Return the honest estimate, with some frames 1 m off in x and 2 m in z."""
+    drive = honest()
+    positions = drive.positions.copy()
+    positions[frames] += np.array([1.0, 0.0, 2.0])
+    return Trajectory(drive.stamps_ns, positions, drive.quats_xyzw)
+
+
+def between_the_starts() -> np.ndarray:
+    """Return the frames at which no judged sub-trajectory of 5 m starts or ends."""
+    return np.setdiff1d(np.arange(COUNT), STARTS)
+
+
+def judged_frames(estimate: Trajectory, folder: Path, sfr: Sfr, *options: str) -> tuple[int, str, dict[str, object]]:
+    """Score an estimate of the straight drive by the limit of 50 mm over 5 m."""
+    paths, result = (folder / "e.csv", folder / "t.csv"), folder / "s.json"
+    save_trajectory(paths[0], estimate)
+    save_trajectory(paths[1], straight())
+    rules = limits(folder, POSITION)
+    done = sfr("score", *paths, "--limits", rules, "--json", result, "--overwrite", *options)
+    return done.code, done.out + done.err, json.loads(result.read_text())
+
+
+@pytest.mark.parametrize("every", [1, 5, 9])
+def test_wrong_frames_between_the_starts_are_no_pass(tmp_path: Path, sfr: Sfr, every: int) -> None:
+    """The judged figure is that of the right frames alone; that of the others is metres."""
+    wrong = between_the_starts()[::every]
+    code, text, score = judged_frames(with_wrong(wrong), tmp_path, sfr)
+    assert code == 3, text
+    assert score["verdict"] == "incomplete"
+    assert "of the frames are in no judged error, because starts are 10 frames apart" in text
+    named = {1: "frames 1-9, 11-19, 21-29", 5: "frames 1, 6, 12, 17", 9: "frames 1, 11, 21"}[every]
+    assert named in text
+    assert "... --partial" not in text, "a part of the frames was judged already"
+    assert judged_frames(with_wrong(wrong), tmp_path, sfr, "--partial")[0] == 3
+
+
+def test_one_wrong_frame_in_a_hundred_and_an_honest_drive_pass(tmp_path: Path, sfr: Sfr) -> None:
+    assert judged_frames(honest(), tmp_path, sfr)[0] == 0
+    assert judged_frames(with_wrong(between_the_starts()[::100]), tmp_path, sfr)[0] == 0
+
+
+def test_a_limit_may_allow_it_and_a_loose_limit_is_met_by_all_frames(tmp_path: Path, sfr: Sfr) -> None:
+    paths = tmp_path / "e.csv", tmp_path / "t.csv"
+    save_trajectory(paths[0], with_wrong(between_the_starts()))
+    save_trajectory(paths[1], straight())
+    allowed = {**POSITION, "completeness": {"errors_beyond_max_share": 1.0}}
+    loose = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 20.0}]}
+    for content in (allowed, loose):
+        assert sfr("score", *paths, "--limits", limits(tmp_path, content)).code == 0
+
+
+def test_a_tolerance_bound_needs_the_other_frames_as_well(tmp_path: Path, sfr: Sfr) -> None:
+    paths = tmp_path / "e.csv", tmp_path / "t.csv"
+    save_trajectory(paths[1], straight())
+    bound = {"limit": 0.05, "prob": 0.5, "confidence": 0.5, "interpretation": "temporal"}
+    rules = limits(tmp_path, {"trajectory": [{"condition": "distance=5", "position_bound_m": bound}]})
+    for estimate, code in ((honest(), 0), (with_wrong(between_the_starts()), 3)):
+        save_trajectory(paths[0], estimate)
+        done = sfr("score", *paths, "--limits", rules)
+        assert done.code == code, done.err
+
+
+def test_random_honest_drives_have_no_error_beyond_the_judged_ones() -> None:
+    """Of the kinds without outliers: noise, drift, scale, straight."""
+    for seed in range(64):
+        kind, estimate, truth = honest_drive(seed)
+        if kind not in ("noise", "drift", "scale", "straight"):
+            continue
+        metres = np.linalg.norm(np.diff(truth.positions, axis=0), axis=1).sum() / 12.0
+        config = TrajectoryScoreConfig(conditions=(f"distance={metres:.3f}",))
+        figures = score_trajectory(Estimates.of(estimate), truth, config).figures
+        rows = [row for row in figures if row.figure == ERRORS_BEYOND]
+        assert all((row.value or 0.0) <= BEYOND_MOST for row in rows), (seed, kind, rows)
+        assert any(row.part == OTHER_FRAMES for row in figures)
