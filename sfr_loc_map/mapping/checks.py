@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 
@@ -10,7 +12,6 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
-from sfr_loc_map.mapping.search_range import DISPARITY_STEP
 
 MIN_CONTRAST = 2.0
 """Smallest standard deviation of an image's grey levels, grey levels. Less has a covered camera whose noise is low; one
@@ -81,7 +82,7 @@ def _likely_cause(pair: StereoPair, disparity_count: int) -> str:
     size = (width // COARSE_FACTOR, height // COARSE_FACTOR)
     left = np.asarray(cv2.resize(pair.left, size, interpolation=cv2.INTER_AREA), np.uint8)
     right = np.asarray(cv2.resize(pair.right, size, interpolation=cv2.INTER_AREA), np.uint8)
-    coarse_count = DISPARITY_STEP * max(1, -(-disparity_count // (DISPARITY_STEP * COARSE_FACTOR)))
+    coarse_count = math.ceil(disparity_count / COARSE_FACTOR)
     matched_as_given = float(np.isfinite(semi_global_matching(left, right, coarse_count)).mean())
     matched_swapped = float(np.isfinite(semi_global_matching(right, left, coarse_count)).mean())
     if matched_swapped > max(SWAPPED_FACTOR * matched_as_given, MIN_SWAPPED_FRACTION):

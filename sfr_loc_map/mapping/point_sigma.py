@@ -85,9 +85,10 @@ def point_sigma(
     calibration: CalibrationSigma,
     rig: StereoRig,
 ) -> PointSigma:
-    """Return the standard deviations of points of one or several pairs; `pair` `(N,)` is the index of each point's.
+    """Return the standard deviations of points of one or several pairs.
 
-    Poses of the left cameras (left optical frame to LM) and saturations are in the order of the pairs.
+    `pair` `(N,)` is the index of each point's pair in the poses of the left cameras (left optical frame to LM) and in
+    the saturations.
     """
     random = _widened_sigma(points, pair, saturations)
     return PointSigma(random, total_sigma(points, random, pair, poses, calibration, rig))

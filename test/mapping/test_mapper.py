@@ -46,8 +46,8 @@ def test_the_stages_are_told_in_the_same_words_in_the_documentation() -> None:
     documentation = (SAMPLE.parent / "docs" / "mapping.md").read_text(encoding="utf-8")
     assert of_process.startswith("1. `check_images`")
     assert of_process.strip() in documentation.replace(" in `sfr_loc_map/mapping`", "")
-    steps = (inspect.getdoc(estimation) or "").partition("`disparity`:\n\n")[2]
-    assert steps.startswith("1. The initial disparity")
+    steps = (inspect.getdoc(estimation) or "").partition("their results:\n\n")[2]
+    assert steps.startswith("1. `semi_global_matching`")
     assert steps in documentation
     stages_of_fuse = of_fuse.partition("\n\n")[0]
     assert stages_of_fuse in documentation

@@ -1,24 +1,25 @@
 """From a stereo pair to its disparity map, before invalid pixels are filled.
 
-The steps of `estimate_disparity`, with their modules in `disparity`:
+The steps of `estimate_disparity`, with their modules in `disparity` and their results:
 
-1. The initial disparity is found by semi-global matching (Hirschmueller 2008), in wide images at half their width
-   (`semi_global_matching`, `exposure`). It is NaN at unmatched pixels.
-2. The initial field on cells of 2 x 2 pixels is defined everywhere: unmatched cells take the farther neighbour along
-   the row (`cell_field`).
-3. Exposure and vertical disparity of the right image are measured and removed (`right_image_correction`,
-   `vertical_disparity`).
-4. One disparity field is fitted to both images: photometric residuals and weighted second differences over the whole
-   image (variational, after Horn and Schunck 1981), solved coarse to fine by conjugate gradients
-   (`variational_refinement`, `photometric_residual`, `image_noise`, `smoothness`, `conjugate_gradients`).
-5. The standard deviation of each disparity has three parts: the posterior of that field, the bias of smoothing and an
-   error beside creases (`uncertainty`).
-6. The saturated pixels of both images are found (`saturation`).
-7. The status of each pixel is measured, or the reason why it is invalid: unmatched, changed by the refinement,
-   occluded, mismatched, on a ramp, in a small segment or one without common content, on the wrong surface beside a jump
-   (a small network on matching costs with adaptive support weights, Yoon and Kweon 2006), saturated (`validity`,
-   `surfaces`, `segments`, `wrong_surface`, `matching_cost`).
-8. The fraction of the textured pixels that are measured is counted (`texture`).
+1. `semi_global_matching` (`semi_global_matching`, `exposure`) -> disparity `(H, W)`, NaN at unmatched pixels: initial
+   disparity by semi-global matching (Hirschmueller 2008), in wide images at half their width.
+2. `cells_from_disparity` (`cell_field`) -> field on cells of 2 x 2 pixels, defined everywhere: unmatched cells take the
+   farther neighbour along the row.
+3. `correct_right_image` (`right_image_correction`, `exposure`, `vertical_disparity`) -> `CorrectedImage`: exposure and
+   vertical disparity of the right image are measured and removed.
+4. `refine_disparity` (`variational_refinement`, `photometric_residual`, `image_noise`, `smoothness`,
+   `conjugate_gradients`) -> `RefinedDisparity`: one disparity field is fitted to both images by photometric residuals
+   and weighted second differences over the whole image (variational, after Horn and Schunck 1981), solved coarse to
+   fine by conjugate gradients.
+5. `disparity_sigma` (`uncertainty`) -> sigma `(H, W)`: the posterior of that field, the bias of smoothing and an error
+   beside creases.
+6. `measure_saturation` (`saturation`) -> `Saturation`: the saturated pixels of both images.
+7. `judge_pixels` (`validity`, `surfaces`, `segments`, `wrong_surface`, `matching_cost`) -> status `(H, W)`: measured,
+   or the reason why a pixel is invalid: unmatched, changed by the refinement, occluded, mismatched, on a ramp, in a
+   small segment or one without common content, on the wrong surface beside a jump (a small network on matching costs
+   with adaptive support weights, Yoon and Kweon 2006), saturated.
+8. `measured_textured_fraction` (`texture`) -> number: the fraction of the textured pixels that are measured.
 """
 
 from __future__ import annotations

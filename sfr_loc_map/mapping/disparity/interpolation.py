@@ -19,9 +19,9 @@ def linear(p0: np.float32, p1: np.float32, t: np.float32) -> np.float32:
 @jit_rows_inline
 def cubic(p0: np.float32, p1: np.float32, p2: np.float32, p3: np.float32, t: np.float32) -> np.float32:
     """Interpolate at `t` between p1 (0) and p2 (1) (Keys 1981, a = -0.5)."""
-    cubic = t * (F(3.0) * (p1 - p2) + p3 - p0)
-    square = t * (F(2.0) * p0 - F(5.0) * p1 + F(4.0) * p2 - p3 + cubic)
-    value: np.float32 = p1 + F(0.5) * t * (p2 - p0 + square)
+    third = t * (F(3.0) * (p1 - p2) + p3 - p0)
+    second = t * (F(2.0) * p0 - F(5.0) * p1 + F(4.0) * p2 - p3 + third)
+    value: np.float32 = p1 + F(0.5) * t * (p2 - p0 + second)
     return value
 
 

@@ -79,8 +79,8 @@ def measure_right_camera(disparity_map: DisparityMap, rig: StereoRig) -> CameraR
     """
     removed = disparity_map.correction.vertical
     remaining, saddle_sigma_px = _remaining_disparity(disparity_map, rig)
-    side = GRID_POINTS * 1j
-    edge_y, edge_x = np.mgrid[-1.0:1.0:side, -1.0:1.0:side]
+    from_edge_to_edge = np.linspace(-1.0, 1.0, GRID_POINTS)
+    edge_x, edge_y = np.meshgrid(from_edge_to_edge, from_edge_to_edge)
     x = (0.5 * (edge_x + 1.0) * (rig.width - 1) - rig.cx) / rig.fx
     y = (0.5 * (edge_y + 1.0) * (rig.height - 1) - rig.cy) / rig.fy
     distortion = remaining.along_y * y + remaining.saddle * x * y + remaining.square * y * y
@@ -121,8 +121,7 @@ def without_roll(disparity_map: DisparityMap, rotation: CameraRotation, rig: Ste
     """
     if abs(rotation.roll_rad) * 0.5 * rig.width * (rig.fy / rig.fx) < MIN_ROTATION_PX:
         return disparity_map
-    rows_below_centre = np.arange(rig.height, dtype=np.float64) - rig.cy
+    rows_below_centre = (np.arange(rig.height, dtype=np.float64) - rig.cy).astype(F)
     px_per_row = F(rotation.roll_rad * (rig.fx / rig.fy))
-    return replace(
-        disparity_map, px=np.asarray(disparity_map.px + px_per_row * rows_below_centre.astype(F)[:, None], F)
-    )
+    error_px = -px_per_row * rows_below_centre[:, None]
+    return replace(disparity_map, px=np.asarray(disparity_map.px - error_px, F))

@@ -23,7 +23,8 @@ MIN_ROW_PIXELS = 1000
 """Pixels that a measurement of the vertical disparity requires: with residuals of 3 grey levels and slopes of 5 grey
 levels per pixel its standard deviation is then 0.02 pixels, as `MIN_VERTICAL_PX`."""
 MIN_VERTICAL_PX = 0.02  #: Smaller vertical disparities are not corrected, because resampling blurs the image, pixels.
-MAX_ROW_STEP_PX = 0.5  #: Largest change of a coefficient in one step: the image is linear over about half a pixel.
+MAX_ROW_STEP_PX = 0.5
+"""Largest change of a coefficient in one step, pixels: half of the pixel within which the linearisation holds."""
 
 
 class VerticalDisparity(NamedTuple):

@@ -92,9 +92,9 @@ a surface of constant curvature (4). The optimum is flat (measurements/mapper_tr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RefinedDisparity:
-    """A refined field and what its uncertainty and validity are judged by; both are defined everywhere."""
+    """A refined field and what its uncertainty and validity are judged by."""
 
-    disparity_px: FloatImage  #: `(H, W)` float32, pixels.
+    disparity_px: FloatImage  #: `(H, W)` float32, pixels, defined everywhere.
     cells_px: FloatImage  #: `(h, w)` float32, pixels, the field on the cells of the padded image.
     information: FloatImage  #: `(h, w)` float32, 1 / px^2 per cell, at the field.
     weights: SmoothnessWeights  #: Weights of the second differences, those of the field before its last step.

@@ -1,7 +1,7 @@
 """The vertical disparity of a pair as a sum of given shapes, by robust least squares on photometric residuals.
 
 Content of the right image that is s pixels lower than in the left image changes the residual by s times the slope of
-the image along the column. A fit is one Gauss-Newton step: the image is linear over about half a pixel.
+the image along the column. A fit is one Gauss-Newton step, whose linearisation holds within about a pixel.
 """
 
 from __future__ import annotations

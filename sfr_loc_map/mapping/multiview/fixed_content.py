@@ -84,6 +84,8 @@ def _fixed_region(same_disparity: Mask, first_grey: FloatImage, second_grey: Flo
         return np.zeros(same_disparity.shape, np.bool_)
     is_fixed = same_disparity & (_similarity(first_grey, second_grey, noise) > MIN_SIMILARITY)
     region = square(REGION_SAMPLES)
+    # Closing joins samples and opening removes regions smaller than the square. The rest is extended, because windows
+    # at its border include other content and are less similar.
     closed = cv2.morphologyEx(is_fixed.astype(np.uint8), cv2.MORPH_CLOSE, region)
     opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, region)
     return dilated(np.asarray(opened).astype(np.bool_), REGION_SAMPLES // 2)
