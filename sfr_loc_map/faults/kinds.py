@@ -114,9 +114,9 @@ class Fault:
 
     kind: FaultKind  #: What it does.
     amount: float  #: How strong, in the unit of the kind.
-    share: float = 0.1  #: Share of pairs that are affected; faults of rotation, clock and rig affect all.
-    burst: int = 1  #: Consecutive pairs that are affected.
-    start: int = 1  #: First pair that may be affected.
+    share: float  #: Share of pairs that are affected; faults of rotation, clock and rig affect all.
+    burst: int  #: Consecutive pairs that are affected.
+    start: int  #: First pair that may be affected.
     camera: str = "both"  #: `both`, `left` or `right`, for faults of images.
 
 

@@ -210,7 +210,7 @@ def shade(
             normal = hits.normals[n]
             slanted = normal[0] - sx * normal[2], normal[1] - sy * normal[2], normal[2]
             mu = _emission_cosine(normal, rays[n])
-            out[n] = _brightness(slanted, mu, hits.ranges[n], target * albedo, sunlit, lit[n], parameters)
+            out[n] = surface_brightness(slanted, mu, hits.ranges[n], target * albedo, sunlit, lit[n], parameters)
         for n in range(start, end):
             if hits.objects[n] == SKY:
                 up = max(rays[n, 2], 0.0)
@@ -221,7 +221,7 @@ def shade(
                 albedo, bump = _stone(hits.points[n], footprint, hits.objects[n], parameters)
                 slanted = _bumped(normal, bump)
                 mu = _emission_cosine(normal, rays[n])
-                out[n] = _brightness(slanted, mu, hits.ranges[n], target * albedo, 1.0, lit[n], parameters)
+                out[n] = surface_brightness(slanted, mu, hits.ranges[n], target * albedo, 1.0, lit[n], parameters)
 
 
 @jit_inline
@@ -252,7 +252,7 @@ def _footprint(normal: FloatArray, ray: FloatArray, small: float) -> float:
 
 
 @jit_inline
-def _brightness(
+def surface_brightness(
     normal: Vector, mu: float, distance: float, albedo: float, sunlit: float, lit: float, parameters: ShadingParameters
 ) -> float:
     """Return the brightness of a surface in the light of sun and sky, through the haze.

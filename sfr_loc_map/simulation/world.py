@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from enum import IntFlag
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, PointImage
+from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, IntArray, PointImage
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation import renderer
@@ -61,12 +62,11 @@ class World:
             delay = moment * sensor.exposure_s
             T_ds_cam = renderer.camera_pose(self.plan.rig_pose(task, frame, delay), rig, bool(camera))
             occluder = self._occluder(task, frame, delay)
-            for start in range(0, len(total), renderer.BAND_RAYS):
-                pixels = np.arange(start, min(start + renderer.BAND_RAYS, len(total)))
+            for pixels in _bands(len(total)):
                 u, v = pixels % rig.width + du, pixels // rig.width + dv
                 rays = renderer.pixel_rays(rig, T_ds_cam, u, v)
                 hits = renderer.trace_primary_rays(self._tracer, T_ds_cam.translation, rays)
-                key = sub_seed(self.plan.config.seed, 20, TASK_SEEDS[task], frame, camera, k, start)
+                key = sub_seed(self.plan.config.seed, 20, TASK_SEEDS[task], frame, camera, k, int(pixels[0]))
                 suns = renderer.sun_rays(self._sun, radius, len(pixels), key)
                 lit = renderer.trace_shadow_rays(self._tracer, hits, suns, occluder)
                 bright = np.empty(len(pixels), np.float32)
@@ -83,8 +83,7 @@ class World:
         points, mask = np.empty((count, 3), np.float32), np.zeros(count, np.uint8)
         T_lm_ds = self.plan.T_ds_lm.inverse()
         occluder = self._occluder(Task.MAPPING, frame, 0.0)
-        for start in range(0, count, renderer.BAND_RAYS):
-            pixels = np.arange(start, min(start + renderer.BAND_RAYS, count))
+        for pixels in _bands(count):
             rays = renderer.pixel_rays(rig, T_ds_left, pixels % rig.width, pixels // rig.width)
             hits = renderer.trace_primary_rays(self._tracer, T_ds_left.translation, rays)
             sky = hits.objects == renderer.SKY
@@ -97,3 +96,9 @@ class World:
 
     def _occluder(self, task: Task, frame: int, delay_s: float) -> tuple[renderer.Tracer, Transform] | None:
         return None if self._rover is None else (self._rover, self.plan.rover_pose(task, frame, delay_s))
+
+
+def _bands(count: int) -> Iterator[IntArray]:
+    """Yield the numbers of the pixels of an image, those that are traced at once together."""
+    for start in range(0, count, renderer.BAND_RAYS):
+        yield np.arange(start, min(start + renderer.BAND_RAYS, count))

@@ -8,7 +8,14 @@ import pytest
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.simulation.config import GroundConfig, LightConfig, ReliefConfig, SimulationConfig
 from sfr_loc_map.simulation.renderer import GROUND, SKY, Hits
-from sfr_loc_map.simulation.shading import RUN, ShadingParameters, _brightness, reflect, shade, shading_parameters
+from sfr_loc_map.simulation.shading import (
+    RUN,
+    ShadingParameters,
+    reflect,
+    shade,
+    shading_parameters,
+    surface_brightness,
+)
 from sfr_loc_map.simulation.terrain import Terrain
 
 SUN = np.array([0.6, 0.0, 0.8])
@@ -56,7 +63,7 @@ def test_brightness_does_not_depend_on_the_rest_of_the_batch(scene: tuple[np.nda
 
 def grey(normal: FloatArray, mu: float = 0.5, distance: float = 1e-3, sun: float = 1.0, sky: float = 0.0) -> float:
     light = parameters(LightConfig(sky=sky), lunar=0.0)
-    return _brightness(tuple(normal), mu, distance, 1.0, 1.0, sun, light)
+    return surface_brightness(tuple(normal), mu, distance, 1.0, 1.0, sun, light)
 
 
 def test_lambert_surface_follows_the_cosine_of_incidence() -> None:

@@ -125,5 +125,5 @@ BagReader: TypeAlias = Ros2Reader | Ros1Reader
 
 
 def reader_of(file: Path) -> BagReader:
-    """Return what reads a file or folder of `bag_files.reader_paths`."""
+    """Return what reads a file or folder of `files.reader_paths`."""
     return Ros1Reader(file) if is_ros1_bag(file) else Ros2Reader(file)

@@ -14,7 +14,6 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage
-from sfr_loc_map.geometry.rectification import StereoRectifier, rectified_rig, rig_of_rectified
 from sfr_loc_map.geometry.stamp_pairing import match_stamps
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -58,16 +57,13 @@ class _BagPairs:
         self._points = bag.find(TRUE_POINTS, POINTS) if self.task is Task.MAPPING else None
         self._topics = [*self._sides, *([self._points] if self._points else [])]
         found, self.frame = self._calibrated(calibration, kind == RECTIFIED)
-        left, right = found.infos
         if calibration.baseline_m:
+            left, right = found.infos
             right = copy(right)
             right.p = np.array([*right.p[:3], -right.p[0] * calibration.baseline_m, *right.p[4:]])
-        self._rectifier: StereoRectifier | None = None
+            found = replace(found, infos=(left, right))
         try:
-            if found.is_rectified:
-                self.rig, self._rectifier = rig_of_rectified((left, right), rig)
-            else:
-                self.rig, self._rectifier = rectified_rig((left, right), rig)
+            self.rig, self._rectifier = found.rig(rig)
         except InputError as error:
             raise InputError(f"bag '{bag.path}': {error}") from error
         if of_drive:

@@ -265,7 +265,7 @@ class BagRecorder:
         if kind is not None:
             self._writer.abort()
             return
-        with self._telling():
+        with self._reporting():
             try:
                 self._writer.close()
             except OSError:
@@ -281,13 +281,13 @@ class BagRecorder:
     def write(self, topic: Any, received_ns: int, raw: bytes) -> None:  # noqa: ANN401
         """Add a serialised message."""
         self._last_ns = max(self._last_ns, received_ns)  # files without an index are read in the order of time
-        with self._telling():
+        with self._reporting():
             self._writer.write(topic, self._last_ns, raw)
         self.count += 1
 
     def flush(self) -> None:
         """Make what was added readable for others."""
-        with self._telling():
+        with self._reporting():
             self._writer.storage.flush()
 
     def _sync(self) -> None:
@@ -296,8 +296,8 @@ class BagRecorder:
                 self._writer.storage.sync()
 
     @contextmanager
-    def _telling(self) -> Iterator[None]:
-        """Say what is there when the disk is full."""
+    def _reporting(self) -> Iterator[None]:
+        """Turn an error of the disk into one that reports what was recorded."""
         try:
             yield
         except OSError as error:

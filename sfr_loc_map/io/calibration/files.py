@@ -25,7 +25,15 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.geometry.camera_info import projection, rig_from_projections
-from sfr_loc_map.geometry.rectification import CalibratedCamera, RawCamera, rectified_cameras
+from sfr_loc_map.geometry.rectification import (
+    CalibratedCamera,
+    RawCamera,
+    StereoRectifier,
+    rectified_cameras,
+    rectified_rig,
+    rig_of_rectified,
+)
+from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, parse_yaml, read_text, refusing
 from sfr_loc_map.io.layouts.folder import read_rig
@@ -48,6 +56,12 @@ class Calibration:
     is_rectified: bool  #: The images are rectified already, and `infos` those of a rectified pair.
     T_rb_sb: Transform | None  #: Pose of the pair in RB, where the file has it.
     text: str  #: What was read, for messages: `Kalibr 'camchain.yaml', cam0 and cam1`.
+
+    def rig(self, name: str) -> tuple[StereoRig, StereoRectifier | None]:
+        """Return the rectified rig (`loc` or `nav`), and what rectifies its images; None if that is the identity."""
+        if self.is_rectified:
+            return rig_of_rectified(self.infos, name)
+        return rectified_rig(self.infos, name)
 
 
 def read_calibration(path: Path, size: tuple[int, int] | None = None) -> Calibration:

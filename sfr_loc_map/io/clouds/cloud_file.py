@@ -87,7 +87,7 @@ def load_cloud(path: Path) -> LoadedCloud:
             columns, comments = _with_pixels(columns, comments, *grid)
         else:
             grid = None
-        fused, pair_stamps_ns = _said(comments)
+        fused, pair_stamps_ns = _stated(comments)
     missing = [name for name in "xyz" if name not in columns]
     if missing:
         found = ", ".join(columns) or "none"
@@ -145,14 +145,14 @@ def _comments(cloud: PointCloud) -> list[str]:
     return comments
 
 
-def _said(comments: Iterable[str]) -> tuple[bool | None, tuple[int, ...] | None]:
+def _stated(comments: Iterable[str]) -> tuple[bool | None, tuple[int, ...] | None]:
     """Return whether a cloud is fused and the stamps of its pairs, None for what the comments do not say."""
-    said: dict[str, str] = {}
+    stated: dict[str, str] = {}
     for text in comments:
         sign, name, value = (*text.split(" ", 2), "", "")[:3]
-        if sign == "sfr" and said.setdefault(name, value.strip()) != value.strip():
+        if sign == "sfr" and stated.setdefault(name, value.strip()) != value.strip():
             raise ValueError(f"its comments 'sfr {name}' differ")
-    fused, stamps = said.get(FUSED), said.get(PAIR_STAMPS)
+    fused, stamps = stated.get(FUSED), stated.get(PAIR_STAMPS)
     if fused not in (None, "true", "false"):
         raise ValueError(f"'sfr {FUSED} {fused[:40]}' must end in true or false")
     words = (stamps or "").split()

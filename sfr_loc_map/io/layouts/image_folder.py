@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.rectification import rectified_rig, rig_of_rectified
 from sfr_loc_map.inputs import IMAGE_ENDINGS
 from sfr_loc_map.io.calibration.files import read_calibration
 from sfr_loc_map.io.images.codec import read_grey
@@ -44,10 +43,7 @@ def open_image_folder(path: Path, config: SourceConfig) -> Source:
     entries = [ImagePair(stamp, left[stamp], right[other]) for stamp, other in pairs.items()]
     height, width = read_grey(entries[0].left).shape
     found = read_calibration(Path(config.calibration.file), (width, height))
-    if found.is_rectified:
-        rig, rectifier = rig_of_rectified(found.infos, "loc")
-    else:
-        rig, rectifier = rectified_rig(found.infos, "loc")
+    rig, rectifier = found.rig("loc")
     rig = replace(rig, T_rb_sb=found.T_rb_sb)
     loc = ImageFileSequence(rig, entries, None, None if rectifier is None else rectifier.rectify)
     return Source(path, SourceFormat.IMAGES, loc, None)
