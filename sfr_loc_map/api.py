@@ -56,7 +56,7 @@ def open(source: SourceLike, remap: Mapping[str, str] | None = None, config: str
     """
     if isinstance(source, Source):
         if remap is not None or config is not None:
-            raise ConfigError("remap and config are of a path: give it in place of a source that is open")
+            raise ConfigError("remap and config apply to a path: give the path instead of an open source")
         return source
     _check("source", source, Source)
     how = source_config(Path(source), None if config is None else Path(config), remap)
@@ -138,7 +138,7 @@ def map(
             parameters = _parameters(MappingConfig, config, "mapping")
             how = replace(parameters, refine_poses=True) if refine_poses else parameters
         elif refine_poses:
-            raise ConfigError(f"refine_poses is of our mapper: leave it out with method {method}")
+            raise ConfigError(f"refine_poses is an option of our mapper: omit it with method {method}")
         else:
             how = _under_test(method, Task.MAPPING, config, opened)
         run = offline.panorama(panorama, how)
@@ -185,7 +185,7 @@ def score(
     files = [stats] if isinstance(stats, (str, Path)) else stats
     run = _run(estimate, truth, tuple(Path(file) for file in files), settings.get("fused"))
     if correction.is_wanted and run.drive is None:
-        raise ConfigError("convention and apply_diagnosis are for trajectories: leave them out for a cloud")
+        raise ConfigError("convention and apply_diagnosis are for trajectories: omit them for a cloud")
     further = {"max_difference_s": settings.get("max_difference"), "rpe_delta": settings.get("rpe_delta")}
     aligned = aligned_error_config(align, further)
     if isinstance(limits, Mapping):
@@ -244,7 +244,7 @@ def _texts(name: str, items: Sequence[str]) -> Sequence[str]:
     wrong = [text for text in texts if not isinstance(text, str)]
     if wrong:
         raise ConfigError(
-            f"{name} has {wrong[0]!r:.60}: texts are needed, such as 'distance=5' or 'frame=left_optical'"
+            f"{name} has {wrong[0]!r:.60}: texts are required, such as 'distance=5' or 'frame=left_optical'"
         )
     return texts
 
@@ -253,7 +253,7 @@ def _check(name: str, value: object, *kinds: type) -> None:
     """Raise ConfigError, which names the argument, if its value is neither a path nor of these kinds."""
     if not isinstance(value, (str, os.PathLike, *kinds)):
         known = " or ".join(kind.__name__ for kind in kinds)
-        raise ConfigError(f"{name} is of type {type(value).__name__}: a path or a {known} is needed")
+        raise ConfigError(f"{name} is of type {type(value).__name__}: a path or a {known} is required")
 
 
 def _parameters(kind: type[C], config: object, section: str) -> C:

@@ -89,7 +89,7 @@ def output_target(path: Path, *, any_folder: bool = False) -> Path:
             path = path.resolve(strict=True)
         except (OSError, RuntimeError) as error:  # a circle of links
             raise OutputError(
-                f"cannot write '{path}': it is a link to nothing; remove it or choose another name"
+                f"cannot write '{path}': it is a broken link; remove it or choose another name"
             ) from error
     if not (any_folder and path.is_dir()):
         _check_free(path)
@@ -127,7 +127,7 @@ def _locked(folder: Path, kind: int) -> Iterator[None]:
             if kind != fcntl.LOCK_SH:  # a file system without locks
                 raise
         if os.fstat(lock).st_uid != os.geteuid():
-            raise PermissionError(f"'{folder}' is of another user")
+            raise PermissionError(f"'{folder}' belongs to another user")
         yield
     finally:
         os.close(lock)
@@ -145,10 +145,8 @@ def _check_free(path: Path) -> None:
     except OSError as error:
         raise _cannot_write(path, error) from error
     if kind:
-        raise OutputError(f"cannot write '{path}': {kind} is there; remove it or choose another name")
+        raise OutputError(f"cannot write '{path}': {kind} exists; remove it or choose another name")
 
 
 def _cannot_write(path: Path, error: OSError) -> OutputError:
-    return OutputError(
-        f"cannot write '{path}': {error.strerror or error}; check the space, the rights and what is there"
-    )
+    return OutputError(f"cannot write '{path}': {error.strerror or error}; check the free space and the permissions")

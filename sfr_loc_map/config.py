@@ -145,7 +145,7 @@ def _checked(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any paramete
         value = msgspec.convert(value, info.type)
     except msgspec.ValidationError as error:
         kind = type(info.default).__name__
-        raise ConfigError(f"'{info.name}' is {value!r:.40}: a value of type {kind} is needed") from error
+        raise ConfigError(f"'{info.name}' is {value!r:.40}: a value of type {kind} is required") from error
     for item in value if isinstance(value, tuple) else (value,):
         if info.low is not None and info.high is not None and not info.low <= item <= info.high:
             raise ConfigError(f"'{info.name}' is {item}: must lie in {info.low} .. {info.high} {info.unit}".rstrip())
@@ -171,7 +171,7 @@ def load_yaml(path: Path) -> dict[str, Any]:
     if content is None:
         return {}
     if not isinstance(content, dict):
-        raise ConfigError(f"'{path}' holds a {type(content).__name__}: a mapping of names to values is needed")
+        raise ConfigError(f"'{path}' holds a {type(content).__name__}: a mapping of names to values is required")
     return content
 
 
@@ -232,7 +232,7 @@ def read_sections(path: Path) -> dict[str, Any]:
         section = "extrinsics" if section == "T_rb_locsb" else section  # as the nodes call it
         if section in SECTIONS and not rest:
             if section not in ("conditions", "limits") and value is not None:
-                raise ConfigError(f"{path}: '{section}' is {value!r:.40}: names with values are needed")
+                raise ConfigError(f"{path}: '{section}' is {value!r:.40}: names with values are required")
             sections[section] = value or {}
         elif section in SECTIONS:
             sections.setdefault(section, {})[rest] = value

@@ -213,7 +213,9 @@ def hash_path(path: Path) -> str:
                 digest.update(f"{name}\0{hash_path(file)}\n".encode())
         return digest.hexdigest()
     except OSError as error:
-        raise InputError(f"cannot read '{error.filename}' to hash it: {error.strerror}; check the rights") from error
+        raise InputError(
+            f"cannot read '{error.filename}' to hash it: {error.strerror}; check the permissions"
+        ) from error
 
 
 def hash_arrays(arrays: Iterable[NDArray[np.generic]]) -> str:
@@ -291,7 +293,7 @@ class _BoundedLoader(yaml.SafeLoader):
             if key.style is None and _EXPONENT.match(key.value):  # a name such as `1e-3`
                 key.tag = "tag:yaml.org,2002:str"
             if (key.tag, key.value) in keys:  # the last one would count
-                raise yaml.YAMLError(f"'{key.value}' stands there twice, again in line {key.start_mark.line + 1}")
+                raise yaml.YAMLError(f"'{key.value}' occurs twice, again in line {key.start_mark.line + 1}")
             if key.tag != "tag:yaml.org,2002:merge":  # several are several maps
                 keys.add((key.tag, key.value))
         return node

@@ -52,7 +52,7 @@ def test_nothing_is_left_of_an_error(tmp_path: Path, name: str) -> None:
     [
         *(("full", "not empty"), ("none/x", "there is no folder"), ("file/x", "there is no folder")),
         *(("pipe", "a named pipe"), ("socket", "a socket"), ("/dev/null", "a device"), ("to null", "a device")),
-        *(("nowhere", "a link to nothing"), ("circle", "a link to nothing")),
+        *(("nowhere", "a broken link"), ("circle", "a broken link")),
     ],
 )
 def test_what_is_no_file_is_never_replaced(tmp_path: Path, place: str, words: str) -> None:

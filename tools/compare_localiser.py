@@ -126,7 +126,7 @@ def record(out: Path, sources: list[str]) -> int:
     for source in sources:
         sequence = open_source(Path(source)).loc
         if sequence is None:
-            raise SystemExit(f"'{source}' holds no drive")
+            raise SystemExit(f"'{source}' has no drive")
         for name, run in runs(sequence):
             key = f"{Path(source).name}: {name}"
             found[key] = digests(run, whole=name == "plain")

@@ -103,7 +103,7 @@ class _Group(TyperGroup):
         """Return a subcommand and its arguments; raise ConfigError for the name of a former one."""
         former = " ".join(("sfr", *([] if ctx.parent is None else [ctx.info_name]), args[0]))
         if former in MOVED:
-            raise ConfigError(f"'{former}' does not exist any more: use {MOVED[former]}")
+            raise ConfigError(f"'{former}' was removed: use {MOVED[former]}")
         return super().resolve_command(ctx, args)
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401 - as above

@@ -157,7 +157,7 @@ def faults(
         result = benchmark_faults(drive, wanted, localiser, scoring, seed, advance)
     _present({"source": str(source)} | result, json_path)
     if silent := [name for name, item in result["entries"].items() if item["honesty"] == Honesty.SILENT]:
-        raise FailedVerdictError(f"wrong and called tracking, beyond 5 times the stated 3 sigma: {', '.join(silent)}")
+        raise FailedVerdictError(f"silent errors (tracking, beyond 5 times the stated 3 sigma): {', '.join(silent)}")
 
 
 @app.command(epilog=examples("sfr bench methods", "sfr bench methods --include-dir"))

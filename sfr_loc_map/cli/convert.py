@@ -71,12 +71,12 @@ def convert(
     options = ConvertOptions(jpeg_quality, compression == "zstd", truth_grid, layout)
     if source.suffix.lower() in CLOUDS and not source.is_dir():
         if options != ConvertOptions() or remap:
-            raise ConfigError(f"'{source}' is a cloud: of the options '--overwrite' alone is for clouds")
+            raise ConfigError(f"'{source}' is a cloud: only the option '--overwrite' applies to clouds")
         _convert_cloud(source, destination, overwrite=overwrite)
         return
     is_poses = not source.is_dir() and source.suffix in FILE_SUFFIXES
     if is_poses and layout is not None:
-        raise ConfigError(f"'--to {layout}' writes images: '{source}' is a trajectory alone")
+        raise ConfigError(f"'--to {layout}' writes images: '{source}' is only a trajectory")
     if is_poses or (layout is None and format_of_name(destination) is not None):
         of_poses = columns_of(columns)[0]
         _convert_trajectory(
@@ -85,7 +85,7 @@ def convert(
         return
     if destination.suffix == PAIRS and layout is None:
         if options != ConvertOptions():
-            raise ConfigError(f"'{destination}' will be pairs for a target, which are exact: leave out options of bags")
+            raise ConfigError(f"'{destination}' is a file of exact pairs for a target: omit the options for bags")
         _convert_pairs(source, destination, remap, config, overwrite=overwrite)
         return
     opened, _ = open_as(source, remap, config)

@@ -91,7 +91,7 @@ def live(
         try:
             Terminal(state, title).show()
         except KeyboardInterrupt:
-            raise InterruptedRunError("interrupted: the view has ended, nothing else") from None
+            raise InterruptedRunError("interrupted: only the view has ended, the nodes continue") from None
 
 
 def _foxglove_view() -> type[FoxgloveView]:

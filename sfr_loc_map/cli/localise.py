@@ -69,7 +69,7 @@ def localise(
     stats = stats_beside(output) if stats is None else stats
     check_outputs(*files_written(output), stats, video, inputs=(source, config), overwrite=overwrite)
     if method != OURS and video is not None:
-        raise ConfigError(f"'--video' shows the tracks of our localiser: leave it out with --method {method}")
+        raise ConfigError(f"'--video' shows the tracks of our localiser: omit it with --method {method}")
     opened, read_from = open_as(source, remap, config if method == OURS else None)
     theirs = method_under_test(method, Task.LOCALISATION, opened, config, call_timeout, memory_limit)
     parameters, sequence = read_config(LocalisationConfig, read_from, "localisation"), drive_of(opened)

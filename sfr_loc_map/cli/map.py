@@ -82,7 +82,7 @@ def map_cloud(
     outputs = MapOutputs(output, fuse, dem or (), parameters.terrain, covariance)
     check_outputs(output, stats, *outputs.more, inputs=(source, config), overwrite=overwrite)
     if refine_poses and theirs is not None:
-        raise ConfigError(f"'--refine-poses' is of our mapper: leave it out with --method {method}")
+        raise ConfigError(f"'--refine-poses' is an option of our mapper: omit it with --method {method}")
     sequence = panorama_of(opened)
     done = 0
 

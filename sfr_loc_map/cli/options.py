@@ -77,7 +77,7 @@ def parse_remaps(remaps: Sequence[str] | None) -> dict[str, str]:
         if not found or not expected:
             raise ConfigError(f"'--remap {item}': must have the form FOUND:=EXPECTED")
         if found in parsed and parsed[found] != expected:
-            raise ConfigError(f"'--remap {item}': '{found}' is remapped as '{parsed[found]}' already: leave one out")
+            raise ConfigError(f"'--remap {item}': '{found}' is remapped as '{parsed[found]}' already: omit one")
         parsed[found] = expected
     return parsed
 
@@ -248,7 +248,7 @@ def correction_of(settings: list[str] | None, apply_diagnosis: bool, *, has_pose
 
     correction = Correction(PoseConvention.parse(settings or ()), apply_diagnosis)
     if not has_poses and correction != Correction():
-        raise ConfigError("'--convention' and '--apply-diagnosis' are for trajectories: leave them out for a cloud")
+        raise ConfigError("'--convention' and '--apply-diagnosis' are for trajectories: omit them for a cloud")
     return correction
 
 

@@ -58,7 +58,7 @@ def check_outputs(*outputs: Path | str | None, inputs: Iterable[Path | None] = (
         elif not reason and path.exists() and not path.is_file():
             reason = "it is not a regular file; choose another name"
         elif not reason and not overwrite and (path.exists() or path.is_symlink()):
-            reason = "a file is there; choose another name or give --overwrite"
+            reason = "a file exists; choose another name or give --overwrite"
         if reason:
             raise OutputError(f"cannot write '{path}': {reason}")
         check_output(path)
@@ -75,15 +75,15 @@ def output_folder(
     """
     place = path.resolve()
     if any(place in (item.resolve(), *item.resolve().parents) for item in inputs):
-        raise OutputError(f"cannot write '{path}': it is not empty, an input of this command is in it")
+        raise OutputError(f"cannot write '{path}': it contains an input of this command")
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         yield path
         return
     what = "a folder that is not empty" if path.is_dir() else "a file"
     if not overwrite:
-        raise OutputError(f"cannot write '{path}': {what} is there; remove it, choose another name or give --overwrite")
+        raise OutputError(f"cannot write '{path}': {what} exists; remove it, choose another name or give --overwrite")
     if path.is_dir() and not all(item.name in DATA_SET_NAMES or item.suffix in BAG_SUFFIXES for item in path.iterdir()):
-        raise OutputError(f"cannot write '{path}': {what} is there, no data set or bag alone; remove it yourself")
+        raise OutputError(f"cannot write '{path}': {what} exists and is not only a data set or bag; remove it")
     if not resumable:
         with atomic_path(path, any_folder=True) as temporary:
             yield temporary

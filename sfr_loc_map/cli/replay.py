@@ -227,7 +227,7 @@ def _node_under_test(
             raise ConfigError(f"'{needless[0]}' is for external nodes: give --external TASK as well")
         return None
     if task is Task.MAPPING and correction.apply_diagnosis:
-        raise ConfigError("'--apply-diagnosis' is for poses: leave it out with --external mapping")
+        raise ConfigError("'--apply-diagnosis' is for poses: omit it with --external mapping")
     return ExternalOptions(
         task=task,
         topic=given["answers"] or RESULTS[task],

@@ -107,7 +107,7 @@ def report(
     scores = each_by_its_limits([load_score(path) for path in results])
     if is_test:
         if output is not None:
-            raise ConfigError(f"'-o {output}' is the page: leave it out beside '--test-report', '--junit', '--control'")
+            raise ConfigError(f"'-o {output}' is the page: omit it beside '--test-report', '--junit', '--control'")
         common = common_verdict(scores)
         _write_test_report(scores, test_report, (title, number, issue), junit, common.text)
         if control is not None:

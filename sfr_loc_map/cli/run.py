@@ -105,7 +105,7 @@ def record(
     with output_folder(out, overwrite=overwrite, resumable=True) as place:
         if place != out:
             if place.exists():
-                raise OutputError(f"'{place}' is a recording that was killed: give it a name, or remove it")
+                raise OutputError(f"'{place}' is an unfinished recording: rename or remove it")
             say(f"records into {place}, which takes the place of {out} at the end", err=True)
         counts = run_recorder(place, options, lambda text: say(text, err=True))
     count, lost = (sum(getattr(topic, name) for topic in counts.values()) for name in ("count", "lost"))

@@ -213,7 +213,7 @@ def score(
         return
     inputs = _measured_on(inputs, target, target_timing, target_run)
     if align is not None and inputs.estimate is None:
-        raise ConfigError("'--align' is for trajectories: leave it out for a cloud")
+        raise ConfigError("'--align' is for trajectories: omit it for a cloud")
     aligned = aligned_error_config(align, {"max_difference_s": max_difference, "rpe_delta": rpe_delta})
     correction = correction_of(convention, apply_diagnosis, has_poses=inputs.estimate is not None)
     loaded = load_run(inputs, fused)
@@ -261,7 +261,7 @@ def _measured_on(inputs: ScoreInputs, target: str | None, timing: Path | None, r
 def _check_tables(run: Run, points: Path | None, pieces: Path | None) -> None:
     """Raise ConfigError if a table is asked for that the run has no rows for."""
     if points is not None and (run.cloud is None or run.cloud.loaded.cloud is None):
-        raise ConfigError("'--points' writes errors of map points: give a cloud that says pixel and pair of each")
+        raise ConfigError("'--points' writes errors of map points: give a cloud with the pixel and pair of each point")
     if pieces is not None and run.drive is None:
         raise ConfigError("'--pieces' writes sub-trajectories: give a trajectory and its ground truth")
 

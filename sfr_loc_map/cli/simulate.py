@@ -68,7 +68,7 @@ def simulate(
     from sfr_loc_map.simulation.simulate import simulate as run
 
     if len(paths) > 2:
-        raise ConfigError(f"{len(paths)} paths given: a configuration (optional) and an output are needed")
+        raise ConfigError(f"{len(paths)} paths given: a configuration (optional) and an output are required")
     values = flatten(load_yaml(paths[0])) if len(paths) == 2 else {}
     values.update(parse_settings(settings))
     if seed is not None:

@@ -49,7 +49,7 @@ FolderArgument = Annotated[Path, Argument(metavar="DIR", help="Folder of a suite
 )
 def run(
     suite: Annotated[Path, Argument(metavar="SUITE.yaml", help="Sources, faults, configurations, tasks.")],
-    out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; continued if it is there.")],
+    out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; an existing one is continued.")],
     workers: Annotated[int | None, Option(min=1, metavar="N", help="Tasks at a time; one a core.")] = None,
     scheduler: Annotated[str | None, Option(metavar="ADDR", help="Running Dask scheduler, as tcp://host:8786.")] = None,
     dry_run: Annotated[
@@ -104,7 +104,7 @@ def run(
             write_summary(summary, store)
     if interrupted:
         done = f"{summary.counts['done']} of {summary.tasks} tasks are done and reported"
-        raise InterruptedRunError(f"interrupted: {done}; the same command goes on")
+        raise InterruptedRunError(f"interrupted: {done}; the same command continues")
     _present(summary, store, json_path, junit, mlflow, lenient=lenient)
 
 
@@ -159,7 +159,7 @@ def _run_jobs(
 @app.command(epilog=examples("sfr suite search search.yaml --out runs/search --workers 2"))
 def search(
     search: Annotated[Path, Argument(metavar="SEARCH.yaml", help="Scenario, ranges, figure with its limit.")],
-    out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; continued if it is there.")],
+    out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; an existing one is continued.")],
     workers: Annotated[int | None, Option(min=1, metavar="N", help="Tasks at a time; one a core.")] = None,
     scheduler: Annotated[str | None, Option(metavar="ADDR", help="Running Dask scheduler, as tcp://host:8786.")] = None,
     at_random: Annotated[bool, Option("--random", help="Choose uniform points, for a comparison.")] = False,
@@ -239,9 +239,7 @@ def plan(
             raise ConfigError(problem)
         counts = [count_without_runs(terms)]
     elif given:
-        raise ConfigError(
-            f"'--{next(iter(given))}' and a suite: the limits of the suite state it; leave out one of them"
-        )
+        raise ConfigError(f"'--{next(iter(given))}' and a suite: the limits of the suite state it; omit one of them")
     else:
         store = _open_store(folder)
         counts = list(drive_counts(summarise(store).drives, store.limits))

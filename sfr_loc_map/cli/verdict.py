@@ -98,4 +98,4 @@ def conclude_findings(method: MethodRecord, records: Sequence[CallRecord]) -> No
         warn(f"method {method.name}: {finding}")
     if found:
         kinds = ", ".join(finding.kind for finding in found)
-        raise FailedVerdictError(f"method {method.name} {method.version}: {kinds}; what it gave is written")
+        raise FailedVerdictError(f"method {method.name} {method.version}: {kinds}; its results are written")

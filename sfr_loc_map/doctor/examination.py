@@ -95,7 +95,7 @@ def _names(seen: Observation) -> Findings:
             fix = "start the cameras" if seen.live else "give a bag with images of both cameras"
         if videos and not images:
             fix = "publish or record the images as sensor_msgs/Image, or as sensor_msgs/CompressedImage of JPEG or PNG"
-        text = f"neither loc/left/image_rect nor nav/left/image_rect is there (nor image_raw); {there}"
+        text = f"neither loc/left/image_rect nor nav/left/image_rect exists (nor image_raw); {there}"
         yield Finding(Cause.NO_TOPIC, seen.subject, text, fix)
 
 

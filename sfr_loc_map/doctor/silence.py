@@ -38,7 +38,7 @@ def silence_of(
     """Return why no message of a topic of one of the wanted types is received, and the fix."""
     if not publishers:
         fix = "start the publisher, or name its topic by a remap (sfr run -r EXPECTED:=FOUND)"
-        return Finding(Cause.NO_PUBLISHER, topic, "no publisher is there", fix)
+        return Finding(Cause.NO_PUBLISHER, topic, "no publisher", fix)
     of_type = [publisher for publisher in publishers if publisher.msgtype in wanted]
     if not of_type:
         found = ", ".join(sorted({publisher.msgtype for publisher in publishers}))
@@ -50,7 +50,7 @@ def silence_of(
         text = f"the publisher {names} offers best_effort, reliable is requested: nothing is received"
         fix = "set input.reliability of the node to best_effort, or the publisher's reliability to reliable"
         return Finding(Cause.QOS, topic, text, fix)
-    text = f"the publisher {names} is there, but no message was received"
+    text = f"the publisher {names} exists, but no message was received"
     fix = "check whether it sends; a container with --net=host needs --ipc=host too, so that both have one /dev/shm"
     return Finding(Cause.SILENT, topic, text, fix)
 

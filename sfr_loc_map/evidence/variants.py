@@ -107,5 +107,5 @@ def half_mask(rig: StereoRig, variant: Variant, given: str) -> GreyImage:
         return mask
     found = cv2.imread(given, cv2.IMREAD_GRAYSCALE)
     if found is None or found.shape != mask.shape:
-        raise InputError(f"'{given}' is no mask of {rig.width} x {rig.height} px: give one, or leave it out")
+        raise InputError(f"'{given}' is not a mask of {rig.width} x {rig.height} px: give one, or omit it")
     return np.minimum(mask, np.asarray(found, np.uint8))

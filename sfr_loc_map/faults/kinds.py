@@ -125,7 +125,7 @@ def parse_fault(text: str) -> Fault:
     name, _, rest = text.partition(":")
     kind = next((kind for kind in FaultKind if kind == name), None)
     if kind is None:
-        raise ConfigError(f"fault '{text}': '{name}' is unknown; one of {', '.join(FaultKind)} is needed")
+        raise ConfigError(f"fault '{text}': '{name}' is unknown; one of {', '.join(FaultKind)} is required")
     info = kind.info
     values: dict[str, float | int | str] = {"kind": kind, "amount": info.amount, "share": info.share}
     values |= {"burst": info.burst, "start": info.start}

@@ -62,7 +62,7 @@ class PointCloud(Shown):
             shape = (count, 3) if name == "xyz" else (count,)
             if array.shape != shape or array.dtype != kind:
                 found = f"{array.dtype} {array.shape}"
-                raise GeometryError(f"cloud field '{name}' is {found}: {kind.__name__} {shape} is needed")
+                raise GeometryError(f"cloud field '{name}' is {found}: {kind.__name__} {shape} is required")
 
     def __len__(self) -> int:
         return len(self.xyz)

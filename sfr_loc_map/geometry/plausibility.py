@@ -38,7 +38,7 @@ def check_image_size(width: float, height: float, name: str = "image") -> None:
     sides_ok = all(1 <= n <= MAX_IMAGE_SIDE and n == int(n) for n in (width, height))
     if not (sides_ok and width * height <= MAX_IMAGE_PIXELS):
         size = f"{name} is {width} x {height}"
-        raise GeometryError(f"{size}: whole numbers of pixels > 0, up to {MAX_IMAGE_PIXELS} in all, are needed")
+        raise GeometryError(f"{size}: whole numbers of pixels > 0, up to {MAX_IMAGE_PIXELS} in all, are required")
 
 
 def check_camera(size: tuple[float, float], focal: tuple[float, float], centre: tuple[float, float]) -> None:
@@ -48,7 +48,7 @@ def check_camera(size: tuple[float, float], focal: tuple[float, float], centre: 
     low, high = (ratio * side for ratio in FOCAL_RATIOS)
     if not all(low <= f <= high for f in focal):
         raise GeometryError(
-            f"focal lengths are {focal[0]:g} and {focal[1]:g} px: {low:g} to {high:g} px are possible for images of "
+            f"focal lengths are {focal[0]:g} and {focal[1]:g} px: {low:g} to {high:g} px are allowed for images of "
             f"{size[0]} x {size[1]}"
         )
     if not all(abs(c - 0.5 * n) <= MAX_CENTRE_RATIO * side for c, n in zip(centre, size, strict=True)):
@@ -61,7 +61,7 @@ def check_extrinsics(position_m: FloatArray) -> None:
     """Check the position `(3,)` of a stereo rig on its rover, metres."""
     if not (np.abs(position_m) <= MAX_EXTRINSICS_M).all():
         raise GeometryError(
-            f"the stereo rig is at {position_m.tolist()} m in RB: up to {MAX_EXTRINSICS_M:g} m are possible"
+            f"the stereo rig is at {position_m.tolist()} m in RB: up to {MAX_EXTRINSICS_M:g} m are allowed"
         )
 
 
@@ -69,7 +69,7 @@ def check_distortion(coefficients: ArrayLike) -> None:
     """Check the coefficients of lens distortion."""
     values = np.asarray(coefficients, dtype=np.float64)
     if not (np.abs(values) <= MAX_DISTORTION).all():
-        raise GeometryError(f"distortion is {values.tolist()}: finite numbers up to {MAX_DISTORTION:g} are possible")
+        raise GeometryError(f"distortion is {values.tolist()}: finite numbers up to {MAX_DISTORTION:g} are allowed")
 
 
 def plausible_rotations(rotations: FloatArray) -> Mask:

@@ -42,7 +42,7 @@ class StereoRig:
         check_camera((self.width, self.height), (self.fx, self.fy), (self.cx, self.cy))
         low, high = BASELINE_M
         if not low <= self.baseline_m <= high:
-            raise GeometryError(f"baseline is {self.baseline_m:g} m: {low:g} to {high:g} m are possible")
+            raise GeometryError(f"baseline is {self.baseline_m:g} m: {low:g} to {high:g} m are allowed")
         if self.T_rb_sb is not None:
             check_extrinsics(self.T_rb_sb.translation)
 
@@ -98,11 +98,11 @@ class StereoPair:
     def __post_init__(self) -> None:
         """Check types and sizes; GeometryError if an image is not 2D uint8, sizes differ or a stamp is no integer."""
         if not isinstance(self.stamp_ns, int | np.integer):
-            raise GeometryError(f"stamp {self.stamp_ns!r} of a pair: whole nanoseconds are needed")
+            raise GeometryError(f"stamp {self.stamp_ns!r} of a pair: whole nanoseconds are required")
         for name, image in (("left", self.left), ("right", self.right)):
             if image.ndim != 2 or image.dtype != np.uint8:
                 raise GeometryError(
-                    f"{name} image of stamp {self.stamp_ns} is {image.dtype} {image.shape}: 8-bit grey is needed"
+                    f"{name} image of stamp {self.stamp_ns} is {image.dtype} {image.shape}: 8-bit grey is required"
                 )
         if self.left.shape != self.right.shape:
             raise GeometryError(

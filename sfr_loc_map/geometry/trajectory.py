@@ -57,7 +57,7 @@ class Trajectory(Shown):
         if shapes != ((count,), (count, 3), (count, 4)):
             raise GeometryError(f"a trajectory needs shapes (N,), (N, 3), (N, 4): got {shapes}")
         if not np.issubdtype(self.stamps_ns.dtype, np.signedinteger):
-            raise GeometryError(f"stamps are {self.stamps_ns.dtype}: whole nanoseconds, int64, are needed")
+            raise GeometryError(f"stamps are {self.stamps_ns.dtype}: whole nanoseconds, int64, are required")
         turned = plausible_quats(self.quats_xyzw) | (not self.quats_xyzw.any())
         bad = ~(plausible_positions(self.positions) & turned)
         if bad.any():
@@ -65,7 +65,7 @@ class Trajectory(Shown):
             raise GeometryError(
                 f"pose {first} (stamp {int(self.stamps_ns[first])}) is invalid: {self.positions[first].tolist()} m, "
                 f"{self.quats_xyzw[first].tolist()} ({int(bad.sum())} of {count} such poses): finite positions below "
-                f"{MAX_POSITION_M:g} m and unit quaternions are needed; correct or remove these poses"
+                f"{MAX_POSITION_M:g} m and unit quaternions are required; correct or remove these poses"
             )
 
     def __len__(self) -> int:
@@ -84,7 +84,7 @@ class Trajectory(Shown):
     def pose(self, index: int) -> Transform:
         """Return `T_ds_rb` of one pose; GeometryError if there is no attitude."""
         if not self.quats_xyzw[index].any():
-            raise GeometryError("the truth has positions alone, no poses: start at the identity")
+            raise GeometryError("the truth has only positions, no poses: start at the identity")
         return Transform.from_quat(self.positions[index], self.quats_xyzw[index])
 
     @classmethod

@@ -49,7 +49,7 @@ class Transform:
             raise GeometryError("a transform has a number that is not finite")
         if max(map(abs, position)) > MAX_POSITION_M:
             raise GeometryError(
-                f"a position is {self.translation.tolist()} m: up to {MAX_POSITION_M:g} m are possible, in metres"
+                f"a position is {self.translation.tolist()} m: up to {MAX_POSITION_M:g} m are allowed, in metres"
             )
 
     @classmethod
@@ -66,7 +66,7 @@ class Transform:
         quat = np.array(quat_xyzw, dtype=np.float64)
         low, high = QUATERNION_SQUARES
         if quat.shape != (4,) or not low <= sum(value * value for value in quat.tolist()) <= high:
-            raise GeometryError(f"the quaternion {quat.tolist()} is not a rotation: a unit quaternion is needed")
+            raise GeometryError(f"the quaternion {quat.tolist()} is not a rotation: a unit quaternion is required")
         return cls(matrix_from_quat(quat), np.array(translation, dtype=np.float64), quat)
 
     @classmethod

@@ -55,7 +55,7 @@ def convert(
     """
     destination = Path(destination)
     if destination.exists() and not destination.is_dir():
-        raise OutputError(f"cannot write '{destination}': a file is there; remove it or choose another name")
+        raise OutputError(f"cannot write '{destination}': a file exists there; remove it or choose another name")
     if options.layout is not None:
         if source.loc is None:
             raise OutputError(f"'{source.path}' has no drive: the layout of {options.layout} holds nothing else")
@@ -97,7 +97,7 @@ def _writer(path: Path, source: Source, options: ConvertOptions) -> AbstractCont
     if storage is not None:
         raise OutputError(f"'{path.name}' is the name of a bag: '--to {layout}' writes a folder")
     if replace(options, layout=None) != EXACT:
-        raise OutputError(f"'{path.name}' will be a data set folder, which is exact: JPEG, zstd and grid are for bags")
+        raise OutputError(f"'{path.name}' is a data set folder, which is exact: JPEG, zstd and grid are for bags")
     if layout is Layout.KITTI:
         return KittiWriter(path)
     if layout is Layout.EUROC:

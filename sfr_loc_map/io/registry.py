@@ -91,7 +91,7 @@ def format_of(path: Path) -> str:
             return name
     found = ", ".join(sorted(item.name for item in path.iterdir())[:6]) or "nothing" if path.is_dir() else "a file"
     raise InputError(
-        f"'{path}' is of no format that is read: sought pairs.csv, loc/, nav/ (data set folder), metadata.yaml, "
+        f"'{path}' has no supported format: sought pairs.csv, loc/, nav/ (data set folder), metadata.yaml, "
         f"*.mcap, *.db3 (ROS 2 bag), *.bag (ROS 1 bag), image_0/ and calib.txt (KITTI), mav0/ (EuRoC), "
         f"left/ and right/ with images (and --calibration FILE); found {found}; "
         f"give the folder that holds them"

@@ -35,5 +35,5 @@ def stereo_pairs(left_ns: Sequence[int], right_ns: Sequence[int], sync: SyncConf
             f"at most by {largest} ms: matched within {within}"
         )
     if single := len(left_ns) + len(right_ns) - 2 * len(matched):
-        _log.warning(f"{where}: {single} images without the other side left out")
+        _log.warning(f"{where}: {single} images without the other side skipped")
     return {left: right - offset_ns for left, right in matched.items()}

@@ -74,7 +74,7 @@ class TrackedBody:
         if len(self.lever_arm_m) != 3 or len(self.lever_quat_xyzw) != 4:
             raise ConfigError("truth.lever_arm_m is x, y, z and truth.lever_quat_xyzw x, y, z, w")
         if abs(float(np.linalg.norm(self.lever_quat_xyzw)) - 1.0) > 1e-2:
-            raise ConfigError(f"truth.lever_quat_xyzw is {self.lever_quat_xyzw}: a unit quaternion is needed")
+            raise ConfigError(f"truth.lever_quat_xyzw is {self.lever_quat_xyzw}: a unit quaternion is required")
 
     def applied(self, poses: Trajectory, variances: FloatArray | None = None, read_from: str = "") -> Truth:
         """Return poses of the tracked body as the truth of RB; `variances`: `(N, 6)`, NaN or 0 where not known.
@@ -304,7 +304,7 @@ def _single_poses(bag: Bag, topic: Topic) -> Poses:
     reader = TruePoses(topic.msgtype)
     found = [row for _, _, message in bag.messages([topic]) for row in reader.rows(message)]
     if reader.invalid:
-        text = f"{reader.invalid} fixes at 0, 0 or without numbers are left out, {len(found)} are used"
+        text = f"{reader.invalid} fixes at 0, 0 or without numbers are ignored, {len(found)} are used"
         _log.warning(f"truth '{topic.bag_name}' of bag '{bag.path}': {text}")
     variances = np.reshape([variance for _, _, variance in found], (-1, 6))
     return trajectory_of([(stamp_ns, pose) for stamp_ns, pose, _ in found]), variances

@@ -84,7 +84,7 @@ class LiveConfig:
         """Check that other hosts need a token; ConfigError if it is missing or too short."""
         token = self.token
         if not token and not _is_loopback(self.host):
-            raise ConfigError(f"'{self.host}' lets other hosts in: give --token, {MIN_TOKEN_LETTERS} letters or more")
+            raise ConfigError(f"'{self.host}' accepts other hosts: give --token, {MIN_TOKEN_LETTERS} letters or more")
         if token and (len(token) < MIN_TOKEN_LETTERS or not token.isascii() or not token.isprintable()):
             raise ConfigError(f"--token must have at least {MIN_TOKEN_LETTERS} printable ASCII letters")
 
@@ -238,7 +238,7 @@ class LiveServer:
         if origin is not None and _split(origin)[1] != host:
             return "the request comes from another page"
         if token and not any(_is_equal(word, token) for word in _given_tokens(request)):
-            return "a token is needed: open the address that sfr live has printed"
+            return "a token is required: open the address that sfr live has printed"
         return ""
 
     # ---- requests

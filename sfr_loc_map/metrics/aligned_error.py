@@ -63,7 +63,7 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
     MetricsError if no stamps are near enough, or the positions allow no alignment.
     """
     if isinstance(truth, Truth) and not truth.has_height:
-        raise MetricsError("'--align': the truth has no heights, which APE and RPE need: leave --align out")
+        raise MetricsError("'--align': the truth has no heights, which APE and RPE need: omit --align")
     has_tilt = not isinstance(truth, Truth) or truth.has_tilt
     poses = aligned_poses(estimate, truth, config)
     delta = Condition.parse(config.rpe_delta)
@@ -117,7 +117,7 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
     if not len(mine):
         raise MetricsError(
             f"no stamps of estimate and truth are within {config.max_difference_s:g} s of each other, so that there is "
-            "no APE: give another --max-difference, or leave --align out"
+            "no APE: give another --max-difference, or omit --align"
         )
     est, true = (
         Trajectory(

@@ -322,7 +322,7 @@ def score_target(
         matched = float(np.isin(estimate_ns, localised).mean())
         if len(localised) and not np.isin(localised, estimate_ns).all() and other_run is None:
             raise MetricsError(
-                f"the times of {name} are of another run: {np.count_nonzero(~np.isin(localised, estimate_ns))} of "
+                f"the times of {name} belong to another run: {np.count_nonzero(~np.isin(localised, estimate_ns))} of "
                 f"{len(localised)} stamps are not the estimate's; name that run by --target-run"
             )
     scored = score_calls(calls, clock=name, details=False)

@@ -51,7 +51,7 @@ class PairTruth:
         """Check the size; MetricsError if the truth is not of the rig's size."""
         if self.points.shape != (self.rig.height, self.rig.width, 3):
             needed = (self.rig.height, self.rig.width, 3)
-            raise MetricsError(f"truth of a mapping pair is {self.points.shape}: {needed} is needed")
+            raise MetricsError(f"truth of a mapping pair is {self.points.shape}: {needed} is required")
 
     @classmethod
     def of(cls, pair: PosedStereoPair, rig: StereoRig) -> PairTruth | None:
@@ -153,7 +153,7 @@ class PointErrors:
 def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
     """Return the errors of all points whose pixel has a truth; MetricsError if a point is not of this source."""
     if not np.isfinite(cloud.xyz).all():
-        raise MetricsError("the cloud has points that are not finite: leave them out")
+        raise MetricsError("the cloud has points that are not finite: remove them")
     if len(cloud) and int(last := cloud.pair.max()) >= len(truths):
         problem = f"the cloud has points of pair {last} but the truth has {len(truths)} pairs"
         raise MetricsError(f"{problem}: give the source that the cloud was made from")

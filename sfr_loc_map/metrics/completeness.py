@@ -137,8 +137,8 @@ def single_run_stamps(estimate: Trajectory) -> IntArray:
     unique = np.delete(stamps, again)
     if elsewhere > DOUBLED_SHARE * len(unique):
         raise MetricsError(
-            f"the estimate holds two runs: {elsewhere} of its {len(stamps)} poses have the stamp of another elsewhere: "
-            "give one"
+            f"the estimate contains two runs: {elsewhere} of its {len(stamps)} poses repeat the stamp of another "
+            "pose at another position: give one run"
         )
     return unique
 

@@ -249,7 +249,7 @@ class MapScoreConfig:
         """Check that the ranges of coverage are in order."""
         if self.scored_from_m >= self.scored_to_m:
             given = f"{self.scored_from_m:g} to {self.scored_to_m:g} m"
-            raise ConfigError(f"ranges from {given} hold nothing: give the nearest, then the farthest")
+            raise ConfigError(f"the range {given} is empty: give the nearest, then the farthest")
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,5 +270,5 @@ def aligned_error_config(align: str | None, settings: Mapping[str, object]) -> A
     """Return the settings of APE and RPE, None where no alignment is named; values by name, None for the default."""
     given = {name: value for name, value in settings.items() if value is not None}
     if align is None and given:
-        raise ConfigError(f"{', '.join(given)}: of APE and RPE, which --align none|origin|se3|sim3 asks for")
+        raise ConfigError(f"{', '.join(given)}: for APE and RPE only: give --align none, origin, se3 or sim3")
     return None if align is None else build(AlignedErrorConfig, {"align": align, **given}, origin="options")

@@ -500,7 +500,7 @@ class CallHistogram(Record, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         """Check that there is one more edge than there are bins; ValueError if not."""
         if self.counts and len(self.edges_s) != len(self.counts) + 1:
-            raise ValueError(f"{len(self.counts)} counts with {len(self.edges_s)} edges: one edge more is needed")
+            raise ValueError(f"{len(self.counts)} counts with {len(self.edges_s)} edges: one edge more is required")
 
 
 class CallSeries(Columns, frozen=True, kw_only=True):

@@ -83,7 +83,7 @@ def from_json(text: str | bytes, origin: str = "score") -> Score:
         raise InputError(f"{origin} is not a score: {error}; give the JSON of sfr score --json") from error
     except (msgspec.DecodeError, ValueError, RecursionError) as error:
         problem = " ".join(str(error).split())
-        raise InputError(f"{origin} is no JSON ({problem}): give the JSON of sfr score --json") from error
+        raise InputError(f"{origin} is not JSON ({problem}): give the JSON of sfr score --json") from error
     _check_schema(head.schema, origin)
     return checked(decoded(text, origin), origin)
 
@@ -105,7 +105,7 @@ def checked(score: Score, origin: str) -> Score:
 
 def _check_schema(found: object, origin: str) -> None:
     if found == "sfr-score/1":
-        raise InputError(f"{origin} is a score of version 0.2 ({found}), which is not read any more: {SCORE_AGAIN}")
+        raise InputError(f"{origin} is a score of version 0.2 ({found}), which is no longer supported: {SCORE_AGAIN}")
     if found != SCHEMA:
         named = " ".join(repr(found).split())[:60]
         raise InputError(

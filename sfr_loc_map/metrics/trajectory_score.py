@@ -312,7 +312,7 @@ def associate_positions(
     that needs attitudes.
     """
     if any(part.kind is ConditionKind.TURN for condition in conditions for part in condition.parts):
-        raise MetricsError("a condition turn=DEG needs attitudes of the truth, which has none: leave it out")
+        raise MetricsError("a condition turn=DEG needs attitudes of the truth, which has none: omit it")
     poses = estimates.trajectory
     if isinstance(truth, Truth) and poses.has_attitude:
         poses = at_point(poses, truth.lever_arm_m)

@@ -343,7 +343,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         except ValueError as error:
             raise InputError(f"{task}/configuration is not JSON ({error}): ignored") from error
         if not isinstance(found, dict):
-            raise InputError(f"{task}/configuration is no JSON object of parameters: ignored")
+            raise InputError(f"{task}/configuration is not a JSON object of parameters: ignored")
         self._configurations[task] = found
 
     def _score_maps(self) -> None:

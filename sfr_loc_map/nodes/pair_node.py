@@ -55,14 +55,14 @@ class PairNodeConfig(NodeConfig):
         """Raise an InputError where a message names another frame than a parameter does."""
         wanted = self.frame(getattr(self, parameter))
         if found not in ("", wanted):
-            raise InputError(f"{what} is of '{found}', of '{wanted}' (parameter {parameter}) is needed")
+            raise InputError(f"{what} is of '{found}', of '{wanted}' (parameter {parameter}) is required")
 
     def check_frames(self, *names: str) -> None:
         """Check names of frames that must differ, by the rules of tf2."""
         for name in names:
             full = self.frame(name)
             if not name or full.startswith("/") or full.split() != [full]:
-                raise ConfigError(f"'{full}' is no name of a frame: give one without blanks and without / before it")
+                raise ConfigError(f"'{full}' is not the name of a frame: give one without blanks and a leading /")
         if len(set(names)) < len(names):
             raise ConfigError(f"the frames {', '.join(names)} must have different names")
 

@@ -42,7 +42,7 @@ def curves_of(
     """
     given = [poses for poses in (*trajectories.values(), truth) if poses is not None and len(poses)]
     if len(given) < len(trajectories) + (truth is not None) or not given:
-        raise MetricsError("a trajectory without poses cannot be drawn: leave it out")
+        raise MetricsError("a trajectory without poses cannot be drawn: omit it")
     begin_ns = min(int(poses.stamps_ns.min()) for poses in given)
     drawn: list[tuple[str, str, Trajectory, FloatArray | None]] = []
     if truth is not None:

@@ -183,7 +183,7 @@ def _from_the_document(score: Score) -> Iterator[str]:
         gap_s = drive.largest_gap_ns / NS_PER_S
         yield f"{drive.interpolated} frames have an interpolated truth, over gaps of up to {gap_s:.3g} s."
     if truth is not None and not truth.attitude:
-        yield "The truth has positions alone: attitude and heading errors are unknown, and the estimate was fitted."
+        yield "The truth has only positions: attitude and heading errors are unknown, and the estimate was fitted."
     for item in score.verdicts:
         is_of_host = item.subject in (Subject.TIMING, Subject.MEMORY) and not item.is_of_target
         if is_of_host:

@@ -357,7 +357,7 @@ def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
         number = int(np.argmax(wrong))
         raise InputError(
             f"statistics '{path}' line {number + 2}: {name} is {values[number]:g}: "
-            f"{low:g} to {MAX_NUMBER:g}, or nothing where it was not measured"
+            f"{low:g} to {MAX_NUMBER:g}, or an empty field if not measured"
         )
     return values
 

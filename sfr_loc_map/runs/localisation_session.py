@@ -114,7 +114,7 @@ class LocalisationSession:
             return self._localiser
         if self._rig is None or T_rb_sb is None:
             raise InputError(
-                "the extrinsics of the stereo rig are not known: give the parameters T_rb_locsb.translation_m and "
+                "the extrinsics of the stereo rig are unknown: give the parameters T_rb_locsb.translation_m and "
                 "T_rb_locsb.quat_xyzw, or publish them on /tf_static"
             )
         rig = replace(self._rig, T_rb_sb=T_rb_sb)
@@ -136,7 +136,7 @@ class LocalisationSession:
         if not (np.isfinite(estimate.covariance).all() and (np.diag(estimate.covariance) >= 0.0).all()):
             self.continue_at_last_pose()
             raise LocalisationError(
-                f"the covariance of the pose of stamp {estimate.stamp_ns} is none: it is not published, and "
+                f"the covariance of the pose of stamp {estimate.stamp_ns} is invalid: the pose is not published, and "
                 f"localisation restarts at its last pose"
             )
         if self._start.stamp_ns is None:  # it held at this pair
@@ -212,7 +212,7 @@ class PoseFile:
         head = f'{{"schema": "{SCHEMA}"'.encode()
         # a file that lost its end or its content with the power is ours as well
         if data.strip(b"\0") and not (data.startswith(head) or head.startswith(data)):
-            raise OutputError(f"resume_file '{self._path}' holds no kept pose; remove it or choose another name")
+            raise OutputError(f"resume_file '{self._path}' has no saved pose; remove it or choose another name")
 
     def load(self, stamp_ns: int, rig: StereoRig) -> StartPose | None:
         """Return the pose, None where there is none or it does not belong to a run that goes on at this stamp."""
@@ -221,7 +221,7 @@ class PoseFile:
             pose = Transform.from_quat(kept.translation_m, kept.quat_xyzw)
             covariance = np.array(kept.covariance).reshape(6, 6)
             if not is_plausible_covariance(covariance):
-                raise InputError("its covariance is none")
+                raise InputError("its covariance is invalid")
         except FileNotFoundError:
             return None
         except (OSError, ValueError, RecursionError, SfrError) as error:

@@ -95,9 +95,7 @@ def start_pose(sequence: LocSequence, start: str, from_ns: int = 0) -> StartPose
         return StartPose(Transform.identity())
     truth = sequence.ground_truth
     if truth is None or not len(truth):
-        raise InputError(
-            "'--start truth' needs ground truth, the source has none: leave it out to start at the identity"
-        )
+        raise InputError("'--start truth' needs ground truth, the source has none: omit it to start at the identity")
     stamps = truth.stamps_ns
     first_ns = int(sequence.stamps_ns[0] if len(sequence) else stamps[0])
     wanted = max(first_ns, from_ns)

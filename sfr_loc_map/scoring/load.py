@@ -261,7 +261,7 @@ def with_fusion_flag(loaded: LoadedCloud, fused: bool | None, name: str) -> Load
         )
     if said is not None and fused is not None and said != fused:
         option, word = ("--fused", "not fused") if fused else ("--not-fused", "fused")
-        raise ConfigError(f"'{option}': {name} says that it is {word}; leave the option out")
+        raise ConfigError(f"'{option}': {name} says that it is {word}; omit the option")
     return replace(loaded, cloud=replace(loaded.cloud, fused=fused if said is None else said))
 
 

@@ -157,11 +157,11 @@ def _frame_warnings(drive: DriveToScore, association: Association) -> Iterator[s
 def truth_warnings(about: TruthRecord) -> Iterator[str]:
     """Yield what a score by this truth does not hold."""
     if not about.attitude:
-        tilt = "" if about.tilt_deg is None else f", its z by {about.tilt_deg:.3g} deg,"
+        tilt = "" if about.tilt_deg is None else f", tilt {about.tilt_deg:.3g} deg"
         yield (
-            "the truth has positions alone: attitude and heading errors are not known; the estimate was turned by "
-            f"{about.yaw_deg or 0.0:.3g} deg about z{tilt} and moved to fit it over the drive, so that attitude errors "
-            "from before a sub-trajectory count in its position error (chord errors need no fit)"
+            "the truth has only positions: attitude and heading errors are unknown; the estimate was aligned to the "
+            f"truth over the drive (yaw {about.yaw_deg or 0.0:.3g} deg{tilt}, and a translation), so that attitude "
+            "errors from before a sub-trajectory count in its position error (chord errors need no alignment)"
         )
     if not (about.height and about.tilt):
         names = [name for name, is_known in (("height", about.height), ("roll and pitch", about.tilt)) if not is_known]
@@ -261,6 +261,6 @@ def _scored_target(run: Run, calls: CallStats) -> tuple[tuple[Figure, ...], Targ
 
 def _target_warnings(target: TargetRun) -> Iterator[str]:
     if target.other_run is not None:
-        yield f"the times of {target.name} are of another run: {target.other_run}"
+        yield f"the times of {target.name} belong to another run: {target.other_run}"
     elif target.matched_share is not None and target.matched_share < 1.0:
         yield f"the times of {target.name} are of {100.0 * target.matched_share:.3g} % of the estimates"

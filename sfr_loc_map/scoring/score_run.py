@@ -222,8 +222,8 @@ def diagnose_run(inputs: ScoreInputs, config: ScoreConfig) -> Diagnosis:
     """Return which single convention mismatch explains how the trajectories of files disagree."""
     drive = load_run(inputs).drive
     if drive is None:
-        raise MetricsError(f"'{inputs.truth}' and the estimate are no trajectories: a diagnosis is of poses")
+        raise MetricsError(f"'{inputs.truth}' and the estimate are no trajectories: a diagnosis requires poses")
     if not drive.truth.has_attitude:
-        text = "has positions alone: no convention mismatch can be told from them"
+        text = "has only positions: a convention mismatch cannot be detected from them"
         raise MetricsError(f"the truth '{inputs.truth}' {text}")
     return diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, drive.rig)

@@ -41,6 +41,6 @@ def score_settings(conditions: Sequence[str] | None, **settings: Unpack[ScoreSet
         raise ConfigError(f"frames is '{frames}': must be truth or images")
     if frames == "images":
         if settings.get("associate") == "match":
-            raise ConfigError("frames 'images' interpolates the truth, associate 'match' does not: leave one out")
+            raise ConfigError("frames 'images' interpolates the truth, associate 'match' does not: omit one")
         values[FIELDS["associate"]] = "interpolate"
     return score_config(conditions, values)

@@ -86,7 +86,7 @@ def legs_of(config: DriveConfig) -> list[Leg]:
             numbers = []
         if ARGUMENTS.get(word) != len(numbers) or not np.isfinite(numbers).all():
             known = "'straight M', 'arc RADIUS_M ANGLE_DEG', 'turn DEG', 'stop S', 'goto X Y'"
-            raise ConfigError(f"drive.segments has '{segment}': one of {known} is needed")
+            raise ConfigError(f"drive.segments has '{segment}': one of {known} is required")
         if word == "goto":
             dx, dy = numbers[0] - x, numbers[1] - y
             turn, length = math.remainder(math.atan2(dy, dx) - heading, 2 * math.pi), math.hypot(dx, dy)

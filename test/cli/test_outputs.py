@@ -65,7 +65,7 @@ def test_a_file_that_exists_is_refused(sfr: Sfr, made_once: MadeOnce, out: Path,
     source = made_once(broken.good_folder)
     result = sfr(*(word.format(source=source, out=out, file=file, tum=tum) for word in EXISTS[case]))
     assert (result.code, result.out) == (2, "")
-    assert "a file is there; choose another name or give --overwrite" in result.err
+    assert "a file exists; choose another name or give --overwrite" in result.err
     assert {path.read_text() for path in out.iterdir()} == {"precious"}
 
 
@@ -87,12 +87,12 @@ def test_a_folder_that_holds_something_else_stays(sfr: Sfr, made_once: MadeOnce,
     (place / "notes.txt").write_text("precious")
     result = sfr("convert", source, place, "--overwrite")
     assert result.code == 2
-    assert "no data set or bag alone; remove it yourself" in result.err
+    assert "is not only a data set or bag; remove it" in result.err
     assert (place / "notes.txt").read_text() == "precious"
     for destination in (place, place / "loc"):
         within = sfr("convert", place / "loc", destination, "--overwrite")
         assert within.code == 2
-        assert "an input of this command is in it" in within.err
+        assert "it contains an input of this command" in within.err
 
 
 def test_no_input_is_overwritten(sfr: Sfr, made_once: MadeOnce, out: Path) -> None:

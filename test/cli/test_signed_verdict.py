@@ -417,15 +417,15 @@ def test_several_conditions_hold_at_once(judge: Judge) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (SUM + "1\n  id: true\n", "'id' of 'position_mean_plus_3sigma_m' is True: a text, in quotes, is needed"),
-        (SUM + "1\n  id: 4.10\n", "is 4.1: a text, in quotes, is needed"),
+        (SUM + "1\n  id: true\n", "'id' of 'position_mean_plus_3sigma_m' is True: a text, in quotes, is required"),
+        (SUM + "1\n  id: 4.10\n", "is 4.1: a text, in quotes, is required"),
         (SUM + "1\n  certain: 'yes'\n", "'certain' of 'position_mean_plus_3sigma_m' is 'yes': true or false"),
         (SUM + "{limit: 1, margin: 2}\n", "unknown key 'margin'"),
-        (SUM + "{id: A}\n", "is None: a number >= 0 is needed"),
+        (SUM + "{id: A}\n", "is None: a number >= 0 is required"),
         ("map:\n  missing_max_share: 0.6\n", "unknown key 'missing_max_share'"),
         ("completeness:\n  missing_max_shre: 0.6\n", "did you mean 'missing_max_share'"),
-        ("completeness:\n  missing_max_share: 60\n", "a share from 0 to 1 is needed"),
-        ("completeness:\n  - 5\n", "a mapping of names to limits is needed, found int"),
+        ("completeness:\n  missing_max_share: 60\n", "a share from 0 to 1 is required"),
+        ("completeness:\n  - 5\n", "a mapping of names to limits is required, found int"),
         ("completeness:\n  id: A\n", "no limit in it"),
         ("timing:\n  mapping_total_s: 5\n", "did you mean 'mapping_call_s'"),
     ],
@@ -548,7 +548,7 @@ def test_too_few_independent_sub_trajectories_give_no_verdict(judge: Judge) -> N
     for least, code, verdict in (("", 3, "not enough data"), (FEW, 0, "pass")):
         result, score = judge(limits=least + SUM + "1\n", estimate=estimate, truth=truth)
         assert (result.code, score["verdicts"][0]["verdict"]) == (code, verdict)
-        assert ("17 values, of which 4.25 are independent (5 are needed)" in result.err) == (code == 3)
+        assert ("17 values, of which 4.25 are independent (5 are required)" in result.err) == (code == 3)
 
 
 def test_a_verdict_within_the_error_of_the_truth_is_not_enough_data(judge: Judge) -> None:

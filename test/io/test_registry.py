@@ -31,7 +31,7 @@ BROKEN = [
     ("folder", "nav/pairs.csv", "-0.035", "1e308", "line 3: "),
     ("kitti", "times.txt", ALL, "0\nx\n", "line 2: stamp 'x' is not a number of seconds"),
     ("kitti", "poses.txt", ALL, "1 0 0 0 0 1 0 0 0 0 1 0\n", "1 poses for 3 times"),
-    ("kitti", "calib.txt", "P1:", "Q1:", r"P0 and P1 are needed"),
+    ("kitti", "calib.txt", "P1:", "Q1:", r"P0 and P1 are required"),
     ("kitti", "calib.txt", "-3.78", "3.78", "swapped"),
     ("euroc", CAM1, "radial-tangential", "equidistant", "equidistant"),
     ("euroc", CAM1, "0.16", "-0.16", "swapped"),
@@ -60,5 +60,5 @@ def test_a_pair_without_its_image_is_left_out_and_counted(tmp_path: Path, layout
     assert len(list(source.loc.pairs())) == len(source.loc) > 0
     for file in files[:-1]:
         file.unlink()
-    with pytest.raises(InputError, match=r"that are not there: .*; restore them|stamps within|has no image"):
+    with pytest.raises(InputError, match=r"lists missing images: .*; restore them|stamps within|has no image"):
         open_source(path)

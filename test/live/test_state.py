@@ -41,7 +41,7 @@ def test_state_is_the_report_with_additions_and_the_strings_of_its_tables() -> N
     before = state.report
     state.put(Report("{", 1.0))
     assert state.report is before is not None
-    assert "metrics/report is no JSON" in state.problems[-1]
+    assert "metrics/report is not JSON" in state.problems[-1]
 
 
 def test_a_run_is_incomplete_by_its_report_or_by_the_images_of_its_source() -> None:

@@ -225,7 +225,7 @@ def test_the_command_names_the_finding_and_writes_what_there_is(
     done = sfr("localise", drive, "-o", estimate, "--stats", stats, "--start", "truth", *method)
     assert done.code == 1
     assert "crashed: 1 call at stamp 1700000000823456789: has ended by SIGABRT" in done.err
-    assert "faulty 1: crashed; what it gave is written" in done.err
+    assert "faulty 1: crashed; its results are written" in done.err
     scored = sfr("score", estimate, drive, "--stats", stats, "--condition", "frames=3", "--json", "-")
     score = json.loads(scored.out)
     assert scored.code == 1  # without any limit

@@ -168,7 +168,7 @@ def test_numbers_that_are_not_finite_are_undefined_and_no_json_is_refused() -> N
     read = from_json(to_json(Score(figures=(row,)))).figures[0]
     assert (read.mean, read.sigma) == (None, None)
     for wrong in ("", "{", "nul", b"\xff", "[" * 100_000, "[1]", "3"):
-        with pytest.raises(InputError, match=r"is no JSON|is not a score"):
+        with pytest.raises(InputError, match=r"is not JSON|is not a score"):
             from_json(wrong)
 
 

@@ -141,7 +141,7 @@ def test_what_needs_attitudes_is_refused_or_unknown() -> None:
     assert from_json(to_json(score)) == score
     with pytest.raises(MetricsError, match="turn=DEG needs attitudes"):
         score_trajectory(Estimates.of(estimate), part, replace(CONFIG, conditions=("turn=20",)))
-    with pytest.raises(MetricsError, match="estimate has positions alone"):
+    with pytest.raises(MetricsError, match="estimate has only positions"):
         scored(part, truth)
     assert diagnose(estimate, part, AssociationConfig()).found is None
     errors = Score(figures=aligned_errors(estimate, part, AlignedErrorConfig()).figures)

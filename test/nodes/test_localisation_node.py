@@ -89,7 +89,7 @@ def test_wheel_odometry_tells_where_to_look(ros: None, capfd: Capture) -> None:
         used = ["motion_prior" in decode_call(message.data, Task.LOCALISATION).statistics for message in peer.calls]
         assert used == [False, True, False, True]
         peer.publish(Odometry, "motion_prior", Odometry(child_frame_id="camera"))
-        node.wait_for("motion_prior is of 'camera', of 'rb' (parameter rb_frame) is needed; ignored")
+        node.wait_for("motion_prior is of 'camera', of 'rb' (parameter rb_frame) is required; ignored")
 
 
 def test_two_rovers_in_two_namespaces_do_not_hear_each_other(ros: None, capfd: Capture) -> None:
@@ -448,8 +448,8 @@ def test_raw_images_are_taken_alone_where_both_transports_are_offered(ros: None,
 @pytest.mark.parametrize(
     ("argument", "words"),
     [
-        ("T_rb_locsb.quat_xyzw:=[0.0, 0.0, 0.0, 2.0]", "a unit quaternion is needed"),
-        ("frame_prefix:=/rover1/", "'/rover1/ds' is no name of a frame"),
+        ("T_rb_locsb.quat_xyzw:=[0.0, 0.0, 0.0, 2.0]", "a unit quaternion is required"),
+        ("frame_prefix:=/rover1/", "'/rover1/ds' is not the name of a frame"),
         ("rb_frame:=ds", "must have different names"),
         ("localisation.max_feature:=3", "unknown key 'localisation.max_feature'"),
         ("input.image_transport:=theora", "must be one of raw, compressed, auto"),

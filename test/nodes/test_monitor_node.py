@@ -74,7 +74,7 @@ def test_the_monitor_scores_what_it_receives(ros: None, capfd: Capture, tmp_path
         peer.until(lambda: (b"\x02", "fail") in verdicts(), "the verdict")
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         hostile = peer.node.create_publisher(String, "localisation/configuration", latched)
-        for text, words in (("[1]", "no JSON object"), (json.dumps({"x": "x" * 2_000_000}), "2000009 characters")):
+        for text, words in (("[1]", "not a JSON object"), (json.dumps({"x": "x" * 2_000_000}), "2000009 characters")):
             peer.until(hostile.get_subscription_count, "the monitor")
             hostile.publish(String(data=text))
             peer.refused(words)
@@ -210,7 +210,7 @@ def test_the_truth_may_have_each_type_that_is_scored_of_files(ros: None, capfd: 
         send_estimate(0)
         peer.until(lambda: node.node._orders["estimate"].has_items, "the estimate")
         node.node.look_around()
-        assert "nothing is scored without true poses on /ground_truth/odometry: no publisher is there" in node.text
+        assert "nothing is scored without true poses on /ground_truth/odometry: no publisher" in node.text
         truth = stack.enter_context(tracker(kind))
         peer.until(lambda: node.node.count_publishers("/ground_truth/odometry"), "the publisher")
         node.node.look_around()

@@ -52,7 +52,7 @@ def test_two_cameras_that_are_8_ms_apart_are_localised_and_those_further_apart_n
 ) -> None:
     monkeypatch.setattr(managed_node, "LOG_PERIOD_S", 1.0)
     with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT) as node:
-        node.wait_for("Waiting for 4 topics (no publisher is there): /loc/left/image_rect, /loc/left/camera_info, ")
+        node.wait_for("Waiting for 4 topics (no publisher): /loc/left/image_rect, /loc/left/camera_info, ")
         send_infos(peer, "loc", LOC_RIG)
         for index, late_ms in enumerate((0.0, 0.1, -3.0, 8.0)):
             send_image(peer, index, "left")
@@ -83,7 +83,7 @@ def test_a_source_that_has_ended_is_named_ever_more_seldom(
     monkeypatch.setattr(managed_node, "LOG_PERIOD_S", 1e6)  # looks around when it is told to
     with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT) as node:
         node.node.look_around()
-        assert "Waiting for 4 topics (no publisher is there): /loc/left/image_rect" in node.text
+        assert "Waiting for 4 topics (no publisher): /loc/left/image_rect" in node.text
         send_infos(peer, "loc", LOC_RIG)
         for index in range(2):
             peer.play(index)
@@ -91,7 +91,7 @@ def test_a_source_that_has_ended_is_named_ever_more_seldom(
             for _ in range(1 + 100):  # the first has the call; then silence for 100 periods: said after 1, 2, 4, .. 64
                 node.node.look_around()
             assert node.text.count("The source has ended or is silent. Waiting for 2 topics") == 7 * (index + 1)
-        peer.well(Level.WARN, "The source has ended or is silent. Waiting for 2 topics (the publisher /peer is there")
+        peer.well(Level.WARN, "The source has ended or is silent. Waiting for 2 topics (the publisher /peer exists")
 
 
 def test_a_dump_of_the_node_is_taken_back_and_a_change_is_refused(ros: None, capfd: Capture) -> None:

@@ -211,7 +211,7 @@ def test_damaged_poses_are_replaced_and_other_files_never(tmp_path: Path) -> Non
         file.check()
     for strange in (b"{}", b'{"width": 512}', b"years of work", b"\x89PNG", b"x" * 200_000):
         path.write_bytes(strange)
-        with pytest.raises(OutputError, match=r"holds no kept pose|larger than"):
+        with pytest.raises(OutputError, match=r"has no saved pose|larger than"):
             file.check()
         assert path.read_bytes() == strange
     (tmp_path / "folder").mkdir()

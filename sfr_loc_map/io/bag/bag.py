@@ -87,7 +87,7 @@ class Bag:
                 raise TypeError("the name or the type of a topic is not text")
             self.counts = {name: sum(c.msgcount for c in connections if c.topic == name) for name in self.topics}
         if not any(self.counts.values()):
-            raise InputError(f"bag '{path}' holds no message: record it again")
+            raise InputError(f"bag '{path}' has no messages: record it again")
         self._names = self._renamed(remap or {})
 
     def by_record(self) -> Bag:
@@ -114,7 +114,7 @@ class Bag:
         msgtype = self.topics[found[0]]
         if msgtypes and msgtype not in msgtypes:
             raise InputError(
-                f"topic '{found[0]}' of bag '{self.path}' is {msgtype}: {' or '.join(msgtypes)} is needed as '{name}'"
+                f"topic '{found[0]}' of bag '{self.path}' is {msgtype}: {' or '.join(msgtypes)} is required as '{name}'"
             )
         return Topic(f"{name}{COMPRESSED_END}" if msgtype == COMPRESSED else name, found[0], msgtype)
 
@@ -139,7 +139,7 @@ class Bag:
                 yield topic, serialised_stamp(raw) if topic.msgtype in STAMPED else recorded_ns, raw
             if count < expected:
                 raise InputError(
-                    f"bag '{self.path}' is cut off: {count} of {expected} messages could be read; copy it again"
+                    f"bag '{self.path}' is truncated: {count} of {expected} messages could be read; copy it again"
                 )
 
     def messages(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, int, Any]]:
@@ -153,7 +153,7 @@ class Bag:
             return TYPESTORE.deserialize_cdr(raw, topic.msgtype)
         except Exception as error:
             raise InputError(
-                f"a message on '{topic.bag_name}' of bag '{self.path}' is broken: {_line(error)}"
+                f"a message on '{topic.bag_name}' of bag '{self.path}' is corrupt: {_line(error)}"
             ) from error
 
     def first(self, topics: Collection[Topic]) -> dict[str, Any]:
@@ -197,7 +197,7 @@ class Bag:
             raise
         except Exception as error:
             raise InputError(
-                f"bag '{self.path}' cannot be read: {_line(error)}; it is broken or cut off: record or copy it again"
+                f"bag '{self.path}' cannot be read: {_line(error)}; it is corrupt or truncated: record or copy it again"
             ) from error
 
 
@@ -278,7 +278,7 @@ def read_extrinsics(bag: Bag, camera_frame: str, baseline_m: float, base_frame: 
     with refusing(f"'{found_in[0]}' of bag '{bag.path}': T_rb_locsb cannot be read", "leave the topic out"):
         values = parse_json(message.data)
         if not isinstance(values, dict):
-            raise TypeError("an object is needed")
+            raise TypeError("an object is required")
         translation, quat = (values.get(f"T_rb_locsb.{name}", []) for name in ("translation_m", "quat_xyzw"))
         if not any(quat):  # not given
             return None

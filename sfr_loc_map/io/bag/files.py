@@ -65,7 +65,7 @@ def _by_number(file: Path) -> list[tuple[int, str]]:
 
 def _is_mixed(metadata: Path) -> bool:
     """Tell whether a bag has topics that are not of ROS 2, for which the library refuses the folder, not the files."""
-    with refusing(f"bag '{metadata.parent}' cannot be read", "it is broken or cut off: record or copy it again"):
+    with refusing(f"bag '{metadata.parent}' cannot be read", "it is corrupt or truncated: record or copy it again"):
         text = read_text(metadata)
     formats = re.findall(r"^ *serialization_format: *[\"']?(\w*)", text, re.MULTILINE)
     return not {"cdr", ""}.issuperset(formats)

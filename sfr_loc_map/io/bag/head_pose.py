@@ -54,8 +54,10 @@ def _by_tf(bag: Bag, camera_frame: str, baseline_m: float, stamps_ns: IntArray, 
         return None
     for stamp, rig in zip(stamps_ns, rigs, strict=True):
         if rig is None or rig.text != whole_rig.text:
-            by = "not known" if rig is None else f"by {rig.text}"
-            raise InputError(f"{where}: the cameras are by {whole_rig.text} on /tf, at stamp {stamp} {by}: {RECORD}")
+            by = "unknown" if rig is None else f"from {rig.text}"
+            raise InputError(
+                f"{where}: the pose of the cameras is from {whole_rig.text} on /tf, at stamp {stamp} {by}: {RECORD}"
+            )
     return [rig.T_rb_sb for rig in rigs if rig is not None]
 
 
@@ -70,19 +72,20 @@ def _by_joints(bag: Bag, camera_frame: str, stamps_ns: IntArray, config: FramesC
         found = [name for name in found if kind in re.split("[^a-z]+", name.lower())] or found  # not of a solar panel
         if len(found) != 1:
             raise InputError(
-                f"{where} has no transforms from the rover to '{camera_frame}', and of the joints "
-                f"{', '.join(sorted(angles)) or '(none)'} not one that is '{wanted or kind}': record /tf, nav/pose or "
+                f"{where} has no transforms from the rover to '{camera_frame}', and not exactly one of the "
+                f"joints {', '.join(sorted(angles)) or '(none)'} is '{wanted or kind}': record /tf, nav/pose or "
                 f"sensor_msgs/JointState, or set frames.base, frames.pan_joint, frames.tilt_joint"
             )
         known, values = (np.array(column) for column in zip(*angles[found[0]], strict=True))
         check_order(known, f"{where}, joint '{found[0]}'", strict=False)
         for stamp in stamps_ns[~covered(known, stamps_ns)]:
-            raise InputError(f"{where}: joint '{found[0]}' at stamp {stamp} is not known: {RECORD}")
+            raise InputError(f"{where}: joint '{found[0]}' at stamp {stamp} is unknown: {RECORD}")
         turns.append(np.interp(stamps_ns - known[0], known - known[0], np.unwrap(values)))
     place, turn = config.head_to_navsb_m, config.head_to_navsb_quat_xyzw
     if not any((*place, *turn)):
         raise InputError(
-            f"{where}: joints move the cameras: give their place on the head, --set 'frames.head_to_navsb_m=[X, Y, Z]'"
+            f"{where}: joints move the cameras: give their position on the head, "
+            "--set 'frames.head_to_navsb_m=[X, Y, Z]'"
         )
     with refusing("frames.head_to_navsb_m, frames.head_to_navsb_quat_xyzw", "correct them"):
         T_head_navsb = Transform.from_quat(place, turn if any(turn) else (0.0, 0.0, 0.0, 1.0))

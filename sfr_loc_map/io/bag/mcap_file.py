@@ -360,7 +360,7 @@ def _records(data: bytes) -> Iterator[tuple[int, bytes]]:
         opcode, size = RECORD_HEAD.unpack_from(data, place)
         place += RECORD_HEAD.size
         if place + size > len(data):
-            raise ReaderError(f"a record of {size} bytes is longer than what it is in")
+            raise ReaderError(f"a record of {size} bytes is longer than the record that contains it")
         yield opcode, data[place : place + size]
         place += size
 

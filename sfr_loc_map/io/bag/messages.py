@@ -25,7 +25,7 @@ _T = TYPESTORE.types
 def header(stamp_ns: int, frame: str) -> Any:  # noqa: ANN401 - types of the bag's library are made at run time
     """Return a std_msgs/Header."""
     if not 0 <= stamp_ns < 2**31 * NS_PER_S:
-        raise OutputError(f"stamp {stamp_ns} ns does not fit a ROS message: 0 to 2^31 seconds are possible")
+        raise OutputError(f"stamp {stamp_ns} ns does not fit a ROS message: 0 to 2^31 seconds are allowed")
     time = _T["builtin_interfaces/msg/Time"](*divmod(stamp_ns, NS_PER_S))
     return _T["std_msgs/msg/Header"](time, frame)
 
@@ -77,7 +77,7 @@ def points(stamp_ns: int, truth: NDArray[np.float32], grid_m: float | None) -> A
     """Return `(H, W, 3)` points in LM, NaN where none, as PointCloud2, in multiples of `grid_m`, 2^n, unless None."""
     if grid_m is not None:
         if not (grid_m > 0 and math.frexp(grid_m)[0] == 0.5):
-            raise OutputError(f"truth grid is {grid_m} m: a power of two is needed, as 0.0009765625")
+            raise OutputError(f"truth grid is {grid_m} m: a power of two is required, as 0.0009765625")
         truth = (np.round(truth.astype(np.float64) / grid_m) * grid_m).astype(np.float32)
     height, width, _ = truth.shape
     fields = [_T["sensor_msgs/msg/PointField"](name, 4 * i, FLOAT32, 1) for i, name in enumerate("xyz")]

@@ -84,7 +84,7 @@ class _BagPairs:
         infos = self._bag.first(topics)
         for topic in topics:
             if topic.name not in infos:
-                raise InputError(f"bag '{self._bag.path}' has no message on '{topic.bag_name}': the rig is not known")
+                raise InputError(f"bag '{self._bag.path}' has no message on '{topic.bag_name}': the rig is unknown")
         left, right = (infos[topic.name] for topic in topics)
         return Calibration((left, right), is_rectified, None, "camera_info"), str(left.header.frame_id)
 
@@ -232,7 +232,7 @@ def open_bag(path: Path, config: SourceConfig | None = None) -> Source:
     if not any(kinds.values()):
         raise InputError(
             f"bag '{path}' has neither loc/left/image_rect nor nav/left/image_rect: it has "
-            f"{', '.join(sorted(bag.topics))}; sfr info '{path}' --write writes those that seem to be it"
+            f"{', '.join(sorted(bag.topics))}; sfr info '{path}' --write proposes the topics"
         )
     loc = BagLocSequence(bag, config) if kinds[Task.LOCALISATION] else None
     nav = BagNavSequence(bag, config) if kinds[Task.MAPPING] else None

@@ -22,7 +22,7 @@ def unpack(data: bytes, new: Callable[[], Any], size: int | None = None) -> byte
     """Return what compressed frames hold; `new` makes a decompressor of one, `size` is how many bytes are announced."""
     most = expansion_limit(len(data))
     if size is not None and size > most:  # before memory is taken
-        raise ValueError(f"compressed data of {len(data)} bytes claims to hold {size}: up to {most} are read")
+        raise ValueError(f"compressed data of {len(data)} bytes claims to contain {size}: up to {most} are read")
     limit = most if size is None else size
     parts: list[bytes] = []
     total = 0

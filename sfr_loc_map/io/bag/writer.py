@@ -84,9 +84,9 @@ class BagWriter:
         True points of mapping pairs are rounded to multiples of the grid, a power of two, so that they compress well.
         """
         if zstd and storage != "mcap":
-            raise OutputError("only mcap bags can be compressed by chunks: name the output *.mcap or leave zstd out")
+            raise OutputError("only mcap bags can be compressed by chunks: name the output *.mcap or omit zstd")
         if jpeg_quality is not None and not 1 <= jpeg_quality <= 100:
-            raise OutputError(f"JPEG quality is {jpeg_quality}: 1 to 100 is needed")
+            raise OutputError(f"JPEG quality is {jpeg_quality}: 1 to 100 is required")
         self._writer = CheckedWriter(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
         if zstd:
             self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
@@ -302,6 +302,6 @@ class BagRecorder:
             yield
         except OSError as error:
             raise OutputError(
-                f"recording to '{self.path}' broke off after {self.count} messages: {error.strerror}; all but the last "
-                f"second is there, free some space and record on under another name"
+                f"recording to '{self.path}' stopped after {self.count} messages: {error.strerror}; all but the last "
+                f"second was written; free some space and continue under another name"
             ) from error

@@ -98,11 +98,11 @@ def read_calibration(path: Path, size: tuple[int, int] | None = None) -> Calibra
             raise InputError(
                 f"{where}: a file of Kalibr (cam0, cam1), EuRoC, ORB-SLAM, OpenCV (M1, D1, M2, D2, R, T), ROS "
                 f"(camera_matrix, projection_matrix), COLMAP (cameras.txt and rig_config.json) or a rig.json is "
-                f"needed, it has {found}"
+                f"required, it has {found}"
             )
     if len(sizes := {left.size, right.size, size or left.size}) > 1:
         found = " and ".join(f"{width} x {height}" for width, height in sorted(sizes))
-        raise InputError(f"{where} and the images are of {found} pixels: calibrate both cameras at that of the images")
+        raise InputError(f"{where} and the images are of {found} pixels: calibrate both cameras at that size")
     rig = rig_from_projections(np.array(left.p), np.array(right.p), left.size, where)
     if rig.baseline_m > LARGEST_BASELINE_M:
         raise InputError(f"{where}: the baseline is {rig.baseline_m:g} m: give it in metres")
@@ -116,7 +116,7 @@ def _only_file(folder: Path) -> Path:
     found = [file for file in files if (other := _partner(file)) and file < other] or files
     if len(found) != 1:
         names = ", ".join(str(file.relative_to(folder.absolute())) for file in found[:8]) or "none"
-        raise InputError(f"calibration '{folder}': one is needed in a folder, it has {names}; name the file")
+        raise InputError(f"calibration '{folder}': one is required in a folder, it has {names}; name the file")
     return found[0]
 
 
@@ -241,7 +241,9 @@ def read_sensor_yaml(path: Path) -> CalibratedCamera:
 
 def _euroc(file: Path, other: Path | None) -> tuple[Cameras, str]:
     if other is None:
-        raise InputError(f"calibration '{file}' is of one camera: put that of the other beside it, as cam0 and cam1")
+        raise InputError(
+            f"calibration '{file}' has one camera: add that of the other beside it, named as cam0 and cam1"
+        )
     files = sorted((file.absolute(), other))
     cameras = [read_sensor_yaml(path) for path in files]
     return _side_by_side("EuRoC", cameras, [f"'{path.parent.name}/{path.name}'" for path in files])
@@ -305,7 +307,9 @@ def _side_by_side(name: str, cameras: list[CalibratedCamera], names: list[str]) 
 
 def _ros(file: Path, other: Path | None) -> tuple[Cameras, str]:
     if other is None:
-        raise InputError(f"calibration '{file}' is of one camera: put that of the other beside it, as left and right")
+        raise InputError(
+            f"calibration '{file}' has one camera: add that of the other beside it, named as left and right"
+        )
     found = []
     for path in (file, other):
         values = _content(path)
@@ -340,7 +344,7 @@ def _opencv(files: list[Path], size: tuple[int, int] | None) -> tuple[Cameras, s
 def _colmap(file: Path, of_rig: list[dict[str, Any]]) -> tuple[Cameras, str]:
     rows = [line.split() for line in read_text(file).splitlines() if line.strip() and line.strip()[0] != "#"]
     if len(of_rig) != 2 or len(rows) not in (1, 2):
-        raise ValueError(f"the first rig has {len(of_rig)} cameras and '{file.name}' {len(rows)}: two are needed")
+        raise ValueError(f"the first rig has {len(of_rig)} cameras and '{file.name}' {len(rows)}: two are required")
     found, names = [], []
     for row, camera in zip((rows[0], rows[-1]), of_rig, strict=True):
         lens = str(camera.get("camera_model_name", row[1]))

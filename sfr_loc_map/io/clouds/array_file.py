@@ -31,11 +31,11 @@ def parse_npy(data: bytes) -> NDArray[Any]:
         read = np.lib.format.read_array_header_1_0 if first else np.lib.format.read_array_header_2_0
         shape, fortran, dtype = read(stream, max_header_size=MAX_HEADER)
     except Exception as error:  # whatever Python's tokenizer raises for a broken header
-        raise ValueError("it is no NPY array, or its header is broken") from error
+        raise ValueError("it is not an NPY array, or its header is corrupt") from error
     if dtype.kind not in "biuf" or dtype.itemsize > 8:
-        raise ValueError(f"its elements are {str(dtype)[:40]}: real numbers are needed")
+        raise ValueError(f"its elements are {str(dtype)[:40]}: real numbers are required")
     if not all(type(n) is int and n >= 0 for n in shape):
-        raise ValueError("its header is broken: the shape must be whole numbers")
+        raise ValueError("its header is corrupt: the shape must be whole numbers")
     count, begin = math.prod(shape), stream.tell()
     if len(data) - begin < count * dtype.itemsize:
         raise ValueError(f"it claims {shape} numbers of {dtype}, but {len(data) - begin} bytes are there")

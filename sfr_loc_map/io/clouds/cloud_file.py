@@ -167,12 +167,12 @@ def _columns(body: bytes, dtype: np.dtype[Any], count: int, *, is_text: bool) ->
     names = dtype.names or ()
     if not is_text:
         if len(body) < count * dtype.itemsize:
-            raise ValueError(f"{len(body)} bytes found where {count} points of {dtype.itemsize} bytes are needed")
+            raise ValueError(f"{len(body)} bytes found where {count} points of {dtype.itemsize} bytes are required")
         records = np.frombuffer(body, dtype, count)
         return {name: records[name] for name in names if dtype[name].shape == ()}
     widths = [int(np.prod(dtype[name].shape)) for name in names]
     if len(body) + 1 < 2 * count * sum(widths):  # each number has a digit and an end
-        raise ValueError(f"{len(body)} bytes of text found where {count} points of {sum(widths)} numbers are needed")
+        raise ValueError(f"{len(body)} bytes of text found where {count} points of {sum(widths)} numbers are required")
     table = _number_table(body, count, sum(widths))
     starts = np.cumsum([0, *widths])
     return {name: table[:, starts[i]] for i, name in enumerate(names) if widths[i] == 1}
@@ -232,7 +232,7 @@ def _ply_elements(header: list[list[str]], order: str) -> list[tuple[str, int, l
         elif words[0] == "property" and elements:
             kinds = words[2:4] if words[1] == "list" else words[1:2]
             if not all(kind in PLY_TYPES for kind in kinds):
-                raise ValueError(f"it has a property of type '{' '.join(words[1:-1])}', which is not read")
+                raise ValueError(f"it has a property of type '{' '.join(words[1:-1])}', which is not supported")
             types = [order + PLY_TYPES[kind] for kind in kinds]
             name = words[-1].lower()
             elements[-1][2].append(_Property(name, types[-1], types[0] if len(types) > 1 else ""))
@@ -253,10 +253,10 @@ def _ply_records(data: bytes, position: int, count: int, properties: list[_Prope
             return {name: records[name] for name in scalars}, end
     elif not lists:
         found = len(data) - position
-        raise ValueError(f"{found} bytes found where {count} points of {dtype.itemsize} bytes are needed")
+        raise ValueError(f"{found} bytes found where {count} points of {dtype.itemsize} bytes are required")
     smallest = sum(np.dtype(item.length_kind or item.kind).itemsize for item in properties)
     if count * smallest > len(data) - position:
-        raise ValueError(f"{len(data) - position} bytes found where {count} records of {smallest} bytes are needed")
+        raise ValueError(f"{len(data) - position} bytes found where {count} records of {smallest} bytes are required")
     return _ply_uneven(data, position, count, properties)
 
 
@@ -273,7 +273,7 @@ def _first_lengths(data: bytes, position: int, properties: list[_Property]) -> d
 
 def _length(data: bytes, position: int, item: _Property) -> int:
     if position + np.dtype(item.length_kind).itemsize > len(data):
-        raise ValueError("its data is cut off within a list")
+        raise ValueError("its data is truncated within a list")
     length = int(np.frombuffer(data, item.length_kind, 1, position)[0])
     if not 0 <= length <= len(data):
         raise ValueError(f"a list '{item.name}' of {length} values")
@@ -291,7 +291,7 @@ def _ply_uneven(data: bytes, position: int, count: int, properties: list[_Proper
                 position += np.dtype(item.length_kind).itemsize
             size = np.dtype(item.kind).itemsize * length
             if position + size > len(data):
-                raise ValueError(f"its data is cut off in record {row + 1} of {count}")
+                raise ValueError(f"its data is truncated in record {row + 1} of {count}")
             if not item.length_kind:
                 columns[item.name][row] = np.frombuffer(data, item.kind, 1, position)[0]
             position += size
@@ -301,13 +301,13 @@ def _ply_uneven(data: bytes, position: int, count: int, properties: list[_Proper
 def _ply_text(data: bytes, position: int, count: int, properties: list[_Property]) -> tuple[Columns, int]:
     """Return the scalar properties of an element written as text, a line for each record, and where it ends."""
     if count * 2 > len(data) - position + 1:
-        raise ValueError(f"{len(data) - position} bytes of text found where {count} lines are needed")
+        raise ValueError(f"{len(data) - position} bytes of text found where {count} lines are required")
     rows: list[bytes] = []
     while len(rows) < count:
         end = data.find(b"\n", position)
         end = len(data) if end < 0 else end
         if position >= len(data):
-            raise ValueError(f"{len(rows)} lines found where {count} are needed")
+            raise ValueError(f"{len(rows)} lines found where {count} are required")
         if line := data[position:end].strip():
             rows.append(line)
         position = end + 1
@@ -335,7 +335,7 @@ def _number_table(body: bytes, count: int, width: int) -> FloatArray:
     lines = b"\n".join(line for line in body.splitlines() if line.partition(b"#")[0].strip())  # numpy warns of them
     table = np.loadtxt(io.BytesIO(_PLAIN_NAN.sub(b"nan", lines)), np.float64, ndmin=2, max_rows=count)
     if table.shape != (count, width):
-        raise ValueError(f"{table.shape} numbers found where {(count, width)} are needed")
+        raise ValueError(f"{table.shape} numbers found where {(count, width)} are required")
     return table
 
 
@@ -375,7 +375,7 @@ def _read_pcd(data: bytes) -> tuple[Columns, list[str], Grid]:
             head[words[0]] = words[1:]
     storage = " ".join(head["DATA"]).lower()
     if storage not in ("ascii", "binary", "binary_compressed"):
-        raise ValueError(f"its data is '{storage}' where ascii, binary or binary_compressed is needed")
+        raise ValueError(f"its data is '{storage}' where ascii, binary or binary_compressed is required")
     width, height = parse_count(head["WIDTH"][0]), parse_count(head["HEIGHT"][0])
     points = width * height
     if "POINTS" in head and parse_count(head["POINTS"][0]) != points:
@@ -384,7 +384,7 @@ def _read_pcd(data: bytes) -> tuple[Columns, list[str], Grid]:
     layout = zip(names, head["TYPE"], head["SIZE"], head.get("COUNT", ["1"] * len(names)), strict=True)
     for i, (name, kind, size, count) in enumerate(layout):
         if kind + size not in PCD_TYPES or not 1 <= parse_count(count) <= MAX_COUNT:
-            raise ValueError(f"its field {name} has TYPE {kind}, SIZE {size}, COUNT {count}, which is not read")
+            raise ValueError(f"its field {name} has TYPE {kind}, SIZE {size}, COUNT {count}, which is not supported")
         shape = () if int(count) == 1 else (int(count),)
         fields.append(
             (f"{name}{i}" if name == "_" else name.lower(), f"<{kind.lower()}{size}", shape)
@@ -405,7 +405,7 @@ def _uncompressed(body: bytes, dtype: np.dtype[Any], count: int) -> Columns:
 
     raw = np.zeros(whole, np.uint8)
     if decompress_lzf(np.frombuffer(body, np.uint8, size, 8), raw) != whole:
-        raise ValueError("its compressed data is broken")
+        raise ValueError("its compressed data is corrupt")
     columns, start = {}, 0
     for name in dtype.names or ():
         kind, shape = dtype[name].base, dtype[name].shape

@@ -127,7 +127,7 @@ def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr", bits: int =
     if image.dtype == np.uint16:
         image = cv2.convertScaleAbs(image, alpha=255 / (2**bits - 1))
     if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)):
-        raise InputError(f"image of {image.dtype} {image.shape} found: 8 or 16 bit grey or colour is needed")
+        raise InputError(f"image of {image.dtype} {image.shape} found: 8 or 16 bit grey or colour is required")
     if image.ndim == 3:
         code = cv2.COLOR_BGR2GRAY if order == "bgr" else cv2.COLOR_RGB2GRAY
         image = cv2.cvtColor(np.ascontiguousarray(image[:, :, :3]), code)
@@ -154,8 +154,8 @@ def decoded(raw: bytes) -> Samples:
     size = claimed_size(raw)
     if size is None:
         codec = codec_of(raw)
-        found = f"it is {codec}, which is not read" if codec else "its data is broken or of another format"
-        raise InputError(f"{found}; {FORMATS} is needed: restore or convert it")
+        found = f"it is {codec}, which is not read" if codec else "its data is corrupt or of another format"
+        raise InputError(f"{found}; {FORMATS} is required: restore or convert it")
     try:
         check_image_size(*size, "it")
     except GeometryError as error:
@@ -173,11 +173,11 @@ def decoded(raw: bytes) -> Samples:
     try:
         image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
-        raise InputError(f"its data is broken ({error.err}); restore the original") from error
+        raise InputError(f"its data is corrupt ({error.err}); restore the original") from error
     finally:
         cv2.utils.logging.setLogLevel(level)
     if image is None:
-        raise InputError("its data is broken; restore the original")
+        raise InputError("its data is corrupt; restore the original")
     return Samples(np.asarray(image))
 
 
@@ -213,7 +213,7 @@ def samples_of(message: Any) -> Samples:  # noqa: ANN401 - a message of any libr
     stamp = stamp_of(message)
     if message.encoding not in ENCODINGS:
         known = ", ".join(ENCODINGS)
-        raise InputError(f"image of stamp {stamp} has encoding '{message.encoding}': one of {known} is needed")
+        raise InputError(f"image of stamp {stamp} has encoding '{message.encoding}': one of {known} is required")
     kind, samples = ENCODINGS[message.encoding]
     dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
     height, width, step = int(message.height), int(message.width), int(message.step)
@@ -222,7 +222,7 @@ def samples_of(message: Any) -> Samples:  # noqa: ANN401 - a message of any libr
     if height <= 0 or width <= 0 or step < row or len(data) < step * (height - 1) + row:
         raise InputError(
             f"image of stamp {stamp} is {width} x {height} {message.encoding} with step {step} and {len(data)} bytes: "
-            f"too few; the message is broken"
+            f"too few; the message is corrupt"
         )
     rows = np.lib.stride_tricks.as_strided(data, (height, row), (step, 1), writeable=False)
     image = np.ascontiguousarray(rows).view(dtype).astype(kind, copy=False)
@@ -303,11 +303,11 @@ def _critical_chunks(raw: bytes) -> bytes:
     while kind != b"IEND":
         head = raw[offset : offset + 8]
         if len(head) < 8:
-            raise InputError("its PNG data is cut off; restore the original")
+            raise InputError("its PNG data is truncated; restore the original")
         (length,), kind = struct.unpack(">I", head[:4]), head[4:]
         end = offset + 8 + length
         if len(raw) < end + 4 or zlib.crc32(raw[offset + 4 : end]) != struct.unpack(">I", raw[end : end + 4])[0]:
-            raise InputError("its PNG data is broken (checksum or length wrong); restore the original")
+            raise InputError("its PNG data is corrupt (checksum or length wrong); restore the original")
         if not kind[0] & 0x20:  # an upper case letter: critical (5.4)
             kept.append(raw[offset : end + 4])
         offset = end + 4
@@ -322,7 +322,7 @@ def points_image(message: Any, size: tuple[int, int]) -> NDArray[np.float32]:  #
     if not size_ok or any(name not in offsets or offsets[name] + 4 > step for name in "xyz"):
         raise InputError(
             f"ground_truth/points is {shape[1]} x {shape[0]} with float32 fields {sorted(offsets)}: an organised cloud "
-            f"of {size[0]} x {size[1]} with x, y, z is needed"
+            f"of {size[0]} x {size[1]} with x, y, z is required"
         )
     order = ">f4" if message.is_bigendian else "<f4"
     layout = np.dtype(
@@ -340,5 +340,5 @@ def checked_points(points: NDArray[np.floating], name: str) -> NDArray[np.float3
     known = np.isfinite(points)
     points[~known] = np.nan
     if np.abs(points[known]).max(initial=0.0) > MAX_POSITION_M:
-        raise InputError(f"{name} has a coordinate beyond {MAX_POSITION_M:g} m; NaN stands for no truth")
+        raise InputError(f"{name} has a coordinate beyond {MAX_POSITION_M:g} m; use NaN for a missing truth")
     return points

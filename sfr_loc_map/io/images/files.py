@@ -48,9 +48,9 @@ def whole_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImagePair
     rest = f" and {len(missing) - NAMED_FILES} more" if len(missing) > NAMED_FILES else ""
     files = f"{', '.join(map(str, missing[:NAMED_FILES]))}{rest}"
     if not whole:
-        raise InputError(f"{name} names images that are not there: {files}; restore them")
+        raise InputError(f"{name} lists missing images: {files}; restore them")
     missing_ns = tuple(entry.stamp_ns for entry in entries if entry.left in gone or entry.right in gone)
-    _log.warning("%s: %d of %d pairs left out, images are not there: %s", name, len(missing_ns), len(entries), files)
+    _log.warning("%s: %d of %d pairs skipped, missing images: %s", name, len(missing_ns), len(entries), files)
     return whole, missing_ns
 
 

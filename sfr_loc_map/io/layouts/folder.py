@@ -83,7 +83,7 @@ def open_folder(path: Path) -> Source:
         pairs = []
         for number, row in enumerate(rows, start=2):
             if len(row) != len(header):
-                raise InputError(f"'{table}' line {number}: {len(row)} columns found where {len(header)} are needed")
+                raise InputError(f"'{table}' line {number}: {len(row)} columns found where {len(header)} are required")
             of_row, T_lm_navsb = dict(zip(header, row, strict=True)), None
             with refusing(f"'{table}' line {number}", "correct or leave out the pair"):
                 stamp = parse_stamp_ns(row[0])
@@ -92,12 +92,10 @@ def open_folder(path: Path) -> Source:
                     T_lm_navsb = Transform.from_origin_and_attitude(numbers[:3], numbers[3:])
             points = folder / of_row[TRUTH_COLUMN] if of_row.get(TRUTH_COLUMN) else None
             if points is not None and not points.is_file():  # reported at once, not after an hour of work
-                raise InputError(
-                    f"'{table}' names a truth that is not there: {points}; restore it, or leave out its name"
-                )
+                raise InputError(f"'{table}' names a missing truth: {points}; restore it, or omit its name")
             pairs.append(ImagePair(stamp, folder / row[1], folder / row[2], T_lm_navsb, points))
         if not pairs:
-            raise InputError(f"'{table}' lists no pair: at least one is needed")
+            raise InputError(f"'{table}' lists no pair: at least one is required")
         whole, missing_ns = whole_pairs(pairs, f"'{table}'")
 
         if folder.name == "nav" if not is_whole else len(header) > len(LOC_COLUMNS):
@@ -119,11 +117,11 @@ def open_folder(path: Path) -> Source:
 
 
 def _load_point_image(path: Path, rig: StereoRig) -> NDArray[np.float32]:
-    with refusing(f"cannot read truth '{path}'", "a .npy file is needed"):
+    with refusing(f"cannot read truth '{path}'", "a .npy file is required"):
         points = parse_npy(read_bytes(path, 24 * rig.height * rig.width + 2 * MAX_HEADER))
     if points.shape != (rig.height, rig.width, 3) or points.dtype.newbyteorder("=") != np.float32:
         raise InputError(
-            f"truth '{path}' is {points.dtype} {points.shape}: float32 ({rig.height}, {rig.width}, 3) is needed"
+            f"truth '{path}' is {points.dtype} {points.shape}: float32 ({rig.height}, {rig.width}, 3) is required"
         )
     return checked_points(points, f"truth '{path}'")
 
@@ -148,7 +146,7 @@ def read_rig(file: Path) -> StereoRig:
     with refusing(f"'{file}'"):
         fx, skew, cx, low, fy, cy, *last = found.k
         if (skew, low, *last) != (0, 0, 0, 0, 1):
-            raise GeometryError(f"k is {list(found.k)}: [fx, 0, cx, 0, fy, cy, 0, 0, 1] is needed")
+            raise GeometryError(f"k is {list(found.k)}: [fx, 0, cx, 0, fy, cy, 0, 0, 1] is required")
         pose = found.T_rb_locsb
         T_rb_sb = None if pose is None else Transform.from_quat(pose.translation_m, pose.quat_xyzw)
         # as it comes out of camera_info messages: a rig from a file and one from topics are equal to the last digit

@@ -76,7 +76,7 @@ def _by_stamp(folder: Path) -> dict[int, Path]:
     if not unit:
         shown = wrong[0] if wrong else ", ".join(stems[:3])
         raise InputError(
-            f"images of '{folder}' are named {shown}: names that are times of one unit (s, ms, us, ns) are needed; "
+            f"images of '{folder}' are named {shown}: names that are stamps of one unit (s, ms, us, ns) are required; "
             "rename them, or make a pairs.csv and rig.json (docs/formats.md)"
         )
     return {parse_decimal(file.stem, TIMES[unit]): file for file in files}

@@ -44,7 +44,7 @@ def open_kitti(path: Path) -> Source:
     times, calibration = path / "times.txt", path / "calib.txt"
     stamps = read_times(times).tolist()
     if not stamps:
-        raise InputError(f"'{times}' holds no time: a line for each pair is needed")
+        raise InputError(f"'{times}' has no times: a line for each pair is required")
     entries = [
         ImagePair(stamp, path / f"image_{left}" / f"{i:06d}.png", path / f"image_{right}" / f"{i:06d}.png")
         for i, stamp in enumerate(stamps)
@@ -55,11 +55,11 @@ def open_kitti(path: Path) -> Source:
     for line in read_lines(calibration):
         name, _, rest = line.partition(":")
         if name in ("P0", "P1", "P2", "P3"):
-            with refusing(f"'{calibration}' {name}: 12 finite numbers are needed"):
+            with refusing(f"'{calibration}' {name}: 12 finite numbers are required"):
                 cameras[int(name[1])] = np.array([parse_number(word) for word in rest.split()]).reshape(12)
     if left not in cameras or right not in cameras:
         found = sorted(f"P{i}" for i in cameras)
-        raise InputError(f"'{calibration}' has {found}: P{left} and P{right} are needed")
+        raise InputError(f"'{calibration}' has {found}: P{left} and P{right} are required")
     size, where, names = (width, height), f"'{calibration}'", (f"P{left}", f"P{right}")
     rig = rig_from_projections(cameras[left], cameras[right], size, where, names)
     rig = replace(rig, T_rb_sb=Transform.identity())
@@ -81,7 +81,7 @@ def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) 
         return None
     rows = parse_table(read_table(file), f"'{file}'", "the first three rows of a pose matrix", range(12)).values
     if len(rows) != len(stamps):
-        raise InputError(f"'{file}' has {len(rows)} poses for {len(stamps)} times: one for each is needed")
+        raise InputError(f"'{file}' has {len(rows)} poses for {len(stamps)} times: one for each is required")
     T_cam0_left = Transform(np.eye(3), np.array([offset_m, 0.0, 0.0]))
     with refusing(f"'{file}'"):
         matrices = [Transform.from_matrix(row.reshape(3, 4)) for row in rows]

@@ -187,7 +187,7 @@ def pose_columns(lines: Sequence[str], name: str, columns: str, option: str) -> 
     lines = lines[:HEAD_LINES]
     first, separator = _first_row(lines)
     if first < 0:
-        raise InputError(f"{name} has no pose: at least one line with one is needed")
+        raise InputError(f"{name} has no pose: at least one line with one is required")
     rows = _numbers(lines[first:], separator)
     width = max((len(cells) for cells in rows), default=0) or len(split_cells(lines[first], separator))
     if columns:
@@ -538,7 +538,7 @@ def _with_time_unit(found: PoseColumns, rows: Sequence[Sequence[str]], name: str
     unit = time_unit(texts, is_seconds=found.is_tum)
     if not unit:
         raise InputError(
-            f"{name}: stamps as {', '.join(texts[:3])} can be of two units: say which: "
+            f"{name}: stamps as {', '.join(texts[:3])} fit two units: name the unit: "
             f"{option.replace('COLUMNS', 't=...[s], [ms], [us] or [ns], and x, y, z')}"
         )
     return replace(found, units={**found.units, STAMP: unit}, inferred="" if unit == "s" else unit)

@@ -150,15 +150,15 @@ class Table:
         rows = len(self.lines) + count
         if count > MAX_BROKEN * rows:
             several = f" ({count} of {rows} lines are broken)" if count > 1 else ""
-            raise InputError(f"{self.name} {self.broken[0]}; correct or leave out the line{several}")
+            raise InputError(f"{self.name} {self.broken[0]}; correct or remove the line{several}")
         return self
 
     @property
     def left_out(self) -> str:
         """Which rows are left out, in words; empty without any."""
-        parts = [f"{self.missing} lines without values left out"] if self.missing else []
+        parts = [f"{self.missing} lines without values skipped"] if self.missing else []
         if self.broken:
-            parts.append(f"{len(self.broken)} broken lines left out, the first: {self.broken[0]}")
+            parts.append(f"{len(self.broken)} invalid lines skipped, the first: {self.broken[0]}")
         return "; ".join(parts)
 
 
@@ -194,7 +194,7 @@ def parse_table(
             found = [reader.one(texts[k], number + k + 1) for k in chosen]
             problems = [row for row in found if isinstance(row, str)]
             if problems and not tolerant:
-                raise InputError(f"{name} {problems[0]}; correct or leave out the line") from error
+                raise InputError(f"{name} {problems[0]}; correct or remove the line") from error
             broken += problems
             missing += found.count(None)
             good = [(k, row) for k, row in zip(chosen, found, strict=True) if isinstance(row, tuple)]
@@ -245,7 +245,7 @@ class _RowReader:
         cells = split_cells(row.decode("utf-8", "replace"), self.separator)
         width = max(self.places) + 1
         if len(cells) < width or (len(cells) > width and not self.more):
-            return f"line {line}: {len(cells)} columns found where {width} ({self.form}) are needed"
+            return f"line {line}: {len(cells)} columns found where {width} ({self.form}) are required"
         words = [cells[place].lower().lstrip("+-").partition("(")[0] for place in self.places]
         if self.tolerant and any(word in NO_VALUE for word in words):
             return None

@@ -257,15 +257,15 @@ def _loaded(
     good = near & turned
     problems = []
     for row in np.flatnonzero(~good).tolist():
-        problem = f"the quaternion {quats[row].tolist()} is not a rotation: a unit quaternion is needed"
+        problem = f"the quaternion {quats[row].tolist()} is not a rotation: a unit quaternion is required"
         if np.isnan(quats[row]).any():
             problem = "this is no rotation and position"
         if not near[row]:
-            problem = f"the position is absurd: numbers up to {MAX_POSITION_M:g} are possible, in metres"
+            problem = f"the position is absurd: numbers up to {MAX_POSITION_M:g} are allowed, in metres"
         problems.append(f"line {table.lines[row]}: {problem}")
     kept = table.without(good, problems).checked()
     if not len(kept.lines):
-        raise InputError(f"{table.name} has no pose: at least one line with one is needed")
+        raise InputError(f"{table.name} has no pose: at least one line with one is required")
     trajectory = Trajectory(kept.stamps_ns, positions[good], quats[good])
     covariance = None if covariance is None else covariance[good]
     return LoadedTrajectory(path, trajectory, kind, stamps, by_index, columns, kept.left_out, covariance)
@@ -281,7 +281,7 @@ def read_times(path: Path, count: int | None = None) -> IntArray:
     blocks = read_table(path, "give the seconds of each pose")
     table = parse_table(blocks, f"'{path}'", "seconds", (0,), stamp=parse_seconds)
     if count not in (None, len(table.lines)):
-        raise InputError(f"'{path}' has {len(table.lines)} times for {count} poses: one for each is needed")
+        raise InputError(f"'{path}' has {len(table.lines)} times for {count} poses: one for each is required")
     return table.stamps_ns
 
 

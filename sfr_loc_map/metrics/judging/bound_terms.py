@@ -43,16 +43,16 @@ def terms_of(entry: Mapping[str, Any]) -> tuple[Terms, str | None]:
     for name in ("prob", "confidence", "power"):
         value = given.get(name, 0.5)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.5 <= value < 1.0:
-            return Terms(), f"'{name}' is {value!r}: a number from 0.5 to below 1 is needed, 0.95 for 95 %"
+            return Terms(), f"'{name}' is {value!r}: a number from 0.5 to below 1 is required, 0.95 for 95 %"
     good = given.get("good", 0.0)
     most = 1.0 - float(given.get("prob", THREE_SIGMA))
     if isinstance(good, bool) or not isinstance(good, (int, float)) or not 0.0 <= good < most:
-        return Terms(), f"'good' is {good!r}: a share of failures from 0 to below 1 - prob = {most:g} is needed"
+        return Terms(), f"'good' is {good!r}: a share of failures from 0 to below 1 - prob = {most:g} is required"
     if "normal" in given and not isinstance(given["normal"], bool):
-        return Terms(), f"'normal' is {given['normal']!r}: true or false is needed"
+        return Terms(), f"'normal' is {given['normal']!r}: true or false is required"
     word = given.pop("interpretation", Interpretation.TEMPORAL)
     if word not in [str(kind) for kind in Interpretation]:
-        return Terms(), f"'interpretation' is {word!r}: {', '.join(Interpretation)} are possible"
+        return Terms(), f"'interpretation' is {word!r}: {', '.join(Interpretation)} are allowed"
     if "good" in given and word == Interpretation.TEMPORAL:
         return Terms(), "'good' is for drives: it needs the interpretation ensemble or mixed"
     return Terms(**given)._replace(interpretation=Interpretation(word)), None

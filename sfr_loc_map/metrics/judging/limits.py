@@ -118,7 +118,7 @@ PART_OF_MEMORY = {
 """Part of the row that a limit on memory is on, by the name of the limit in a verdict."""
 REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: What a requirement says of itself.
 TERMS = Terms._fields  #: What a limit on a tolerance bound says besides.
-NEEDED = {str: "a text, in quotes, is needed", bool: "true or false is needed"}
+NEEDED = {str: "a text, in quotes, is required", bool: "true or false is required"}
 OF_MAP = [kind.figure for kind in SHORTFALLS if kind.part == MAP]
 """Figures of completeness that are about the map."""
 SHARES = {
@@ -150,7 +150,7 @@ class Limit(Record, frozen=True, kw_only=True):
         if self.name not in PLACES[self.part]:
             raise ValueError(f"'{self.name}' is not a limit of the part '{self.part}'")
         if self.condition is not None and Condition.parse(self.condition).setting != self.condition:
-            raise ValueError(f"'{self.condition}' is not as a score spells it")
+            raise ValueError(f"'{self.condition}' is not spelled as in a score")
 
     @property
     def limited(self) -> Limited:
@@ -260,13 +260,13 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
     _check_keys(content, ("minimum_count", "minimum_independent", *LimitPart), origin)
     minimum = content.get("minimum_count", MINIMUM_COUNT)
     if not isinstance(minimum, int) or isinstance(minimum, bool) or minimum < 2:
-        raise ConfigError(f"{origin}: 'minimum_count' is {minimum!r}: a whole number of at least 2 is needed")
+        raise ConfigError(f"{origin}: 'minimum_count' is {minimum!r}: a whole number of at least 2 is required")
     independent = content.get("minimum_independent", MINIMUM_INDEPENDENT)
     if not isinstance(independent, int | float) or isinstance(independent, bool) or not 1 <= independent < 1e9:
-        raise ConfigError(f"{origin}: 'minimum_independent' is {independent!r}: a number of at least 1 is needed")
+        raise ConfigError(f"{origin}: 'minimum_independent' is {independent!r}: a number of at least 1 is required")
     entries = content.get("trajectory", [])
     if not isinstance(entries, list):
-        raise ConfigError(f"{origin}: 'trajectory' must be a list, one entry a condition ('- condition: ...')")
+        raise ConfigError(f"{origin}: 'trajectory' must be a list, one entry per condition ('- condition: ...')")
     limits: list[Limit] = []
     for number, entry in enumerate(entries, 1):
         place = f"{origin}: trajectory entry {number}"
@@ -291,7 +291,7 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
 def _limits_of(part: LimitPart, block: object, origin: str, condition: str | None) -> list[Limit]:
     """Return the limits of a block; `id`, `text` and `certain` are of all of it, or of one limit `{limit: ...}`."""
     if not isinstance(block, Mapping):
-        raise ConfigError(f"{origin}: a mapping of names to limits is needed, found {type(block).__name__}")
+        raise ConfigError(f"{origin}: a mapping of names to limits is required, found {type(block).__name__}")
     shares = [key for key, other in SHARES.items() if other is part]
     _check_keys(block, (*PLACES[part], *shares, *REQUIREMENT), origin)
     of_all = {key: block[key] for key in REQUIREMENT if key in block}
@@ -310,9 +310,9 @@ def _limits_of(part: LimitPart, block: object, origin: str, condition: str | Non
         bound = entry.pop("limit", None)
         number = isinstance(bound, (int, float)) and not isinstance(bound, bool)
         if not number or not 0 <= bound < float("inf"):
-            raise ConfigError(f"{origin}: '{key}' is {bound!r}: a number >= 0 is needed, in the unit of its name")
+            raise ConfigError(f"{origin}: '{key}' is {bound!r}: a number >= 0 is required, in the unit of its name")
         if key in SHARES and bound > 1:
-            raise ConfigError(f"{origin}: '{key}' is {bound!r}: a share from 0 to 1 is needed, 0.05 for 5 %")
+            raise ConfigError(f"{origin}: '{key}' is {bound!r}: a share from 0 to 1 is required, 0.05 for 5 %")
         for name, kind in REQUIREMENT.items():
             if name == "id" and type(entry.get(name)) is int:
                 entry[name] = str(entry[name])

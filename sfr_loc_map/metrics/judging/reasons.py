@@ -56,7 +56,9 @@ def why_open(item: Verdict, score: Score) -> str:
         return f"{f'{row.unknown} of {known + row.unknown}' if known else f'all {row.unknown}'} values are unknown"
     independent = item.independent
     if independent is not None and independent < rules.minimum_independent:
-        return f"{item.n} values, of which {independent:.3g} are independent ({rules.minimum_independent:g} are needed)"
+        return (
+            f"{item.n} values, of which {independent:.3g} are independent ({rules.minimum_independent:g} are required)"
+        )
     within = ", which it does not have" if item.interval is None else " within the limit"
     return f"'certain' needs its 95 % interval{within}"
 
@@ -93,5 +95,5 @@ def _reason(condition: Condition, frames: int, length_m: float, duration_s: floa
     texts[ConditionKind.DISPLACEMENT] = "never gets so far in a straight line"
     told = " and ".join(dict.fromkeys(texts.get(part.kind, path) for part in condition.parts))
     named = ",".join(f"{part.kind}={part.value:g}" for part in condition.parts)
-    one = "one pose of the estimate has a true pose, at least two are needed"
+    one = "one pose of the estimate has a true pose, at least two are required"
     return f"condition {named}: {f'the drive {told}' if frames > 1 else one}"

@@ -251,7 +251,7 @@ class ExternalMapper(ExternalNode):
         if self._in_lm:
             return points
         if stamp_ns not in self._poses:
-            raise InputError("it has the stamp of no pair, whose pose would take its points to LM")
+            raise InputError("its stamp belongs to no pair, so that its points cannot be transformed to LM")
         return (self._poses[stamp_ns] @ self._T_sb_child).apply(points)
 
     def keep(self, message: PointCloud2, points: FloatArray, results: Received) -> None:

@@ -115,7 +115,7 @@ class ReplayNode(Peer):
         for name in (PLAYER_NODE, *self.supervisor.processes):
             if found.count((name, self.node.get_namespace())) > 1:
                 raise NodeError(
-                    f"another {name} is in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0} and would take part: "
-                    f"unset ROS_DOMAIN_ID, and the replay takes a domain of its own; or end it (a killed one shows for "
-                    f"20 s)"
+                    f"another {name} is in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0} and would interfere: "
+                    f"unset ROS_DOMAIN_ID, so that the replay uses its own domain, or end that node (a killed node "
+                    f"stays visible for 20 s)"
                 )

@@ -87,7 +87,7 @@ def _remarks(received: Received, options: ReplayOptions) -> Iterator[str]:
     if (missing := played - len(received.rows)) > 0 and theirs is not Task.LOCALISATION:
         yield f"{missing} of {played} pairs have no odometry: the nodes could not keep up"
     if received.published_stamps(Task.MAPPING.rig) and not received.clouds and theirs is not Task.MAPPING:
-        raise NodeError("mapping_node gave no cloud: play slower (--rate) or in lock step (--rate 0)")
+        raise NodeError("mapping_node published no cloud: play slower (--rate) or in lock step (--rate 0)")
     if (node := received.external) is not None:
         answers = node.score.answers
         yield f"external node {node.method.name}: {answers.answered} of {answers.pairs} pairs answered"

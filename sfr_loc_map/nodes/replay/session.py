@@ -135,7 +135,7 @@ def check_source(source: Source, offset_s: float = 0.0) -> None:
     if source.nav is not None:
         check_count(source.nav)
     if source.loc is not None and not len(source.loc):
-        raise InputError(f"'{source.path}' has no stereo pair: at least one is needed")
+        raise InputError(f"'{source.path}' has no stereo pair: at least one is required")
     end_s = message_stream.end_of(source)
     if offset_s > end_s:
         raise InputError(f"its last pair is at {end_s:.3f} s: an offset of {offset_s:g} s leaves nothing")

@@ -279,7 +279,7 @@ def elevation_from_msg(message: PointCloud2) -> FloatArray32:
     check_image_size(int(message.width), int(message.height), "the elevation grid")
     cells = floats_of(message, ELEVATION_FIELDS)
     if not np.isfinite(cells[..., :2]).all():
-        raise InputError("elevation with cells of no place: x and y must be numbers everywhere")
+        raise InputError("elevation has cells without a position: x and y must be finite")
     return cells
 
 
@@ -321,5 +321,5 @@ def message_type(msgtype: str) -> type[Any]:
     try:
         found: type[Any] = getattr(importlib.import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError) as error:
-        raise NodeError(f"messages of type {msgtype} are not known here: install or source {package}") from error
+        raise NodeError(f"messages of type {msgtype} are unknown here: install or source {package}") from error
     return found

@@ -30,7 +30,7 @@ def call_service(
             raise NodeError(f"no node offers {name}: is it running?")
         future = client.call_async(request)
         if not wait(future.done, answer_s):
-            raise NodeError(f"{name} gave no answer within {answer_s:g} s")
+            raise NodeError(f"{name} did not answer within {answer_s:g} s")
         return future.result()
     finally:
         node.destroy_client(client)

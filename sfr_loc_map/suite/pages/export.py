@@ -90,5 +90,5 @@ def log_to_mlflow(summary: Summary, folder: Path, uri: str) -> str:
                     mlflow.log_artifact(str(folder / name))
             mlflow.end_run("FAILED" if summary.failures or summary.refusals else "FINISHED")
     except (mlflow.MlflowException, OSError) as reason:
-        raise OutputError(f"MLflow at '{uri}' took no run: {one_line(str(reason))}; check the address") from reason
+        raise OutputError(f"MLflow at '{uri}' accepted no run: {one_line(str(reason))}; check the address") from reason
     return str(run.info.run_id)

@@ -48,7 +48,7 @@ def file_state(path: Path) -> str:
         files = [path] if path.is_file() else _files(path)
         found = [[str(file), (stat := os.stat(file)).st_size, stat.st_mtime_ns, stat.st_ino] for file in files]
     except OSError as error:
-        raise InputError(f"cannot read '{error.filename}': {error.strerror}; check path and rights") from error
+        raise InputError(f"cannot read '{error.filename}': {error.strerror}; check path and permissions") from error
     if not found and not path.is_dir():
         raise InputError(f"there is no '{path}': check that it is mounted")
     return digest(found)

@@ -124,7 +124,7 @@ def _replay(job: Job, path: Path, scratch: Path) -> Score:
     )
     report = out / "report.json"
     if not report.exists():
-        raise InputError(f"replay of '{job.source.path}' gave no report: {done.stderr.strip()[-300:]}")
+        raise InputError(f"replay of '{job.source.path}' wrote no report: {done.stderr.strip()[-300:]}")
     return from_json(report.read_text(encoding="utf-8"), str(report))
 
 

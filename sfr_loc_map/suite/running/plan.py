@@ -58,7 +58,7 @@ def make_plan(
         except SfrError as error:
             refusals.append(Refusal(source.path, str(error)))
     if not jobs and not refusals:
-        raise ConfigError(f"{specification.path}: no task: the sources have nothing that 'tasks' asks for")
+        raise ConfigError(f"{specification.path}: no task: the sources have no data for 'tasks'")
     return list(jobs.values()), refusals
 
 

@@ -100,7 +100,7 @@ def load_specification(path: Path) -> SuiteSpecification:
     limits = _limits(stated_limits, path)
     settings = build(SuiteSettings, content, origin=str(path))
     if odd := next((name for name, value in lists.items() if not isinstance(value, list)), None):
-        raise ConfigError(f"{path}: '{odd}' is a {type(lists[odd]).__name__}: a list is needed")
+        raise ConfigError(f"{path}: '{odd}' is a {type(lists[odd]).__name__}: a list is required")
     if not lists["sources"]:
         raise ConfigError(f"{path}: no 'sources': give paths, globs or simulations")
     try:
@@ -210,7 +210,7 @@ def _budget_sources(sources: Sequence[JobSource], budget: Sequence[ErrorSource],
     """Yield each simulation with each combination of the sources of error that the budget needs."""
     for source in sources:
         if source.kind is not SourceKind.SIMULATED:
-            raise ConfigError(f"{path}: 'budget' needs sources 'simulate: SCENARIO'; '{source.name}' is none")
+            raise ConfigError(f"{path}: 'budget' needs sources 'simulate: SCENARIO'; '{source.name}' is not one")
         for variant in variants_of(budget):
             settings = variant.settings(source.settings)
             made = simulated_source(Path(source.path), settings, source.seed, f"{path}: 'budget'")
@@ -230,7 +230,7 @@ def _configurations(value: object, path: Path) -> dict[str, dict[str, object]]:
 
 def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]:
     if not isinstance(content, Mapping):
-        raise ConfigError(f"{origin}: a mapping with 'localisation' and 'mapping' is needed")
+        raise ConfigError(f"{origin}: a mapping with 'localisation' and 'mapping' is required")
     changed: dict[str, object] = {}
     for section, values in content.items():
         if section not in SECTIONS or not isinstance(values, Mapping):
@@ -245,7 +245,7 @@ def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]
         is_ours = str(values.get(METHOD_KEYS[0], OURS)) == OURS
         if unread := [name for name in values if (name == METHOD_KEYS[1] if is_ours else name in own)]:
             whose = "another method" if is_ours else "ours"
-            raise ConfigError(f"{origin}: '{unread[0]}' is of {whose}, and would not be read: leave it out")
+            raise ConfigError(f"{origin}: '{unread[0]}' is of {whose}, and would not be read: omit it")
         changed |= {f"{section}.{name}": value for name, value in new.items()}
     return changed
 

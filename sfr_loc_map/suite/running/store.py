@@ -63,12 +63,12 @@ class Store:
             for path in (self.results, self.failures, self.cache):
                 path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise OutputError(f"cannot make the folder '{folder}': {error.strerror}; check the rights") from error
+            raise OutputError(f"cannot make the folder '{folder}': {error.strerror}; check the permissions") from error
         self._plan: dict[str, Any] = {"sources": {}, "jobs": [], "limits": {}, "refusals": [], "run": {}, "files": []}
         if plan.exists():
             found = _read(plan)
             if not isinstance(found, dict) or any(type(found.get(k, v)) is not type(v) for k, v in self._plan.items()):
-                raise InputError(f"'{plan}' is no plan of a suite: run the suite again in another folder")
+                raise InputError(f"'{plan}' is not the plan of a suite: run the suite again in another folder")
             self._plan |= found
 
     @contextmanager

@@ -95,7 +95,7 @@ def _error_source(name: str, value: object, origin: str) -> ErrorSource:
     keys = set(value) if isinstance(value, Mapping) else set()
     if not isinstance(value, Mapping) or keys not in ({"without"}, {"fault"}, {"fault", "sigma"}):
         raise ConfigError(
-            f"{origin} needs either 'without', the settings that leave it out, or 'fault', and 'sigma' if the amount "
+            f"{origin} needs either 'without', the settings that disable it, or 'fault', and 'sigma' if the amount "
             "is random"
         )
     if "without" in value:

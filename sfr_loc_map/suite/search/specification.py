@@ -130,7 +130,7 @@ def load_search(path: Path) -> SearchSpecification:
     running = build(SuiteSettings, content.pop("running", None) or {}, origin=f"{path}: running")
     settings = build(SearchSettings, content, origin=str(path))
     if settings.figure not in KINDS:
-        raise ConfigError(f"{path}: 'figure: {settings.figure}' is unknown; one of {', '.join(KINDS)} is needed")
+        raise ConfigError(f"{path}: 'figure: {settings.figure}' is unknown; one of {', '.join(KINDS)} is required")
     if not isinstance(scenario_name, str):
         raise ConfigError(f"{path}: 'scenario' must name the file of a scenario")
     is_list = isinstance(seeds, list) and all(type(seed) is int for seed in seeds)
@@ -170,7 +170,7 @@ def _parameter(name: str, value: object, base: Mapping[str, object], origin: str
     low, high = _bounds(value, origin)
     usual = base.get(name)
     if isinstance(usual, bool) or not isinstance(usual, int | float):
-        raise ConfigError(f"{origin} is no number of the scenario; give a setting as light.sun_elevation_deg")
+        raise ConfigError(f"{origin} is not a number of the scenario; give a setting such as light.sun_elevation_deg")
     for bound in (low, high):
         whole = isinstance(usual, int)
         build(SimulationConfig, {**base, name: int(bound) if whole else bound}, origin=origin)

@@ -67,7 +67,7 @@ WITHOUT_RESULT = FigureName(FigureKind.FAILED, "drives without a result, share")
 
 def _figure(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= MAX_NUMBER:
-        raise ValueError(f"a figure is {value!r:.40}: a number from 0 on is needed")
+        raise ValueError(f"a figure is {value!r:.40}: a number from 0 on is required")
     return float(value)
 
 

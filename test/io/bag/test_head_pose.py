@@ -105,17 +105,13 @@ def frames_at(*milliseconds: int, parent: str = "base_link", name: str = "pancam
 
 
 REFUSED: dict[str, tuple[Callable[[], Recording], FramesConfig, str]] = {
-    "after the joints": (
-        lambda: joints_at(0, 400),
-        PLACE,
-        r"joint 'pan' at stamp 1700000000500000000 is not known: rec",
-    ),
-    "before the joints": (lambda: joints_at(600, 700), PLACE, "joint 'pan' at stamp 1700000000500000000 is not known"),
-    "a gap of the joints": (lambda: joints_at(0, 1400), PLACE, "is not known: record it from before the first pair"),
+    "after the joints": (lambda: joints_at(0, 400), PLACE, r"joint 'pan' at stamp 1700000000500000000 is unknown: rec"),
+    "before the joints": (lambda: joints_at(600, 700), PLACE, "joint 'pan' at stamp 1700000000500000000 is unknown"),
+    "a gap of the joints": (lambda: joints_at(0, 1400), PLACE, "is unknown: record it from before the first pair"),
     "a place not given": (
         lambda: joints_at(0, 900),
         FramesConfig(),
-        "give their place on the head, --set 'frames.head_to",
+        "give their position on the head, --set 'frames.head_to",
     ),
     "a turn that is none": (
         lambda: joints_at(0, 900),
@@ -125,16 +121,16 @@ REFUSED: dict[str, tuple[Callable[[], Recording], FramesConfig, str]] = {
     "no joint of the head": (
         lambda: joints_at(0, 900, wheel=0.1),
         PLACE,
-        "no transforms from the rover to 'pancam_left_optical', and of the joints wheel not one that is 'pan'",
+        "no transforms from the rover to 'pancam_left_optical', and not exactly one of the joints wheel is 'pan'",
     ),
-    "two that pan": (lambda: joints_at(0, 900, a_pan=0.1, b_pan=1.0, tilt=0.0), PLACE, "joints a_pan, b_pan, tilt not"),
-    "a name that is not there": (lambda: joints_at(0, 900), FramesConfig(tilt_joint="neck"), "one that is 'neck'"),
-    "an angle that is none": (lambda: joints_at(0, 900, pan=np.nan, tilt=0.0), PLACE, "not finite"),
-    "after the frames": (
-        lambda: frames_at(0, 400),
+    "two that pan": (
+        lambda: joints_at(0, 900, a_pan=0.1, b_pan=1.0, tilt=0.0),
         PLACE,
-        "base_link to pancam_left_optical on /tf, at stamp .* not kn",
+        "not exactly one of the joints a_pan, b_pan, tilt is",
     ),
+    "a name that is not there": (lambda: joints_at(0, 900), FramesConfig(tilt_joint="neck"), "is 'neck'"),
+    "an angle that is none": (lambda: joints_at(0, 900, pan=np.nan, tilt=0.0), PLACE, "not finite"),
+    "after the frames": (lambda: frames_at(0, 400), PLACE, "base_link to pancam_left_optical on /tf, at stamp .* unk"),
     "frames of another rover": (
         lambda: frames_at(0, 900),
         FramesConfig(base="rb"),

@@ -127,8 +127,8 @@ SMALL = r"up to \d+ (in all|bytes are decoded)"
     [
         (b"P5\n-1 2\n255\n" + bytes(9), "another format"),
         (b"P5\n999999 999999\n255\n" + bytes(9), "it is 999999 x 999999"),
-        (b"P5\n20 20\n255\n" + bytes(9), "broken"),
-        (b"P3\n2 2\n255\n1 2 x", "broken"),
+        (b"P5\n20 20\n255\n" + bytes(9), "corrupt"),
+        (b"P3\n2 2\n255\n1 2 x", "corrupt"),
         *((png(depth, colour, side), SMALL) for depth, colour, side in ((8, 0, 8193), (8, 2, 8000), (16, 6, 5000))),
     ],
 )

@@ -173,7 +173,7 @@ def test_each_form_is_read_as_it_was_written(tmp_path: Path, sfr: Sfr, form: str
     assert (found.stamps_ns + shift).tolist() == poses.stamps_ns.tolist()
     np.testing.assert_allclose(found.positions, poses.positions, atol=1e-12)
     assert np.abs((found.quats_xyzw * poses.quats_xyzw).sum(axis=1)) == pytest.approx(1.0, abs=1e-12)
-    left_out = {"lines without values": "20 lines without values", "a broken line": "1 broken lines left out"}
+    left_out = {"lines without values": "20 lines without values", "a broken line": "1 invalid lines skipped"}
     assert left_out.get(form, "") in done.err
 
 
@@ -287,9 +287,9 @@ def test_an_attitude_that_never_changes_along_a_turning_path_is_none(
     done = sfr("score", tmp_path / "e.csv", tmp_path / "t.tum", "--condition", "distance=2", "--json", "-")
     assert done.code == 0, done.err
     assert caplog.text.count("same attitude although the path turns") == 1
-    assert "the truth has positions alone" in done.err
+    assert "the truth has only positions" in done.err
     kept = sfr("score", tmp_path / "e.csv", tmp_path / "t.tum", "--set", "truth.attitude=yes")
-    assert "the truth has positions alone" not in kept.err
+    assert "the truth has only positions" not in kept.err
 
 
 def test_an_attitude_that_never_changes_along_a_line_is_one(

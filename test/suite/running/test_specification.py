@@ -56,7 +56,7 @@ def test_every_key_means_something(tmp_path: Path) -> None:
     ("change", "words"),
     [
         ({"sources": []}, "no 'sources'"),
-        ({"sources": "a"}, "a list is needed"),
+        ({"sources": "a"}, "a list is required"),
         ({"sources": [3]}, "needs a path"),
         ({"sources": ["*.bag"]}, "nothing in"),
         ({"sources": [{"simulate": "s", "seeds": ["x"]}]}, "list of whole numbers"),
