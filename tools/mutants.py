@@ -61,6 +61,7 @@ class Mutation(NamedTuple):
 ANSWERS, STORE = "nodes/replay/external_answers.py", "suite/running/store.py"
 JUDGE = "metrics/judging/judge.py"
 FORMULAS, SCORE, SHORTFALLS = "metrics/formulas.py", "metrics/trajectory_score.py", "metrics/judging/shortfall_kinds.py"
+DRIVES = "suite/running/drives.py"
 MUTATIONS = (
     # 4.1.1 sub-trajectories
     Mutation(FORMULAS, "np.arange(0, frames, spacing)", "np.arange(1, frames, spacing)"),
@@ -292,6 +293,12 @@ MUTATIONS = (
     Mutation("host_clock.py", "MOST_S, MOST_SHARE = 0.1, 0.01", "MOST_S, MOST_SHARE = 0.1, 0.02"),
     Mutation("host_clock.py", "abs(passed_s - kernel_passed_s)", "passed_s - kernel_passed_s"),
     Mutation("child_process.py", 'not name.startswith("LD_") or name', "True or name"),
+    # copies of one drive are one drive
+    Mutation(DRIVES, "SAME_M = 0.01", "SAME_M = 0.001"),
+    Mutation(DRIVES, "SAME_M = 0.01", "SAME_M = 0.05"),
+    Mutation(DRIVES, "SAME_GREY = 8", "SAME_GREY = 1"),
+    Mutation(DRIVES, "path_m = path_m @ truth.pose(0).rotation", "path_m = path_m @ truth.pose(0).rotation.T"),
+    Mutation(DRIVES, "key=lambda number: sources[number].sha256", "key=lambda number: number"),
     # a suite hides no drive that was run, and its plan is that of its files
     Mutation(STORE, "for name in WORK)) not in planned:", "for name in WORK)) in planned:"),
     Mutation(STORE, "if failure.source not in places:", "if failure.source in places:"),

@@ -42,11 +42,11 @@ def results(folder: Path) -> dict[str, object]:
     return scores
 
 
-def straight(count: int, sigma_m: float, seed: int) -> Trajectory:
-    """Return a straight drive of 0.1 m steps with noise on each step and on the heading, rad of the same number."""
+def straight(count: int, sigma_m: float, seed: int, step_m: float = 0.1) -> Trajectory:
+    """Return a straight drive with noise on each step and on the heading, rad of the same number."""
     rng = np.random.default_rng(seed)
     noise = np.cumsum(rng.normal(0.0, sigma_m, (count, 3)), axis=0)
-    places = np.column_stack((0.1 * np.arange(count), np.zeros((count, 2)))) + noise
+    places = np.column_stack((step_m * np.arange(count), np.zeros((count, 2)))) + noise
     headings = np.cumsum(rng.normal(0.0, sigma_m, count))
     return Trajectory.from_poses(
         (100_000_000 * (number + 1), Transform.from_quat(place, [0.0, 0.0, np.sin(0.5 * turn), np.cos(0.5 * turn)]))
@@ -57,14 +57,15 @@ def straight(count: int, sigma_m: float, seed: int) -> Trajectory:
 def made_suite(folder: Path, drives: int, sigma_m: float = 0.001, *, poses: int = 60, **more: object) -> Path:
     """Write estimates, the truth of each, and the file of a suite that scores them.
 
-    The truths differ by a displacement: estimates of one truth are one drive.
+    The truths differ in speed and place: estimates of one truth, or of copies of it, are one drive.
     """
     folder.mkdir(parents=True, exist_ok=True)
     sources = []
     for number in range(drives):
         place = np.array([0.0, 10.0 * number, 0.0])
+        step_m = 0.1 + 0.001 * number
         for name, sigma, seed in ((f"truth{number}.csv", 0.0, 0), (f"drive{number}.csv", sigma_m, number + 1)):
-            drive = straight(poses, sigma, seed)
+            drive = straight(poses, sigma, seed, step_m)
             save_trajectory(folder / name, Trajectory(drive.stamps_ns, drive.positions + place, drive.quats_xyzw))
         sources.append({"estimate": f"drive{number}.csv", "truth": f"truth{number}.csv"})
     suite = folder / "suite.yaml"

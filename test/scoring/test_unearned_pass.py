@@ -80,23 +80,28 @@ def test_a_report_of_scores_passes_only_what_limits_judged(tmp_path: Path, files
 def test_a_suite_judges_every_limit_and_counts_drives_by_their_truth(
     tmp_path: Path, files: tuple[Path, Path], sfr: Sfr
 ) -> None:
-    """Nine estimates of one truth are one drive; a limit on maps has not enough data where no map is."""
+    """Nine estimates of one truth, or of its copies, are one drive; a limit on maps has not enough data without one."""
     names = [f"d{number}.csv" for number in range(9)]
+    truth = straight()
     for number, name in enumerate(names):
         save_trajectory(tmp_path / name, straight(scale=0.999 + 1e-9 * number))
+        copy = Trajectory(truth.stamps_ns, truth.positions + 1e-5 * number, truth.quats_xyzw)
+        save_trajectory(tmp_path / f"t{name}", copy)
     pairs = [{"estimate": name, "truth": "truth.csv"} for name in names]
+    copies = [{"estimate": name, "truth": f"t{name}"} for name in names]
     bound = {"limit": 0.05, "prob": 0.8, "confidence": 0.8, "interpretation": "ensemble"}
     of_bound = {"minimum_independent": 1, "trajectory": [{"condition": "distance=5", "position_bound_m": bound}]}
-    for number, (rules, code) in enumerate(
+    for number, (sources, rules, code) in enumerate(
         (
-            (POSITION, 0),
-            (POSITION | {"map": {"coverage_min": 0.99}}, 3),
-            ({"map": {"coverage_min": 0.99}}, 3),
-            (of_bound, 3),
+            (pairs, POSITION, 0),
+            (pairs, POSITION | {"map": {"coverage_min": 0.99}}, 3),
+            (pairs, {"map": {"coverage_min": 0.99}}, 3),
+            (pairs, of_bound, 3),
+            (copies, of_bound, 3),
         )
     ):
         suite = tmp_path / f"suite{number}.yaml"
-        suite.write_text(yaml.safe_dump({"sources": pairs, "limits": rules}))
+        suite.write_text(yaml.safe_dump({"sources": sources, "limits": rules}))
         done = sfr("suite", "run", suite, "--out", tmp_path / f"out{number}", "--workers", "1")
         assert done.code == code, (number, done.out, done.err)
 

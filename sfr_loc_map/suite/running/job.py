@@ -45,6 +45,7 @@ class JobSource:
     settings: Mapping[str, object] = field(default_factory=dict)  #: All settings of a simulation, otherwise empty.
     sha256: str  #: Hash of the content, or of the settings; empty before the plan.
     truth_sha256: str = ""  #: Hash of the truth of an estimate alone, otherwise empty.
+    drive: str = ""  #: Hash of the drive that the source is of, which its copies share; empty before the plan.
     variant: str = ""  #: Variant of an error budget (`suite/running/variants.py`), otherwise empty.
     faults: str = ""  #: Faults that belong to the variant, joined by `+`.
     seed: int = 0  #: Seed of a simulation, otherwise 0.
@@ -91,8 +92,9 @@ class Job:
 
     @property
     def drive(self) -> str:
-        """What repeats of one drive, and estimates of one truth, have in common; their errors are not independent."""
-        return digest([self.kind, self.source.kind, self.source.truth_sha256 or self.source.sha256, self.faults])
+        """What repeats and copies of one drive have in common; their errors are not independent."""
+        source = self.source
+        return digest([self.kind, source.kind, source.drive or source.truth_sha256 or source.sha256, self.faults])
 
     @property
     def pairing(self) -> str:

@@ -7,16 +7,18 @@ import socket
 import subprocess
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from itertools import product
 from pathlib import Path
+from typing import NamedTuple
 
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, SfrError
 from sfr_loc_map.inputs import GIT
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import PACKAGE, code_fingerprint, data_hash, files_hash
+from sfr_loc_map.suite.running.drives import DriveTrace, trace_of_estimate, trace_of_source, with_drives
 from sfr_loc_map.suite.running.job import NO_CONFIGURATION, Job, JobKind, JobSource, SourceKind
 from sfr_loc_map.suite.running.sources import fetch
 from sfr_loc_map.suite.running.specification import Refusal, SuiteSpecification
@@ -32,6 +34,7 @@ class SourceFacts:
     sha256: str
     pairs: int
     nav_pairs: int
+    trace: DriveTrace = field(default_factory=DriveTrace)  #: What copies of its drive have in common with it.
 
 
 def make_plan(
@@ -51,24 +54,36 @@ def make_plan(
     code = code_fingerprint()
     jobs: dict[str, Job] = {}
     refusals = list(specification.refusals)
+    known: list[KnownSource] = []
     for source, facts in zip(sources, found, strict=True):
         try:
-            for job in _jobs(specification, code, *facts.result()):
-                jobs.setdefault(job.key, job)  # of the first configuration that has it: another one renames nothing
+            known.append(facts.result())
         except SfrError as error:
             refusals.append(Refusal(source.path, str(error)))
+    of_drives = with_drives([item.source for item in known], [item.trace for item in known])
+    for source, item in zip(of_drives, known, strict=True):
+        for job in _jobs(specification, code, source, item.possible):
+            jobs.setdefault(job.key, job)  # of the first configuration that has it: another one renames nothing
     if not jobs and not refusals:
         raise ConfigError(f"{specification.path}: no task: the sources have no data for 'tasks'")
     return list(jobs.values()), refusals
 
 
-def _known(
-    source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path
-) -> tuple[JobSource, tuple[JobKind, ...]]:
-    """Return a source on this host, with its hash, and the kinds of jobs that it has the data for."""
+class KnownSource(NamedTuple):
+    """A source on this host, with its hash."""
+
+    source: JobSource
+    possible: tuple[JobKind, ...]  #: Kinds of jobs that it has the data for.
+    trace: DriveTrace  #: What copies of its drive have in common with it.
+
+
+def _known(source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path) -> KnownSource:
+    """Return a source on this host, fetched if it is a remote one."""
+    trace = DriveTrace()
     if source.kind is SourceKind.ESTIMATE:
         truth_sha256 = files_hash(source.truth)
-        return replace(source, sha256=data_hash(source), truth_sha256=truth_sha256), (JobKind.SCORE,)
+        known = replace(source, sha256=data_hash(source), truth_sha256=truth_sha256)
+        return KnownSource(known, (JobKind.SCORE,), trace_of_estimate(Path(source.path), Path(source.truth)))
     if source.kind is SourceKind.SIMULATED:
         config = build(SimulationConfig, source.settings)
         drive, panorama = config.drive.enabled, config.panorama.enabled
@@ -78,8 +93,9 @@ def _known(
         facts = facts_of(Path(source.path))
         drive, panorama = facts.pairs > 0, facts.nav_pairs > 0
         source = replace(source, sha256=facts.sha256)
+        trace = facts.trace
     offered = ((JobKind.LOCALISE, drive), (JobKind.MAP, panorama), (JobKind.REPLAY, drive or panorama))
-    return source, tuple(kind for kind, there in offered if there)
+    return KnownSource(source, tuple(kind for kind, there in offered if there), trace)
 
 
 def _jobs(
@@ -119,7 +135,8 @@ def inspect_source(path: Path) -> SourceFacts:
 
     source = open_source(path)
     pairs, nav_pairs = (0 if part is None else len(part) for part in (source.loc, source.nav))
-    return SourceFacts(sha256=files_hash(str(path)), pairs=pairs, nav_pairs=nav_pairs)
+    sha256 = files_hash(str(path))
+    return SourceFacts(sha256=sha256, pairs=pairs, nav_pairs=nav_pairs, trace=trace_of_source(source))
 
 
 def about_run() -> dict[str, object]:
