@@ -77,6 +77,11 @@ class Task(StrEnum):
     LOCALISATION = "localisation"
     MAPPING = "mapping"
 
+    @classmethod
+    def of_rig(cls, rig: str) -> Task:
+        """Return the task of a rig, `loc` or `nav`."""
+        return next(task for task in cls if task.rig == rig)
+
     @property
     def rig(self) -> str:
         """Prefix of its image topics and name of its part of a data set: `loc` or `nav`."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -36,16 +36,15 @@ from sfr_loc_map.cli.options import (
 from sfr_loc_map.cli.output import check_outputs, make_folder, progress_bar, say, warn
 from sfr_loc_map.cli.verdict import conclude, present
 from sfr_loc_map.config import read_config, section
-from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
-from sfr_loc_map.inputs import NS_PER_S, Task, printable
+from sfr_loc_map.errors import InterruptedRunError
+from sfr_loc_map.inputs import Task, printable
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
-    from sfr_loc_map.localisation.estimate import StartPose
     from sfr_loc_map.metrics.judging.limits import Limits
-    from sfr_loc_map.nodes.replay.options import ExternalOptions, ReplayOptions
+    from sfr_loc_map.nodes.replay.options import ReplayOptions
     from sfr_loc_map.nodes.replay.run import ScoredReplay
     from sfr_loc_map.scoring.replay_result import ReplayFiles
     from sfr_loc_map.scoring.run import Correction
@@ -167,7 +166,13 @@ def replay(
         by = judgement(limits, condition, read_from)
         correction = correction_of(convention, apply_diagnosis)
         require_ros("replay")
-        from sfr_loc_map.nodes.replay.options import ReplayOptions, is_ros_parameter_file
+        from sfr_loc_map.nodes.replay.options import (
+            ReplayOptions,
+            first_pose,
+            is_ros_parameter_file,
+            node_under_test,
+            task_under_test,
+        )
 
         node = {"command": command, "watch": watch, "answers": answers, "frames": frames}
         options = ReplayOptions(
@@ -176,14 +181,14 @@ def replay(
             parameter_file=read_from if read_from is not None and is_ros_parameter_file(read_from) else None,
             score=score_settings(by.conditions, spacing=spacing, rebase=rebase, partial=partial),
             limits=by.limits_file,
-            start=_first_pose(opened, start, start_offset),
+            start=first_pose(opened, start, start_offset),
             rate=rate,
             offset_s=start_offset,
             duration_s=math.inf if duration is None else duration,
             paused=start_paused,
             monitor=section(read_from, "monitor"),
             page=page,
-            external=_node_under_test(_task_under_test(opened, external, method), node, answer_timeout, correction),
+            external=node_under_test(task_under_test(opened, external, method), node, answer_timeout, correction),
         )
         files = None if out is None else ReplayFiles(out)
         with _room_for(files, (source, limits, config), overwrite=overwrite):
@@ -200,55 +205,6 @@ def replay(
             raise InterruptedRunError(outcome.interrupted)
         # what could not be judged is a warning where nobody asked for a verdict
         conclude(outcome.score, by.asked, lenient=lenient or not (by.limits_file or by.conditions))
-
-
-def _task_under_test(source: Source, external: str | None, method: str) -> Task | None:
-    """Return the task of an external node, None if ours run; ConfigError if the source leaves it open."""
-    if external is not None:
-        return Task(external)
-    if method != "external":
-        return None
-    if source.loc is not None and source.nav is not None:
-        raise ConfigError("'--method external': which task? give --external localisation or mapping")
-    return Task.LOCALISATION if source.nav is None else Task.MAPPING
-
-
-def _node_under_test(
-    task: Task | None, given: Mapping[str, str], timeout_s: float, correction: Correction
-) -> ExternalOptions | None:
-    """Return the options of an external node, None if ours run; ConfigError if an option does not fit the task."""
-    from sfr_loc_map.nodes.replay.options import ExternalOptions
-    from sfr_loc_map.topics import RESULTS
-
-    if task is None:
-        needless = [f"--{option}" for option, value in given.items() if value]
-        needless += ["--convention or --apply-diagnosis"] if correction.is_wanted else []
-        if needless:
-            raise ConfigError(f"'{needless[0]}' is for external nodes: give --external TASK as well")
-        return None
-    if task is Task.MAPPING and correction.apply_diagnosis:
-        raise ConfigError("'--apply-diagnosis' is for poses: omit it with --external mapping")
-    return ExternalOptions(
-        task=task,
-        topic=given["answers"] or RESULTS[task],
-        command=given["command"],
-        watch=given["watch"],
-        frames=" -> ".join(given["frames"].split(",")),
-        timeout_s=timeout_s,
-        convention=correction.declared,
-    )
-
-
-def _first_pose(source: Source, start: str, offset_s: float) -> StartPose | None:
-    """Return the pose that a drive starts at; None for the identity, and without a drive."""
-    from sfr_loc_map.io.bag.message_stream import begin_of
-    from sfr_loc_map.runs.offline import start_pose
-
-    if source.loc is None or start == "identity":
-        return None
-    with naming(source.path):
-        begin_ns = begin_of(source, source.loc) if offset_s else 0
-        return start_pose(source.loc, start, begin_ns + round(offset_s * NS_PER_S))
 
 
 @contextmanager

@@ -23,7 +23,7 @@ from sfr_loc_map.config import param
 from sfr_loc_map.geometry.extrinsics import RB_FRAME
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S, stamp_of
+from sfr_loc_map.inputs import NS_PER_S, Task, stamp_of
 from sfr_loc_map.io.source_config import ExtrinsicsConfig
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
@@ -90,7 +90,8 @@ class LocalisationNodeConfig(PairNodeConfig):
 class LocalisationNode(PairNode[LocalisationNodeConfig]):
     """Publishes the pose of RB in DS for each stereo pair."""
 
-    task, rig_name, live = "localisation", "loc", ("localisation.",)
+    task = Task.LOCALISATION
+    live_parameters = ("localisation.",)
     config_type = LocalisationNodeConfig
 
     def check_config(self, config: LocalisationNodeConfig) -> None:
@@ -133,7 +134,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         # First, so that a pose sent before the first pair is handled before it.
         add_subscription(PoseWithCovarianceStamped, INITIAL_POSE, self._on_initial_pose, QoSProfile(depth=1))
         self._extrinsics.subscribe(self.endpoints, self.get_logger().info)
-        add_subscription(Odometry, MOTION_PRIOR, self._on_wheel_odometry, profile("best_effort", depth))
+        add_subscription(Odometry, MOTION_PRIOR, self._on_motion_prior, profile("best_effort", depth))
         super().subscribe()
         self.add_service("~/reset", self._reset, first=self.forget_waiting)
 
@@ -162,19 +163,22 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
 
     # ---- in the executor's thread
 
-    def _on_restart(self, reason: str) -> None:
+    def on_restart(self, reason: str) -> None:
         """Start a new run at the first pose, after the pairs that came before."""
         self.get_logger().warning(f"{reason}: localisation restarts at its first pose")
         self.worker.enqueue(self._session.restart)
 
-    def _on_rig(self, rig: StereoRig) -> None:
+    def on_rig(self, rig: StereoRig) -> None:
+        """Give the session the rig of the pairs that follow."""
+
         def work() -> None:
             if self._session.set_rig(rig):
                 self.get_logger().warning("camera_info has changed: localisation restarts at its last pose")
 
         self.worker.enqueue(work)
 
-    def _on_pair(self, pair: ReceivedPair) -> None:
+    def on_pair(self, pair: ReceivedPair) -> None:
+        """Let the worker localise a pair."""
         self._extrinsics.look(pair.frame_id, pair.rig.baseline_m, self.get_logger().info)
         self.worker.enqueue_droppable(partial(self._process, pair))
 
@@ -191,7 +195,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
                 return
             self.worker.enqueue(partial(self._set_pose, pose, message))
 
-    def _on_wheel_odometry(self, message: Odometry) -> None:
+    def _on_motion_prior(self, message: Odometry) -> None:
         with self.ignoring_broken():
             self.config.check_frame(MOTION_PRIOR, message.child_frame_id, "rb_frame")
             self._motion_prior.add(stamp_of(message), messages.transform_from_pose(message.pose.pose, MOTION_PRIOR))

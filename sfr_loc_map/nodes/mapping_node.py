@@ -61,7 +61,8 @@ class MappingNodeConfig(PairNodeConfig):
 class MappingNode(PairNode[MappingNodeConfig]):
     """Publishes the disparity of each stereo pair and the cloud of a set of pairs."""
 
-    task, rig_name, live = "mapping", "nav", ("mapping.",)
+    task = Task.MAPPING
+    live_parameters = ("mapping.",)
     config_type = MappingNodeConfig
 
     def check_config(self, config: MappingNodeConfig) -> None:
@@ -133,7 +134,9 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     # ---- in the executor's thread
 
-    def _on_rig(self, rig: StereoRig) -> None:
+    def on_rig(self, rig: StereoRig) -> None:
+        """Map the pairs that follow with another rig; a map begun with another one is dropped."""
+
         def work() -> None:
             if self._mapped_rig is not None and self._mapped_rig.same_cameras(rig):
                 return
@@ -145,10 +148,11 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self._matching.clear_pairs()
         self.worker.enqueue(work)
 
-    def _on_pair(self, pair: ReceivedPair) -> None:
+    def on_pair(self, pair: ReceivedPair) -> None:
+        """Keep a pair until the pose of its stamp is there, then let the worker map it."""
         self._enqueue(self._matching.add_pair(pair.stamp_ns, pair))
 
-    def _on_restart(self, reason: str) -> None:
+    def on_restart(self, reason: str) -> None:
         """Start a new map after the pairs that came before."""
         self.get_logger().warning(f"{reason}: a new map begins")
         self._matching.clear_pairs()

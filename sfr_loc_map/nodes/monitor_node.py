@@ -130,13 +130,14 @@ class MonitorNodeConfig(NodeConfig):
 
     def queue(self) -> tuple[Overload, int]:
         """Return that every message counts, as far as there is room."""
-        return Overload.EVERY_PAIR, self.input.queue_depth
+        return Overload.ALL, self.input.queue_depth
 
 
 class MonitorNode(ManagedNode[MonitorNodeConfig]):
     """Receives estimates, truth, clouds and calls and publishes the score."""
 
-    task, config_type = "monitor", MonitorNodeConfig
+    task = "monitor"
+    config_type = MonitorNodeConfig
     names_of_others = tuple(f"input.{item.name}" for item in fields(StereoInputConfig))
     _truth_topic: TruthTopic | None
     _truth_frame: TruthFrame | None

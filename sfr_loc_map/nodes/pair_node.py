@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, TypeVar
+from typing import TypeVar
 
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import String
@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.inputs import jumped_back
+from sfr_loc_map.inputs import Task, jumped_back
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.input.run_order import AGREEING
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair, StereoInput, StereoInputConfig
@@ -34,7 +34,7 @@ class PairNodeConfig(NodeConfig):
     """Parameters that each node has that processes stereo pairs."""
 
     overload: str = param(
-        Overload.EVERY_PAIR.value,
+        Overload.ALL.value,
         doc="What is processed under overload: every_pair in order, as far as queue_size allows, or newest_first, "
         "which drops all waiting pairs when a newer one comes.",
         choices=tuple(mode.value for mode in Overload),
@@ -89,20 +89,20 @@ class Backoff:
 class PairNode(ManagedNode[P], ABC):
     """A managed node whose worker processes the pairs of one rig; its input is handled in the executor's thread."""
 
-    rig_name: ClassVar[str]
+    task: Task
     rig: StereoRig | None = None  #: The rig that was received last, None before.
     _calls_before = 0
 
     @abstractmethod
-    def _on_pair(self, pair: ReceivedPair) -> None:
+    def on_pair(self, pair: ReceivedPair) -> None:
         """Take a pair."""
 
     @abstractmethod
-    def _on_rig(self, rig: StereoRig) -> None:
+    def on_rig(self, rig: StereoRig) -> None:
         """Take the rig of the pairs that follow."""
 
     @abstractmethod
-    def _on_restart(self, reason: str) -> None:
+    def on_restart(self, reason: str) -> None:
         """Start a new run after the pairs that came before."""
 
     def agreeing_stamps(self) -> int:
@@ -118,12 +118,12 @@ class PairNode(ManagedNode[P], ABC):
         self.rig = None
         self._backoff = Backoff()
         self._stereo = StereoInput(
-            self.rig_name,
+            self.task.rig,
             self.config.input,
             self.status,
-            on_pair=self._on_pair,
+            on_pair=self.on_pair,
             on_rig=self._take_rig,
-            on_restart=self._on_restart,
+            on_restart=self.on_restart,
             agreeing=self.agreeing_stamps(),
         )
 
@@ -176,7 +176,7 @@ class PairNode(ManagedNode[P], ABC):
         last_ns = self._stereo.last_ns
         if last_ns is not None and jumped_back(last_ns, self.get_clock().now().nanoseconds):
             self._stereo.restart()
-            self._on_restart("the clock has gone back")
+            self.on_restart("the clock has gone back")
 
     def counts(self) -> dict[str, int]:
         """Return what was dropped since the start, by name."""
@@ -205,4 +205,4 @@ class PairNode(ManagedNode[P], ABC):
 
     def _take_rig(self, rig: StereoRig) -> None:
         self.rig = rig
-        self._on_rig(rig)
+        self.on_rig(rig)

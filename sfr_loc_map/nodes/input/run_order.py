@@ -1,4 +1,9 @@
-"""Which run a stamped item belongs to, by its stamp and those received before it."""
+"""Which run a stamped item belongs to, by its stamp and those received before it.
+
+An item of another time than the run (`is_of_another_time`) is held until enough of them follow each other in the order
+of their stamps; then they are a new run. `RunOrder` requires items in order, as the images of a rig; `AnyOrder` takes
+items in any order, as the poses that the monitor receives.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +19,11 @@ AGREEING = 3  #: Stamps of another time in a row that are a new run.
 REGULAR = 10  #: Unknown stamps in a row that are a new run: few shuffled sequences (1 of 3.6 million) are in order.
 PACE = 4  #: Duration of such a row over that at its median step; messages may have been lost.
 JOIN = 2.0  #: Mean steps of a run within which an earlier item joins it.
+
+
+def is_of_another_time(last_ns: int, stamp_ns: int) -> bool:
+    """Tell whether a stamp is of another time than the last one of a run: a second before it, or an hour after it."""
+    return jumped_back(last_ns, stamp_ns) or stamp_ns - last_ns >= LEAP_NS
 
 
 class RunOrder(Generic[T]):
@@ -43,14 +53,14 @@ class RunOrder(Generic[T]):
         if stamp_ns <= 0:
             self.strays += 1
             return [], False
-        if last_ns is None or (last_ns < stamp_ns < last_ns + LEAP_NS):
+        if last_ns is None or not is_of_another_time(last_ns, stamp_ns):
+            if last_ns is not None and stamp_ns <= last_ns:
+                self.late += 1
+                return [], False
             self.strays += len(self._held)
             self._held.clear()
             self.last_ns = stamp_ns
             return [item], False
-        if (stamp_ns < last_ns and not jumped_back(last_ns, stamp_ns)) or stamp_ns == last_ns:
-            self.late += 1
-            return [], False
         if self._held and stamp_ns <= self._held[-1][0]:
             self.strays += len(self._held)
             self._held.clear()
@@ -112,7 +122,7 @@ class AnyOrder(Generic[T]):
             self._dropped += 1
             return [], False
         last_ns = self._seen[-1] if self._seen else None
-        if last_ns is None or not (jumped_back(last_ns, stamp_ns) or stamp_ns - last_ns >= LEAP_NS):
+        if last_ns is None or not is_of_another_time(last_ns, stamp_ns):
             self._break_chain()
             insort(self._seen, stamp_ns)
             return [item, *self._joined()], False

@@ -46,6 +46,7 @@ from sfr_loc_map.nodes.lifecycle.diagnostics import (
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
 from sfr_loc_map.nodes.lifecycle.parameters import BUILT_IN, FIXED, NodeConfig, as_list, descriptor, is_near_miss
 from sfr_loc_map.nodes.lifecycle.worker import Worker
+from sfr_loc_map.topics import configuration_topic
 
 C = TypeVar("C", bound=NodeConfig)
 WAITING_REQUESTS = 1000
@@ -63,7 +64,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
     task: str  #: What it does; its name is `TASK_node` unless another one is given.
     config_type: type[C]  #: Its parameters; a subclass may have more, by a dataclass that derives from this one.
     names_of_others: tuple[str, ...] = ()  #: Parameters of other nodes in a section that this node has, too.
-    live: tuple[str, ...] = ()  #: Beginnings of the names of parameters that may be set at any time.
+    live_parameters: tuple[str, ...] = ()  #: Beginnings of the names of parameters that may be set at any time.
     _worker: Worker | None = None
 
     def __init__(self, name: str = "", **options: Any) -> None:  # noqa: ANN401
@@ -272,7 +273,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self.get_logger().info(f"configuration {self.config_json()}")
         self.reset_state()  # begin with the parameters that were set meanwhile
         self._worker = Worker(self.task, *self.config.queue(), self._on_fault)
-        self._config_publisher = self.endpoints.add_publisher(String, f"{self.task}/configuration", 1, latched=True)
+        self._config_publisher = self.endpoints.add_publisher(String, configuration_topic(self.task), 1, latched=True)
         self.setup()
 
     def _activate(self) -> None:
@@ -381,7 +382,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
         now = flatten(self.config)
         differing = [c.name for c in changes if c.name in self._infos and as_list(now[c.name]) != as_list(c.value)]
-        held = sorted(name for name in differing if not name.startswith(self.live))
+        held = sorted(name for name in differing if not name.startswith(self.live_parameters))
         if FIXED in held:
             return SetParametersResult(successful=False, reason=f"'{FIXED}' is read-only: it is read at the start")
         if held and self.state != UNCONFIGURED:

@@ -8,25 +8,25 @@ from dataclasses import dataclass
 from enum import StrEnum
 from threading import Condition, Thread
 
-Job = Callable[[], None]
+Work = Callable[[], None]
 OnFault = Callable[[Exception, bool], None]
 MAX_WAITING_BYTES = 256_000_000  #: Of jobs that say how large they are: some sixteen clouds of a megapixel.
 
 
 class Overload(StrEnum):
-    """Which droppable jobs are kept when they come faster than they are done."""
+    """Which droppable jobs are kept when they come faster than they are done: values of the parameter `overload`."""
 
-    EVERY_PAIR = "every_pair"
+    ALL = "every_pair"
     """The last ones, as many as there is room for."""
-    NEWEST_ONLY = "newest_first"
-    """The newest alone; the value is that of the nodes' parameter `overload`."""
+    NEWEST = "newest_first"
+    """The newest alone."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Waiting:
-    """A job that waits."""
+class Job:
+    """Work that waits for its turn."""
 
-    job: Job
+    work: Work
     is_droppable: bool = False
     size_bytes: int = 0  #: Of what it holds; 0 where that does not matter.
 
@@ -41,20 +41,20 @@ class Worker:
     def __init__(self, name: str, overload: Overload, capacity: int, on_fault: OnFault) -> None:
         """Start the thread; `on_fault` is called in it with what a job raised, and whether the job was droppable."""
         self.dropped = self.waiting = 0
-        self._capacity = 1 if overload is Overload.NEWEST_ONLY else capacity
+        self._capacity = 1 if overload is Overload.NEWEST else capacity
         self._on_fault = on_fault
-        self._jobs: deque[Waiting] = deque()
+        self._jobs: deque[Job] = deque()
         self._changed = Condition()
         self._busy = self._ending = False
         self._thread = Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
 
-    def enqueue(self, job: Job) -> None:
+    def enqueue(self, work: Work) -> None:
         """Add a job that is never dropped."""
         with self._changed:
-            self._append(Waiting(job))
+            self._append(Job(work))
 
-    def enqueue_droppable(self, job: Job, size_bytes: int = 0) -> None:
+    def enqueue_droppable(self, work: Work, size_bytes: int = 0) -> None:
         """Add a job that may be dropped, with its size, 0 where that does not matter.
 
         If the queue is full the oldest droppable job is dropped, and counted. Where jobs become too large together, the
@@ -65,7 +65,7 @@ class Worker:
                 self._drop_oldest(0)
             while size_bytes and 0 < sum(item.size_bytes for item in self._jobs) > MAX_WAITING_BYTES - size_bytes:
                 self._drop_oldest(1)
-            self._append(Waiting(job, True, size_bytes))
+            self._append(Job(work, True, size_bytes))
 
     @property
     def is_idle(self) -> bool:
@@ -92,7 +92,7 @@ class Worker:
             self._changed.notify_all()
         self._thread.join(timeout_s)
 
-    def _append(self, item: Waiting) -> None:
+    def _append(self, item: Job) -> None:
         if not self._ending:
             self._jobs.append(item)
             self.waiting += item.is_droppable
@@ -110,7 +110,7 @@ class Worker:
     def _work(self) -> None:
         while (item := self._next()) is not None:
             try:
-                item.job()
+                item.work()
             except Exception as error:
                 self._on_fault(error, item.is_droppable)
             del item  # an image must not be held until the next one comes
@@ -118,7 +118,7 @@ class Worker:
                 self._busy = False
                 self._changed.notify_all()
 
-    def _next(self) -> Waiting | None:
+    def _next(self) -> Job | None:
         with self._changed:
             self._changed.wait_for(lambda: bool(self._jobs) or self._ending)
             if self._ending:

@@ -25,7 +25,6 @@ from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.topics import CLOUD, ESTIMATE, call_topic
 
 QUEUE_DEPTH = 1000
-NODE_OF_RIG = {task.rig: task.node for task in Task}
 QUIET_S = 5.0  #: At a rate, results are awaited for so long after the last one.
 
 
@@ -84,7 +83,7 @@ class ResultCollector:
             return self.received.has_pair(rig, stamp_ns)
 
         def problem() -> str:
-            name = NODE_OF_RIG[rig]
+            name = Task.of_rig(rig).node
             line = self._node.supervisor.processes[name].last_log_line
             return f"{name} gave no result for the pair of stamp {stamp_ns} (its last log line: {line})"
 

@@ -10,8 +10,10 @@ from typing import Any
 import yaml
 
 from sfr_loc_map.config import changed, load_yaml
+from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.geometry.trajectory import Truth
-from sfr_loc_map.inputs import MONITOR_NODE, SUITE_NODES, Task
+from sfr_loc_map.inputs import MONITOR_NODE, NS_PER_S, SUITE_NODES, Task
+from sfr_loc_map.io.bag.message_stream import begin_of
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.truth import TrackedBody
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -20,6 +22,8 @@ from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.pose_convention import PoseConvention
 from sfr_loc_map.nodes.launch.live_process import LiveProcess
+from sfr_loc_map.runs.offline import start_pose
+from sfr_loc_map.scoring.run import Correction
 from sfr_loc_map.topics import RESULTS
 
 CONVERTED = "external/converted"
@@ -111,3 +115,46 @@ def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict
 def is_ros_parameter_file(path: Path) -> bool:
     """Tell whether a YAML file has the layout of ROS parameter files."""
     return any(isinstance(block, dict) and "ros__parameters" in block for block in load_yaml(path).values())
+
+
+def first_pose(source: Source, start: str, offset_s: float) -> StartPose | None:
+    """Return the pose that a drive starts at, played from an offset; None for the identity, and without a drive."""
+    if source.loc is None or start == "identity":
+        return None
+    with naming(source.path):
+        begin_ns = begin_of(source, source.loc) if offset_s else 0
+        return start_pose(source.loc, start, begin_ns + round(offset_s * NS_PER_S))
+
+
+def task_under_test(source: Source, external: str | None, method: str) -> Task | None:
+    """Return the task of an external node, None if ours run; ConfigError if the source leaves it open."""
+    if external is not None:
+        return Task(external)
+    if method != "external":
+        return None
+    if source.loc is not None and source.nav is not None:
+        raise ConfigError("'--method external': which task? give --external localisation or mapping")
+    return Task.LOCALISATION if source.nav is None else Task.MAPPING
+
+
+def node_under_test(
+    task: Task | None, given: Mapping[str, str], timeout_s: float, correction: Correction
+) -> ExternalOptions | None:
+    """Return the options of an external node, None if ours run; ConfigError if an option does not fit the task."""
+    if task is None:
+        needless = [f"--{option}" for option, value in given.items() if value]
+        needless += ["--convention or --apply-diagnosis"] if correction.is_wanted else []
+        if needless:
+            raise ConfigError(f"'{needless[0]}' is for external nodes: give --external TASK as well")
+        return None
+    if task is Task.MAPPING and correction.apply_diagnosis:
+        raise ConfigError("'--apply-diagnosis' is for poses: omit it with --external mapping")
+    return ExternalOptions(
+        task=task,
+        topic=given["answers"] or RESULTS[task],
+        command=given["command"],
+        watch=given["watch"],
+        frames=" -> ".join(given["frames"].split(",")),
+        timeout_s=timeout_s,
+        convention=correction.declared,
+    )

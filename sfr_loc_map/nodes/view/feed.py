@@ -82,7 +82,7 @@ class RosFeed(Peer):
         self._next_images: dict[str, tuple[float, int]] = {}  # by rig: when the next pair is due, stamp of the last
         self._images = TrackedImages(self._show_image)
         self._maps = MapFeed(state, lambda: self._has_publisher(ELEVATION))
-        self._map_worker = Worker("sfr-live-maps", Overload.EVERY_PAIR, MAX_MAPS, lambda error, was_message: None)
+        self._map_worker = Worker("sfr-live-maps", Overload.ALL, MAX_MAPS, lambda error, was_message: None)
         self._closed = Event()
         self._thread = Thread(target=self._spin, name="sfr-live-ros", daemon=True)
         state.operator = NodeOperator(self.node)

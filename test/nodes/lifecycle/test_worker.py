@@ -28,7 +28,7 @@ class Held:
 @settings(max_examples=60)
 @given(kinds=st.lists(st.booleans(), max_size=20), room=st.integers(1, 5), newest=st.booleans())
 def test_what_is_done_is_in_order_and_what_is_dropped_is_counted(kinds: list[bool], room: int, newest: bool) -> None:
-    held = Held(Overload.NEWEST_ONLY if newest else Overload.EVERY_PAIR, room)
+    held = Held(Overload.NEWEST if newest else Overload.ALL, room)
     for number, droppable in enumerate(kinds):
         enqueue = held.worker.enqueue_droppable if droppable else held.worker.enqueue
         enqueue(lambda number=number: held.done.append(number))
@@ -40,7 +40,7 @@ def test_what_is_done_is_in_order_and_what_is_dropped_is_counted(kinds: list[boo
 
 
 def test_of_what_is_large_the_oldest_is_dropped_and_nothing_that_is_small() -> None:
-    held = Held(Overload.EVERY_PAIR, 100)
+    held = Held(Overload.ALL, 100)
     third = MAX_WAITING_BYTES // 3
     for number, size in enumerate((third, 0, third, 0, third, third, 0, 2 * third, 2 * MAX_WAITING_BYTES, 1, 0)):
         held.worker.enqueue_droppable(lambda number=number: held.done.append(number), size)
