@@ -33,7 +33,7 @@ _now = _Wish()
 
 
 def handle_signals() -> None:
-    """Let signals end the program in good order, but for those that it was started to ignore (`nohup`)."""
+    """Let signals terminate the program gracefully, except those that it inherited as ignored (`nohup`)."""
     _now.held, _now.ignored, _now.stop, _now.last_s = False, False, None, -SAME_WISH_S
     for number in END_SIGNALS:
         if number is signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:

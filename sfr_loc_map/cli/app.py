@@ -151,9 +151,7 @@ def _version(wanted: bool) -> None:
 def _root(
     context: typer.Context,
     debug: bool = typer.Option(False, "--debug", help="Show the traceback of an error."),
-    no_hints: bool = typer.Option(
-        False, "--no-hints", help="Leave out the last line, which names what is useful next."
-    ),
+    no_hints: bool = typer.Option(False, "--no-hints", help="Omit the last line, which proposes the next command."),
     version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Show the version."),
 ) -> None:
     if debug:

@@ -53,7 +53,11 @@ def localise(
     spacing: SpacingOption = 10,
     rate: Annotated[
         float | None,
-        Option(min=0.01, metavar="HZ", help="Pairs for methods that work in the background; default: as recorded."),
+        Option(
+            min=0.01,
+            metavar="HZ",
+            help="Rate of the pairs for methods that work in the background; default: as recorded.",
+        ),
     ] = None,
     repeat: RepeatOption = 3,
     config: ConfigOption = None,
@@ -125,7 +129,8 @@ def faults(
     fault: Annotated[
         list[str] | None,
         Option(
-            metavar="KIND[:...]", help="As for sfr simulate, several joined by +; repeatable. By default common faults."
+            metavar="KIND[:...]",
+            help="Fault as for sfr simulate, several joined by +; repeatable. Default: common faults.",
         ),
     ] = None,
     condition: Annotated[

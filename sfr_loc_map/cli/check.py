@@ -42,7 +42,9 @@ def check(
     estimate: Annotated[
         list[Path] | None, Option(metavar="T.csv", help="Another estimate of the drive, one or two.")
     ] = None,
-    pairs: Annotated[int, Option(min=20, metavar="N", help="Most pairs that are kept in memory and run.")] = 600,
+    pairs: Annotated[
+        int, Option(min=20, metavar="N", help="Maximum number of pairs that are kept in memory and run.")
+    ] = 600,
     config: ConfigOption = None,
     remap: RemapOption = None,
     json_path: JsonOption = None,

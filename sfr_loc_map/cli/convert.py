@@ -53,7 +53,9 @@ def convert(
     columns: ColumnsOption = None,
     config: ConfigOption = None,
     jpeg_quality: Annotated[int | None, Option(min=1, max=100, metavar="Q", help="JPEG images (bags only).")] = None,
-    compression: Annotated[Literal["none", "zstd"], Option(help="Of a bag's chunks (mcap only).")] = "none",
+    compression: Annotated[
+        Literal["none", "zstd"], Option(help="Compress the chunks of the bag (mcap only).")
+    ] = "none",
     truth_grid: Annotated[
         float | None, Option(metavar="M", help="Round true points to this power of two (bags only).")
     ] = None,

@@ -29,7 +29,7 @@ def doctor(
     former: Annotated[list[Path] | None, Argument(hidden=True)] = None,
     namespace: NamespaceOption = "",
     seconds: Annotated[
-        float, Option(min=0.1, max=600.0, metavar="S", help="How long messages are watched, after the first.")
+        float, Option(min=0.1, max=600.0, metavar="S", help="Duration of the observation after the first message.")
     ] = 3.0,
     config: ConfigOption = None,
     calibration: CalibrationOption = None,

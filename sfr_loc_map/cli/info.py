@@ -41,7 +41,11 @@ if TYPE_CHECKING:
 def info(
     source: SourceArgument,
     write: Annotated[
-        bool, Option("--write", help="Write what the source seems to be into its sfr.yaml, then look again.")
+        bool,
+        Option(
+            "--write",
+            help="Write the inferred configuration into the sfr.yaml of the source, then examine the source again.",
+        ),
     ] = False,
     config: ConfigOption = None,
     calibration: CalibrationOption = None,

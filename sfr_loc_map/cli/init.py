@@ -20,9 +20,11 @@ from sfr_loc_map.mapping.config import MappingConfig
 
 @app.command(epilog=examples("sfr init my_rover/", "sfr init my_rover/ --from drive.mcap --calibration camchain.yaml"))
 def init(
-    folder: Annotated[Path, Argument(metavar="DIR", help="Folder for the files; made if it is not there.")] = Path("."),
+    folder: Annotated[Path, Argument(metavar="DIR", help="Folder for the files; created if it does not exist.")] = Path(
+        "."
+    ),
     source: Annotated[
-        Path | None, Option("--from", metavar="SRC", help="Recording that DIR/sfr.yaml shall be for.")
+        Path | None, Option("--from", metavar="SRC", help="Recording that DIR/sfr.yaml describes.")
     ] = None,
     calibration: CalibrationOption = None,
     settings: SectionsOption = None,

@@ -34,14 +34,14 @@ def live(
     former: Annotated[list[Path] | None, Argument(hidden=True)] = None,
     namespace: NamespaceOption = "",
     remap: Annotated[
-        list[str] | None, Option("-r", metavar="FROM:=TO", help="Remapping of the nodes, as of ROS; repeatable.")
+        list[str] | None, Option("-r", metavar="FROM:=TO", help="ROS remapping for the nodes; repeatable.")
     ] = None,
     config: ConfigOption = None,
     host: Annotated[
-        str, Option(metavar="H", help="Address to listen on; but for loopback it needs --token.")
+        str, Option(metavar="H", help="Address to listen on; other than loopback requires --token.")
     ] = "127.0.0.1",
     port: Annotated[int, Option(metavar="P", min=0, max=65535, help="Port; 0: a free one.")] = 8080,
-    token: Annotated[str, Option(metavar="WORD", help="Word that each request must have.")] = "",
+    token: Annotated[str, Option(metavar="WORD", help="Token that each request must contain.")] = "",
     open_browser: Annotated[bool, Option("--open", help="Open the page in the browser.")] = False,
     terminal: Annotated[
         bool, Option("--terminal", help="Show the figures on this terminal; one line a second if it is not a terminal.")
@@ -49,7 +49,9 @@ def live(
     foxglove: Annotated[
         bool, Option("--foxglove", help="Serve the same over the Foxglove protocol besides, on loopback.")
     ] = False,
-    foxglove_port: Annotated[int, Option(metavar="P", min=0, max=65535, help="Its port; 0: a free one.")] = 8765,
+    foxglove_port: Annotated[
+        int, Option(metavar="P", min=0, max=65535, help="Port of the Foxglove server; 0: a free one.")
+    ] = 8765,
 ) -> None:
     """Serve a page with figures, path, images and map of the running nodes, until Ctrl-C.
 

@@ -15,7 +15,7 @@ from sfr_loc_map.inputs import one_line
 if TYPE_CHECKING:
     from sfr_loc_map.nodes.launch.live_process import LiveProcess
 
-LiveOption = Annotated[bool, Option("--live", help="Show the run on a page while it goes on (see sfr live).")]
+LiveOption = Annotated[bool, Option("--live", help="Show the run on a page (see sfr live).")]
 LivePortOption = Annotated[int, Option(metavar="P", min=0, max=65535, help="Port of that page; 0: a free one.")]
 
 

@@ -47,14 +47,17 @@ SourceArgument = Annotated[
 ]
 NamespaceOption = Annotated[str, Option(metavar="NS", callback=checked_namespace, help="Namespace of the rover.")]
 ConfigOption = Annotated[
-    Path | None, Option("--config", metavar="F.yaml", help="Configuration; else the sfr.yaml in or beside SRC.")
+    Path | None, Option("--config", metavar="F.yaml", help="Configuration; default: the sfr.yaml in or beside SRC.")
 ]
 RemapOption = Annotated[
     list[str] | None, Option(metavar="FOUND:=EXPECTED", help="Topic of a bag under another name; repeatable.")
 ]
-CalibrationOption = Annotated[Path | None, Option(metavar="F", help="Of Kalibr, OpenCV, ROS, COLMAP, or a rig.json.")]
+CalibrationOption = Annotated[
+    Path | None, Option(metavar="F", help="Calibration file of Kalibr, OpenCV, ROS or COLMAP, or a rig.json.")
+]
 SectionsOption = Annotated[
-    list[str] | None, Option("--set", metavar="SECTION.KEY=VALUE", help="A value of sfr.yaml, as truth.sigma_m=0.02.")
+    list[str] | None,
+    Option("--set", metavar="SECTION.KEY=VALUE", help="A value of sfr.yaml, for example truth.sigma_m=0.02."),
 ]
 StartOption = Annotated[Literal["identity", "truth"], Option(help="First pose: the identity, or the true one.")]
 ColumnsOption = Annotated[
@@ -152,7 +155,7 @@ CallTimeoutOption = Annotated[
     float, Option(metavar="S", rich_help_panel=METHOD, help="Longest time of a call of a method under test.")
 ]
 MemoryLimitOption = Annotated[
-    int, Option(metavar="MB", rich_help_panel=METHOD, help="Resident memory at which a method under test is ended.")
+    int, Option(metavar="MB", rich_help_panel=METHOD, help="Resident memory above which a method under test is ended.")
 ]
 
 
@@ -189,7 +192,7 @@ SpacingOption = Annotated[
 ]
 RebaseOption = Annotated[
     Literal["pose", "displacement", "position"],
-    Option(rich_help_panel=MORE, help="Reading of the document: how error from before a start is kept out."),
+    Option(rich_help_panel=MORE, help="Reading of the document: how errors from before the start are removed."),
 ]
 PartialOption = Annotated[bool, Option("--partial", help="Judge an estimate of a part of the drive, and report it.")]
 ConventionOption = Annotated[

@@ -92,7 +92,7 @@ def replay(
             min=0.0,
             metavar="R",
             rich_help_panel=PLAYED,
-            help="0: wait for the result of each pair; else multiple of the recorded speed.",
+            help="0: wait for the result of each pair; otherwise the multiple of the recorded speed.",
         ),
     ] = 0.0,
     start_offset: Annotated[
@@ -118,7 +118,9 @@ def replay(
     command: Annotated[
         str,
         Option(
-            metavar="CMD", rich_help_panel=UNDER_TEST, help="Starts the external node, and is ended with the replay."
+            metavar="CMD",
+            rich_help_panel=UNDER_TEST,
+            help="Command that starts the external node; it ends with the replay.",
         ),
     ] = "",
     watch: Annotated[
@@ -134,7 +136,7 @@ def replay(
         Option(
             metavar="TOPIC",
             rich_help_panel=UNDER_TEST,
-            help="What it publishes (localisation/odometry, mapping/points).",
+            help="Topic of the answers (localisation/odometry, mapping/points).",
         ),
     ] = "",
     frames: Annotated[
@@ -142,13 +144,16 @@ def replay(
         Option(
             metavar="PARENT,CHILD",
             rich_help_panel=UNDER_TEST,
-            help="Frames that its answers name; others are ignored (of the first one).",
+            help="Required frames of the answers; others are ignored (default: those of the first answer).",
         ),
     ] = "",
     answer_timeout: Annotated[
         float,
         Option(
-            min=0.01, metavar="S", rich_help_panel=UNDER_TEST, help="Time to answer a pair; later answers are ignored."
+            min=0.01,
+            metavar="S",
+            rich_help_panel=UNDER_TEST,
+            help="Timeout for the answer to a pair; later answers are ignored.",
         ),
     ] = 5.0,
     convention: ConventionOption = None,

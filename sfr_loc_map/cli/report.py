@@ -55,11 +55,13 @@ def report(
     lenient: LenientOption = False,
     test_report: Annotated[
         Path | None,
-        Option(metavar="T.html", rich_help_panel=SIGNED, help="Write the test report of the scores, to be signed."),
+        Option(metavar="T.html", rich_help_panel=SIGNED, help="Write the test report of the scores for signature."),
     ] = None,
     title: Annotated[str, Option(metavar="TEXT", rich_help_panel=SIGNED, help="Title of the test report.")] = "",
     number: Annotated[str, Option(metavar="TEXT", rich_help_panel=SIGNED, help="Number of the test report.")] = "",
-    issue: Annotated[str, Option(metavar="TEXT", rich_help_panel=SIGNED, help="Issue of the test report.")] = "",
+    issue: Annotated[
+        str, Option(metavar="TEXT", rich_help_panel=SIGNED, help="Issue (revision) of the test report.")
+    ] = "",
     junit: Annotated[
         Path | None, Option(metavar="F.xml", rich_help_panel=SIGNED, help="Write the verdicts as JUnit XML.")
     ] = None,

@@ -42,11 +42,9 @@ def run(
         Path | None, Option(metavar="F.yaml", help="Configuration of a recording, as of sfr init.")
     ] = None,
     namespace: NamespaceOption = "",
-    remap: Annotated[
-        list[str] | None, Option("-r", metavar="FROM:=TO", help="Remapping as of ROS; repeatable.")
-    ] = None,
+    remap: Annotated[list[str] | None, Option("-r", metavar="FROM:=TO", help="ROS remapping; repeatable.")] = None,
     log_level: Annotated[
-        Literal["debug", "info", "warn", "error"], Option(help="Least severe messages shown.")
+        Literal["debug", "info", "warn", "error"], Option(help="Minimum severity of displayed messages.")
     ] = "info",
     respawn: Annotated[
         bool, Option("--respawn", help="Restart a node that crashes; by default the others are ended.")
@@ -88,11 +86,11 @@ def run(
 def record(
     out: Annotated[Path, Argument(metavar="OUT", help="Folder of the bag (mcap).")],
     topics: Annotated[
-        list[str] | None, Argument(metavar="TOPIC", help="Topics; by default ours and our inputs.")
+        list[str] | None, Argument(metavar="TOPIC", help="Topics; by default the inputs and outputs of the nodes.")
     ] = None,
     everything: Annotated[bool, Option("--all", help="All topics.")] = False,
     namespace: NamespaceOption = "",
-    duration: Annotated[float | None, Option(min=0.0, metavar="S", help="How long; by default until Ctrl-C.")] = None,
+    duration: Annotated[float | None, Option(min=0.0, metavar="S", help="Duration; by default until Ctrl-C.")] = None,
     zstd: Annotated[bool, Option("--zstd", help="Compress.")] = False,
     overwrite: OverwriteOption = False,
 ) -> None:

@@ -75,7 +75,7 @@ def score(
         list[Path] | None,
         Option(
             metavar="S.csv",
-            help="Calls (time, state, covariance, ...); repeatable; by default EST.stats.csv if it exists.",
+            help="Calls (time, state, covariance, ...); repeatable; default: EST.stats.csv if it exists.",
         ),
     ] = None,
     align: Annotated[
@@ -98,10 +98,11 @@ def score(
     rebase: RebaseOption = "pose",
     frames: Annotated[
         Literal["truth", "images"],
-        Option(rich_help_panel=MORE, help="What frames are: true poses; or estimates, with the truth interpolated."),
+        Option(rich_help_panel=MORE, help="Frames: true poses (truth), or estimates with interpolated truth (images)."),
     ] = "truth",
     associate: Annotated[
-        Literal["auto", "match", "interpolate"], Option(rich_help_panel=MORE, help="How an estimate finds its truth.")
+        Literal["auto", "match", "interpolate"],
+        Option(rich_help_panel=MORE, help="How estimates are associated with true poses."),
     ] = "auto",
     max_gap: Annotated[
         float, Option(metavar="S", rich_help_panel=MORE, help="Longest gap of the truth that is interpolated.")
@@ -109,7 +110,10 @@ def score(
     scored_range: Annotated[
         tuple[float, float],
         Option(
-            "--range", metavar="FROM_M TO_M", rich_help_panel=MORE, help="Ranges of the truth that count for coverage."
+            "--range",
+            metavar="FROM_M TO_M",
+            rich_help_panel=MORE,
+            help="Ranges of the true points that count for coverage.",
         ),
     ] = (0.0, 10.0),
     fused: Annotated[
@@ -117,19 +121,24 @@ def score(
         Option(
             "--fused/--not-fused",
             rich_help_panel=MORE,
-            help="Whether the cloud is fused, for a file that does not say so.",
+            help="Whether the cloud is fused, for a file that does not declare it.",
         ),
     ] = None,
     max_difference: Annotated[
         float | None,
-        Option(metavar="S", rich_help_panel=MORE, help="Of stamps paired for APE and RPE.", show_default="0.01"),
+        Option(
+            metavar="S",
+            rich_help_panel=MORE,
+            help="Maximum difference of stamps paired for APE and RPE.",
+            show_default="0.01",
+        ),
     ] = None,
     rpe_delta: Annotated[
         str | None,
         Option(
             metavar="frames=N|distance=M",
             rich_help_panel=MORE,
-            help="Length of a relative error.",
+            help="Length of a relative motion (RPE).",
             show_default="frames=1",
         ),
     ] = None,
@@ -161,7 +170,7 @@ def score(
     ] = None,
     target_run: Annotated[
         str | None,
-        Option(metavar="TEXT", rich_help_panel=MORE, help="Which run --target-timing is of, if not the estimate's."),
+        Option(metavar="TEXT", rich_help_panel=MORE, help="Run of --target-timing, if it is not that of the estimate."),
     ] = None,
     columns: ColumnsOption = None,
     config_file: ConfigOption = None,
@@ -171,7 +180,7 @@ def score(
             "--set",
             metavar="truth.KEY=VALUE",
             rich_help_panel=MORE,
-            help="Of the truth, as truth.sigma_m=0.02; repeatable.",
+            help="Setting of the truth, for example truth.sigma_m=0.02; repeatable.",
         ),
     ] = None,
 ) -> None:

@@ -41,12 +41,12 @@ def simulate(
         Path | None, Option("--from", metavar="SRC", help="Copy this source with faults instead of rendering.")
     ] = None,
     fault: Annotated[list[str] | None, Option(metavar="KIND[:...]", help=FAULT_HELP)] = None,
-    seed: Annotated[int | None, Option(min=0, metavar="N", help="Seed of everything random.")] = None,
+    seed: Annotated[int | None, Option(min=0, metavar="N", help="Seed of all random numbers.")] = None,
     config_file: ConfigOption = None,
     remap: RemapOption = None,
     workers: Annotated[int, Option(min=1, metavar="N", help="Processes.")] = 2,
     settings: Annotated[
-        list[str] | None, Option("--set", metavar="KEY=VALUE", help="One setting, as terrain.relief_m=0.2.")
+        list[str] | None, Option("--set", metavar="KEY=VALUE", help="One setting, for example terrain.relief_m=0.2.")
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:

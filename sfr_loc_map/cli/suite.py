@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 app = command_group("Suites of runs: many sources, configurations and faults, resumed where they stopped.")
 
 JunitOption = Annotated[Path | None, Option(metavar="F.xml", help="Write verdicts and failures as JUnit XML.")]
-MlflowOption = Annotated[str | None, Option(metavar="URI", help="Log it as a run of MLflow (extra mlflow).")]
+MlflowOption = Annotated[str | None, Option(metavar="URI", help="Log the suite as a run of MLflow (extra mlflow).")]
 FolderArgument = Annotated[Path, Argument(metavar="DIR", help="Folder of a suite, as made by sfr suite run.")]
 
 
@@ -50,12 +50,14 @@ FolderArgument = Annotated[Path, Argument(metavar="DIR", help="Folder of a suite
 def run(
     suite: Annotated[Path, Argument(metavar="SUITE.yaml", help="Sources, faults, configurations, tasks.")],
     out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; an existing one is continued.")],
-    workers: Annotated[int | None, Option(min=1, metavar="N", help="Tasks at a time; one a core.")] = None,
-    scheduler: Annotated[str | None, Option(metavar="ADDR", help="Running Dask scheduler, as tcp://host:8786.")] = None,
+    workers: Annotated[int | None, Option(min=1, metavar="N", help="Parallel tasks; default: one per core.")] = None,
+    scheduler: Annotated[
+        str | None, Option(metavar="ADDR", help="Running Dask scheduler, for example tcp://host:8786.")
+    ] = None,
     dry_run: Annotated[
-        bool, Option("--dry-run", help="List the tasks, run none. Remote sources are fetched, to know their content.")
+        bool, Option("--dry-run", help="List the tasks without running them. Remote sources are fetched.")
     ] = False,
-    retry_failed: Annotated[bool, Option("--retry-failed", help="Try again what failed before.")] = False,
+    retry_failed: Annotated[bool, Option("--retry-failed", help="Repeat failed tasks.")] = False,
     json_path: JsonOption = None,
     junit: JunitOption = None,
     mlflow: MlflowOption = None,
@@ -160,8 +162,10 @@ def _run_jobs(
 def search(
     search: Annotated[Path, Argument(metavar="SEARCH.yaml", help="Scenario, ranges, figure with its limit.")],
     out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; an existing one is continued.")],
-    workers: Annotated[int | None, Option(min=1, metavar="N", help="Tasks at a time; one a core.")] = None,
-    scheduler: Annotated[str | None, Option(metavar="ADDR", help="Running Dask scheduler, as tcp://host:8786.")] = None,
+    workers: Annotated[int | None, Option(min=1, metavar="N", help="Parallel tasks; default: one per core.")] = None,
+    scheduler: Annotated[
+        str | None, Option(metavar="ADDR", help="Running Dask scheduler, for example tcp://host:8786.")
+    ] = None,
     at_random: Annotated[bool, Option("--random", help="Choose uniform points, for a comparison.")] = False,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
@@ -216,12 +220,12 @@ def report(
 @app.command(epilog=examples("sfr suite plan --prob 0.95 --confidence 0.95 --power 0.9", "sfr suite plan runs/today"))
 def plan(
     folder: Annotated[Path | None, Argument(metavar="DIR", help="Folder of a suite: plan for its limits.")] = None,
-    prob: Annotated[float | None, Option(metavar="P", help="Share of drives that must meet the limit; 0.9973.")] = None,
-    confidence: Annotated[float | None, Option(metavar="C", help="Confidence with which it is shown; 0.9.")] = None,
-    power: Annotated[float | None, Option(metavar="W", help="Probability that good drives pass; 0.9.")] = None,
-    good: Annotated[
-        float | None, Option(metavar="G", help="Share of failures that is acceptable; (1 - P) / 5.")
+    prob: Annotated[
+        float | None, Option(metavar="P", help="Fraction of drives that must meet the limit; 0.9973.")
     ] = None,
+    confidence: Annotated[float | None, Option(metavar="C", help="Confidence of the statement; 0.9.")] = None,
+    power: Annotated[float | None, Option(metavar="W", help="Probability that good drives pass; 0.9.")] = None,
+    good: Annotated[float | None, Option(metavar="G", help="Acceptable fraction of failures; (1 - P) / 5.")] = None,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:

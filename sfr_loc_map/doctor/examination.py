@@ -37,8 +37,8 @@ EDGE = 0.1  # share of the observed time at either end in which a partner may li
 CORNERS = 80
 PATCH_PX = 6  # half the side of a patch that is searched for
 MIN_NCC = 0.85  # normalised cross-correlation of a patch that is matched
-MIN_MATCHES = 10  # matches on the wrong side that a decision needs
-SWAPPED_RATIO = 4.0  # swapped: more than so many matches on the wrong side for each on the right one
+MIN_MATCHES = 10  # matches on the wrong side that a decision requires
+SWAPPED_RATIO = 4.0  # ratio of matches on the wrong side to those on the right side above which images are swapped
 
 
 Findings = Iterator[Finding]

@@ -67,7 +67,7 @@ class Agreement:
     name: str
     condition: str
     windows: Windows
-    probability: float | None  #: Of such squares, or larger ones, if the covariances hold; None of too few.
+    probability: float | None  #: Probability of squares this large for consistent covariances; None for too few.
 
 
 def compare(first: Run, other: Run, condition: Condition) -> Agreement:

@@ -100,7 +100,7 @@ class FaultInjector:
         for index, (pair, following) in enumerate(pairwise(chain(pairs, (None,)))):
             if pair is None or not self.kept[index]:
                 continue
-            stages = [pair]  # the pair as each fault finds it, then as it is delivered
+            stages = [pair]  # the input pair of each fault, then the delivered pair
             for number, fault in enumerate(self._faults):
                 old = previous[number] if previous else None
                 stages.append(self._with_fault(index, number, fault, stages[-1], (old, following)))

@@ -23,7 +23,7 @@ def projection(rig: StereoRig, side: Side) -> FloatArray:
 
 
 def baseline_from_projection(fx: float, shift: float) -> float:
-    """Return the baseline, metres, that `P[3] = -fx baseline` of the right camera was made of.
+    """Return the baseline, metres, from which `P[3] = -fx baseline` of the right camera was computed.
 
     The division alone gives the last digit wrong at times. Of the neighbouring numbers that make the very same
     `P[3]`, the one with the shortest decimal form is taken, so that rigs come through messages unchanged.

@@ -206,5 +206,5 @@ class Truth(Trajectory):
     sigma_deg: float = 0.0  #: Standard deviation of an attitude about each axis, likewise.
     lever_arm_m: tuple[float, ...] = (0.0, 0.0, 0.0)  #: The point in RB whose positions these are.
     has_height: bool = True  #: Whether z is known; otherwise z is a placeholder and horizontal errors alone are known.
-    has_tilt: bool = True  #: Whether roll and pitch are known; otherwise of the attitudes the heading alone is known.
-    read_from: str = ""  #: What it was read from.
+    has_tilt: bool = True  #: Whether roll and pitch are known; otherwise only the heading is known.
+    read_from: str = ""  #: File or topic that the trajectory was read from.

@@ -58,16 +58,16 @@ NO_ROWS = np.zeros(0, np.intp)  #: No landmarks.
 class Case(Enum):
     """What a pair shows, and which tracks follow the ground."""
 
-    OWN_BODY = auto()  #: The main motion is that of static texture: the motion beside it is the ground's.
-    UNTRUSTED = auto()  #: No motion is trusted: the main tracks as they are, to be refused.
-    CONTRADICTED = auto()  #: The image changed where the main motion predicts no change: its tracks, to be refused.
-    PARTIAL_TRANSFER = auto()  #: Parts of the images are of different moments: the main motion.
-    DOUBLE_EXPOSURE = auto()  #: Two exposures are blended: the main motion, which is that of the dominant one.
-    AMBIGUOUS = auto()  #: Two motions, and it is unknown which is the ground's: the one with more weight.
-    RIVAL = auto()  #: Two motions: the rival is the ground's.
-    MAIN = auto()  #: Two motions: the main one is the ground's.
-    UNCONVINCING = auto()  #: One motion that hardly half of the landmarks follow, while the ground is not known.
-    ONE_MOTION = auto()  #: One motion: the main one, without what is fixed to the camera.
+    OWN_BODY = auto()  #: The main motion is that of texture fixed to the camera: the other motion is that of the ground.
+    UNTRUSTED = auto()  #: No motion is trusted: the main tracks are kept and the pose is refused.
+    CONTRADICTED = auto()  #: The image changed where the main motion predicts no change: the pose is refused.
+    PARTIAL_TRANSFER = auto()  #: Parts of the images are of different exposures: the main motion is used.
+    DOUBLE_EXPOSURE = auto()  #: Two exposures are blended: the motion of the dominant one is used.
+    AMBIGUOUS = auto()  #: Two motions of unknown origin: the one with the larger weight is used.
+    RIVAL = auto()  #: The rival of two motions is that of the ground.
+    MAIN = auto()  #: The main one of two motions is that of the ground.
+    UNCONVINCING = auto()  #: About half of the landmarks follow the only motion, while the ground is unknown.
+    ONE_MOTION = auto()  #: Only one motion: its tracks, without those fixed to the camera.
 
 
 Cases = tuple[tuple[Case, Callable[[Evidence], bool]], ...]

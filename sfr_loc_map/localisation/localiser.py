@@ -341,7 +341,7 @@ class Localiser:
         return FinalPose(tracks if is_refused else complete, is_keyframe=True, is_recovery_image=True)
 
     def _with_all_landmarks(self, candidate: Candidate) -> Tracks:
-        """Track the landmarks that were not followed, and solve for the pose by all of them."""
+        """Track the remaining landmarks, and estimate the pose from all landmarks."""
         tracks = candidate.tracks
         landmark_map = candidate.landmark_map
         landmarks = landmark_map.landmarks

@@ -51,7 +51,7 @@ class CallKind(StrEnum):
 
 
 class MappingState(StrEnum):
-    """The result of a call of the mapper: a set of pairs made one cloud; of its stages, a pair mapped, or all fused."""
+    """The result of a mapper call for a set of pairs, or of one of its stages: mapping a pair, fusing all pairs."""
 
     MAPPED = "mapped"
     FUSED = "fused"

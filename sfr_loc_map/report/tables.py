@@ -108,8 +108,8 @@ class Cell:
     text: str
     #: The same exactly, in the unit of its source; both bounds of an interval; None for words and what is not defined.
     value: float | int | Interval | None = None
-    key: str = ""  #: Where it comes from, such as `figures.3.mean`; empty for words. Of an
-    #: interval the row that has both bounds.
+    key: str = ""  #: Origin in the score, such as `figures.3.mean`; empty for text. For an
+    #: interval, the row that has both bounds.
     kind: CellKind = CellKind.PLAIN
     link: str = ""  #: Place of a page about it, relative to the page with the table; empty without a page.
     mark: str = ""  #: One of `MARKS`, empty for none.

@@ -197,7 +197,7 @@ class PoseFile:
     """
 
     def __init__(self, path: Path, max_age_s: float) -> None:
-        """Touch nothing yet; a pose that is older, by the stamps, is not loaded."""
+        """Create the store without reading or writing; a pose whose stamp is older than `max_age_s` is not loaded."""
         self._path, self._max_age_s = Path(os.path.realpath(path)), max_age_s
 
     def check(self) -> None:

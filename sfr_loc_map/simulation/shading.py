@@ -53,7 +53,7 @@ class GroundTexture(NamedTuple):
 
 @jit_inline
 def fade_of(length: float, footprint: float) -> float:
-    """Return how much of a wave a pixel shows: none under 1.4 footprints, all over 3.4."""
+    """Return the contrast at which a pixel resolves a wave: 0 below 1.4 footprints, 1 above 3.4."""
     return min(max((length / footprint - 1.4) * 0.5, 0.0), 1.0)
 
 

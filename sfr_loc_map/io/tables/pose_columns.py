@@ -406,7 +406,7 @@ def _by_layout(
     share = {layout: _fit(layout, table, width, comma) for layout in LAYOUTS}
     fitting = [layout for layout, fraction in share.items() if fraction >= FIT]
     fitting = fitting or [layout for layout, fraction in share.items() if fraction >= HALF_FIT]
-    if len(fitting) > 1:  # nothing is orthonormal by chance, but the rows of a matrix near the identity have length 1
+    if len(fitting) > 1:  # rows of a matrix near the identity have unit length by chance
         fitting = [layout for layout in fitting if MATRIX[0] in layout.keys] or fitting
     if len(fitting) != 1:
         shown = lines[first].strip()[:60]

@@ -20,7 +20,7 @@ class PixelStatus(IntEnum):
     """
 
     MEASURED = 0  #: Valid: passed all tests.
-    FILLED = 1  #: Valid: failed a test, and has the surface beside it (`hole_filling`).
+    FILLED = 1  #: Valid: failed a test and was filled from the adjacent surface (`hole_filling`).
     UNMATCHED = 2  #: Rejected by the matcher: left-right check, uniqueness or speckle.
     CHANGED = 3  #: Changed too much by the refinement.
     OCCLUDED = 4  #: Occluded in the right image, or outside it.

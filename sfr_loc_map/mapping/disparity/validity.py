@@ -32,8 +32,8 @@ MAX_CHANGE_PX = 1.5
 """Change by the refinement that is always accepted, pixels. Larger limits add pixels of real pairs of which more are
 wrong; rendered pairs hardly change (measurements/mapper_trials.md)."""
 MAX_CHANGE_SIGMAS = 5.0
-"""Larger changes are accepted up to this many standard deviations of all changes: of pairs that match poorly, the
-matcher's noise is larger. Chosen as `MAX_CHANGE_PX`."""
+"""Larger changes are accepted up to this many standard deviations of all changes: the noise of the matcher is
+larger for pairs that match poorly. Chosen as `MAX_CHANGE_PX`."""
 CHANGE_STRIDE = 4  #: Every fourth pixel of every fourth row measures the standard deviation of all changes.
 MAX_SLOPE = F(0.7)
 """Slope along the row above which a pixel is on a ramp, pixels per pixel. A slope of 1 is parallel to a ray of the

@@ -63,7 +63,7 @@ class GraphObserver(Peer):
         self._worked: set[str] = set()
 
     def observe(self, seconds: float, namespace: str, *, extrinsics_given: bool) -> Observation:
-        """Collect messages, ask the suite's nodes; without a namespace it is the one that they are in."""
+        """Collect messages and query the nodes of the suite; without a namespace, theirs is used."""
         self._wait_for_discovery()
         spaces = sorted({space.strip("/") for _, space in self._suite_nodes()})
         if len(spaces) > 1 and not namespace.strip("/"):

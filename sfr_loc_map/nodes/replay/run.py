@@ -26,8 +26,8 @@ class ScoredReplay:
 
     result: CollectedRun
     score: Score
-    remarks: tuple[str, ...]  #: What the user is told besides the score, a line each.
-    warning: str | None  #: That many poses are lost or degraded, None if few are.
+    remarks: tuple[str, ...]  #: Messages for the user in addition to the score, one line each.
+    warning: str | None  #: Warning that many poses are lost or degraded; None if few are.
     interrupted: str  #: What was finished, if a signal ended the replay; empty otherwise.
 
 

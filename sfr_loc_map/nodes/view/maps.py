@@ -79,7 +79,7 @@ class MapFeed:
             self._state.put(grid)
 
     def add_elevation(self, message: PointCloud2, published_s: float) -> None:
-        """Take an elevation grid in."""
+        """Add an elevation grid."""
         cells, stamp_ns = messages.elevation_from_msg(message), stamp_of(message)
         rows, columns = cells.shape[:2]
         axis, steps = (0, columns - 1) if columns > 1 else (1, rows - 1)

@@ -56,7 +56,7 @@ class SearchResult:
         return next((number for number, item in enumerate(self.tried, 1) if item.fails), None)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON values."""
+        """Return the result as JSON values."""
         specification = self.specification
         chosen = specification.settings
         head = {"schema": SCHEMA, "version": __version__, "search": str(specification.path)}
