@@ -58,7 +58,7 @@ NO_ROWS = np.zeros(0, np.intp)  #: No landmarks.
 class Case(Enum):
     """What a pair shows, and which tracks follow the ground."""
 
-    OWN_BODY = auto()  #: The main motion is that of texture fixed to the camera: the other motion is that of the ground.
+    OWN_BODY = auto()  #: The main motion is that of texture fixed to the camera: the other one is the ground.
     UNTRUSTED = auto()  #: No motion is trusted: the main tracks are kept and the pose is refused.
     CONTRADICTED = auto()  #: The image changed where the main motion predicts no change: the pose is refused.
     PARTIAL_TRANSFER = auto()  #: Parts of the images are of different exposures: the main motion is used.
