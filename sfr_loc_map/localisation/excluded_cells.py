@@ -42,6 +42,27 @@ class ExcludedCells:
         life = np.where(cells, MOVING_LIFE, self.life)
         return replace(self, life=life, is_fixed=self.is_fixed & ~cells)
 
+    def after_selection(
+        self, fixed: Mask | None, moving: Mask | None, stays: Mask, shape: tuple[int, int], *, has_excluded: bool
+    ) -> ExcludedCells:
+        """Return the excluded cells after a pair.
+
+        Args:
+            fixed: `(R, C)` cells that are fixed to the camera; None if unknown.
+            moving: `(R, C)` cells that move otherwise than the ground; None if unknown.
+            stays: `(R, C)` cells whose texture stays.
+            shape: Height and width of the image.
+            has_excluded: Whether landmarks of the pair were excluded.
+        """
+        excluded = self
+        if fixed is not None and fixed.any():
+            excluded = excluded.with_fixed(fixed)
+        if moving is not None:
+            excluded = excluded.with_moving(moving)
+        if excluded.mask is None and not has_excluded:
+            return excluded
+        return excluded.after_pair(stays, shape)
+
     def after_pair(self, stays: Mask, shape: tuple[int, int]) -> ExcludedCells:
         """Age the cells by a pair, in which the texture of some cells `(R, C)` stays, and draw the mask.
 

@@ -12,8 +12,8 @@ not always that of the largest inflation.
 | `REPEATED_PAIR`, `FROZEN_IMAGE`, `STALE_ROWS` | `guards.check_images`, after the comparison in `stale_images` |
 | `IDENTICAL_IMAGES` | `guards.check_wiring` |
 | `UNTEXTURED`, `FEW_LANDMARKS` | `guards.check_landmarks` |
-| `CONTRADICTED`, `PARTIAL_TRANSFER`, `DOUBLE_EXPOSURE`, `UNEXPLAINED`, `RECOVERING` | `ground_motion.findings_of` |
-| `GROUND_IN_DOUBT`, `AMBIGUOUS` | `ground_motion.findings_of` |
+| `CONTRADICTED`, `PARTIAL_TRANSFER`, `DOUBLE_EXPOSURE`, `UNEXPLAINED`, `RECOVERING` | `ground_cases.findings_of` |
+| `GROUND_IN_DOUBT`, `AMBIGUOUS` | `ground_cases.findings_of` |
 | `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
 | `SWAPPED`, `ONE_SIDED` | `guards.check_sides` |
 | `AFTER_GAP` | `guards.check_gap` |
@@ -26,7 +26,7 @@ A new guard adds a `Finding`, a row in `RULES`, a function in `guards.py`, and i
 - if it needs a memory, the memory is a field of `State`. A memory that learns from poses is handed to `_accept` by the
   `Candidate`, and changes only there. The memory of the ground is handed over by `Ground`.
 
-A guard of the ground's motion is a case of `ground_motion`, or a finding in `ground_motion.findings_of`.
+A guard of the ground's motion is a case of `ground_cases`.
 """
 
 from __future__ import annotations

@@ -19,11 +19,19 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.localisation.frontend.cell_change import Change, cell_counts
-from sfr_loc_map.localisation.frontend.cell_motion import Explained, explain
+from sfr_loc_map.localisation.frontend.cell_motion import MOVED_PX, Explained, explain
 from sfr_loc_map.localisation.frontend.double_exposure import MIXTURE_LEVEL, mixture_of
 from sfr_loc_map.localisation.frontend.landmarks import ALIGNED_LANDMARKS, Landmarks
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
-from sfr_loc_map.localisation.ground_memory import MAX_TRANSFERS, MAX_UNEXPLAINED, GroundMemory, Phase
+from sfr_loc_map.localisation.ground_memory import (
+    MAX_MOVING,
+    MAX_TRANSFERS,
+    MAX_UNEXPLAINED,
+    Confidence,
+    Effect,
+    GroundMemory,
+    Phase,
+)
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
 
@@ -115,11 +123,23 @@ class MotionTools(NamedTuple):
                 tracks = max(tracks, by_flow, key=attrgetter("inlier_count"))
         return tracks if tracks.inlier_count >= max(self.min_tracked, MIN_AGREEMENT * count) else None
 
+    def refined(self, pair: ComparedPair, landmarks: Landmarks, start: Pose) -> Tracks:
+        """Track landmarks of a pair from a pose."""
+        return self.tracker.refine(pair.frame, landmarks, start, pair.prediction.offset)
+
     def cells(self, numbers: NDArray[np.intp]) -> Mask:
         """Return the cells `(R, C)` of some cell numbers; R * C is outside."""
         rows, columns = cell_counts(self.shape)
         found = np.bincount(numbers, minlength=rows * columns + 1)
         return found[:-1].reshape(rows, columns) > 0
+
+
+class OtherMotion(NamedTuple):
+    """Another motion than the main one, of the landmarks that may follow it."""
+
+    tracks: Tracks  #: Its tracks.
+    explained: Explained  #: What it explains.
+    excluded: Mask  #: `(M,)` landmarks of the main tracks that do not follow it.
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,6 +184,28 @@ class Evidence:
     def unexplained_cells(self) -> Mask:
         """Cells `(R, C)` of the landmarks that the main motion does not explain."""
         return self.tools.cells(self.explained.cell_index[self.explained.unexplained])
+
+    @cached_property
+    def confidence_of_one_motion(self) -> Confidence:
+        """Confidence after the pair if its main motion is the only one; a stationary image shows nothing."""
+        confidence = self.memory.confidence
+        if self.is_known or self.explained.motion_px <= MOVED_PX:
+            return confidence
+        agrees = self.memory.excluded.moving_fraction < MAX_MOVING and self.covers_doubt
+        return confidence.after_one_motion(
+            agrees=agrees, is_unusual=self.is_unusual, unexplained=self.unexplained_cells
+        )
+
+    @property
+    def stays_in_doubt(self) -> bool:
+        """Whether the ground is in doubt before and after the pair if its main motion is the only one."""
+        return self.confidence_of_one_motion.phase is Phase.IN_DOUBT
+
+    def confidence_after(self, effect: Effect) -> Confidence:
+        """Return the confidence in the ground's motion after the pair, by the effect of its case."""
+        if effect.leaves_doubt:
+            return self.memory.confidence.after_contradiction(self.unexplained_cells)
+        return self.confidence_of_one_motion if effect.confirms else self.memory.confidence
 
     @property
     def covers_doubt(self) -> bool:
@@ -227,6 +269,22 @@ class Evidence:
         fraction = self.tools.explained(self.pair, other).contradicting_fraction
         return other if fraction < MAX_CONTRADICTING_UNKNOWN else None
 
+    @property
+    def is_beside_body(self) -> bool:
+        """Whether the main motion is not credible, and there is one beside static texture."""
+        return not self.is_credible and self.beside_static is not None
+
+    @cached_property
+    def beside_body(self) -> OtherMotion:
+        """The motion beside static texture, without the landmarks on that texture."""
+        assert self.beside_static is not None, "asked for only if there is one"
+        return self._other(self.beside_static, self.explained.on_static)
+
+    @property
+    def is_transfer_beside_body(self) -> bool:
+        """Whether too many landmarks follow neither the own body nor the motion beside it, for images of one moment."""
+        return self.memory.shows_other_moment(self.beside_body.explained.unexplained_fraction)
+
     @cached_property
     def rival(self) -> Tracks | None:
         """A rival of a main motion that is contradicted or unusual; None without one.
@@ -247,6 +305,22 @@ class Evidence:
         least_px = max(MIN_DIFFERENCE_PX, MIN_DIFFERENCE_RATIO * self.explained.motion_px)
         apart_px = self.tools.image_motion_px(self.pair, rival, start=self.main.pose, end=rival.pose)
         return rival if apart_px > least_px else None
+
+    @cached_property
+    def by_rival(self) -> OtherMotion:
+        """The rival's motion, without the landmarks that follow the main motion alone."""
+        assert self.rival is not None, "asked for only if there is a rival"
+        return self._other(self.rival, self.main.inliers & ~self.follows_rival)
+
+    @property
+    def is_transfer_by_rival(self) -> bool:
+        """Whether too many landmarks follow neither the main motion nor its rival, for images of one moment."""
+        return self.memory.shows_other_moment(self.by_rival.explained.unexplained_fraction)
+
+    def _other(self, other: Tracks, excluded: Mask) -> OtherMotion:
+        """Track the landmarks of the main tracks, without those of a mask `(M,)`, by another motion."""
+        tracks = self.tools.refined(self.pair, self.main.landmarks.subset(~excluded), other.pose)
+        return OtherMotion(tracks, self.tools.explained(self.pair, tracks), excluded)
 
     # ---- the main motion against its rival
 

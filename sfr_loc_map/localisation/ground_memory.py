@@ -8,8 +8,9 @@ The ground is identified by its motion. It begins in the phase `LEARNING`:
 | `KNOWN` | one motion has explained them | `LEARNING` with a new window |
 | `IN_DOUBT` | the image contradicted the motion, or two competed | `LEARNING` after several pairs that agree |
 
-A case with `leaves_doubt` (`ground_motion.EFFECTS`) leads from each phase to `IN_DOUBT`, and an unusual moving pair
+A case with `leaves_doubt` (`ground_cases.EFFECTS`) leads from each phase to `IN_DOUBT`, and an unusual moving pair
 keeps that phase. To end it, landmarks must also follow the motion where landmarks did not follow it before.
+`GroundMemory.after` applies what a pair teaches.
 
 Three values remember that an earlier pair was bad. They are separate because they answer different questions:
 
@@ -17,15 +18,16 @@ Three values remember that an earlier pair was bad. They are separate because th
 |---|---|---|---|
 | `confidence` | is the motion that is followed the ground's? | a case with `leaves_doubt` | pairs that agree |
 | `recovering_pairs` | may the next images be bad? | `DOUBTFUL`, `PARTIAL_TRANSFER`; stale rows | moving pairs |
-| `transfers` | is the pair before partially transferred? | `PARTIAL_TRANSFER`; stale rows | a pair of one motion |
+| `transfers` | is the pair before partially transferred? | `Transfers.ONE_MORE`; stale rows | a pair of one motion |
 
 Two findings of `DOUBTFUL` may come from a case without `leaves_doubt`. `DOUBLE_EXPOSURE` is a fault of the images: it
-does not question which motion is the ground's. `GROUND_IN_DOUBT` of one motion reports doubt of earlier pairs, or that
-nearly half of the landmarks are unexplained.
+does not question which motion is the ground's. `GROUND_IN_DOUBT` of one motion reports doubt of earlier pairs
+(`STILL_IN_DOUBT`), or that nearly half of the landmarks are unexplained (`HALF_UNEXPLAINED`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 from typing import Final, NamedTuple
@@ -82,6 +84,20 @@ class Confidence:
             return replace(self, agreed_pairs=agreed_pairs)
         return Confidence(Phase.KNOWN) if self.phase is Phase.LEARNING else Confidence()
 
+    def after_one_motion(self, *, agrees: bool, is_unusual: bool, unexplained: Mask) -> Confidence:
+        """Return the confidence after a moving pair of one motion.
+
+        Args:
+            agrees: Whether the motion explains the pair, also in the cells that were unexplained before.
+            is_unusual: Whether more landmarks than usual do not follow it.
+            unexplained: `(R, C)` cells of these landmarks.
+        """
+        if agrees:
+            return self.after_agreement()
+        if self.phase is Phase.IN_DOUBT and is_unusual:
+            return self.after_contradiction(unexplained)
+        return self.after_interruption()
+
     def after_interruption(self) -> Confidence:
         """Return the confidence after a pair that agreed only in part, or in a new window.
 
@@ -116,6 +132,22 @@ class Transfers(Enum):
     NONE = auto()
 
 
+class Effect(NamedTuple):
+    """What a case reports by itself, and what it teaches about the ground."""
+
+    findings: AbstractSet[Finding] = frozenset()
+    leaves_doubt: bool = False  #: Whether the ground's motion is in doubt after the pair.
+    transfers: Transfers = Transfers.UNCHANGED
+    #: Whether the pair can confirm the ground's motion, and changes what is typical for it.
+    confirms: bool = False
+    outlasts_refusal: bool = False  #: Whether the memory learns from the pair although its pose is refused.
+
+    @property
+    def is_transfer(self) -> bool:
+        """Whether parts of the images are of different moments."""
+        return Finding.PARTIAL_TRANSFER in self.findings
+
+
 class ComparedImage(NamedTuple):
     """Earlier image that the present one is compared with, cell by cell."""
 
@@ -124,6 +156,18 @@ class ComparedImage(NamedTuple):
     #: Number of pairs that were compared with it and changed the memory. Other refused pairs do not count, so that
     #: `far_px` is rather too small after them, and more landmarks count as unexplained.
     age: int = 0
+
+
+class LearntPair(NamedTuple):
+    """What the memory learns of a pair."""
+
+    excluded: ExcludedCells  #: Cells excluded from the next pair on.
+    compared: ComparedImage  #: Image that the pair was compared with.
+    image: FloatImage  #: Pyramid level `MIXTURE_LEVEL` of its left image.
+    confidence: Confidence  #: Confidence after it.
+    findings: frozenset[Finding]  #: Its findings.
+    unexplained_fraction: float  #: Fraction of the landmarks that do not follow the main motion.
+    is_moving: bool  #: Whether the pose is trusted and the image moved.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,8 +181,8 @@ class GroundMemory:
     #: not compared with earlier ones.
     previous: FloatImage | None = None
     confidence: Confidence = Confidence()
-    #: Number of consecutive pairs of the case `PARTIAL_TRANSFER`. The case of another motion (`OWN_BODY`, `RIVAL`) with
-    #: the finding of that name leaves it unchanged, so that `MAX_TRANSFERS` does not end that finding.
+    #: Number of consecutive pairs of the case `PARTIAL_TRANSFER`. The cases of another motion (`OWN_BODY_TRANSFER`,
+    #: `RIVAL_TRANSFER`) leave it unchanged, so that `MAX_TRANSFERS` does not end their finding.
     transfers: int = 0
     recovering_pairs: int = 0  #: Number of moving pairs that stay degraded (`Finding.RECOVERING`).
     typical: float | None = None  #: Typical fraction of unexplained landmarks; None before the first pair.
@@ -152,6 +196,19 @@ class GroundMemory:
     def is_clear(self) -> bool:
         """Whether no pair before was contradicted, ambiguous or partially transferred."""
         return self.recovering_pairs == 0 and self.transfers == 0 and self.confidence.phase is not Phase.IN_DOUBT
+
+    def after(self, effect: Effect, pair: LearntPair) -> GroundMemory:
+        """Return the memory after a pair, by the effect of its case."""
+        transfers = self.transfers_after(effect.transfers)
+        return GroundMemory(
+            excluded=pair.excluded,
+            compared=pair.compared,
+            previous=pair.image,
+            confidence=pair.confidence,
+            transfers=transfers,
+            recovering_pairs=self.recovering_after(pair.findings, transfers, is_moving=pair.is_moving),
+            typical=self.typical_after(pair.unexplained_fraction) if effect.confirms else self.typical,
+        )
 
     def is_usual(self, unexplained: float) -> bool:
         """Return whether a fraction of unexplained landmarks is usual for the ground."""

@@ -4,7 +4,7 @@ Each guard is one pure function `check_*`: it takes values and returns findings.
 table (`findings.RULES`). A guard that compares a pair with earlier ones takes what is remembered of them as an
 argument: the comparison of the images (`stale_images.compare`), the running mean of the shear (`ShearMean`).
 `check_sides` is given the tracker, because it tracks all landmarks once more in swapped images. The findings of the
-ground's motion are those of `ground_motion.findings_of`.
+ground's motion are those of `ground_cases.findings_of`.
 """
 
 from __future__ import annotations

@@ -25,9 +25,9 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
+from sfr_loc_map.localisation.ground_cases import EFFECTS, FIRST_CASES, ONE_MOTION_CASES, TWO_MOTION_CASES, Case
 from sfr_loc_map.localisation.ground_evidence import OLD_WEIGHT, Evidence
 from sfr_loc_map.localisation.ground_memory import AGREEING_PAIRS, LONG_DOUBT_PAIRS, Confidence, Phase
-from sfr_loc_map.localisation.ground_motion import EFFECTS, FIRST_CASES, ONE_MOTION_CASES, TWO_MOTION_CASES, Case
 from sfr_loc_map.localisation.localiser import Localiser
 
 SAMPLE, PAIRS = Path(__file__).parents[2] / "sample" / "sample.mcap", 14
