@@ -109,7 +109,7 @@ class MotionTools(NamedTuple):
 
     def search(self, pair: ComparedPair, landmarks: Landmarks) -> Tracks | None:
         """Return a motion of some landmarks: from the guesses, then by optical flow; None if too few agree on one."""
-        count = len(landmarks.index)
+        count = len(landmarks.rows)
         if count < self.min_tracked:
             return None
         frame = pair.frame

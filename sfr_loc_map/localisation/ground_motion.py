@@ -23,8 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import Mask
-from sfr_loc_map.geometry.camera import Pose, StereoCamera
-from sfr_loc_map.geometry.rotation import rotvec_from_matrix
+from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.localisation.findings import Finding
 from sfr_loc_map.localisation.frontend.cell_change import LEVEL, Change, change_of
 from sfr_loc_map.localisation.frontend.cell_motion import MOVED_PX
@@ -34,9 +33,9 @@ from sfr_loc_map.localisation.ground_cases import EFFECTS, Case, decide, finding
 from sfr_loc_map.localisation.ground_evidence import CLEAR_RATIO, ComparedPair, Evidence, MotionTools, OtherMotion
 from sfr_loc_map.localisation.ground_memory import MIN_UNEXPLAINED, ComparedImage, GroundMemory, LearntPair
 from sfr_loc_map.localisation.motion_model import Prediction
+from sfr_loc_map.localisation.motion_size import MotionSize, size_between
 from sfr_loc_map.localisation.parallel import Pending, beside
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
-from sfr_loc_map.localisation.uncertainty import MotionSize
 
 COMPARED_PX = 3.0  #: Image motion, px, that shows what is fixed to the camera; the compared image is then replaced.
 COMPARED_PAIRS = 10  #: Number of pairs after which the compared image is replaced, however slow the motion.
@@ -181,7 +180,7 @@ class GroundSelector:
                 return Selection(evidence.main, evidence.explained.motion_px)
             case _:  # one motion
                 explained = evidence.explained
-                not_ground = evidence.main.landmarks.index[explained.on_fixed]
+                not_ground = evidence.main.landmarks.rows[explained.on_fixed]
                 return Selection(evidence.main, explained.motion_px, not_ground=not_ground, fixed=explained.fixed_cells)
 
     def _beside_body(self, evidence: Evidence) -> Selection:
@@ -198,14 +197,14 @@ class GroundSelector:
 
     def _other(self, evidence: Evidence, other: OtherMotion, fixed: Mask) -> Selection:
         """Select another motion without the landmarks and cells `(R, C)` that do not follow it."""
-        not_ground = evidence.main.landmarks.index[other.excluded]
+        not_ground = evidence.main.landmarks.rows[other.excluded]
         motion_px = other.explained.motion_px
         return Selection(other.tracks, motion_px, is_main=False, not_ground=not_ground, fixed=fixed)
 
     def _likelier(self, evidence: Evidence) -> Selection:
         """Select the motion with more weight, with all landmarks: the other one may be the ground's."""
         rival = _present(evidence.rival)
-        distance = pose_distance(evidence.main.pose, rival.pose)
+        distance = size_between(evidence.main.pose, rival.pose)
         if not evidence.rival_wins:
             return Selection(evidence.main, evidence.explained.motion_px, rival_distance=distance)
         tracks = self._tools.refined(evidence.pair, evidence.main.landmarks, rival.pose)
@@ -217,7 +216,7 @@ class GroundSelector:
         rival = _present(evidence.rival)
         fixed = evidence.explained.fixed_cells
         moving = self._tools.cells(self._tools.explained(evidence.pair, rival).cell_index[rival.inliers])
-        not_ground = evidence.main.landmarks.index[evidence.follows_rival | evidence.explained.on_fixed]
+        not_ground = evidence.main.landmarks.rows[evidence.follows_rival | evidence.explained.on_fixed]
         motion_px = evidence.explained.motion_px
         return Selection(evidence.main, motion_px, not_ground=not_ground, fixed=fixed, moving=moving & ~fixed)
 
@@ -226,9 +225,3 @@ def _present(tracks: Tracks | None) -> Tracks:
     """Return the tracks of a case that has them."""
     assert tracks is not None, "the case has another motion"
     return tracks
-
-
-def pose_distance(one: Pose, other: Pose) -> MotionSize:
-    """Return the distance and the angle between two poses."""
-    angle = np.linalg.norm(rotvec_from_matrix(one.rotation.T @ other.rotation))
-    return MotionSize(float(np.linalg.norm(one.position - other.position)), float(angle))

@@ -19,7 +19,7 @@ from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.findings import Finding
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks, is_textured
-from sfr_loc_map.localisation.motion_model import Motion, is_plausible
+from sfr_loc_map.localisation.motion_model import LastPose, is_plausible
 from sfr_loc_map.localisation.stale_images import ImageComparison, are_equal
 
 Findings = frozenset[Finding]
@@ -71,7 +71,7 @@ def check_landmarks(frame: StereoFrame, *, are_enough: bool) -> Findings:
     return frozenset({Finding.FEW_LANDMARKS if frame.is_textured else Finding.UNTEXTURED})
 
 
-def check_pose(tracks: Tracks, motion: Motion, stamp_ns: int, bounds: MotionBounds) -> Findings:
+def check_pose(tracks: Tracks, last: LastPose, stamp_ns: int, bounds: MotionBounds) -> Findings:
     """Report a pose that is not determined, or that no rover can have reached since the last one.
 
     A determined pose is finite, and its information matrix is positive definite.
@@ -81,7 +81,7 @@ def check_pose(tracks: Tracks, motion: Motion, stamp_ns: int, bounds: MotionBoun
     is_determined = is_finite and np.linalg.eigvalsh(tracks.information)[0] > 0.0
     if not is_determined:
         return frozenset({Finding.SINGULAR})
-    return _found(Finding.TOO_FAST, not is_plausible(motion, stamp_ns, tracks.pose, bounds))
+    return _found(Finding.TOO_FAST, not is_plausible(last, stamp_ns, tracks.pose, bounds))
 
 
 def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: RightOffset) -> Findings:
@@ -116,15 +116,15 @@ class ShearMean(NamedTuple):
     value: float = 1.0
     gain: float = FIRST_SHEAR_GAIN
 
-    def with_pair(self, shear: float) -> ShearMean:
+    def with_pair(self, shear_chi2: float) -> ShearMean:
         """Return the mean with the statistic of a further pair."""
         gain = max(self.gain / (1.0 + self.gain), MIN_SHEAR_GAIN)
-        return ShearMean(self.value + gain * (shear - self.value), gain)
+        return ShearMean(self.value + gain * (shear_chi2 - self.value), gain)
 
 
-def check_shear(shear: float, mean: ShearMean) -> Findings:
+def check_shear(shear_chi2: float, mean: ShearMean) -> Findings:
     """Report rows of different moments (rolling shutter), in the pair or on average; the mean includes the pair."""
-    return _found(Finding.SHEARED_ROWS, shear > MAX_SHEAR or mean.value > MAX_MEAN_SHEAR)
+    return _found(Finding.SHEARED_ROWS, shear_chi2 > MAX_SHEAR or mean.value > MAX_MEAN_SHEAR)
 
 
 def _found(finding: Finding, is_present: bool) -> Findings:

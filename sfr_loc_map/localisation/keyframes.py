@@ -21,8 +21,9 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap, NewLandmarks, SlidingWindow
 from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.localisation.frontend.feature_detection import find_corners, load_mask
+from sfr_loc_map.localisation.frontend.feature_detection import find_corners
 from sfr_loc_map.localisation.frontend.landmarks import BORDER
+from sfr_loc_map.localisation.frontend.masks import load_mask
 from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations
 from sfr_loc_map.localisation.frontend.stereo_matching import match_corners
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
@@ -93,7 +94,7 @@ class KeyframeMaker:
         last_seen = tracks.landmarks.last_seen
         flow = np.linalg.norm(tracks.observations[:, :2] - last_seen[:, :2], axis=1)[tracks.inliers]
         flow = flow[np.isfinite(flow)]
-        is_active = landmark_map.window.active[tracks.landmarks.index]
+        is_active = landmark_map.window.active[tracks.landmarks.rows]
         in_last_keyframe = np.count_nonzero(is_active & np.isfinite(last_seen[:, 0]))
         if len(flow) < KEYFRAME_INLIER_RATIO * in_last_keyframe:
             return True
@@ -119,7 +120,7 @@ class KeyframeMaker:
         """Make a tracked pair a keyframe of the window."""
         start = time.perf_counter()
         tracks = job.tracks
-        rows = tracks.landmarks.index
+        rows = tracks.landmarks.rows
         inliers = tracks.inliers
         window = job.window.without(rows[~inliers])
         observed = StereoObservations(tracks.observations[inliers], tracks.variance[inliers])

@@ -56,7 +56,6 @@ import numpy as np
 from sfr_loc_map import __version__
 from sfr_loc_map.config import checked
 from sfr_loc_map.errors import LocalisationError
-from sfr_loc_map.geometry.arrays import FloatArray, median
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
@@ -65,7 +64,6 @@ from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibratio
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import (
-    LandmarkTracks,
     PoseEstimate,
     StartPose,
     StateReason,
@@ -78,16 +76,18 @@ from sfr_loc_map.localisation.frontend.cell_change import Change
 from sfr_loc_map.localisation.frontend.patch import SIDE
 from sfr_loc_map.localisation.frontend.patch_slopes import refine_slopes
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset, right_shift
-from sfr_loc_map.localisation.frontend.tracking import INLIER_CHI2_PER_DOF, StereoFrame, Tracker, Tracks
+from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
 from sfr_loc_map.localisation.ground_memory import GroundMemory
 from sfr_loc_map.localisation.ground_motion import Ground, GroundSelector
 from sfr_loc_map.localisation.guards import Findings, ShearMean
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW, KeyframeJob, KeyframeMaker, KeyframeResult
 from sfr_loc_map.localisation.motion_model import Prediction
+from sfr_loc_map.localisation.pair_statistics import accepted_statistics, displayed, residual_statistics
 from sfr_loc_map.localisation.parallel import BACKGROUND
 from sfr_loc_map.localisation.relocalisation import RESTART_AFTER, RecoveryImages, Relocaliser
+from sfr_loc_map.localisation.stage_clock import StageClock
 from sfr_loc_map.localisation.stale_images import ImageComparison
-from sfr_loc_map.localisation.state import Outcome, StageClock, State
+from sfr_loc_map.localisation.state import Outcome, State
 from sfr_loc_map.localisation.uncertainty import RoverModel, pose_covariance, symmetric
 
 
@@ -97,7 +97,7 @@ class CorrectedTracks(NamedTuple):
     tracks: Tracks  #: Tracks with corrected right observations.
     calibration: OnlineCalibration  #: The calibration, updated by the pair.
     shear_mean: ShearMean  #: The running mean, updated by the pair.
-    shear: float = 0.0  #: Squared shear of the rows of this pair over its variance.
+    shear_chi2: float = 0.0  #: Squared shear of the rows of this pair over its variance.
 
 
 class Candidate(NamedTuple):
@@ -226,12 +226,12 @@ class Localiser:
         if landmark_map is None:
             return self._begin(state, frame, verdict)
         state = replace(state, ground=state.ground.after_stale_rows(images.stale_rows))
-        has_map = len(landmark_map.landmarks.index) >= self._config.min_tracked
+        has_map = len(landmark_map.landmarks.rows) >= self._config.min_tracked
         verdict = decide(findings | guards.check_landmarks(frame, are_enough=has_map))
         if verdict.refuses:
             return self._refuse(state, verdict, pair.stamp_ns, frame)
         # 2 predict
-        guesses = state.path.motion.predict(pair.stamp_ns, odometry, self._model)
+        guesses = state.path.last.predict(pair.stamp_ns, odometry, self._model)
         prediction = Prediction(guesses, state.calibration.offset)
         # 3 track, 4 relocalise; meanwhile stage 5 begins
         change = self._ground.compare(frame, state.ground)
@@ -302,7 +302,7 @@ class Localiser:
             observations[:, 2:] -= RightOffset(u=drift_px).at(observations[:, 2:], self._camera)
             observed = tracks.observed._replace(uv=observations)
             tracks = self._tracker.solve(tracks.landmarks, observed, tracks.pose)
-        return CorrectedTracks(tracks, calibration, shear_mean.with_pair(shift.shear), shift.shear)
+        return CorrectedTracks(tracks, calibration, shear_mean.with_pair(shift.shear_chi2), shift.shear_chi2)
 
     def _judge(self, state: State, candidate: Candidate, findings: Findings) -> Verdict:
         """Judge a pose by all guards."""
@@ -315,13 +315,13 @@ class Localiser:
         findings |= guards.check_sides(frame, tracks, self._tracker, corrected.calibration.offset)
         findings |= guards.check_gap(keyframes=state.keyframes, gap_ends_at=state.gap_ends_at)
         findings |= guards.check_calibration(corrected.calibration)
-        findings |= guards.check_shear(corrected.shear, corrected.shear_mean)
+        findings |= guards.check_shear(corrected.shear_chi2, corrected.shear_mean)
         return decide(findings)
 
     def _check_pose(self, state: State, frame: StereoFrame, tracks: Tracks) -> Findings:
         """Return the findings that depend on the pose of a pair alone."""
         findings = guards.check_landmarks(frame, are_enough=tracks.is_trusted)
-        return findings | guards.check_pose(tracks, state.path.motion, frame.stamp_ns, self._config.motion)
+        return findings | guards.check_pose(tracks, state.path.last, frame.stamp_ns, self._config.motion)
 
     def _complete(self, state: State, candidate: Candidate, verdict: Verdict, clock: StageClock) -> FinalPose:
         """Decide whether a judged pair becomes a keyframe, and solve for the pose of a keyframe by all landmarks.
@@ -348,7 +348,7 @@ class Localiser:
         was_tracked = landmarks.among(tracks.landmarks)
         if was_tracked.all():
             return tracks
-        if np.array_equal(tracks.landmarks.index, landmark_map.followed.index):
+        if np.array_equal(tracks.landmarks.rows, landmark_map.followed.rows):
             rest = landmark_map.rest  # its patches are already copied
         else:
             rest = landmarks.subset(~was_tracked)
@@ -367,7 +367,7 @@ class Localiser:
             tracks=tracks,
             chi_median=residuals.chi_median,
             was_known=state.status is not TrackingState.LOST,
-            shear=corrected.shear,
+            shear_chi2=corrected.shear_chi2,
             inflation=verdict.inflation,
             rival_distance=ground.rival_distance,
         )
@@ -411,7 +411,7 @@ class Localiser:
             return self._keep(state, verdict, stamp_ns, statistics, tracks)
         # without a frame the verdict is of stage 1, of which no finding has the action RESTART
         if verdict.action is Action.RESTART and frame is not None:
-            count = 0 if state.landmark_map is None else len(state.landmark_map.landmarks.index)
+            count = 0 if state.landmark_map is None else len(state.landmark_map.landmarks.rows)
             if self._relocaliser.is_good_image(frame, count):
                 state = replace(state, failed_recoveries=state.failed_recoveries + 1)
                 if state.failed_recoveries >= RESTART_AFTER:
@@ -443,15 +443,15 @@ class Localiser:
         """
         if not verdict.is_comparable:
             return self._lose(state, verdict.reason, TrackingStatistics(inliers=0), tracks)
-        pose = Pose.of(state.path.motion.T_world_left)
+        pose = Pose.of(state.path.last.T_world_left)
         result = self._keyframes.begin(frame, pose, state.calibration, state.ground.excluded.mask)
-        found = len(result.landmark_map.landmarks.index)
+        found = len(result.landmark_map.landmarks.rows)
         statistics = TrackingStatistics(features=found)
         few = decide(guards.check_landmarks(frame, are_enough=found >= self._config.min_tracked))
         if few.refuses:
             return self._lose(state, few.reason, statistics, tracks)
         keyframes = state.keyframes + 1
-        known_ns = state.path.motion.known_ns
+        known_ns = state.path.last.known_ns
         has_gap = known_ns is not None and known_ns < frame.stamp_ns  # images show the motion up to a later start pose
         gap_ends_at = keyframes + self._config.window_keyframes - 1 if has_gap else state.gap_ends_at
         gap = decide(guards.check_gap(keyframes=keyframes, gap_ends_at=gap_ends_at))
@@ -513,12 +513,12 @@ class Localiser:
     def _estimate(self, stamp_ns: int, state: State, outcome: Outcome, clock: StageClock) -> PoseEstimate:
         """Return the pose of RB in DS with its covariance, from that of the left camera in the world."""
         datum = state.path.datum
-        T_ds_left = datum.T_ds_world @ state.path.motion.T_world_left
+        T_ds_left = datum.T_ds_world @ state.path.last.T_world_left
         T_ds_rb = T_ds_left @ self._model.T_left_rb
         if state.status is TrackingState.LOST:
             covariance = lost_covariance()
         else:
-            position = state.path.motion.T_world_left.translation
+            position = state.path.last.T_world_left.translation
             depth_m = 0.0 if state.landmark_map is None else state.landmark_map.landmarks.median_depth
             of_left = pose_covariance(state.path.errors, position, depth_m, state.calibration, self._model)
             lever = T_ds_rb.translation - T_ds_left.translation
@@ -534,42 +534,3 @@ class Localiser:
             step=outcome.step,
             tracks=None if outcome.tracks is None else displayed(outcome.tracks),
         )
-
-
-class ResidualStatistics(NamedTuple):
-    """Residuals of tracks."""
-
-    chi_median: float  #: Median chi-square per degree of freedom; NaN without residuals.
-    residual_px: float  #: Median residual of the inliers, px.
-
-
-def residual_statistics(tracks: Tracks) -> ResidualStatistics:
-    """Return the residuals of tracks."""
-    chi2 = tracks.chi2_per_dof
-    found = np.isfinite(tracks.observations[:, ::2])
-    mean_variance = 0.5 * (tracks.variance[:, :, 0] + tracks.variance[:, :, 2])
-    total: FloatArray = np.where(found, mean_variance, 0.0).sum(axis=1)
-    residuals = np.sqrt(chi2 * (total / np.maximum(found.sum(axis=1), 1)))
-    return ResidualStatistics(median(chi2[~np.isnan(chi2)]), median(residuals[tracks.inliers]))
-
-
-def accepted_statistics(state: State, tracks: Tracks, residuals: ResidualStatistics) -> TrackingStatistics:
-    """Return the figures of a pair after which the state is a given one."""
-    offset = state.calibration.offset
-    return TrackingStatistics(
-        features=len(tracks.inliers),
-        inliers=tracks.inlier_count,
-        keyframes=state.keyframes,
-        chi_median=residuals.chi_median,
-        residual_px=residuals.residual_px,
-        vertical_offset_px=offset.v,
-        disparity_offset_px=-offset.u,
-        roll_offset_px=offset.roll,
-        masked_share=state.ground.excluded.fraction,
-    )
-
-
-def displayed(tracks: Tracks) -> LandmarkTracks:
-    """Return what is shown of tracks."""
-    residual = np.sqrt(tracks.chi2_per_dof / INLIER_CHI2_PER_DOF)
-    return LandmarkTracks(tracks.observations[:, :2], tracks.landmarks.last_seen[:, :2], residual)

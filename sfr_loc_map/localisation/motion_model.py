@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from sfr_loc_map.geometry.arrays import length
 from sfr_loc_map.geometry.camera import Pose
-from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
-from sfr_loc_map.localisation.uncertainty import MotionSize, RoverModel, Speed
+from sfr_loc_map.localisation.motion_size import MotionSize, Speed, size_between, size_of
+from sfr_loc_map.localisation.uncertainty import RoverModel
 
 MAX_MISSED_PAIRS = 4
 """Number of missing pairs over which a constant velocity is still extrapolated; later the motion may have changed."""
@@ -49,7 +48,7 @@ class MotionSince(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class LastPose:
     """The last known pose of the left camera, and the motion that led to it."""
 
     T_world_left: Transform  #: Last known pose in the present map: an adjustment of the map moves it.
@@ -86,37 +85,42 @@ class Motion:
         T_last_now = self.T_world_left.inverse() @ T_world_left
         return MotionSince(T_last_now, *size_of(T_last_now), self.unseen_s(stamp_ns))
 
-    def tracked(self, stamp_ns: int, T_world_left: Transform, since: MotionSince, *, was_known: bool) -> Motion:
-        """Return the motion after a tracked pair. The speed is updated only if the pose before was not lost."""
+    def tracked(self, stamp_ns: int, T_world_left: Transform, since: MotionSince, *, was_known: bool) -> LastPose:
+        """Return the pose of a tracked pair. The speed is updated only if the pose before was not lost."""
         speed = self.speed
         if was_known:
             seconds = since.seconds
             speed = Speed(since.metres / seconds, since.radians / seconds) if seconds > 0.0 else Speed(0.0, 0.0)
-        return Motion(T_world_left, since.T_last_now, stamp_ns, stamp_ns, stamp_ns - self.tracked_ns, speed)
+        return LastPose(T_world_left, since.T_last_now, stamp_ns, stamp_ns, stamp_ns - self.tracked_ns, speed)
 
-    def without_prediction(self) -> Motion:
-        """Return the motion after tracking was lost: the next pose is expected where the last known one is.
+    def at_stamp(self, stamp_ns: int | None) -> LastPose:
+        """Return the pose as known at another stamp."""
+        return replace(self, known_ns=stamp_ns)
+
+    def placed(self, stamp_ns: int | None) -> LastPose:
+        """Return the pose after it was given from outside, at a stamp; how the rover moves is unknown."""
+        return replace(self, known_ns=stamp_ns, speed=Speed(0.0, 0.0))
+
+    def adjusted(self, T_world_left: Transform) -> LastPose:
+        """Return the pose after an adjustment of the map moved it."""
+        return replace(self, T_world_left=T_world_left)
+
+    def without_prediction(self) -> LastPose:
+        """Return the pose after tracking was lost: the next pose is expected where the last known one is.
 
         The last speed stays: the rover may have continued at it while no image showed its motion.
         """
         return replace(self, T_before_last=Transform.identity())
 
-    def restarted(self, stamp_ns: int) -> Motion:
-        """Return the motion after a new window began at the last pose, at rest; the period is unknown."""
-        return Motion(self.T_world_left, Transform.identity(), stamp_ns, stamp_ns, 0, self.speed)
+    def restarted(self, stamp_ns: int) -> LastPose:
+        """Return the pose after a new window began at it, at rest; the period is unknown."""
+        return LastPose(self.T_world_left, Transform.identity(), stamp_ns, stamp_ns, 0, self.speed)
 
 
-def size_of(motion: Transform) -> MotionSize:
-    """Return the size of a motion."""
-    return MotionSize(length(motion.translation), length(rotvec_from_matrix(motion.rotation)))
-
-
-def is_plausible(motion: Motion, stamp_ns: int, pose: Pose, bounds: MotionBounds) -> bool:
+def is_plausible(last: LastPose, stamp_ns: int, pose: Pose, bounds: MotionBounds) -> bool:
     """Return whether a rover can have moved to a pose of the left camera since the last known one; NaN is not."""
-    seconds = motion.unseen_s(stamp_ns)
-    last = motion.T_world_left
-    metres = length(pose.position - last.translation)
-    radians = length(rotvec_from_matrix(last.rotation.T @ pose.rotation))
+    seconds = last.unseen_s(stamp_ns)
+    metres, radians = size_between(Pose.of(last.T_world_left), pose)
     max_m = SLACK.metres + bounds.max_speed_m_s * seconds
     max_rad = SLACK.radians + bounds.max_turn_rad_s * seconds
     return metres <= max_m and radians <= max_rad

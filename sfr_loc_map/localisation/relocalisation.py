@@ -57,7 +57,7 @@ class KnownImage(NamedTuple):
         points = self.landmarks.points
         usable = np.isfinite(self.uv).all(axis=1) & np.isfinite(points).all(axis=1)
         if among is not None:
-            usable &= np.isin(self.landmarks.index, among.index)
+            usable &= np.isin(self.landmarks.rows, among.rows)
         return self.uv[usable], points[usable]
 
 

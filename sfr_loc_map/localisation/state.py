@@ -5,21 +5,18 @@ Several stamps and two poses in the state look alike. Each has one meaning, and 
 
 | value | meaning | changed by |
 |---|---|---|
-| `path.motion.T_world_left` | last known pose, in the present map | A; adjustment of a keyframe |
+| `path.last.T_world_left` | last known pose, in the present map | A; adjustment of a keyframe |
 | `path.published.T_world_left` | pose published last, where the next step begins | A, K, W |
 | `path.published.stamp_ns` | its stamp | A, K, W |
-| `path.motion.known_ns` | stamp since which the motion is unseen | A, W; first pair; pose from outside |
-| `path.motion.tracked_ns` | stamp from which missing pairs are counted | A, W |
+| `path.last.known_ns` | stamp since which the motion is unseen | A, W; first pair; pose from outside |
+| `path.last.tracked_ns` | stamp from which missing pairs are counted | A, W |
 | `path.history.last_ns` | last stamp to which a pose from outside can be applied | A, W; pose from outside after it |
 | `path.datum.pending` | pose from outside that is not applied yet | `set_pose`; first pair; when it is applied |
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
-from time import perf_counter
 from typing import NamedTuple
 
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
@@ -60,19 +57,3 @@ class Outcome(NamedTuple):
     tracks: Tracks | None = None  #: What was tracked, trusted or not; None if nothing was.
     step: StepEstimate | None = None  #: Step to the pose; None if lost.
     keyframe: KeyframeJob | None = None  #: Work of the keyframe that the pair becomes.
-
-
-class StageClock:
-    """Durations of the stages of one call, s, by name."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Add the time within the context to a stage."""
-        start = perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start

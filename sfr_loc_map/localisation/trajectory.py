@@ -28,11 +28,13 @@ from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
-from sfr_loc_map.localisation.datum import MAX_AHEAD_NS, MAX_START_AHEAD_NS, Datum, History, PastPose, PendingPose
+from sfr_loc_map.localisation.datum import MAX_AHEAD_NS, MAX_START_AHEAD_NS, Datum, PendingPose
 from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
 from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.frontend.tracking import Tracks
-from sfr_loc_map.localisation.motion_model import Motion, MotionSince, size_of
+from sfr_loc_map.localisation.history import History, PastPose
+from sfr_loc_map.localisation.motion_model import LastPose, MotionSince
+from sfr_loc_map.localisation.motion_size import MotionSize, size_of
 from sfr_loc_map.localisation.uncertainty import (
     MIN_VARIANCE,
     ZERO,
@@ -40,18 +42,16 @@ from sfr_loc_map.localisation.uncertainty import (
     DirectedError,
     DisparityBias,
     LocatedCovariance,
-    MotionSize,
     PathErrors,
     PublishedPose,
     RoverModel,
-    Speed,
     StepMotion,
     accumulated_covariance,
-    drift_covariance,
     inflation_of,
     lens_turn_per_m,
     pose_noise,
     positive_part,
+    start_and_drift,
     step_covariance,
     symmetric,
     systematic_step,
@@ -68,7 +68,7 @@ MAX_ADJUSTMENT = MotionSize(1.0, 1.0)
 class PathState:
     """The poses so far."""
 
-    motion: Motion  #: Last known pose in the present map, and its motion.
+    last: LastPose  #: Last known pose in the present map, and how it moves.
     datum: Datum  #: Place of the world in DS.
     errors: PathErrors  #: What the covariance of the pose is composed of.
     published: PublishedPose  #: The pose published last, from which the next step counts.
@@ -83,7 +83,7 @@ class AcceptedPair(NamedTuple):
     tracks: Tracks
     chi_median: float  #: Median squared Mahalanobis residual per degree of freedom; NaN without any.
     was_known: bool  #: Whether the pose of the pair before was not lost; it may have been kept.
-    shear: float  #: Squared shear of the image rows over its variance.
+    shear_chi2: float  #: Squared shear of the image rows over its variance.
     inflation: Inflation  #: What the findings of the pair add to the covariance.
     rival_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
 
@@ -100,9 +100,9 @@ class _NewPose(NamedTuple):
 
 def started(start: StartPose, model: RoverModel) -> PathState:
     """Return the path before the first pair."""
-    motion = Motion(Transform.identity(), Transform.identity(), None)
+    last = LastPose(Transform.identity(), Transform.identity(), None)
     errors = PathErrors(LocatedCovariance(np.zeros(3), ZERO))
-    path = PathState(motion, Datum(Transform.identity(), start), errors, PublishedPose())
+    path = PathState(last, Datum(Transform.identity(), start), errors, PublishedPose())
     return _placed(path, start, start.stamp_ns, model)
 
 
@@ -115,9 +115,9 @@ def arrived(path: PathState, stamp_ns: int) -> PathState:
     if path.datum.has_pairs:
         return path
     datum = replace(path.datum, has_pairs=True)
-    known_ns = path.motion.known_ns
+    known_ns = path.last.known_ns
     if known_ns is None or known_ns > stamp_ns + MAX_START_AHEAD_NS:
-        return replace(path, datum=datum, motion=replace(path.motion, known_ns=stamp_ns))
+        return replace(path, datum=datum, last=path.last.at_stamp(stamp_ns))
     if known_ns > stamp_ns:
         datum = replace(datum, pending=PendingPose(datum.placed, MAX_START_AHEAD_NS))
     return replace(path, datum=datum)
@@ -134,27 +134,16 @@ def accepted(
     errors = _errors_with(path, pose, landmark_map, calibration, model)
     published = _published_with(path, pose, model)
     step = _step_to(path, pose, published, landmark_map, calibration, model)
-    position = pose.T_world_left.translation
-    motion = path.motion.tracked(pair.stamp_ns, pose.T_world_left, pose.since, was_known=pair.was_known)
-    past = PastPose(
-        stamp_ns=pair.stamp_ns,
-        T_world_left=pose.T_world_left,
-        was_known=pair.was_known,
-        window=path.window,
-        in_window=LocatedCovariance(position, errors.in_window),
-        accumulated=LocatedCovariance(position, accumulated_covariance(errors, position, model)),
-        bias=errors.bias,
-        directed=errors.directed,
-    )
-    history = path.history.with_pose(past)
-    return PathState(motion, path.datum, errors, published, history, path.window), step
+    last = path.last.tracked(pair.stamp_ns, pose.T_world_left, pose.since, was_known=pair.was_known)
+    after = PathState(last, path.datum, errors, published, path.history, path.window)
+    return _remembered(after, model, was_known=pair.was_known), step
 
 
 def _new_pose(path: PathState, pair: AcceptedPair, model: RoverModel) -> _NewPose:
     """Return the pose of an accepted pair against the last known one."""
     now = Transform(*pair.tracks.pose)
-    since = path.motion.since_last(pair.stamp_ns, now)
-    unseen = unseen_motion(path.motion.speed, since.seconds, model)
+    since = path.last.since_last(pair.stamp_ns, now)
+    unseen = unseen_motion(path.last.speed, since.seconds, model)
     added = inflation_of(
         pair.inflation,
         unseen_rb=unseen,
@@ -175,7 +164,7 @@ def _errors_with(
     if pose.added.ambiguity is not None:
         errors = errors.with_directed(pose.added.ambiguity, position)
     depth_m = landmark_map.landmarks.median_depth
-    per_px = (position - path.motion.T_world_left.translation) * depth_m / model.focal_baseline
+    per_px = (position - path.last.T_world_left.translation) * depth_m / model.focal_baseline
     bias = DisparityBias(errors.bias.total + per_px, errors.bias.corrected + per_px * calibration.corrected_px)
     suspected_rb = pose.added.suspected_rb
     return errors.with_pose(
@@ -192,7 +181,7 @@ def _published_with(path: PathState, pose: _NewPose, model: RoverModel) -> Publi
         pose.given_landmarks,
         R_world_left=pose.T_world_left.rotation,
         variance_factor=factor,
-        shear=pose.pair.shear,
+        shear_chi2=pose.pair.shear_chi2,
         model=model,
     )
     return PublishedPose(
@@ -218,8 +207,8 @@ def _step_to(
     seconds = (pose.pair.stamp_ns - before_ns) / NS_PER_S
     step = StepMotion.between(before.T_world_left or pose.T_world_left, pose.T_world_left, model)
     depth_m = pose.pair.tracks.landmarks.median_depth
-    drift = landmark_map.window.drift
-    of_images = step_covariance(step, drift, pose.given_landmarks, depth_m, published.variance_factor, model)
+    keyframes = landmark_map.window.last_motion
+    of_images = step_covariance(step, keyframes, pose.given_landmarks, depth_m, published.variance_factor, model)
     return StepEstimate(
         seconds=seconds,
         motion=step.vector,
@@ -227,14 +216,14 @@ def _step_to(
         systematic=systematic_step(step, depth_m, calibration, model),
         noise=published.noise,
         noise_before=before.noise,
-        unsteady=ZERO if pose.pair.was_known else unseen_motion(path.motion.speed, seconds, model),
+        unsteady=ZERO if pose.pair.was_known else unseen_motion(path.last.speed, seconds, model),
     )
 
 
 def kept(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PathState, StepEstimate]:
     """Return the path with the last pose kept up to a stamp, and the step; the rover may stand still or have moved."""
     errors = path.errors.kept(_unseen_of_left(path, stamp_ns, model))
-    published, step = _step_to_same_pose(path, stamp_ns, model)
+    published, step = _step_to_last_pose(path, stamp_ns, model)
     return replace(path, errors=errors, published=published), step
 
 
@@ -242,37 +231,26 @@ def restarted(
     path: PathState, stamp_ns: int, landmark_map: LandmarkMap, model: RoverModel
 ) -> tuple[PathState, StepEstimate]:
     """Return the path with a new window that begins at the last pose, and the step to it."""
-    position = path.motion.T_world_left.translation
+    position = path.last.T_world_left.translation
     depth_m = landmark_map.landmarks.median_depth
     until_now = path.errors.kept(_unseen_of_left(path, stamp_ns, model))
     blur_rad = model.sources.blur_px / model.fx
-    in_window = landmark_map.window.covariance
     errors = until_now.restarted(
         position,
-        drift=drift_covariance(path.errors, position, model),
+        drift=start_and_drift(path.errors, position, model),
         accumulated=accumulated_covariance(path.errors, position, model),
         first_image=MotionSize(blur_rad * depth_m, blur_rad).covariance,
-        in_window=in_window,
+        in_window=landmark_map.window.covariance,
     )
-    published, step = _step_to_same_pose(path, stamp_ns, model)
-    window = path.window + 1
-    past = PastPose(
-        stamp_ns=stamp_ns,
-        T_world_left=path.motion.T_world_left,
-        was_known=False,
-        window=window,
-        in_window=LocatedCovariance(position, in_window),
-        accumulated=LocatedCovariance(position, accumulated_covariance(errors, position, model)),
-        bias=errors.bias,
-        directed=errors.directed,
-    )
-    motion = path.motion.restarted(stamp_ns)
-    return PathState(motion, path.datum, errors, published, path.history.with_pose(past), window), step
+    published, step = _step_to_last_pose(path, stamp_ns, model)
+    last = path.last.restarted(stamp_ns)
+    after = PathState(last, path.datum, errors, published, path.history, path.window + 1)
+    return _remembered(after, model, was_known=False), step
 
 
 def lost(path: PathState) -> PathState:
     """Return the path after a lost pair."""
-    return replace(path, motion=path.motion.without_prediction())
+    return replace(path, last=path.last.without_prediction())
 
 
 def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_step: bool) -> PathState | None:
@@ -283,45 +261,60 @@ def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_ste
     if not (np.isfinite(np.column_stack(pose)).all() and np.isfinite(covariance).all()):
         return None
     T_world_left = Transform(*pose)
-    moved = size_of(path.motion.T_world_left.inverse() @ T_world_left)
+    moved = size_of(path.last.T_world_left.inverse() @ T_world_left)
     if not (moved.metres <= MAX_ADJUSTMENT.metres and moved.radians <= MAX_ADJUSTMENT.radians):
         return None
     published = path.published
     if has_yaw_step:
         published = replace(published, shared=published.shared + moved.covariance)
     return replace(
-        path,
-        motion=replace(path.motion, T_world_left=T_world_left),
-        errors=path.errors.adjusted(covariance),
-        published=published,
+        path, last=path.last.adjusted(T_world_left), errors=path.errors.adjusted(covariance), published=published
     )
+
+
+def _remembered(path: PathState, model: RoverModel, *, was_known: bool) -> PathState:
+    """Return the path with its last pose in the history; `was_known` says whether the pose before was not lost."""
+    assert path.published.stamp_ns is not None, "the last pose was published"
+    errors = path.errors
+    position = path.last.T_world_left.translation
+    past = PastPose(
+        stamp_ns=path.published.stamp_ns,
+        T_world_left=path.last.T_world_left,
+        was_known=was_known,
+        window=path.window,
+        in_window=LocatedCovariance(position, errors.in_window),
+        accumulated=LocatedCovariance(position, accumulated_covariance(errors, position, model)),
+        bias=errors.bias,
+        directed=errors.directed,
+    )
+    return replace(path, history=path.history.with_pose(past))
 
 
 def _unseen_of_left(path: PathState, stamp_ns: int, model: RoverModel) -> FloatArray:
     """Return the covariance of the left camera in the world of a motion up to a stamp that no image showed."""
-    of_rb = unseen_motion(path.motion.speed, path.motion.unseen_s(stamp_ns), model)
+    of_rb = unseen_motion(path.last.speed, path.last.unseen_s(stamp_ns), model)
     return _of_left(path, of_rb, model)
 
 
 def _of_left(path: PathState, covariance: FloatArray, model: RoverModel) -> FloatArray:
     """Return the covariance of the left camera in the world from that of RB in RB at the last known pose."""
-    R_world_left = path.motion.T_world_left.rotation
+    R_world_left = path.last.T_world_left.rotation
     R_world_rb = R_world_left @ model.T_rb_left.rotation.T
     return model.covariance_of_left(covariance, R_world_frame=R_world_rb, R_world_left=R_world_left)
 
 
-def _step_to_same_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PublishedPose, StepEstimate]:
+def _step_to_last_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PublishedPose, StepEstimate]:
     """Return the step to the last known pose. Only the growth of the unseen motion since the last step is added.
 
     The motion is that of the pose by an adjustment of its keyframe; zero without one.
     """
     before = path.published
     seconds = 0.0 if before.stamp_ns is None else (stamp_ns - before.stamp_ns) / NS_PER_S
-    speed = path.motion.speed
-    unseen = unseen_motion(speed, path.motion.unseen_s(stamp_ns), model)
+    speed = path.last.speed
+    unseen = unseen_motion(speed, path.last.unseen_s(stamp_ns), model)
     growth = np.maximum(unseen - before.unseen, unseen_motion(speed, seconds, model))
     covariance = growth + MIN_VARIANCE * np.eye(6)
-    now = path.motion.T_world_left
+    now = path.last.T_world_left
     published = replace(before, stamp_ns=stamp_ns, T_world_left=now, unseen=unseen)
     motion = np.zeros(6)
     if before.T_world_left is not None:
@@ -360,16 +353,16 @@ def with_pending_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tupl
 
 def _placed(path: PathState, pose: StartPose, stamp_ns: int | None, model: RoverModel) -> PathState:
     """Return the path whose last pose is a pose from outside, known at a stamp. The path so far is forgotten."""
-    last = path.motion.T_world_left
-    T_ds_world = pose.T_ds_rb @ model.T_rb_left @ last.inverse()
+    T_world_left = path.last.T_world_left
+    T_ds_world = pose.T_ds_rb @ model.T_rb_left @ T_world_left.inverse()
     covariance = model.covariance_of_left(
-        pose.covariance, R_world_frame=T_ds_world.rotation.T, R_world_left=last.rotation
+        pose.covariance, R_world_frame=T_ds_world.rotation.T, R_world_left=T_world_left.rotation
     )
     return replace(
         path,
-        motion=replace(path.motion, known_ns=stamp_ns, speed=Speed(0.0, 0.0)),
+        last=path.last.placed(stamp_ns),
         datum=replace(path.datum, T_ds_world=T_ds_world, placed=pose),
-        errors=path.errors.placed(LocatedCovariance(last.translation, covariance)),
+        errors=path.errors.placed(LocatedCovariance(T_world_left.translation, covariance)),
         history=History(),
     )
 
@@ -378,7 +371,7 @@ def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) ->
     """Return the path that passes through a pose from outside at a stamp of the past; errors count from there."""
     past, apart_s = path.history.at(at_ns)
     T_ds_world = pose.T_ds_rb @ model.T_rb_left @ past.T_world_left.inverse()
-    unseen = unseen_motion(path.motion.speed, apart_s, model)
+    unseen = unseen_motion(path.last.speed, apart_s, model)
     unseen = symmetric(propagated_covariance(unseen, np.zeros(3), pose.T_ds_rb.rotation))
     covariance = model.covariance_of_left(
         pose.covariance + unseen, R_world_frame=T_ds_world.rotation.T, R_world_left=past.T_world_left.rotation

@@ -37,7 +37,7 @@ step to step.
 
 **Noise** (`pose_noise`): white noise of a pose itself, which cancels between consecutive steps.
 
-    N = white_ratio max(v, min_variance_factor) max(shear, 1) C + exposure_rad^2 (attitude)
+    N = white_ratio max(v, min_variance_factor) max(shear_chi2, 1) C + exposure_rad^2 (attitude)
 
 - C: covariance of the pose given the landmarks.
 
@@ -59,7 +59,7 @@ Each angle is at most `MAX_ANGLE_RAD`, about which nothing is known then.
 
 A new error source is a field of `ErrorSources` and a term in one of these formulas. If it accumulates along the path,
 it is also a field of `PathErrors`, which only its methods change: `with_pose` or `with_directed` adds to it, `placed`
-and `rebased` reset it, and `restarted` decides what of it a new window inherits. It is a field of `datum.PastPose` as
+and `rebased` reset it, and `restarted` decides what of it a new window inherits. It is a field of `history.PastPose` as
 well, from which `rebased` takes what arose before a past pose.
 
 Positions are `(3,)`, m, in the world. A covariance `(6, 6)` is of position and rotation about fixed axes, of the left
@@ -73,14 +73,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, length
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
-from sfr_loc_map.localisation.backend.sliding_window import KeyframeDrift
+from sfr_loc_map.localisation.backend.sliding_window import KeyframeMotion
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.findings import Inflation
+from sfr_loc_map.localisation.motion_size import MotionSize, Speed, size_of
 
 MAX_ANGLE_RAD = np.pi / np.sqrt(3.0)  #: Standard deviation of an angle about which nothing is known (uniform), rad.
 EXPECTED_CHI_MEDIAN = 0.839  #: Median of chi-square with four degrees of freedom, divided by four.
@@ -188,25 +189,6 @@ class DisparityBias(NamedTuple):
 
     total: FloatArray  #: Of the whole path.
     corrected: FloatArray  #: Times the yaw, px, that was corrected at each step.
-
-
-class Speed(NamedTuple):
-    """Speed of the left camera."""
-
-    m_s: float
-    rad_s: float
-
-
-class MotionSize(NamedTuple):
-    """Size of a motion, of a distance of two poses, or of an error."""
-
-    metres: float  #: Length.
-    radians: float  #: Angle.
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Covariance `(6, 6)` of errors whose standard deviation is this size on each axis."""
-        return np.diag(np.repeat(np.square((self.metres, self.radians)), 3))
 
 
 class DirectedError(MotionSize):
@@ -318,7 +300,7 @@ class PathErrors:
 
         Args:
             position: Position of the left camera.
-            drift: `(6, 6)` of the start pose and the drift up to here (`drift_covariance`).
+            drift: `(6, 6)` of the start pose and the drift up to here (`start_and_drift`).
             accumulated: `(6, 6)` of all windows up to here (`accumulated_covariance`).
             first_image: `(6, 6)` that the first image adds.
             in_window: `(6, 6)` of the first keyframe in the new window.
@@ -392,12 +374,12 @@ def pose_covariance(
     attitude_px = np.hypot(bent_px, sources.followed_attitude_ratio * calibration.followed_px)
     attitude = np.zeros((6, 6))
     attitude[3:, 3:] = np.eye(3) * (attitude_px / model.fx) ** 2
-    drift = drift_covariance(errors, position, model)
+    drift = start_and_drift(errors, position, model)
     directed = errors.directed_covariance.at(position)
     return np.asarray(drift + directed + blur + disparity + attitude + errors.unimaged)
 
 
-def drift_covariance(errors: PathErrors, position: FloatArray, model: RoverModel) -> FloatArray:
+def start_and_drift(errors: PathErrors, position: FloatArray, model: RoverModel) -> FloatArray:
     """Return the parts start and D of the pose covariance, which come from the start pose and the drift since."""
     drift = errors.in_window
     if errors.drift_origin is not None:
@@ -483,8 +465,7 @@ class StepMotion:
     of_rb: Transform  #: `T_rb_before_now`.
     vector: FloatArray  #: `(6,)` the same as metres and rotation vector, rad.
     displacement: FloatArray  #: `(3,)` of the left camera in the world, m.
-    metres: float  #: Length of the motion of the left camera.
-    radians: float  #: Angle of the motion.
+    size: MotionSize  #: Size of the motion of the left camera.
     R_rb_world: FloatArray  #: `(3, 3)` takes components in the world to RB at the pose before.
 
     @classmethod
@@ -497,8 +478,7 @@ class StepMotion:
             of_rb=of_rb,
             vector=np.concatenate((of_rb.translation, rotvec_from_matrix(of_rb.rotation))),
             displacement=now.translation - before.translation,
-            metres=length(of_left.translation),
-            radians=length(rotvec_from_matrix(of_left.rotation)),
+            size=size_of(of_left),
             R_rb_world=model.T_rb_left.rotation @ before.rotation.T,
         )
 
@@ -513,7 +493,7 @@ def updated_variance_factor(before: float | None, chi_median: float, sources: Er
 
 def step_covariance(
     step: StepMotion,
-    drift: KeyframeDrift | None,
+    keyframes: KeyframeMotion | None,
     given_landmarks: FloatArray,
     depth_m: float,
     variance_factor: float | None,
@@ -523,21 +503,22 @@ def step_covariance(
 
     Args:
         step: The motion.
-        drift: Uncertainty of the newest keyframe against the one before.
-        given_landmarks: `(6, 6)` covariance of the pose if the landmarks were exact; it stands for a missing drift.
+        keyframes: Motion between the two newest keyframes.
+        given_landmarks: `(6, 6)` covariance of the pose if the landmarks were exact; it stands in without
+            a second keyframe.
         depth_m: Median depth of the landmarks.
         variance_factor: Ratio of residuals found to residuals stated.
         model: Mount, geometry and error sources.
     """
     sources = model.sources
-    size = step.metres / depth_m + step.radians
-    if drift is None:
+    size = step.size.metres / depth_m + step.size.radians
+    if keyframes is None:
         covariance = given_landmarks
         interval = model.keyframe_rad
     else:
-        covariance = drift.covariance
+        covariance = keyframes.covariance
         shortest = sources.min_interval_ratio * model.keyframe_rad
-        interval = max(drift.metres / depth_m + drift.radians, shortest)
+        interval = max(keyframes.size.metres / depth_m + keyframes.size.radians, shortest)
     shared = np.zeros(6)
     shared[:3] = (sources.keyframe_px * depth_m / model.fx) ** 2
     ratio = max(size / interval, sources.min_step_ratio)
@@ -555,7 +536,7 @@ def pose_noise(
     *,
     R_world_left: FloatArray,
     variance_factor: float | None,
-    shear: float,
+    shear_chi2: float,
     model: RoverModel,
 ) -> FloatArray:
     """Return the white noise N `(6, 6)` of a pose, of RB in RB.
@@ -565,7 +546,7 @@ def pose_noise(
     """
     sources = model.sources
     factor = 1.0 if variance_factor is None else max(variance_factor, sources.min_variance_factor)
-    noise = sources.white_ratio * factor * max(shear, 1.0) * given_landmarks
+    noise = sources.white_ratio * factor * max(shear_chi2, 1.0) * given_landmarks
     T_rb_left = model.T_rb_left
     noise = propagated_covariance(noise, -T_rb_left.translation, T_rb_left.rotation @ R_world_left.T)
     noise[3:, 3:] += sources.exposure_rad**2 * np.eye(3)
@@ -579,5 +560,5 @@ def systematic_step(step: StepMotion, depth_m: float, calibration: OnlineCalibra
     """
     disparity_px = np.sqrt(model.sources.disparity_px**2 + calibration.yaw_sigma_px**2 + calibration.remaining_px**2)
     scaled = disparity_px * depth_m / model.focal_baseline * step.displacement
-    turned = lens_turn_per_m(calibration, model) * np.copysign(step.metres, step.vector[0])
+    turned = lens_turn_per_m(calibration, model) * np.copysign(step.size.metres, step.vector[0])
     return np.concatenate((step.R_rb_world @ scaled, np.full(3, turned)))

@@ -27,7 +27,7 @@ from sfr_loc_map.inputs import NS_PER_S, Task, stamp_of
 from sfr_loc_map.io.source_config import ExtrinsicsConfig
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
-from sfr_loc_map.localisation.frontend.feature_detection import read_mask
+from sfr_loc_map.localisation.frontend.masks import read_mask
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.message_types import Level

@@ -313,7 +313,7 @@ def test_a_refused_pair_leaves_behind_the_memories_of_the_guards_alone(fault: st
     for name in ("landmark_map", "calibration", "shear_mean", "keyframes"):
         assert getattr(after, name) is getattr(before, name), name
     assert after.path.history == before.path.history
-    assert after.path.motion.T_world_left is before.path.motion.T_world_left
+    assert after.path.last.T_world_left is before.path.last.T_world_left
 
 
 # ---- keyframes
@@ -325,16 +325,16 @@ def test_a_keyframe_is_solved_for_by_all_landmarks_though_some_are_excluded() ->
     state = by._state
     assert state.landmark_map is not None
     landmarks = state.landmark_map.landmarks
-    are_followed = np.ones(len(landmarks.index), np.bool_)
+    are_followed = np.ones(len(landmarks.rows), np.bool_)
     are_followed[-5:] = False
     frame = StereoFrame.of(DRIVE[12])
-    start = Pose.of(state.path.motion.T_world_left @ state.path.motion.T_before_last)
+    start = Pose.of(state.path.last.T_world_left @ state.path.last.T_before_last)
     tracks = by._tracker.refine(frame, landmarks.subset(are_followed), start, state.calibration.offset)
-    smaller_map = state.landmark_map.without(landmarks.index[:10])
+    smaller_map = state.landmark_map.without(landmarks.rows[:10])
     corrected = CorrectedTracks(tracks, state.calibration, state.shear_mean)
     candidate = Candidate(frame, smaller_map, Ground.unselected(tracks, state.ground), corrected)
     complete = by._with_all_landmarks(candidate)
-    np.testing.assert_array_equal(complete.landmarks.index, landmarks.index[10:])
+    np.testing.assert_array_equal(complete.landmarks.rows, landmarks.rows[10:])
 
 
 # ---- poses that cannot be

@@ -20,8 +20,9 @@ from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW
 from sfr_loc_map.localisation.motion_model import MAX_MISSED_PAIRS
+from sfr_loc_map.localisation.motion_size import MotionSize
 from sfr_loc_map.localisation.trajectory import AcceptedPair, PathState
-from sfr_loc_map.localisation.uncertainty import ErrorSources, MotionSize, RoverModel, pose_covariance
+from sfr_loc_map.localisation.uncertainty import ErrorSources, RoverModel, pose_covariance
 
 RIG = StereoRig(640, 480, 400.0, 400.0, 320.0, 240.0, 0.2, Transform.from_quat([0.3, 0.1, 0.2], [0.5, -0.5, 0.5, -0.5]))
 IN_CAMERA = replace(RIG, T_rb_sb=RIG.T_sb_left.inverse())
@@ -53,7 +54,7 @@ def model_of(rig: StereoRig) -> RoverModel:
 def map_of(covariance: np.ndarray) -> SimpleNamespace:
     """Return a map whose newest pose has a covariance in its window."""
     landmarks = SimpleNamespace(median_depth=DEPTH_M)
-    return SimpleNamespace(landmarks=landmarks, window=SimpleNamespace(covariance=covariance, drift=None))
+    return SimpleNamespace(landmarks=landmarks, window=SimpleNamespace(covariance=covariance, last_motion=None))
 
 
 def begun(rig: StereoRig = IN_CAMERA) -> PathState:
@@ -78,7 +79,7 @@ def move(
         tracks,  # type: ignore[arg-type]
         chi_median=1.0,
         was_known=True,
-        shear=0.0,
+        shear_chi2=0.0,
         inflation=inflation,
         rival_distance=MotionSize(0.0, 0.0),
     )
@@ -88,7 +89,7 @@ def move(
 
 def of_path(path: PathState, known: OnlineCalibration | None = None) -> np.ndarray:
     """Return what the path adds to the covariance of the position."""
-    position = path.motion.T_world_left.translation
+    position = path.last.T_world_left.translation
     calibration = known or OnlineCalibration(RIG.camera, 7)
     covariance = pose_covariance(path.errors, position, DEPTH_M, calibration, model_of(IN_CAMERA))
     images = IMAGE + propagated_covariance(IMAGE, position)
@@ -103,7 +104,7 @@ def guesses(stamp_ns: int, odometry: Transform | None = None) -> list[np.ndarray
     path = begun(RIG)
     for number, pose in enumerate(true_path(3)[1:], 1):
         path = move(path, number, pose, rig=RIG)
-    return [Transform(*guess).matrix for guess in path.motion.predict(stamp_ns, odometry, model_of(RIG)).all]
+    return [Transform(*guess).matrix for guess in path.last.predict(stamp_ns, odometry, model_of(RIG)).all]
 
 
 @pytest.mark.parametrize("missed", [0, 1, MAX_MISSED_PAIRS, MAX_MISSED_PAIRS + 1])

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
-from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.localisation.backend.bundle_adjustment import (
     BundleProblem,
     OffsetEstimate,
@@ -32,16 +31,16 @@ from sfr_loc_map.localisation.frontend.landmarks import (
 )
 from sfr_loc_map.localisation.frontend.patch import LEVELS, LocalPlanes, Pyramid, Templates
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates, StereoObservations
+from sfr_loc_map.localisation.motion_size import MotionSize, size_between
 
 START_VARIANCE = 1e-10  #: Variance of the first pose, m^2 and rad^2: the first pose is given, not estimated.
 
 
-class KeyframeDrift(NamedTuple):
-    """Uncertainty of the newest keyframe relative to the one before."""
+class KeyframeMotion(NamedTuple):
+    """Motion between the newest keyframe and the one before."""
 
     covariance: FloatArray  #: `(6, 6)` of the left camera, position and rotation about the world's axes.
-    metres: float  #: Length of the motion between the two keyframes.
-    radians: float  #: Angle of that motion.
+    size: MotionSize
 
 
 class NewLandmarks(NamedTuple):
@@ -67,7 +66,7 @@ class SlidingWindow:
     patches: tuple[HostPatches, ...]  #: Patches by keyframe; the large arrays are shared between windows.
     prior: Prior  #: Information of what has left the window.
     covariance: FloatArray  #: `(6, 6)` of the newest pose, position and rotation about the world's axes.
-    drift: KeyframeDrift | None  #: Uncertainty of the newest keyframe against the one before; None without one.
+    last_motion: KeyframeMotion | None  #: From the keyframe before to the newest one; None without one before.
     right_offset: OffsetEstimate  #: Offset of the right observations along the rows that the adjustment found.
 
     @classmethod
@@ -87,7 +86,7 @@ class SlidingWindow:
             patches=(),
             prior=Prior(np.zeros((0, 0)), np.zeros(0), keyframes),
             covariance=np.zeros((0, 0)),
-            drift=None,
+            last_motion=None,
             right_offset=OffsetEstimate(0.0, np.inf),
         )
 
@@ -221,7 +220,7 @@ class SlidingWindow:
             landmark_covariance=result.covariance,
             right_offset=result.right_offset,
             covariance=result.pose_covariance[-6:, -6:],
-            drift=_drift(result.problem.keyframes, result.pose_covariance),
+            last_motion=_last_motion(result.problem.keyframes, result.pose_covariance),
         )
 
 
@@ -230,17 +229,17 @@ def _appended(poses: Poses, pose: Pose) -> Poses:
     return Poses(rotations, np.concatenate((poses.positions, pose.position[None])))
 
 
-def _drift(keyframes: Poses, pose_covariance: FloatArray) -> KeyframeDrift | None:
-    """Return the uncertainty of the newest of K keyframes against the one before; `(6 K, 6 K)` is that of all poses."""
+def _last_motion(keyframes: Poses, pose_covariance: FloatArray) -> KeyframeMotion | None:
+    """Return the motion to the newest of K keyframes; `(6 K, 6 K)` is the covariance of all poses."""
     rotations, positions = keyframes
     if len(positions) < 2:
         return None
     displacement = positions[-1] - positions[-2]
-    rotation = rotvec_from_matrix(rotations[-2].T @ rotations[-1])
     relative = np.hstack((-np.eye(6), np.eye(6)))
     relative[:3, 3:6] = -np.cross(displacement, np.eye(3))
     covariance = np.asarray(relative @ pose_covariance[-12:, -12:] @ relative.T)
-    return KeyframeDrift(covariance, float(np.linalg.norm(displacement)), float(np.linalg.norm(rotation)))
+    size = size_between(Pose(rotations[-2], positions[-2]), Pose(rotations[-1], positions[-1]))
+    return KeyframeMotion(covariance, size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,11 +253,11 @@ class LandmarkMap:
         """Return the map of a window, with all that the next pairs are compared with already copied."""
         landmark_map = cls(window)
         for landmarks in (landmark_map.followed, landmark_map.rest):
-            _ = landmarks.patches[0]
+            _ = landmarks.patches.at(0)
         _ = landmark_map.landmarks.median_depth
         _ = landmark_map.followed.median_depth
         for level in range(1, LEVELS):
-            _ = landmark_map.aligned.patches[level]
+            _ = landmark_map.aligned.patches.at(level)
         return landmark_map
 
     @cached_property

@@ -2,18 +2,10 @@
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
-
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.errors import ConfigError, GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask, median
-from sfr_loc_map.geometry.plausibility import check_image_size
-from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.inputs import read_bytes
 from sfr_loc_map.jit import jit, jit_fast
 from sfr_loc_map.localisation.parallel import both
 from sfr_loc_map.localisation.small_linalg import copy_row
@@ -23,9 +15,6 @@ BLOCK = 7  #: Side of the neighbourhood over which the gradient matrix of a corn
 MIN_CELL_PX = 8  #: Minimum side of a cell of the grid, pixels.
 MIN_DISTANCE_RATIO = 0.6  #: Minimum distance of a new corner from landmarks, over the side of a cell.
 MIN_STRENGTH_RATIO = 0.04  #: Minimum strength of a corner over the median: the strongest pixel of a flat cell is noise.
-MAX_MASK_BYTES = 64_000_000  #: Maximum size of the file of a mask.
-_PNG_HEADER = re.compile(rb"\x89PNG\r\n\x1a\n.{4}IHDR(.{4})(.{4})", re.DOTALL)
-"""Signature, and the first chunk with width and height (ISO/IEC 15948, 11.2.2)."""
 
 
 def find_corners(
@@ -61,38 +50,6 @@ def find_corners(
         return np.zeros((0, 2))
     corners = corners[corners[:, 2] > MIN_STRENGTH_RATIO * median(corners[:, 2])]
     return np.ascontiguousarray(corners[np.argsort(-corners[:, 2], kind="stable"), :2])
-
-
-def load_mask(path: str, rig: StereoRig) -> NDArray[np.uint8] | None:
-    """Read the mask `(H, W)` of a rig; None for an empty path.
-
-    The masked region, where the mask is 0, is enlarged by the block of a corner. Raises ConfigError if the file cannot
-    be read or the mask has another size than the images.
-    """
-    if not path:
-        return None
-    mask = read_mask(path)
-    if mask.shape != (rig.height, rig.width):
-        found = f"{mask.shape[1]} x {mask.shape[0]} pixels"
-        raise ConfigError(f"mask '{path}': {found}; give a grey image of {rig.width} x {rig.height} pixels")
-    return np.asarray(cv2.erode(mask, np.ones((2 * BLOCK + 1, 2 * BLOCK + 1), np.uint8)), dtype=np.uint8)
-
-
-def read_mask(path: str) -> NDArray[np.uint8]:
-    """Read the image `(H, W)` of a mask of any size; raises ConfigError if it cannot be read."""
-    try:
-        data = read_bytes(Path(path), MAX_MASK_BYTES)
-        head = _PNG_HEADER.match(data)
-        if head is None:
-            raise ConfigError(f"mask '{path}': no PNG; give a grey PNG of the size of the images")
-        check_image_size(int.from_bytes(head[1], "big"), int.from_bytes(head[2], "big"))
-        mask = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
-    except (OSError, GeometryError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ConfigError(f"mask '{path}': {reason}; give a grey PNG of the size of the images") from error
-    if mask is None:
-        raise ConfigError(f"mask '{path}': broken; give a grey PNG of the size of the images")
-    return np.asarray(mask, dtype=np.uint8)
 
 
 @jit_fast

@@ -49,15 +49,22 @@ NO_PATCHES = HostPatches(
 """Patches of a keyframe that hosts no landmark."""
 
 
-class Patches(dict[int, Templates]):
-    """Cache of the templates of M landmarks by pyramid level, copied from the hosts at the first access to a level.
+class Patches:
+    """Templates of M landmarks by pyramid level, copied from their hosts at the first access to a level.
 
     `rows` `(M,)`, increasing, are the rows of the landmarks among those of all hosts.
     """
 
     def __init__(self, hosted: tuple[HostPatches, ...], rows: NDArray[np.intp]) -> None:
-        super().__init__()
-        self.hosted, self.rows = hosted, rows
+        self.hosted = hosted
+        self.rows = rows
+        self._by_level: dict[int, Templates] = {}
+
+    def at(self, level: int) -> Templates:
+        """Return the templates of a level."""
+        if level not in self._by_level:
+            self._by_level[level] = self._fine() if level == 0 else self._coarse(level)
+        return self._by_level[level]
 
     def hosts(self, level: int) -> Iterator[tuple[FloatImage, slice]]:
         """Yield the image of each host at a coarser level, and which of the landmarks it hosts."""
@@ -67,43 +74,46 @@ class Patches(dict[int, Templates]):
             if first < last:
                 yield host.coarse[level - 1].image, slice(int(first), int(last))
 
-    def __missing__(self, level: int) -> Templates:
-        """Copy the templates of a level."""
+    def _by_host(self) -> list[tuple[HostPatches, NDArray[np.intp]]]:
+        """Return each host with the rows of the landmarks among its own."""
         ends = np.cumsum([0, *(len(host.uv) for host in self.hosted)])
         split = np.split(self.rows, np.searchsorted(self.rows, ends[1:-1]))
-        parts = [(host, rows - end) for host, end, rows in zip(self.hosted, ends, split, strict=False)]
-        if level == 0:
-            count, size = len(self.rows), parts[-1][0].fine.values.shape[2]
-            values, moments = np.empty((count, 3, size), np.float32), np.empty((count, 6))
-            first = 0
-            for host, rows in parts:
-                place = slice(first, first + len(rows))
-                # mode "raise" would copy twice
-                np.take(host.fine.values, rows, axis=0, out=values[place], mode="clip")
-                moments[place] = host.fine.moments[rows]
-                first += len(rows)
-            self[level] = Templates(values, moments)
-            return self[level]
-        images, margin = [host.coarse[level - 1].image for host, _ in parts], COARSE_HALF + 2
-        small = (np.concatenate([host.uv[rows] for host, rows in parts]) + 0.5) / 2.0**level - 0.5
-        last = (
-            np.max([image.shape[::-1] for image in images], axis=0) - 1 - margin
-        )  # hosts without landmarks have a 1 x 1 placeholder
-        inside = np.all((small >= margin) & (small <= last), axis=1)
-        places = np.split(np.clip(small, margin, last), np.cumsum([len(rows) for _, rows in parts])[:-1])
-        patches = np.concatenate(
-            [cut_patches(image, uv, COARSE_HALF) for image, uv in zip(images, places, strict=True)]
-        )
-        patches[~inside] = 0.0  # no texture: never in view
-        self[level] = templates_of(patches)
-        return self[level]
+        return [(host, rows - end) for host, end, rows in zip(self.hosted, ends, split, strict=False)]
+
+    def _fine(self) -> Templates:
+        """Copy the templates at full size."""
+        count = len(self.rows)
+        values = np.empty((count, *self.hosted[-1].fine.values.shape[1:]), np.float32)
+        moments = np.empty((count, 6))
+        first = 0
+        for host, rows in self._by_host():
+            place = slice(first, first + len(rows))
+            # mode "raise" would copy twice
+            np.take(host.fine.values, rows, axis=0, out=values[place], mode="clip")
+            moments[place] = host.fine.moments[rows]
+            first += len(rows)
+        return Templates(values, moments)
+
+    def _coarse(self, level: int) -> Templates:
+        """Cut the templates of a coarser level; a patch that leaves the image has no texture and is never in view."""
+        margin = COARSE_HALF + 2
+        parts = []
+        for host, rows in self._by_host():
+            image = host.coarse[level - 1].image
+            uv = (host.uv[rows] + 0.5) / 2.0**level - 0.5
+            last = np.array(image.shape[::-1]) - 1 - margin
+            patches = cut_patches(image, np.clip(uv, margin, last), COARSE_HALF)
+            is_inside = np.all((uv >= margin) & (uv <= last), axis=1)
+            patches[~is_inside] = 0.0
+            parts.append(patches)
+        return templates_of(np.concatenate(parts))
 
 
 @dataclass(frozen=True, eq=False)
 class Landmarks:
     """M active landmarks as arrays; each is a host pixel with an inverse depth in its host keyframe."""
 
-    index: NDArray[np.intp]  #: `(M,)` rows in the sliding window, increasing.
+    rows: NDArray[np.intp]  #: `(M,)` rows in the sliding window, increasing.
     host: NDArray[np.int64]  #: `(M,)` numbers of the host keyframes in the window.
     planes: LocalPlanes  #: Planes around the patches: host cameras, host pixels, inverse depths and slopes.
     estimates: LandmarkEstimates  #: Rays of the estimated host pixels, and the covariance given the poses.
@@ -120,7 +130,7 @@ class Landmarks:
         inverse_depth = planes.inverse_depth[rows]
         rays = estimates.rays.take(rows, axis=0)
         return Landmarks(
-            self.index[rows],
+            self.rows[rows],
             self.host[rows],
             LocalPlanes(hosts, planes.uv.take(rows, axis=0), inverse_depth, planes.slopes.take(rows, axis=0)),
             LandmarkEstimates(hosts, rays, inverse_depth, estimates.covariance.take(rows, axis=0)),
@@ -130,16 +140,16 @@ class Landmarks:
 
     def thinned(self, count: int) -> Landmarks:
         """Return at most so many landmarks, evenly from all hosts and all parts of the image."""
-        if len(self.index) <= count:
+        if len(self.rows) <= count:
             return self
-        kept = np.zeros(len(self.index), np.bool_)
-        kept[np.arange(count) * len(self.index) // count] = True
+        kept = np.zeros(len(self.rows), np.bool_)
+        kept[np.arange(count) * len(self.rows) // count] = True
         return self.subset(kept)
 
     def among(self, others: Landmarks) -> Mask:
         """Return the mask `(M,)` of the landmarks that are among others of the same window."""
-        places = np.searchsorted(others.index, self.index)
-        return np.asarray(np.append(others.index, -1)[places] == self.index)
+        places = np.searchsorted(others.rows, self.rows)
+        return np.asarray(np.append(others.rows, -1)[places] == self.rows)
 
     @cached_property
     def median_depth(self) -> float:

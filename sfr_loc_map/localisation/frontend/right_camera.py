@@ -50,7 +50,7 @@ class RightShift(NamedTuple):
     px: float  #: Pixels to the right, beyond the corrections that the landmarks were triangulated with.
     variance: float  #: Its variance by the landmarks alone, px^2; infinite with too few landmarks.
     #: Squared Mahalanobis shear of the rows of both images, as by a rolling shutter, per degree of freedom.
-    shear: float
+    shear_chi2: float
     uv: FloatArray  #: `(N, 2)` left pixels of the landmarks that agree with the pose.
     disparity: FloatArray  #: `(N,)` their residual disparities, pixels.
 
@@ -89,10 +89,10 @@ def right_shift(
     right_xy = camera.normalised(right_uv)
     equations = _step_equations(linearised, weight, camera.normalised(left_uv), right_xy)
     px, variance = _shift_of(equations)
-    shear = _shear_of(equations, lens_px / float(np.abs(right_xy[:, 1]).max()))
+    shear_chi2 = _shear_chi2(equations, lens_px / float(np.abs(right_xy[:, 1]).max()))
     agrees = weight > MIN_INLIER_WEIGHT
     disparity = linearised.residuals[agrees, 2] - linearised.residuals[agrees, 0]
-    return RightShift(px, variance, shear, left_uv[agrees], disparity)
+    return RightShift(px, variance, shear_chi2, left_uv[agrees], disparity)
 
 
 def _in_both_images(
@@ -139,7 +139,7 @@ def _shift_of(equations: _StepEquations) -> tuple[float, float]:
     return float(inverse_row @ equations.rhs[:size]), float(inverse_row[SHIFT])
 
 
-def _shear_of(equations: _StepEquations, lens_sigma: float) -> float:
+def _shear_chi2(equations: _StepEquations, lens_sigma: float) -> float:
     """Return the squared Mahalanobis norm `s^T C^-1 s / 2` of the shears: at most about 1 without shear.
 
     The covariance C is that of the step, plus the variance of a shear that lens distortion may resemble.

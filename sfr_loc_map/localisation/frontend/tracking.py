@@ -132,7 +132,7 @@ class Tracker:
         iterations, next_iterations = ALIGNMENT_ITERATIONS
         planes = landmarks.planes
         for level in levels:
-            patches = landmarks.patches[level]
+            patches = landmarks.patches.at(level)
             aligned = []
             for guess in guesses:
                 homographies = plane_homographies(guess, planes, self._camera, 0.0)
@@ -149,7 +149,7 @@ class Tracker:
         The offset of the right camera is subtracted from the right observations.
         """
         planes = landmarks.planes
-        templates = landmarks.patches[0]
+        templates = landmarks.patches.at(0)
         in_left = plane_homographies(start, planes, self._camera, 0.0)
         in_right = plane_homographies(start, planes, self._camera, self._camera.baseline_m)
         if abs(offset.u) > SEARCHED_OFFSET_PX:
@@ -211,10 +211,10 @@ class Tracker:
         """Solve for the pose by all landmarks: those of a mask were tracked, and the rest is observed now."""
         of_rest = self.observe(frame, rest, tracks.pose, offset)
         still_there = tracks.landmarks.among(landmarks)
-        uv = np.empty((len(landmarks.index), 4))
+        uv = np.empty((len(landmarks.rows), 4))
         uv[was_tracked] = tracks.observations[still_there]
         uv[~was_tracked] = of_rest.uv
-        variance = np.empty((len(landmarks.index), 2, 3))
+        variance = np.empty((len(landmarks.rows), 2, 3))
         variance[was_tracked] = tracks.variance[still_there]
         variance[~was_tracked] = of_rest.variance
         return self.solve(landmarks, StereoObservations(uv, variance), tracks.pose)

@@ -105,10 +105,10 @@ def test_a_shift_is_found_though_the_pose_was_solved_without_and_some_landmarks_
 def test_the_shear_statistic_is_small_for_noise_and_large_for_a_rolling_shutter() -> None:
     random = np.random.default_rng(5)
     noisy = [project(TRUTH) + random.normal(0.0, NOISE_PX, (COUNT, 4)) for _ in range(100)]
-    statistics = [shift_found(uv).shear for uv in noisy]
+    statistics = [shift_found(uv).shear_chi2 for uv in noisy]
     # chi2 per degree of freedom is 1 on average; robust weights shorten the step
     assert 0.4 < np.mean(statistics) < 1.0
     rows = CAMERA.normalised(noisy[0][:, :2])[:, 1]
     noisy[0][:, 0] += rows
     noisy[0][:, 2] += rows
-    assert shift_found(noisy[0]).shear > 20.0
+    assert shift_found(noisy[0]).shear_chi2 > 20.0

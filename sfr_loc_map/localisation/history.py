@@ -1,0 +1,60 @@
+"""Past poses, to which a pose from outside with a stamp of the past is applied."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from typing import NamedTuple
+
+from sfr_loc_map.geometry.transform import Transform, interpolated
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.localisation.uncertainty import DirectedError, DisparityBias, LocatedCovariance
+
+HISTORY_PAIRS = 1000  #: Number of past pairs to which a pose from outside can be applied: 100 s at 10 Hz.
+
+
+class PastPose(NamedTuple):
+    """A past pose, and what its covariance was composed of, so that a later pose can be taken relative to it."""
+
+    stamp_ns: int
+    T_world_left: Transform
+    was_known: bool  #: Whether the pose before was not lost.
+    window: int  #: Number of its window.
+    in_window: LocatedCovariance  #: Covariance of the pose in its window.
+    accumulated: LocatedCovariance  #: What all windows up to it added (`uncertainty.accumulated_covariance`).
+    bias: DisparityBias  #: Path integrals up to it.
+    directed: DirectedError  #: Sum of the directed errors up to it.
+
+
+class History(NamedTuple):
+    """Past poses, oldest first."""
+
+    poses: tuple[PastPose, ...] = ()
+
+    @property
+    def last_ns(self) -> int | None:
+        """Stamp of the last pose; None without any."""
+        return self.poses[-1].stamp_ns if self.poses else None
+
+    def with_pose(self, pose: PastPose) -> History:
+        """Return the history with a further pose; the oldest one leaves a full history."""
+        return History((*self.poses[-(HISTORY_PAIRS - 1) :], pose))
+
+    def at(self, stamp_ns: int) -> tuple[PastPose, float]:
+        """Return the pose at a stamp that is not after the last pose, and the time between it and the stamp, s.
+
+        The pose is interpolated between two pairs if the pose of the earlier one was known; otherwise the nearest pose
+        is returned. The errors are those of the later pair. Stamps increase.
+        """
+        after = bisect_left(self.poses, stamp_ns, key=lambda pose: pose.stamp_ns)
+        later = self.poses[after]
+        if later.stamp_ns == stamp_ns:
+            return later, 0.0
+        if after == 0:
+            return later, (later.stamp_ns - stamp_ns) / NS_PER_S
+        earlier = self.poses[after - 1]
+        if later.was_known:
+            fraction = (stamp_ns - earlier.stamp_ns) / (later.stamp_ns - earlier.stamp_ns)
+            between = interpolated(earlier.T_world_left, later.T_world_left, fraction)
+            return later._replace(stamp_ns=stamp_ns, T_world_left=between), 0.0
+        nearest = min(earlier, later, key=lambda pose: abs(pose.stamp_ns - stamp_ns))
+        return nearest, abs(nearest.stamp_ns - stamp_ns) / NS_PER_S

@@ -1,0 +1,42 @@
+"""Sizes of motions: a length and an angle, and both for each second."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray, length
+from sfr_loc_map.geometry.camera import Pose
+from sfr_loc_map.geometry.rotation import rotvec_from_matrix
+from sfr_loc_map.geometry.transform import Transform
+
+
+class MotionSize(NamedTuple):
+    """Size of a motion, of a distance of two poses, or of an error."""
+
+    metres: float  #: Length.
+    radians: float  #: Angle.
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance `(6, 6)` of errors whose standard deviation is this size on each axis."""
+        return np.diag(np.repeat(np.square((self.metres, self.radians)), 3))
+
+
+class Speed(NamedTuple):
+    """Speed of the left camera."""
+
+    m_s: float
+    rad_s: float
+
+
+def size_of(motion: Transform) -> MotionSize:
+    """Return the size of a motion."""
+    return MotionSize(length(motion.translation), length(rotvec_from_matrix(motion.rotation)))
+
+
+def size_between(before: Pose, after: Pose) -> MotionSize:
+    """Return the distance and the angle between two poses."""
+    angle = length(rotvec_from_matrix(before.rotation.T @ after.rotation))
+    return MotionSize(length(after.position - before.position), angle)
