@@ -43,7 +43,7 @@ A row asks its question only if no row above applies.
 """
 
 FIRST_CASES: Final[Cases] = (
-    (Case.OWN_BODY_TRANSFER, lambda e: e.is_beside_body and e.is_transfer_beside_body),
+    (Case.OWN_BODY_TRANSFER, lambda e: e.is_beside_body and e.may_be_transfer and e.is_transfer_beside_body),
     (Case.OWN_BODY, lambda e: e.is_beside_body),
     (Case.UNTRUSTED, lambda e: not e.main.is_trusted),
     # parts of the images are stale, as those of the pair before were
@@ -68,7 +68,7 @@ TWO_MOTION_CASES: Final[Cases] = (
     # one of the two is a standstill: a part of the images is that of the pair before
     (Case.PARTIAL_TRANSFER, lambda e: e.may_be_transfer and e.has_standstill),
     (Case.AMBIGUOUS, lambda e: not (e.is_known and e.is_winner_clear)),
-    (Case.RIVAL_TRANSFER, lambda e: e.rival_wins and e.is_transfer_by_rival),
+    (Case.RIVAL_TRANSFER, lambda e: e.rival_wins and e.may_be_transfer and e.is_transfer_by_rival),
     (Case.RIVAL, lambda e: e.rival_wins),
     (Case.MAIN, lambda e: True),
 )
@@ -85,14 +85,14 @@ def decide(evidence: Evidence) -> Case:
 
 
 EFFECTS: Final = {
-    Case.OWN_BODY_TRANSFER: Effect({Finding.PARTIAL_TRANSFER}),
+    Case.OWN_BODY_TRANSFER: Effect({Finding.PARTIAL_TRANSFER}, transfers=Transfers.ONE_MORE),
     Case.OWN_BODY: Effect(),
     Case.UNTRUSTED: Effect(),
     Case.CONTRADICTED: Effect({Finding.CONTRADICTED}, leaves_doubt=True, outlasts_refusal=True),
     Case.PARTIAL_TRANSFER: Effect({Finding.PARTIAL_TRANSFER}, transfers=Transfers.ONE_MORE),
     Case.DOUBLE_EXPOSURE: Effect({Finding.DOUBLE_EXPOSURE}),
     Case.AMBIGUOUS: Effect({Finding.AMBIGUOUS}, leaves_doubt=True),
-    Case.RIVAL_TRANSFER: Effect({Finding.PARTIAL_TRANSFER}),
+    Case.RIVAL_TRANSFER: Effect({Finding.PARTIAL_TRANSFER}, transfers=Transfers.ONE_MORE),
     Case.RIVAL: Effect(),
     Case.MAIN: Effect(),
     Case.UNCONVINCING: Effect({Finding.GROUND_IN_DOUBT}, leaves_doubt=True, transfers=Transfers.NONE),

@@ -181,9 +181,7 @@ class GroundMemory:
     #: not compared with earlier ones.
     previous: FloatImage | None = None
     confidence: Confidence = Confidence()
-    #: Number of consecutive pairs of the case `PARTIAL_TRANSFER`. The cases of another motion (`OWN_BODY_TRANSFER`,
-    #: `RIVAL_TRANSFER`) leave it unchanged, so that `MAX_TRANSFERS` does not end their finding.
-    transfers: int = 0
+    transfers: int = 0  #: Number of consecutive partially transferred pairs.
     recovering_pairs: int = 0  #: Number of moving pairs that stay degraded (`Finding.RECOVERING`).
     typical: float | None = None  #: Typical fraction of unexplained landmarks; None before the first pair.
 
