@@ -176,9 +176,8 @@ class GroundMemory:
 
     excluded: ExcludedCells  #: Cells that do not move with the ground.
     compared: ComparedImage | None = None  #: Image of an accepted pose; None before the first window.
-    #: Pyramid level `MIXTURE_LEVEL` of the left image at the last known pose. The image of a later pair that
-    #: contradicts its pose replaces it and is taken for an image at that pose, which is kept. None if the image was
-    #: not compared with earlier ones.
+    #: Pyramid level `MIXTURE_LEVEL` of the left image at the last known pose; None if that image was not compared with
+    #: earlier ones.
     previous: FloatImage | None = None
     confidence: Confidence = Confidence()
     transfers: int = 0  #: Number of consecutive partially transferred pairs.

@@ -67,22 +67,25 @@ class Ground(NamedTuple):
     findings: frozenset[Finding]
     not_ground: NDArray[np.intp]  #: `(N,)` rows in the window of landmarks that do not move with the ground.
     rival_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
-    memory: GroundMemory  #: Memory for the next pair if the pose is accepted.
-    #: Memory for the next pair if it is refused: `memory` if the pair contradicts its pose, else that before the pair.
-    memory_if_refused: GroundMemory
-    compared: ComparedImage | None  #: Image that the next pair is compared with, if this pair may be a keyframe.
+    before: GroundMemory  #: Memory before the pair.
+    after: GroundMemory  #: Memory after the pair if its pose is accepted.
+    compared: ComparedImage | None = None  #: Image that the next pair is compared with, if this pair may be a keyframe.
+    outlasts_refusal: bool = False  #: Whether the memory learns from the pair although its pose is refused.
 
     @classmethod
     def unselected(cls, tracks: Tracks, memory: GroundMemory) -> Ground:
         """Return all tracks as the ground, without a comparison with earlier pairs."""
-        accepted = replace(memory, previous=None)
-        return cls(tracks, frozenset(), NO_ROWS, MotionSize(0.0, 0.0), accepted, memory, None)
+        return cls(tracks, frozenset(), NO_ROWS, MotionSize(0.0, 0.0), memory, replace(memory, previous=None))
 
     def accepted(self, *, is_compared: bool) -> GroundMemory:
         """Return the memory after the pose was accepted; whether later images may be compared with this one."""
         if self.compared is None or not is_compared:
-            return self.memory
-        return replace(self.memory, compared=self.compared)
+            return self.after
+        return replace(self.after, compared=self.compared)
+
+    def refused(self) -> GroundMemory:
+        """Return the memory after the pose was refused: its image is not at the last known pose."""
+        return replace(self.after, previous=self.before.previous) if self.outlasts_refusal else self.before
 
 
 class GroundSelector:
@@ -135,15 +138,15 @@ class GroundSelector:
             unexplained_fraction=evidence.explained.unexplained_fraction,
             is_moving=selection.is_moving,
         )
-        after = memory.after(effect, learnt)
         return Ground(
             tracks=selection.tracks,
             findings=findings,
             not_ground=selection.not_ground,
             rival_distance=selection.rival_distance,
-            memory=after,
-            memory_if_refused=after if effect.outlasts_refusal else memory,
+            before=memory,
+            after=memory.after(effect, learnt),
             compared=compared if effect.is_transfer else self._compared_after(pair, selection, compared),
+            outlasts_refusal=effect.outlasts_refusal,
         )
 
     def _evidence(self, pair: ComparedPair, main: Tracks, memory: GroundMemory) -> Evidence:

@@ -238,7 +238,7 @@ class Localiser:
         tracks = self._track(frame, landmark_map, prediction, state.recovery, clock)
         # 5 select the ground's motion
         ground = self._select_ground(frame, tracks, prediction, state, images, change.result())
-        state = replace(state, ground=ground.memory_if_refused)
+        state = replace(state, ground=ground.refused())
         findings |= ground.findings
         verdict = decide(findings | guards.check_landmarks(frame, are_enough=ground.tracks.is_trusted))
         if verdict.refuses:
