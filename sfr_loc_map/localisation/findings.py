@@ -17,6 +17,7 @@ not always that of the largest inflation.
 | `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
 | `SWAPPED`, `ONE_SIDED` | `guards.check_sides` |
 | `AFTER_GAP` | `guards.check_gap` |
+| `DIVERGED` | `Localiser._with_finished_keyframe` |
 | `CALIBRATION`, `SHEARED_ROWS` | `guards.check_calibration`, `guards.check_shear` |
 
 A new guard adds a `Finding`, a row in `RULES`, a function in `guards.py`, and its call in the localiser:
@@ -66,6 +67,7 @@ class Finding(Enum):
     SWAPPED = auto()  #: Left and right image are swapped.
     FROZEN_IMAGE = auto()  #: One image is that of the pair before. It is blanked.
     STALE_ROWS = auto()  #: Some rows are those of the pair before. They are blanked.
+    DIVERGED = auto()  #: The adjustment of the keyframe before diverged: its map was given up.
     AFTER_GAP = auto()  #: The window began after a motion that no image showed.
     CALIBRATION = auto()  #: The right camera drifts, or a yaw is still to be corrected.
     SHEARED_ROWS = auto()  #: The rows of the images are of different moments (rolling shutter).
@@ -114,6 +116,8 @@ RULES: Final = {
     Finding.FROZEN_IMAGE: Rule(Action.DEGRADE, StateReason.REPEATED_IMAGES, is_comparable=False),
     # No keyframe: the edges of the blanked rows would be taken for texture.
     Finding.STALE_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, is_comparable=False),
+    # Keyframe: a window begins with the pair. Later pairs of the window publish the gap.
+    Finding.DIVERGED: Rule(Action.DEGRADE, StateReason.IMPLAUSIBLE_MOTION),
     # Keyframe: the images are good, and further keyframes end the finding.
     Finding.AFTER_GAP: Rule(Action.DEGRADE, StateReason.UNSEEN_MOTION),
     # Keyframe: the yaw is estimated by keyframes and would otherwise never be corrected.
@@ -137,15 +141,17 @@ RULES: Final = {
 """What follows from each finding, in the order of precedence.
 
 Two reasons are published without being that of the first finding: a pair that is kept while the localiser is lost
-publishes the reason for which it was lost, and a new window that of the gap before it, or of its few landmarks.
+publishes the reason for which it was lost, and a new window that of its few landmarks, of a diverged adjustment, or of
+the gap before it.
 
 Seven findings publish `torn_images`, because an operator acts on them in the same way: the images may not be entirely
 of their stamp. For five of them the pair itself shows signs of it. For `RECOVERING` an earlier pair did, and for
 `UNEXPLAINED` a scene that changes quickly is another possible cause. They differ in what is known about it, hence in
 the inflation and in the keyframes.
 
-Two findings add nothing to the covariance because the covariance always contains what they report: the yaw with its
-standard deviation (`CALIBRATION`), and the start of the window with the motion that no image showed (`AFTER_GAP`). Two
+Three findings add nothing to the covariance because the covariance always contains what they report: the yaw with its
+standard deviation (`CALIBRATION`), and the start of the window with the motion that no image showed (`AFTER_GAP`,
+`DIVERGED`). Two
 add nothing because the stale parts are known and blanked (`FROZEN_IMAGE`, `STALE_ROWS`). A kept pose (`Action.KEEP`)
 is always inflated by the motion since it was estimated (`trajectory.kept`).
 """

@@ -198,9 +198,9 @@ class Localiser:
         self._check_size(pair)
         clock = StageClock()
         with clock.stage("wait"):
-            state = self._with_finished_keyframe(self._state, clock)
+            state, findings = self._with_finished_keyframe(self._state, clock)
         state = replace(state, path=trajectory.arrived(state.path, pair.stamp_ns))
-        outcome = self._locate(state, pair, odometry, clock)
+        outcome = self._locate(state, pair, odometry, findings, clock)
         self._state = self._with_pose_from_outside(outcome.state, pair.stamp_ns)
         # a pose from outside forgets the map only if it is later than the last accepted pose, which a keyframe is
         assert outcome.keyframe is None or self._state.landmark_map is not None
@@ -211,20 +211,22 @@ class Localiser:
 
     # ---- the stages of a pair
 
-    def _locate(self, state: State, pair: StereoPair, odometry: Transform | None, clock: StageClock) -> Outcome:
-        """Find the pose of a pair by the stages 1 to 9 of the module's text."""
+    def _locate(
+        self, state: State, pair: StereoPair, odometry: Transform | None, findings: Findings, clock: StageClock
+    ) -> Outcome:
+        """Find the pose of a pair by the stages 1 to 9 of the module's text. Findings about the map are given."""
         # 1 check the images
         images = stale_images.compare(pair, state.images)
         state = replace(state, images=images.memory)
         landmark_map = state.landmark_map
-        findings = guards.check_images(images, has_map=landmark_map is not None) | guards.check_wiring(pair)
+        findings |= guards.check_images(images, has_map=landmark_map is not None) | guards.check_wiring(pair)
         verdict = decide(findings)
         if verdict.refuses:
             return self._refuse(state, verdict, pair.stamp_ns)
         with clock.stage("pyramid"):
             frame = StereoFrame.of(images.pair)
         if landmark_map is None:
-            return self._begin(state, frame, verdict)
+            return self._begin(state, frame, verdict, findings)
         state = replace(state, ground=state.ground.after_stale_rows(images.stale_rows))
         has_map = len(landmark_map.landmarks.rows) >= self._config.min_tracked
         verdict = decide(findings | guards.check_landmarks(frame, are_enough=has_map))
@@ -415,7 +417,7 @@ class Localiser:
             if self._relocaliser.is_good_image(frame, count):
                 state = replace(state, failed_recoveries=state.failed_recoveries + 1)
                 if state.failed_recoveries >= RESTART_AFTER:
-                    return self._begin(state, frame, verdict, tracks)
+                    return self._begin(state, frame, verdict, frozenset(), tracks)
         return self._lose(state, verdict.reason, statistics, tracks)
 
     def _keep(
@@ -435,11 +437,13 @@ class Localiser:
         state = replace(state, path=trajectory.lost(state.path), status=TrackingState.LOST, reason=reason)
         return Outcome(state, statistics, tracks)
 
-    def _begin(self, state: State, frame: StereoFrame, verdict: Verdict, tracks: Tracks | None = None) -> Outcome:
+    def _begin(
+        self, state: State, frame: StereoFrame, verdict: Verdict, findings: Findings, tracks: Tracks | None = None
+    ) -> Outcome:
         """Begin a window at the last known pose.
 
-        The localiser stays lost if the pair has too few landmarks, or if its findings do not allow it to be a keyframe.
-        The window is degraded if no image has shown the motion since the last pose.
+        The localiser stays lost if the pair has too few landmarks, or if its verdict does not allow it to be a
+        keyframe. The window is degraded if no image has shown the motion since the last pose, or by the findings given.
         """
         if not verdict.is_comparable:
             return self._lose(state, verdict.reason, TrackingStatistics(inliers=0), tracks)
@@ -454,9 +458,9 @@ class Localiser:
         known_ns = state.path.last.known_ns
         has_gap = known_ns is not None and known_ns < frame.stamp_ns  # images show the motion up to a later start pose
         gap_ends_at = keyframes + self._config.window_keyframes - 1 if has_gap else state.gap_ends_at
-        gap = decide(guards.check_gap(keyframes=keyframes, gap_ends_at=gap_ends_at))
+        begun = decide(findings | guards.check_gap(keyframes=keyframes, gap_ends_at=gap_ends_at))
         status = TrackingState.DEGRADED
-        if gap.action is Action.ACCEPT:
+        if begun.action is Action.ACCEPT:
             status = TrackingState.INITIALISING if keyframes == 1 else TrackingState.TRACKING
         path, step = trajectory.restarted(state.path, frame.stamp_ns, result.landmark_map, self._model)
         state = replace(
@@ -470,7 +474,7 @@ class Localiser:
             keyframes=keyframes,
             gap_ends_at=gap_ends_at,
             status=status,
-            reason=gap.reason,
+            reason=begun.reason,
         )
         return Outcome(state, statistics, tracks, step)
 
@@ -484,26 +488,30 @@ class Localiser:
                 f"{self._rig.height}: give images of the rig"
             )
 
-    def _with_finished_keyframe(self, state: State, clock: StageClock) -> State:
-        """Wait for the keyframe of the call before; return the state with its adjusted map, pose and calibration."""
+    def _with_finished_keyframe(self, state: State, clock: StageClock) -> tuple[State, Findings]:
+        """Wait for the keyframe of the call before; return the state with its adjusted map, pose and calibration.
+
+        If the adjustment diverged, the map is given up, and the next pair may begin a window at the last known pose.
+        """
         if self._pending is None:
-            return state
+            return state, frozenset()
         pending = self._pending
         self._pending = None
         result = pending.result()
         clock.seconds["keyframe"] = result.seconds
         window = result.landmark_map.window
         path = trajectory.adjusted(state.path, window.newest_pose, window.covariance, has_yaw_step=result.has_yaw_step)
-        if path is None:  # the adjustment diverged: a new window begins with this pair
+        if path is None:
             calibration = OnlineCalibration(self._camera, self._config.window_keyframes)
-            return replace(state, landmark_map=None, calibration=calibration)
-        return replace(
+            return replace(state, landmark_map=None, calibration=calibration), frozenset({Finding.DIVERGED})
+        state = replace(
             state,
             path=path,
             landmark_map=result.landmark_map,
             calibration=result.calibration,
             recovery=state.recovery.with_keyframe(result.landmark_map.landmarks),
         )
+        return state, frozenset()
 
     def _with_pose_from_outside(self, state: State, stamp_ns: int) -> State:
         """Apply a pending pose from outside, if its stamp has come."""

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -23,6 +24,7 @@ from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.rotation import rotvec_from_matrix
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform, interpolated, propagated_covariance
+from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StateReason, TrackingState
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracks
@@ -338,6 +340,25 @@ def test_a_keyframe_is_solved_for_by_all_landmarks_though_some_are_excluded() ->
 
 
 # ---- poses that cannot be
+
+
+def test_a_diverged_adjustment_begins_a_window_and_is_reported() -> None:
+    by = localiser()
+    number = 6
+    run(DRIVE[:number], by)
+    while by._pending is None:
+        by.process(DRIVE[number])
+        number += 1
+    result = by._pending.result()
+    problem = result.landmark_map.window.problem
+    keyframes = problem.keyframes._replace(positions=problem.keyframes.positions + 2.0)
+    window = replace(result.landmark_map.window, problem=problem._replace(keyframes=keyframes))
+    by._pending = Future()
+    by._pending.set_result(replace(result, landmark_map=LandmarkMap(window)))
+    begun, later = run(DRIVE[number : number + 2], by)
+    assert (begun.state, begun.reason) == (TrackingState.DEGRADED, StateReason.IMPLAUSIBLE_MOTION)
+    assert (later.state, later.reason) == (TrackingState.DEGRADED, StateReason.UNSEEN_MOTION)
+    assert errors(later, true_pose(number + 1))[0] < 3.0 * sigma(later)
 
 
 @pytest.mark.parametrize("jump_m", [20.0, float("nan")])
