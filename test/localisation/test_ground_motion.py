@@ -19,6 +19,7 @@ from helpers.made_scene import LOC_RIG, true_pose
 from sfr_loc_map.bench.fault_benchmark import Honesty, stated_errors
 from sfr_loc_map.faults.injector import FaultInjector
 from sfr_loc_map.faults.kinds import parse_fault
+from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.registry import open_source
@@ -27,8 +28,20 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.ground_cases import EFFECTS, FIRST_CASES, ONE_MOTION_CASES, TWO_MOTION_CASES, Case
 from sfr_loc_map.localisation.ground_evidence import OLD_WEIGHT, Evidence
-from sfr_loc_map.localisation.ground_memory import AGREEING_PAIRS, LONG_DOUBT_PAIRS, Confidence, Phase
+from sfr_loc_map.localisation.ground_memory import (
+    AGREEING_PAIRS,
+    LONG_DOUBT_PAIRS,
+    MAX_TRANSFERS,
+    ComparedImage,
+    Confidence,
+    GroundMemory,
+    LearntPair,
+    Phase,
+    Transfers,
+)
+from sfr_loc_map.localisation.ground_motion import NO_ROWS, Ground
 from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.localisation.motion_size import MotionSize
 
 SAMPLE, PAIRS = Path(__file__).parents[2] / "sample" / "sample.mcap", 14
 
@@ -65,6 +78,35 @@ def masked(estimates: Sequence[PoseEstimate]) -> list[float]:
 def test_each_case_has_a_row_and_an_effect() -> None:
     rows = (*FIRST_CASES, *ONE_MOTION_CASES, *TWO_MOTION_CASES)
     assert {case for case, _ in rows} == set(Case) == set(EFFECTS)
+
+
+def test_each_transfer_counts_so_that_a_row_of_them_ends() -> None:
+    reporting = [effect for effect in EFFECTS.values() if effect.is_transfer]
+    assert {effect.transfers for effect in reporting} == {Transfers.ONE_MORE}
+    memory = GroundMemory.none((32, 32))
+    learnt = LearntPair(
+        memory.excluded,
+        ComparedImage(np.zeros((16, 16), np.float32), Pose(np.eye(3), np.zeros(3))),
+        np.zeros((16, 16), np.float32),
+        memory.confidence,
+        frozenset(),
+        0.0,
+        is_moving=True,
+    )
+    for _ in range(MAX_TRANSFERS):
+        assert Evidence(None, None, None, None, memory).may_be_transfer  # type: ignore[arg-type]
+        memory = memory.after(reporting[-1], learnt)
+    assert not Evidence(None, None, None, None, memory).may_be_transfer  # type: ignore[arg-type]
+
+
+def test_a_refused_pair_does_not_replace_the_image_at_the_last_known_pose() -> None:
+    before = replace(GroundMemory.none((32, 32)), previous=np.zeros((16, 16), np.float32))
+    after = replace(before, previous=np.ones((16, 16), np.float32), transfers=2)
+    ground = Ground(None, frozenset(), NO_ROWS, MotionSize(0.0, 0.0), before, after)  # type: ignore[arg-type]
+    assert ground.refused() is before
+    learnt = ground._replace(outlasts_refusal=True).refused()
+    assert learnt.previous is before.previous
+    assert learnt.transfers == 2
 
 
 def after_agreements(confidence: Confidence, pairs: int) -> Phase:
