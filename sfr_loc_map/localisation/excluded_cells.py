@@ -12,8 +12,11 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.localisation.frontend.cell_change import CELL, cell_counts
 
-FIXED_LIFE: Final = 10  #: Pairs for which a cell is excluded after it was last seen to be fixed to the camera.
-MOVING_LIFE: Final = 8  #: Pairs for which a cell is excluded after it was last seen to move.
+FIXED_LIFE: Final = 10
+"""Pairs for which a cell is excluded after it was last seen to be fixed to the camera. It is the number after which the
+compared image is replaced (`ground_motion.COMPARED_PAIRS`), so that each cell is seen again before."""
+MOVING_LIFE: Final = 8
+"""Pairs for which a cell is excluded after it was last seen to move. An object leaves its cells within some pairs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -45,6 +45,10 @@ MIN_DIFFERENCE_RATIO = 0.05  #: Minimum of the same as a ratio to the image moti
 STANDSTILL_RATIO = 0.15  #: Image motion, as a ratio to the expected one, below which a motion is a standstill.
 OLD_WEIGHT = 3.0  #: Weight of a landmark whose host is older than the newest host; a newer one has 1.
 EXPECTED_WEIGHT = 1.5  #: Factor on the weight of a motion that continues the one before.
+EXPECTED_RATIO = 0.5
+"""Maximum image motion from the expected pose to a motion that continues the one before, as a ratio to that of the
+other motion. If the two are equally far, neither continues it."""
+MIN_COVERED = 0.5  #: Minimum fraction of the cells in doubt that inliers must cover: the majority.
 CLEAR_RATIO = 1.4  #: Minimum ratio of the weights, or of the inliers, that makes one of two solutions the better one.
 SEARCHED_UNEXPLAINED = 0.03
 """Fraction of unexplained landmarks from which a second exposure is searched for. Ghosts of 30 to 69 % leave 0.04 or
@@ -215,7 +219,7 @@ class Evidence:
             return True
         covered = self.tools.cells(self.explained.cell_index[self.main.inliers]).astype(np.uint8)
         beside = cv2.dilate(covered, np.ones((3, 3), np.uint8)) > 0
-        return bool((beside & unexplained).sum() >= 0.5 * unexplained.sum())
+        return bool((beside & unexplained).sum() >= MIN_COVERED * unexplained.sum())
 
     # ---- partial transfers
 
@@ -374,4 +378,4 @@ class Evidence:
         expected = self.pair.prediction.guesses.expected
         to_own_px = self.tools.image_motion_px(self.pair, tracks, start=expected, end=tracks.pose)
         to_other_px = self.tools.image_motion_px(self.pair, tracks, start=expected, end=other.pose)
-        return weight * EXPECTED_WEIGHT if to_own_px < 0.5 * to_other_px else weight
+        return weight * EXPECTED_WEIGHT if to_own_px < EXPECTED_RATIO * to_other_px else weight

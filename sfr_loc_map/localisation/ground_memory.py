@@ -50,6 +50,8 @@ LONG_DOUBT_PAIRS = 10
 MAX_TRANSFERS = 10  #: Maximum number of consecutive pairs that are taken as partially transferred.
 MIN_UNEXPLAINED = 0.12
 """Fraction of unexplained landmarks, above the typical one, from which a motion is unusual."""
+AFTER_TRANSFER = 0.5  #: Factor on that fraction after a partially transferred pair: the next may be another one.
+MOSTLY_STALE = 0.5  #: Fraction of stale rows from which all rows of the next images may be stale.
 MAX_MOVING = 0.12
 """Fraction of cells that are excluded because they move, from which a pair does not confirm the ground's motion."""
 MAX_UNEXPLAINED = 0.47  #: Fraction of unexplained landmarks from which a motion is unusual in any case.
@@ -209,7 +211,7 @@ class GroundMemory:
 
     def is_usual(self, unexplained: float) -> bool:
         """Return whether a fraction of unexplained landmarks is usual for the ground."""
-        margin = 0.5 * MIN_UNEXPLAINED if self.transfers else MIN_UNEXPLAINED  # parts of it may be stale again
+        margin = AFTER_TRANSFER * MIN_UNEXPLAINED if self.transfers else MIN_UNEXPLAINED
         return unexplained < min(self._typical_with(margin), MAX_UNEXPLAINED)
 
     def shows_other_moment(self, unexplained: float) -> bool:
@@ -273,5 +275,5 @@ class GroundMemory:
         """Return the memory after a pair with stale rows `(H,)`: later pairs may have stale parts, too."""
         if not stale.any():
             return self
-        pairs = LONG_DOUBT_PAIRS if stale.mean() > 0.5 else 1  # after a mostly stale image, all rows may be stale
+        pairs = LONG_DOUBT_PAIRS if stale.mean() > MOSTLY_STALE else 1
         return replace(self, transfers=max(self.transfers, 1), recovering_pairs=max(self.recovering_pairs, pairs))

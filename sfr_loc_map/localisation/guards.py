@@ -24,15 +24,20 @@ from sfr_loc_map.localisation.stale_images import ImageComparison, are_equal
 
 Findings = frozenset[Finding]
 
-# Values without a stated reason were chosen by hand. Recorded trials of others: measurements/localiser_trials.md.
-MIN_CONTRAST: Final = 1.0  #: Minimum standard deviation of a textured image in full resolution, grey levels.
-MIN_STEREO_FRACTION: Final = 0.3  #: Fraction of inliers seen in both images up to which a pair is one-sided.
+MIN_CONTRAST: Final = 1.0
+"""Minimum standard deviation of a textured image in full resolution, grey levels: rounding to whole grey levels gives
+at most 0.5."""
+MIN_STEREO_FRACTION: Final = 0.3
+"""Fraction of inliers seen in both images up to which a pair is one-sided. Landmarks are triangulated from both images,
+so that both show most of them in a good pair."""
 MAX_SHEAR: Final = 7.0
 """Squared shear of the rows over its variance, per degree of freedom, above which rows are of different moments. It is
 at most 6.4 on clean drives, and 7 or more for a shear of one pixel."""
 MAX_MEAN_SHEAR: Final = 1.4
 """Mean of the same above which they are. It is at most 1.3 on clean drives, and 2 to 5 for a shear of 0.3 px."""
-FIRST_SHEAR_GAIN: Final = 0.2  #: Gain g of the running mean before the first pair; each pair makes it g / (1 + g).
+FIRST_SHEAR_GAIN: Final = 0.2
+"""Gain g of the running mean before the first pair; each pair makes it g / (1 + g). The mean so begins with the weight
+of five pairs."""
 MIN_SHEAR_GAIN: Final = 0.05  #: Minimum gain of the running mean: it covers some twenty pairs.
 
 

@@ -36,9 +36,11 @@ KEYFRAME_INLIER_RATIO = 0.65
 ADJUSTMENT_ITERATIONS = 2  #: Gauss-Newton iterations per keyframe; the next keyframe continues from the result.
 MIN_DEPTH_M = 0.5
 """Minimum depth of stereo matching, m: nearer points are rare, and the search takes longer with them."""
+MAX_DISPARITY_RATIO = 0.5  #: Maximum disparity of the search over the image width: half of the view is then common.
 MIN_DISPARITY_PX = 1e-3  #: Minimum disparity of a landmark, px: that of a point at infinity may be negative by noise.
 LARGE_IMAGE_PX = 900 * 900  #: Number of pixels from which an image has twice as many landmarks, with own slopes.
-MEGAPIXEL = 1024 * 1024  #: Number of pixels from which the number of landmarks grows with the fourth root.
+MEGAPIXEL = 1024 * 1024  #: Number of pixels from which the number of landmarks grows with a power of the pixels.
+GROWTH = 0.25  #: That power. The number of landmarks then grows with the square root of the side of an image.
 
 ImageMask = NDArray[np.uint8]
 """`(H, W)` uint8; no landmark is created where it is 0."""
@@ -77,7 +79,7 @@ class KeyframeMaker:
         self._right_mask = load_mask(config.right_mask, rig)
         pixels = rig.width * rig.height
         self._is_large = pixels >= LARGE_IMAGE_PX
-        by_size = (1 + self._is_large) * max(pixels / MEGAPIXEL, 1.0) ** 0.25
+        by_size = (1 + self._is_large) * max(pixels / MEGAPIXEL, 1.0) ** GROWTH
         self._max_corners = round(config.max_features * by_size)
 
     def masks(self, dynamic_mask: ImageMask | None) -> tuple[ImageMask | None, ImageMask | None]:
@@ -148,7 +150,7 @@ class KeyframeMaker:
             frame.right,
             corners,
             known,
-            min(focal_baseline / MIN_DEPTH_M, 0.5 * self._rig.width),
+            min(focal_baseline / MIN_DEPTH_M, MAX_DISPARITY_RATIO * self._rig.width),
             calibration.offset.v,
             right_mask,
             own_slopes=self._is_large,

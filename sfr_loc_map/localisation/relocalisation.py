@@ -23,6 +23,11 @@ from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tra
 RESTART_AFTER = 3
 """Number of good images with a refused pose since the last accepted pair, after which a new window begins. A single one
 may be blurred. Chosen by hand."""
+MIN_BEST_RATIO = 0.5
+"""Minimum ratio of inliers in the left image to landmarks in the image of the descriptors: the majority."""
+GOOD_IMAGE_RATIO = 0.5  #: Minimum ratio of corners to landmarks of the map in a pair that may begin a window.
+MIN_DESCRIPTOR_PX = 8.0  #: Minimum size of a descriptor, px: smaller ones hold noise.
+DESCRIPTORS_PER_SIDE = 32  #: Shorter side of the image over the size of a descriptor: 16 px at 512 x 512.
 NO_POINTS = np.zeros((0, 2))  #: No points.
 FLOW_WINDOW = (21, 21)  #: Window of the optical flow, px: the default of OpenCV.
 FLOW_MIN_SIDE = 16  #: Side of the coarsest image of the optical flow, px: the window must fit.
@@ -77,7 +82,7 @@ class RecoveryImages(NamedTuple):
     def with_tracked(self, image: GreyImage, tracks: Tracks) -> RecoveryImages:
         """Return the images with one whose pose was accepted."""
         known = KnownImage(image, tracks.observations[:, :2], tracks.landmarks)
-        is_best = tracks.left_inlier_count >= 0.5 * len(tracks.inliers)
+        is_best = tracks.left_inlier_count >= MIN_BEST_RATIO * len(tracks.inliers)
         return RecoveryImages(known, known if is_best else self.best, is_last_best=is_best)
 
     def with_keyframe(self, landmarks: Landmarks) -> RecoveryImages:
@@ -156,7 +161,7 @@ class Relocaliser:
     def is_good_image(self, frame: StereoFrame, landmark_count: int) -> bool:
         """Return whether a pair shows enough corners, compared with the landmarks of the map, to begin a window."""
         corners = find_corners(frame.left[0].image, NO_POINTS, self._config.max_features, BORDER)
-        enough = max(self._config.min_tracked, landmark_count // 2)
+        enough = max(self._config.min_tracked, int(GOOD_IMAGE_RATIO * landmark_count))
         return len(corners) >= enough and is_textured(frame.right)
 
 
@@ -170,7 +175,7 @@ def _flow(
 
 def _sift(image: GreyImage, uv: FloatArray) -> NDArray[np.float32]:
     """Return the descriptors `(N, 128)` at pixels `(N, 2)`, of one size and upright."""
-    size = max(8.0, min(image.shape) / 32)
+    size = max(MIN_DESCRIPTOR_PX, min(image.shape) / DESCRIPTORS_PER_SIDE)
     _, descriptors = cv2.SIFT.create().compute(image, [cv2.KeyPoint(float(u), float(v), size, 0.0) for u, v in uv])
     return np.asarray(descriptors, dtype=np.float32)
 

@@ -15,15 +15,23 @@ from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
 
 LEVEL: Final = 1  #: Pyramid level that is compared: it has half the noise of the image but most of its texture.
-SIDE: Final = 8  #: Side of a cell, pixels of that level.
+SIDE: Final = 8  #: Side of a cell, px of that level: 64 px decide, and an object of 16 px of the image fills one.
 CELL: Final = SIDE << LEVEL  #: Side of a cell, pixels of the image.
-NOISE_CORRELATION: Final = 0.35  #: Correlation of neighbouring pixels of the residual above which it is not noise.
+NOISE_CORRELATION: Final = 0.35
+"""Correlation of neighbouring pixels of the residual above which it is not noise. The standard error of a correlation
+of 49 products is 0.14, so that noise exceeds 0.35 in about one of a hundred cells."""
 MIN_CHANGE: Final = 0.03
 """Threshold of change: covariance of neighbouring residuals over the smaller gradient variance. Content that moves by a
 third of a pixel exceeds it."""
-MAX_NOISE: Final = 0.33  #: Maximum variance of the residual of a cell that stays, over its smaller gradient variance.
-MIN_GRADIENT: Final = 1.0  #: Minimum gradient variance of a textured cell, grey levels squared per pixel squared.
-CONTRAST: Final = 4.0  #: Variance of a cell, grey levels squared, at which the gain is halfway between 1 and its fit.
+MAX_NOISE: Final = 0.33
+"""Maximum variance of the residual of a cell that stays, over its smaller gradient variance. With more noise a motion
+of half a pixel would not be detected."""
+MIN_GRADIENT: Final = 1.0
+"""Minimum gradient variance of a textured cell, grey levels squared per pixel squared. The rounding of images to whole
+grey levels gives at most 0.17."""
+CONTRAST: Final = 4.0
+"""Variance of a cell, grey levels squared, at which the gain is halfway between 1 and its fit. Below a standard
+deviation of two grey levels the noise dominates the fit."""
 
 
 class Change(NamedTuple):

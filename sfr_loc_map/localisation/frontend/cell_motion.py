@@ -26,16 +26,22 @@ from sfr_loc_map.localisation.frontend.projection import (
 )
 from sfr_loc_map.localisation.small_linalg import reorder_to_rank
 
-NEAR: Final = 4  #: Cells to each side whose landmarks predict the image motion of a cell.
-STATIONARY_PX: Final = 0.25  #: Image motion, px, below which a pose leaves a cell where it was.
-MOVED_PX: Final = 2.0  #: Image motion, px, above which a pose moves a cell.
-MAX_MOTION_PX: Final = 10.0  #: Image motion, pixels, at which that of a landmark is clipped.
+NEAR: Final = 4
+"""Cells to each side whose landmarks predict the image motion of a cell: 144 px, in which a hundred landmarks are
+expected at 512 x 512."""
+STATIONARY_PX: Final = 0.25
+"""Image motion, px, below which a pose leaves a cell where it was: less than what shows as a change."""
+MOVED_PX: Final = 2.0  #: Image motion, px, above which a pose moves a cell: six times what shows as a change.
+MOTION_QUANTILE: Final = 0.9  #: Quantile of the image motion that is the motion of the image: a few outliers exceed it.
+MAX_MOTION_PX: Final = 10.0
+"""Image motion, px, at which that of a landmark is clipped, so that one wrong landmark does not move the mean of a
+neighbourhood."""
 
 
 class Explained(NamedTuple):
     """How far a motion explains a pair, by M landmarks and the cells `(R, C)`."""
 
-    motion_px: float  #: 90th percentile of the image motion of the landmarks, pixels; 0 without landmarks.
+    motion_px: float  #: Quantile `MOTION_QUANTILE` of the image motion of the landmarks, px; 0 without landmarks.
     cell_index: NDArray[np.intp]  #: `(M,)` numbers of the cells in which the pose sees the landmarks; R * C outside.
     on_static: Mask  #: `(M,)` landmarks whose host pixels are in cells that stay.
     on_fixed: Mask  #: `(M,)` outliers among these that the pose moves: they are fixed to the camera.
@@ -181,7 +187,7 @@ def explain(
             known_px[known] = motion_px[n]
             known += 1
     return Explained(
-        motion_px=reorder_to_rank(known_px[:known], 9 * known // 10) if known else 0.0,
+        motion_px=reorder_to_rank(known_px[:known], int(MOTION_QUANTILE * known)) if known else 0.0,
         cell_index=cell,
         on_static=stays,
         on_fixed=fixed,

@@ -10,9 +10,10 @@ from sfr_loc_map.jit import jit, jit_fast
 from sfr_loc_map.localisation.parallel import both
 from sfr_loc_map.localisation.small_linalg import copy_row
 
-# Values without a stated reason were chosen by hand. Recorded trials of others: measurements/localiser_trials.md.
-BLOCK = 7  #: Side of the neighbourhood over which the gradient matrix of a corner is summed, pixels.
-MIN_CELL_PX = 8  #: Minimum side of a cell of the grid, pixels.
+BLOCK = 7
+"""Side of the neighbourhood over which the gradient matrix of a corner is summed, px: less than a patch of 11 px, so
+that the corner lies in the middle of its patch."""
+MIN_CELL_PX = 8  #: Minimum side of a cell of the grid, px. Corners that are nearer share most of their patches.
 MIN_DISTANCE_RATIO = 0.6  #: Minimum distance of a new corner from landmarks, over the side of a cell.
 MIN_STRENGTH_RATIO = 0.04  #: Minimum strength of a corner over the median: the strongest pixel of a flat cell is noise.
 

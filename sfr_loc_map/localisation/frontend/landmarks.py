@@ -25,9 +25,11 @@ from sfr_loc_map.localisation.frontend.patch import (
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
 
 BORDER = HALF + 4  #: Width, px, of the image border without landmarks: a patch with its gradients must fit.
-COARSE_HALF = 3  #: Half width, px, of a patch on the coarser pyramid levels.
-MIN_INVERSE_DEPTH = 1e-6  #: Inverse depth, 1/m, up to which a landmark is at infinity.
-MAX_DEPTH_M = 1000.0  #: Maximum median depth, m.
+COARSE_HALF = 3
+"""Half width, px, of a patch on the coarser pyramid levels, where it covers at least as much of the image as at full
+size."""
+MIN_INVERSE_DEPTH = 1e-6  #: Inverse depth, 1/m, up to which a landmark is at infinity: 1000 km.
+MAX_DEPTH_M = 1000.0  #: Maximum median depth, m: beyond, all landmarks are at infinity.
 ALIGNED_LANDMARKS = 200  #: Number of landmarks that align a pose.
 FOLLOWED_LANDMARKS = 800
 """Number of landmarks tracked in a pair that does not become a keyframe, whose pose errors do not accumulate."""

@@ -16,12 +16,17 @@ from sfr_loc_map.jit import jit, jit_fast
 from sfr_loc_map.localisation.parallel import in_halves
 from sfr_loc_map.localisation.small_linalg import solve
 
-NEIGHBOURS = 9  #: Maximum number of points that a local plane is fitted to.
-MIN_NEIGHBOURS = 4  #: Minimum number of points that a local plane is fitted to.
+NEIGHBOURS = 9  #: Maximum number of points that a local plane is fitted to: a corner and the eight around it.
+MIN_NEIGHBOURS = 4  #: Minimum number of points that a local plane is fitted to: one more than a plane has unknowns.
 PLANE_ITERATIONS = 4  #: Iterations of reweighted least squares of a local plane.
-PLANE_NOISE_PX = 0.3  #: Scale of the Cauchy weight of a disparity against the local plane, pixels.
-SLOPE_INFORMATION = 0.02  #: Information of the prior of zero slope, times the squared distance of the neighbours.
-MAX_SLOPE = 0.7  #: Maximum slope, pixels of disparity per pixel.
+PLANE_NOISE_PX = 0.3
+"""Scale of the Cauchy weight of a disparity against the local plane, px: ten times the noise of a disparity (0.03 px),
+because ground is not flat between corners."""
+SLOPE_INFORMATION = 0.02
+"""Information of the prior of zero slope, times the squared distance of the neighbours: a fiftieth of one
+neighbour's."""
+NEARNESS = -2.0  #: Exponent of the weight at the farthest neighbour, which is thereby at two standard deviations.
+MAX_SLOPE = 0.7  #: Maximum slope, px of disparity per px. A patch then has 0.3 of its width in the right image.
 
 
 class Neighbours(NamedTuple):
@@ -130,7 +135,7 @@ def _fit_slopes(
     for n in range(len(uv)):
         reach = max(distance[n, -1], 1.0)
         for k in range(index.shape[1]):
-            nearness[k] = np.exp(-2.0 * (distance[n, k] / reach) ** 2)
+            nearness[k] = np.exp(NEARNESS * (distance[n, k] / reach) ** 2)
         plane = np.zeros(3)
         for _ in range(PLANE_ITERATIONS):
             information = np.zeros((3, 3))

@@ -147,6 +147,11 @@ class Templates(NamedTuple):
     moments: FloatArray
 
 
+SAMPLED_PX = 1.001
+"""Minimum distance, px, of a sampled position from the number of columns or rows. The next pixel must exist, and
+positions in float32 are rounded by less than 0.001 px."""
+
+
 class PatchPixels(NamedTuple):
     """Pixels of a patch relative to its centre, `(S * S,)` float32."""
 

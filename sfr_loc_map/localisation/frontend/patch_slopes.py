@@ -14,6 +14,7 @@ from sfr_loc_map.jit import jit_fast, jit_fast_inline
 from sfr_loc_map.localisation.frontend.neighbour_slopes import MAX_SLOPE
 from sfr_loc_map.localisation.frontend.patch import (
     MIN_POWER,
+    SAMPLED_PX,
     Patch,
     PatchPixels,
     half_width,
@@ -24,11 +25,15 @@ from sfr_loc_map.localisation.frontend.patch import (
 from sfr_loc_map.localisation.frontend.patch_tracking import MIN_TEXTURE_RATIO
 from sfr_loc_map.localisation.small_linalg import copy_row, fill_inverse_4
 
-PRIOR_SIGMA = 0.05  #: Standard deviation of the slopes of the neighbours' plane, pixels of disparity per pixel.
+PRIOR_SIGMA = 0.05
+"""Standard deviation of the slopes of the neighbours' plane, px of disparity per px. 0.015 and 0.03 gave larger errors
+of attitude (measurements/localiser_trials.md)."""
 MIN_SQUARE = 1.0  #: Minimum mean squared residual, grey levels squared: images are quantised to whole grey levels.
 SLOPE_ITERATIONS = 5  #: Maximum number of iterations.
-MAX_SLOPE_SHIFT_PX = 1.0  #: Maximum shift of a patch, pixels; a patch that moves farther keeps its slopes.
-FINISHED_PX = 0.01  #: Movement of a pixel of the patch, pixels, below which no further iteration follows.
+MAX_SLOPE_SHIFT_PX = 1.0
+"""Maximum shift of a patch, px: one that moves farther has left its texture, and keeps its slopes."""
+FINISHED_PX = 0.01
+"""Movement of a pixel of the patch, px, below which no further iteration follows: as in `patch_tracking`."""
 
 
 class _Workspace(NamedTuple):
@@ -109,7 +114,12 @@ def _compare(image: FloatImage, plane: tuple[float, float, float, float], power:
     half = half_width(pixels.columns.size)
     reach = half * (abs(1.0 - slope_u) + abs(slope_v))
     height, width = image.shape
-    if centre_x < reach or centre_x + reach >= width - 1.001 or centre_y < half or centre_y + half >= height - 1.001:
+    if (
+        centre_x < reach
+        or centre_x + reach >= width - SAMPLED_PX
+        or centre_y < half
+        or centre_y + half >= height - SAMPLED_PX
+    ):
         return np.nan
     x = np.float32(centre_x)
     y = np.float32(centre_y)

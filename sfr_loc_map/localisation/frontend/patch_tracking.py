@@ -16,6 +16,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
 from sfr_loc_map.localisation.frontend.patch import (
     MIN_POWER,
+    SAMPLED_PX,
     LocalWarp,
     PatchPixels,
     Templates,
@@ -27,14 +28,25 @@ from sfr_loc_map.localisation.frontend.patch import (
     warped_normal,
 )
 
-# Values without a stated reason were chosen by hand. Recorded trials of others: measurements/localiser_trials.md.
-MIN_DETERMINANT = 0.05  #: Minimum determinant of a warp: the area, px^2, that a pixel of the host covers.
-MAX_SPAN_PX = 60.0  #: Maximum extent of a warped patch, pixels.
-MAX_DEPTH_CHANGE = 0.99  #: Maximum relative change of the depth from the centre of a patch to a corner.
-MIN_TEXTURE_RATIO = 1e-6  #: Minimum determinant of a normal matrix over its squared trace: texture in two directions.
-MAX_STEP_PX = 1.5  #: Maximum step of one iteration, pixels.
-CONVERGED_PX = 0.03  #: Maximum last step of a track that has converged, pixels.
-FINISHED_PX = 0.01  #: Step below which no further iteration follows, pixels.
+MIN_DETERMINANT = 0.05
+"""Minimum determinant of a warp: the area, px^2, that a pixel of the host covers. A patch of 11 x 11 px has then shrunk
+to 2.5 x 2.5 px, which have no texture of their own."""
+MAX_SPAN_PX = 60.0
+"""Maximum extent of a warped patch, px. Samples are then more than 5 px apart and skip the texture between them."""
+MAX_DEPTH_CHANGE = 0.99
+"""Maximum relative change of the depth from the centre of a patch to a corner. At 1 the corner reaches the plane of the
+camera, where the homography is infinite."""
+MIN_TEXTURE_RATIO = 1e-6
+"""Minimum determinant of a normal matrix over its squared trace: texture in two directions. Sums of float32 have a
+relative error of 1e-7, which must not be taken for texture."""
+MAX_STEP_PX = 1.5
+"""Maximum step of one iteration, px. The linearisation of the smoothed image holds over about a pixel, and longer steps
+leave the texture that the patch started on."""
+CONVERGED_PX = 0.03
+"""Maximum last step of a track that has converged, px: a third of the usual residual of an inlier (0.1 px)."""
+FINISHED_PX = 0.01
+"""Step below which no further iteration follows, px. It was 0.004 px: measurements/localiser_trials.md, "Beside other
+methods, and the changes that followed"."""
 
 
 class PatchTracks(NamedTuple):
@@ -118,7 +130,7 @@ def _track(
         converged = False
         if max(abs(shift_x), abs(shift_y)) > limits.max_shift or box.left + shift_x < 0.0 or box.top + shift_y < 0.0:
             break
-        if box.right + shift_x >= width - 1.001 or box.bottom + shift_y >= height - 1.001:
+        if box.right + shift_x >= width - SAMPLED_PX or box.bottom + shift_y >= height - SAMPLED_PX:
             break
         centre_x = np.float32(warped.x + shift_x)
         centre_y = np.float32(warped.y + shift_y)

@@ -25,15 +25,20 @@ from sfr_loc_map.localisation.frontend.projection import (
 from sfr_loc_map.localisation.frontend.robust_weights import geman_mcclure_weight
 from sfr_loc_map.localisation.small_linalg import fill_inverse_4, reorder_to_median, retract, solve
 
-# Values without a stated reason were chosen by hand. Recorded trials of others: measurements/localiser_trials.md.
-MIN_LANDMARKS = 6  #: Minimum number of observed landmarks.
-UNOBSERVED_VARIANCE = 1e8  #: Variance of a position that was not observed, px^2.
+MIN_LANDMARKS = 6
+"""Minimum number of observed landmarks. Two give enough equations; with six, a majority can outvote an outlier."""
+UNOBSERVED_VARIANCE = 1e8
+"""Variance of a position that was not observed, px^2: the standard deviation exceeds any image."""
 SCALE_PER_MEDIAN = 1.5
 """Scale of the Geman-McClure weight over the median of the squared residuals per degree of freedom. The scale is at
 least 1, which is their expectation. Weaker weights: measurements/localiser_trials.md,
 "What limits it, and what was tried"."""
-FIRST_SCALE_FACTOR = 4.0  #: Factor on that scale in the first iteration, when the pose is that of the prediction.
-CONVERGED_STEP = 1e-5  #: Step of the pose, metres and radians, below which no further iteration follows.
+FIRST_SCALE_FACTOR = 4.0
+"""Factor on that scale in the first iteration, when the pose is that of the alignment: residuals may be twice as large
+as at the solution."""
+CONVERGED_STEP = 1e-5
+"""Step of the pose, m and rad, below which no further iteration follows. It was 1e-6: measurements/localiser_trials.md,
+"Beside other methods, and the changes that followed"."""
 
 
 class LandmarkEstimates(NamedTuple):

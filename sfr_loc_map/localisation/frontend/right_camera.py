@@ -19,9 +19,12 @@ from sfr_loc_map.localisation.frontend.pose_solver import (
 )
 from sfr_loc_map.localisation.frontend.robust_weights import geman_mcclure
 
-SHIFT_SCALE = 4.0  #: Squared residual per degree of freedom at which a landmark's weight is a quarter (Geman-McClure).
-MIN_INLIER_WEIGHT = 0.5  #: Minimum weight of a landmark that agrees with the pose.
-MIN_SHIFT_LANDMARKS = 9  #: Minimum number of landmarks of the shift and the shear.
+SHIFT_SCALE = 4.0
+"""Squared residual per degree of freedom at which a landmark's weight is a quarter (Geman-McClure): at a residual of
+two standard deviations. The pose is known, so that no larger scale is needed."""
+MIN_INLIER_WEIGHT = 0.5
+"""Minimum weight of a landmark that agrees with the pose: a residual of 1.3 standard deviations."""
+MIN_SHIFT_LANDMARKS = 9  #: Minimum number of landmarks of the shift and the shear: one for each unknown of the step.
 ENOUGH_LANDMARKS = 300
 """Approximate number of landmarks that are used. The error that all landmarks of an image have in common is larger than
 that of their mean."""

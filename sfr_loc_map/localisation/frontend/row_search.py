@@ -12,11 +12,15 @@ from sfr_loc_map.jit import jit_fast, jit_fast_inline
 from sfr_loc_map.localisation.frontend.patch import MIN_POWER, Patch, Pyramid, cut_patches, half_width, normalise
 from sfr_loc_map.localisation.parallel import in_halves
 
-SEARCH_LEVEL = 1  #: Pyramid level of the search.
-SEARCH_HALF = 4  #: Half width of the patches of the search, pixels of that level.
+SEARCH_LEVEL = 1
+"""Pyramid level of the search. It has half of the positions of the image and a quarter of its pixels, and the
+refinement captures the rest of the disparity."""
+SEARCH_HALF = 4  #: Half width of the patches of the search, px of that level.
 MIN_SEARCH_NCC = 0.75  #: Minimum normalised cross-correlation of the search.
-MAX_AMBIGUITY = 0.85  #: Maximum ratio of best to second-best `1 - correlation` of the search.
-MIN_PEAK_DISTANCE = 2  #: Positions beside the best correlation that do not count as a second peak.
+MAX_AMBIGUITY = 0.85
+"""Maximum ratio of best to second-best `1 - correlation` of the search (compare Lowe 2004, section 7.1)."""
+MIN_PEAK_DISTANCE = 2
+"""Positions beside the best correlation that do not count as a second peak: the width of a peak at this level."""
 
 
 @jit_fast_inline

@@ -23,10 +23,13 @@ from sfr_loc_map.localisation.frontend.row_search import search_corners
 from sfr_loc_map.localisation.parallel import in_halves
 
 REFINEMENTS = 2  #: Alternations of slopes from disparities and disparities with these slopes.
-MAX_SHIFT_PX = 2.5  #: Maximum correction of a disparity of the search, pixels.
-ITERATIONS = 12  #: Maximum number of Gauss-Newton iterations of a disparity.
-MIN_NCC = 0.7  #: Minimum normalised cross-correlation of a match.
-MAX_VERTICAL_PX = 1.0  #: Maximum distance of a match from its row, pixels.
+MAX_SHIFT_PX = 2.5  #: Maximum correction of a disparity of the search, px: a position of the search is two pixels wide.
+ITERATIONS = 12
+"""Maximum number of Gauss-Newton iterations of a disparity: twice as many as of a track, whose start is better."""
+MIN_NCC = 0.7
+"""Minimum normalised cross-correlation of a match: more than of a track, because both images are of one moment."""
+MAX_VERTICAL_PX = 1.0
+"""Maximum distance of a match from its row, px: seven times the noise of the vertical disparity of a match."""
 MIN_DISPARITY_PX = -0.5  #: Minimum disparity of a match, pixels: noise makes that of a point at infinity negative.
 
 

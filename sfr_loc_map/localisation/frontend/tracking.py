@@ -26,7 +26,6 @@ from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations, so
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.parallel import both
 
-# Values without a stated reason were chosen by hand. Recorded trials of others: measurements/localiser_trials.md.
 LIMITS = TrackingLimits(max_shift=2.5, iterations=6, min_correlation=0.6)
 """Limits of a landmark against its projection: px, Gauss-Newton iterations, normalised cross-correlation."""
 SEARCHED_OFFSET_PX = 0.5
@@ -37,15 +36,27 @@ ALIGNED_LEVELS = range(LEVELS - 1, 0, -1)
 ALIGNMENT_ITERATIONS = (6, 4)  #: Gauss-Newton iterations of the alignment on its first level, on each further level.
 POSE_ITERATIONS = 10  #: Maximum number of Gauss-Newton iterations of the pose.
 INLIER_CHI2_PER_DOF = 9.0  #: Gate of an inlier: squared Mahalanobis residual per degree of freedom (3 sigma).
-MIN_INLIER_RATIO = 0.5  #: Minimum ratio of inliers to landmarks found in a trusted pose.
-MIN_FOUND_RATIO = 0.2  #: Minimum ratio of landmarks found to landmarks searched for in a trusted pose.
-SWAPPED_STEREO_FRACTION = 0.6  #: Minimum fraction of inliers observed in both images if left and right are swapped.
-PIXEL_FLOOR = 0.05  #: Minimum standard deviation of an observation, px.
+MIN_INLIER_RATIO = 0.5  #: Minimum ratio of inliers to landmarks found in a trusted pose: the majority.
+MIN_FOUND_RATIO = 0.2
+"""Minimum ratio of landmarks found to landmarks searched for in a trusted pose: with fewer, most of the view has
+changed and the rest may be of one object."""
+SWAPPED_STEREO_FRACTION = 0.6
+"""Minimum fraction of inliers observed in both images if left and right are swapped: most, as in any good pair, and
+twice what makes a pair one-sided (`guards.MIN_STEREO_FRACTION`)."""
+PIXEL_FLOOR = 0.05
+"""Minimum standard deviation of an observation, px. 0.01 to 0.03 were tried (measurements/localiser_trials.md, "What
+limits it, and what was tried")."""
 RESIDUAL_GAIN = 1.2  #: Variance of the image noise over the squared residual of a patch. Chosen on rendered drives.
+EDGE_RESIDUALS = (0.5, 4.0)
+"""Least and largest ratio of a residual to the median. The minimum standard deviation of an edge is multiplied by its
+square, from 0.25 to 16 (measurements/localiser_trials.md, "Images of a megapixel: the sun and the edges of stones")."""
+MIN_RESIDUAL = 1e-6  #: Minimum median residual, grey levels, by which a residual is divided.
 EDGE_FOCAL_PX = 600.0
 """Focal length, px, from which edges of stones limit a pose rather than image noise. Seen from another position, an
 edge is another point of the stone, which biases the rotation. Landmarks with a large residual get a larger floor."""
-MIN_TEXTURE = 1.0  #: Minimum standard deviation of the coarsest pyramid level of a textured image, grey levels.
+MIN_TEXTURE = 1.0
+"""Minimum standard deviation of the coarsest pyramid level of a textured image, grey levels. Noise of 8 grey levels,
+averaged over 8 x 8 px, has 1."""
 
 
 class StereoFrame(NamedTuple):
@@ -243,7 +254,8 @@ class Tracker:
         variance = covariance * (RESIDUAL_GAIN * (noise * noise))[:, None]
         floor: FloatArray | float = PIXEL_FLOOR**2
         if self._camera.fx >= EDGE_FOCAL_PX:
-            floor = floor * np.clip(residual / max(typical, 1e-6), 0.5, 4.0) ** 4
+            least, most = EDGE_RESIDUALS
+            floor = floor * np.clip(residual / max(typical, MIN_RESIDUAL), least, most) ** 4
         variance[:, 0] += floor
         variance[:, 2] += floor
         return np.asarray(variance)
