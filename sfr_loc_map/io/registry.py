@@ -16,7 +16,7 @@ from sfr_loc_map.io.layouts.euroc import is_euroc, open_euroc
 from sfr_loc_map.io.layouts.folder import is_folder, open_folder
 from sfr_loc_map.io.layouts.image_folder import is_image_folder, open_image_folder
 from sfr_loc_map.io.layouts.kitti import is_kitti, open_kitti
-from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig, SyncConfig, source_config
 from sfr_loc_map.io.truth import TruthConfig, resolve_truth, truth_of_file
 
@@ -49,20 +49,20 @@ def _configured(open_files: Opener) -> Opener:
     return open_configured
 
 
-READERS: dict[str, tuple[Callable[[Path], bool], Opener]] = {
-    "bag": (is_bag, _open_bag),
-    "sfr": (is_folder, _configured(lambda path, _: open_folder(path))),
-    "kitti": (is_kitti, _configured(lambda path, _: open_kitti(path))),
-    "euroc": (is_euroc, _configured(open_euroc)),
-    "images": (is_image_folder, _configured(open_image_folder)),
+READERS: dict[SourceFormat, tuple[Callable[[Path], bool], Opener]] = {
+    SourceFormat.BAG: (is_bag, _open_bag),
+    SourceFormat.FOLDER: (is_folder, _configured(lambda path, _: open_folder(path))),
+    SourceFormat.KITTI: (is_kitti, _configured(lambda path, _: open_kitti(path))),
+    SourceFormat.EUROC: (is_euroc, _configured(open_euroc)),
+    SourceFormat.IMAGES: (is_image_folder, _configured(open_image_folder)),
 }
-"""Name of a format, its test and opener, in the order of trying; a folder with rig.json or pairs.csv is `sfr`.
+"""The test of each format and its opener, in the order of trying; a folder with rig.json or pairs.csv is `sfr`.
 
 Formats of trajectories are in `trajectory_file.py`, those of clouds in `cloud_file.py`.
 """
 
 
-STATED_PAIRS = ("sfr", "kitti")  #: Formats that state which images are a pair.
+STATED_PAIRS = (SourceFormat.FOLDER, SourceFormat.KITTI)  #: Formats that state which images are a pair.
 
 
 def open_source(path: Path, config: SourceConfig | None = None) -> Source:
@@ -79,8 +79,8 @@ def open_source(path: Path, config: SourceConfig | None = None) -> Source:
     return replace(source, configuration=config.path)
 
 
-def format_of(path: Path) -> str:
-    """Return the name of the format of a source; InputError, in one line, if it is of none, or not there."""
+def format_of(path: Path) -> SourceFormat:
+    """Return the format of a source; InputError, in one line, if it is of none, or not there."""
     if not path.exists():
         raise InputError(f"there is no '{path}': give a data set folder, a ROS bag, or a sequence of another data set")
     if path.is_file():
