@@ -6,7 +6,8 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 
-WGS84_M, WGS84_FLATTENING = 6_378_137.0, 1.0 / 298.257223563  #: Semi-major axis, m, and flattening.
+WGS84_M = 6_378_137.0  #: Semi-major axis of the ellipsoid WGS 84, metres.
+WGS84_FLATTENING = 1.0 / 298.257223563  #: Flattening of the same.
 
 
 def enu_m(places: FloatArray) -> FloatArray:
@@ -14,11 +15,12 @@ def enu_m(places: FloatArray) -> FloatArray:
 
     WGS84; geographic to topocentric conversion, EPSG method 9837 (IOGP publication 373-7-2, section 4.1.2).
     """
-    latitude, longitude = np.radians(places[:, 0]), np.radians(places[:, 1])
-    squared = WGS84_FLATTENING * (2.0 - WGS84_FLATTENING)
-    normal = WGS84_M / np.sqrt(1.0 - squared * np.sin(latitude) ** 2)
+    latitude = np.radians(places[:, 0])
+    longitude = np.radians(places[:, 1])
+    eccentricity_squared = WGS84_FLATTENING * (2.0 - WGS84_FLATTENING)
+    normal = WGS84_M / np.sqrt(1.0 - eccentricity_squared * np.sin(latitude) ** 2)
     across = (normal + places[:, 2]) * np.cos(latitude)
-    polar = (normal * (1.0 - squared) + places[:, 2]) * np.sin(latitude)
+    polar = (normal * (1.0 - eccentricity_squared) + places[:, 2]) * np.sin(latitude)
     geocentric = np.stack((across * np.cos(longitude), across * np.sin(longitude), polar), axis=1)
     if not len(geocentric):
         return geocentric

@@ -9,6 +9,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
@@ -34,13 +35,12 @@ RECTIFIED_TOLERANCE = 1e-9
 class RawCamera:
     """The calibration of a camera whose images are not rectified: distortion, K, R and P of sensor_msgs/CameraInfo."""
 
-    size: tuple[int, int]
-    """Width and height, pixels."""
-    model: str
-    d: tuple[float, ...]
-    k: tuple[float, ...]
-    r: tuple[float, ...]
-    p: tuple[float, ...]
+    size: tuple[int, int]  #: Width and height, pixels.
+    model: str  #: Model of the distortion, one of `COEFFICIENTS`.
+    d: tuple[float, ...]  #: Coefficients of the distortion.
+    k: tuple[float, ...]  #: Camera matrix of the raw image `(9,)`, row-major, pixels.
+    r: tuple[float, ...]  #: Rotation to the rectified camera `(9,)`, row-major.
+    p: tuple[float, ...]  #: Projection matrix of the rectified image `(12,)`, row-major, pixels.
 
     @classmethod
     def of(cls, name: str, info: Any) -> RawCamera:  # noqa: ANN401 - a CameraInfo of any library
@@ -53,16 +53,17 @@ class RawCamera:
         if model not in COEFFICIENTS:
             known = ", ".join(COEFFICIENTS)
             raise InputError(f"{name} has distortion model '{model[:40]}': one of {known} can be rectified")
-        d = d or (0.0,) * COEFFICIENTS[model][0]  # none at all are those of a lens without distortion
+        d = d or (0.0,) * COEFFICIENTS[model][0]  # a lens without distortion may have no coefficients
         if len(d) not in COEFFICIENTS[model]:
             wanted = " or ".join(map(str, COEFFICIENTS[model]))
             raise InputError(f"{name} has {len(d)} coefficients d: model {model} needs {wanted}")
         roi = info.roi
-        whole = (roi.width, roi.height) in ((0, 0), (info.width, info.height)) and not (roi.x_offset or roi.y_offset)
-        if not whole or info.binning_x > 1 or info.binning_y > 1:
+        has_full_size = (roi.width, roi.height) in ((0, 0), (info.width, info.height))
+        is_cropped = not has_full_size or roi.x_offset or roi.y_offset
+        if is_cropped or info.binning_x > 1 or info.binning_y > 1:
             raise InputError(f"{name} has binning or a region of interest: send whole images to be rectified")
-        complete = (len(k), len(r), len(p)) == (9, 9, 12) and np.isfinite([*d, *k, *r, *p]).all()
-        if not complete or k[0] <= 0.0 or k[4] <= 0.0 or p[0] <= 0.0:
+        is_complete = (len(k), len(r), len(p)) == (9, 9, 12) and np.isfinite([*d, *k, *r, *p]).all()
+        if not is_complete or k[0] <= 0.0 or k[4] <= 0.0 or p[0] <= 0.0:
             raise InputError(f"{name} has no k or p, or numbers that are not finite: calibrate the camera")
         r = r if any(r) else tuple(np.eye(3).reshape(-1).tolist())
         rotation = np.reshape(r, (3, 3))
@@ -72,17 +73,19 @@ class RawCamera:
 
     def maps(self) -> Sequence[Any]:
         """Return OpenCV's fixed-point maps, of 1/32 pixel, from the pixels of the rectified image to the raw one."""
-        k, r, p = np.reshape(self.k, (3, 3)), np.reshape(self.r, (3, 3)), np.reshape(self.p, (3, 4))[:, :3]
+        k = np.reshape(self.k, (3, 3))
+        r = np.reshape(self.r, (3, 3))
+        p = np.reshape(self.p, (3, 4))[:, :3]
         make = cv2.fisheye.initUndistortRectifyMap if self.model in FISHEYE else cv2.initUndistortRectifyMap
         return make(k, np.array(self.d), r, p, self.size, cv2.CV_16SC2)
 
     def is_same(self, other: RawCamera) -> bool:
-        """Tell whether both describe one camera up to `SAME_PX`: drivers round the calibration of each message."""
+        """Return whether both describe one camera up to `SAME_PX`: drivers round the calibration of each message."""
         if (self.size, self.model, len(self.d)) != (other.size, other.model, len(other.d)):
             return False
-        pixels = (np.abs(np.subtract(mine, theirs)).max() for mine, theirs in ((self.k, other.k), (self.p, other.p)))
-        turned = (np.abs(np.subtract(mine, theirs)).max() for mine, theirs in ((self.d, other.d), (self.r, other.r)))
-        return bool(max(pixels) < SAME_PX and max(turned) < SAME_DIRECTION)
+        change_px = max(_largest_difference(self.k, other.k), _largest_difference(self.p, other.p))
+        change = max(_largest_difference(self.d, other.d), _largest_difference(self.r, other.r))
+        return change_px < SAME_PX and change < SAME_DIRECTION
 
     @property
     def info(self) -> SimpleNamespace:
@@ -96,9 +99,16 @@ class RawCamera:
     @property
     def is_rectified(self) -> bool:
         """Whether its images need no rectification."""
+        if any(self.d):
+            return False
         p = np.reshape(self.p, (3, 4))[:, :3].reshape(-1)
-        turned, apart = (np.abs(np.subtract(*two)).max() for two in ((self.r, np.eye(3).reshape(-1)), (self.k, p)))
-        return bool(not any(self.d) and max(turned, apart) <= TOLERANCE)
+        rotation = _largest_difference(self.r, np.eye(3).reshape(-1))
+        return max(rotation, _largest_difference(self.k, p)) <= TOLERANCE
+
+
+def _largest_difference(numbers: ArrayLike, others: ArrayLike) -> float:
+    """Return the largest absolute difference of as many numbers; NaN if one of them is NaN."""
+    return float(np.abs(np.subtract(numbers, others)).max())
 
 
 class StereoRectifier:

@@ -11,19 +11,21 @@ from typing import Generic, TypeVar
 T = TypeVar("T")
 STAMP_TOLERANCE_S = 0.01
 """Default of the largest difference between the stamps of what belongs together; always below half a period."""
-PERIODS = 15  # gaps between stamps of which the period is the median
-WAITING = 1000  # items that wait on each side where all stamps are known
+PERIODS = 15  #: The period of a stream is the median of this many gaps between its stamps.
+WAITING = 1000  #: Items of each stream that may wait for a partner if all stamps are known in advance.
 
 
 def below_half_period(tolerance_ns: int, *gaps_ns: Collection[int]) -> int:
-    """Return the tolerance, or what is just below half the shorter of the periods that streams with these gaps have."""
+    """Return the tolerance, at most just below half of the shorter period of streams that have these gaps."""
     periods = [median_low(gaps) for gaps in gaps_ns if gaps]
-    return min(tolerance_ns, max(min(periods) - 1, 0) // 2) if periods else tolerance_ns
+    if not periods:
+        return tolerance_ns
+    return min(tolerance_ns, max(min(periods) - 1, 0) // 2)
 
 
 def match_stamps(left: Sequence[int], right: Sequence[int], tolerance_ns: int) -> dict[int, int]:
-    """Return the right stamp of each left one that has a partner; both increase, nanoseconds."""
-    gaps = [[after - before for before, after in pairwise(s) if after > before] for s in (left, right)]
+    """Return the right stamp of each left one that has a partner, nanoseconds; both streams increase."""
+    gaps = [[after - before for before, after in pairwise(stamps) if after > before] for stamps in (left, right)]
     pairing: StampPairing[int] = StampPairing(below_half_period(tolerance_ns, *gaps), WAITING)
     order = sorted([(stamp, 0) for stamp in left] + [(stamp, 1) for stamp in right])
     found = [(pairing.add_right if side else pairing.add_left)(stamp, stamp) for stamp, side in order]
@@ -33,15 +35,16 @@ def match_stamps(left: Sequence[int], right: Sequence[int], tolerance_ns: int) -
 class StampPairing(Generic[T]):
     """Pairs the items of two streams by their stamps, with a bounded memory.
 
-    Each stream comes in the order of its stamps, until a new run begins at an earlier one. So an item is dropped, and
-    counted as `unpaired`, when the other stream has come to a later stamp of the same run; `overflowed` counts those
-    whose queue was full. The tolerance stays below half the period of either stream, so that no pair is one of
-    neighbouring moments.
+    The stamps of each stream increase until a new run begins with an earlier one. An item is therefore dropped, and
+    counted as `unpaired`, when the other stream has reached a later stamp of the same run. `overflowed` counts items
+    that were dropped because their queue was full. The tolerance is less than half of either stream's period, so that
+    items of neighbouring moments are not paired.
     """
 
     def __init__(self, tolerance_ns: int, depth: int) -> None:
-        """Start empty; the stamps of a pair differ by the tolerance at most, `depth` items wait on each side."""
-        self._tolerance_ns, self._depth = tolerance_ns, depth
+        """Start without items; stamps of a pair differ by up to the tolerance, and `depth` items of a side may wait."""
+        self._tolerance_ns = tolerance_ns
+        self._depth = depth
         self._waiting: tuple[deque[tuple[int, int, T]], ...] = (deque(), deque())  # stamp, run of its stream, item
         self._latest_ns: list[int | None] = [None, None]
         self._runs = [0, 0]
@@ -60,18 +63,21 @@ class StampPairing(Generic[T]):
         return None if partner is None else (partner, item)
 
     def clear(self) -> None:
-        """Forget what waits, without counting it as dropped."""
+        """Remove the waiting items without counting them as dropped."""
         for queue in self._waiting:
             queue.clear()
-        self._latest_ns, self._runs = [None, None], [0, 0]
+        self._latest_ns = [None, None]
+        self._runs = [0, 0]
 
     def _partner_of(self, side: int, stamp_ns: int, item: T) -> T | None:
+        """Return the partner of a new item of a side, 0 for left and 1 for right; None if the item has to wait."""
         latest = self._latest_ns[side]
         self._runs[side] += latest is not None and stamp_ns < latest
         if latest is not None and stamp_ns > latest:
             self._gaps_ns[side].append(stamp_ns - latest)
         self._latest_ns[side] = stamp_ns
-        own, other = self._waiting[side], self._waiting[1 - side]
+        own = self._waiting[side]
+        other = self._waiting[1 - side]
         best = min(range(len(other)), key=lambda i: abs(other[i][0] - stamp_ns), default=None)
         if best is None or abs(other[best][0] - stamp_ns) > below_half_period(self._tolerance_ns, *self._gaps_ns):
             own.append((stamp_ns, self._runs[side], item))
@@ -90,8 +96,10 @@ class StampPairing(Generic[T]):
         return partner
 
     def _drop_hopeless(self) -> None:
+        """Drop items whose partner can no longer arrive, because the other stream is beyond their stamp."""
         for side, queue in enumerate(self._waiting):
-            latest, run = self._latest_ns[1 - side], self._runs[1 - side]
+            latest = self._latest_ns[1 - side]
+            run = self._runs[1 - side]
             if latest is None:
                 continue
             while queue and queue[0][1] == run and queue[0][0] < latest - self._tolerance_ns:

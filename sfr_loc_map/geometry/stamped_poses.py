@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.inputs import NS_PER_S
 
-LONGEST_GAP_S = 1.0  #: Between poses further apart the pose is unknown.
+LONGEST_GAP_S = 1.0  #: Between poses that are farther apart in time the pose is unknown, s.
 
 
 def pose_at(poses: Sequence[tuple[int, Transform]], stamp_ns: int, max_gap_ns: int) -> Transform | None:
@@ -22,26 +22,27 @@ def pose_at(poses: Sequence[tuple[int, Transform]], stamp_ns: int, max_gap_ns: i
 
     The poses are in the order of their stamps, ns.
     """
-    at = bisect_left(poses, stamp_ns, key=itemgetter(0))
-    after_ns, after = poses[at] if at < len(poses) else (0, None)
+    index = bisect_left(poses, stamp_ns, key=itemgetter(0))
+    after_ns, after = poses[index] if index < len(poses) else (0, None)
     if after_ns == stamp_ns:
         return after
-    before_ns, before = poses[at - 1] if at else (after_ns, None)
+    before_ns, before = poses[index - 1] if index else (after_ns, None)
     if after is None or before is None or after_ns - before_ns > max_gap_ns:
         return None
     return interpolated(before, after, (stamp_ns - before_ns) / (after_ns - before_ns))
 
 
 def sampled(poses: Trajectory, stamps_ns: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return positions and unit quaternions at stamps, interpolated; the only pose of a static transform at all."""
+    """Return interpolated positions and unit quaternions at stamps. A single pose is static and holds at all stamps."""
     if len(poses) == 1:
-        return np.repeat(poses.positions, len(stamps_ns), 0), np.repeat(unit_quats(poses.quats_xyzw), len(stamps_ns), 0)
+        quats_xyzw = unit_quats(poses.quats_xyzw)
+        return np.repeat(poses.positions, len(stamps_ns), axis=0), np.repeat(quats_xyzw, len(stamps_ns), axis=0)
     known = poses.stamps_ns
     after = np.clip(np.searchsorted(known, stamps_ns, "right"), 1, len(known) - 1)
     before = after - 1
-    share = (stamps_ns - known[before]) / np.maximum(known[after] - known[before], 1)
-    positions = poses.positions[before] + share[:, None] * (poses.positions[after] - poses.positions[before])
-    return positions, slerp(unit_quats(poses.quats_xyzw[before]), unit_quats(poses.quats_xyzw[after]), share)
+    fraction = (stamps_ns - known[before]) / np.maximum(known[after] - known[before], 1)
+    positions = poses.positions[before] + fraction[:, None] * (poses.positions[after] - poses.positions[before])
+    return positions, slerp(unit_quats(poses.quats_xyzw[before]), unit_quats(poses.quats_xyzw[after]), fraction)
 
 
 def covered(known_ns: IntArray, stamps_ns: IntArray) -> Mask:

@@ -58,13 +58,14 @@ class Trajectory(Shown):
             raise GeometryError(f"a trajectory needs shapes (N,), (N, 3), (N, 4): got {shapes}")
         if not np.issubdtype(self.stamps_ns.dtype, np.signedinteger):
             raise GeometryError(f"stamps are {self.stamps_ns.dtype}: whole nanoseconds, int64, are required")
-        turned = plausible_quats(self.quats_xyzw) | (not self.quats_xyzw.any())
-        bad = ~(plausible_positions(self.positions) & turned)
-        if bad.any():
-            first = int(np.argmax(bad))
+        has_valid_attitude = plausible_quats(self.quats_xyzw) | (not self.quats_xyzw.any())
+        is_invalid = ~(plausible_positions(self.positions) & has_valid_attitude)
+        if is_invalid.any():
+            first = int(np.argmax(is_invalid))
+            count_invalid = int(is_invalid.sum())
             raise GeometryError(
                 f"pose {first} (stamp {int(self.stamps_ns[first])}) is invalid: {self.positions[first].tolist()} m, "
-                f"{self.quats_xyzw[first].tolist()} ({int(bad.sum())} of {count} such poses): finite positions below "
+                f"{self.quats_xyzw[first].tolist()} ({count_invalid} of {count} such poses): finite positions below "
                 f"{MAX_POSITION_M:g} m and unit quaternions are required; correct or remove these poses"
             )
 
@@ -202,8 +203,8 @@ def at_point(poses: Trajectory, point_m: Sequence[float]) -> Trajectory:
 class Truth(Trajectory):
     """True poses of RB in DS; without attitudes the positions of a point of RB."""
 
-    sigma_m: float = 0.0  #: Standard deviation of a position along each axis; 0: exact, or not known.
-    sigma_deg: float = 0.0  #: Standard deviation of an attitude about each axis, likewise.
+    sigma_m: float = 0.0  #: Standard deviation of a position along each axis, metres; 0 if exact or unknown.
+    sigma_deg: float = 0.0  #: Standard deviation of an attitude about each axis, deg; 0 if exact or unknown.
     lever_arm_m: tuple[float, ...] = (0.0, 0.0, 0.0)  #: The point in RB whose positions these are.
     has_height: bool = True  #: Whether z is known; otherwise z is a placeholder and horizontal errors alone are known.
     has_tilt: bool = True  #: Whether roll and pitch are known; otherwise only the heading is known.

@@ -6,8 +6,8 @@ What vertical disparity means depends on the residual distortion that is configu
   large as the distortion in the corners is a part (`_yaw_threshold_rad`).
 - A vertical offset beyond the distortion, at least `MIN_ROTATION_PX`, increases sigma as a pitch
   (`_pitch_threshold_px`).
-- Vertical disparity beyond three times the distortion, at least 0.3 px, is reported by a warning
-  (`pair_findings.vertical_warning_px`).
+- Vertical disparity beyond three times the distortion, at least `MIN_VERTICAL_WARNING_PX`, is reported by a
+  warning (`pair_findings.vertical_warning_px`).
 """
 
 from __future__ import annotations

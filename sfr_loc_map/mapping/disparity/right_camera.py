@@ -63,6 +63,10 @@ class VerticalPolynomial(NamedTuple):
     saddle: float
     square: float
 
+    def at(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the vertical disparity at points of the right image, pixels."""
+        return self.constant + self.along_x * x + self.along_y * y + self.saddle * x * y + self.square * y * y
+
 
 class RemainingDisparity(NamedTuple):
     """The vertical disparity that the correction of the right image has left."""
@@ -83,9 +87,10 @@ def measure_right_camera(disparity_map: DisparityMap, rig: StereoRig) -> CameraR
     edge_x, edge_y = np.meshgrid(from_edge_to_edge, from_edge_to_edge)
     x = (0.5 * (edge_x + 1.0) * (rig.width - 1) - rig.cx) / rig.fx
     y = (0.5 * (edge_y + 1.0) * (rig.height - 1) - rig.cy) / rig.fy
-    distortion = remaining.along_y * y + remaining.saddle * x * y + remaining.square * y * y
-    distortion = distortion + removed.stretch_px * edge_y
-    vertical = remaining.constant + remaining.along_x * x + removed.offset_px + removed.tilt_px * edge_x + distortion
+    vertical = remaining.at(x, y) + removed.at(edge_x, edge_y)
+    stretch = removed._replace(offset_px=0.0, tilt_px=0.0)
+    shape = remaining._replace(constant=0.0, along_x=0.0)
+    distortion = shape.at(x, y) + stretch.at(edge_x, edge_y)  # vertical disparity without its offset and roll
     return CameraRotation(
         yaw_rad=-remaining.saddle / rig.fy,
         yaw_sigma_rad=saddle_sigma_px / rig.fy,

@@ -38,6 +38,10 @@ class VerticalDisparity(NamedTuple):
     tilt_px: float  #: Change from the middle to the right edge, pixels: a roll of the right camera.
     stretch_px: float  #: Change from the middle to the lower edge, pixels.
 
+    def at(self, edge_x: FloatArray, edge_y: FloatArray) -> FloatArray:
+        """Return the vertical disparity at points of the right image, pixels."""
+        return self.offset_px + self.tilt_px * edge_x + self.stretch_px * edge_y
+
     @property
     def max_px(self) -> float:
         """Largest vertical disparity within the image, pixels."""
@@ -100,5 +104,4 @@ def _without_vertical_disparity(image: FloatImage, vertical: VerticalDisparity) 
     height, width = image.shape
     edge_x = np.linspace(-1.0, 1.0, width)[None]
     edge_y = np.linspace(-1.0, 1.0, height)[:, None]
-    shift = vertical.offset_px + vertical.tilt_px * edge_x + vertical.stretch_px * edge_y
-    return shift_rows(image, shift.astype(F))
+    return shift_rows(image, vertical.at(edge_x, edge_y).astype(F))

@@ -61,15 +61,15 @@ class FusedViews(NamedTuple):
 
 
 class Comparison(NamedTuple):
-    """What the other views say about the N points of a view."""
+    """How the other views observe the N points of a view."""
 
     total_weight: FloatArray32  #: `(N,)`, weight of the point and of the views that agree, 1 / m^2.
     weighted_difference: FloatArray32  #: `(N,)`, sum of weight times range difference of these views, 1 / m.
     #: `(N,)`, variance of the weighted sum of these ranges, the sum of weight^2 sigma^2, 1 / m^2.
     weighted_variance: FloatArray32
     agrees: Mask  #: `(N,)`, another view agrees.
-    duplicate: Mask  #: `(N,)`, a preferred view has the same sample.
-    conflict: Mask  #: `(N,)`, a preferred view observes a farther surface.
+    is_duplicate: Mask  #: `(N,)`, a preferred view has the same sample.
+    is_conflict: Mask  #: `(N,)`, a preferred view observes a farther surface.
     findings: Findings  #: Agreement of the poses.
 
 
@@ -94,7 +94,7 @@ def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
         comparison = _compare(index, views, images, rig)
         parts.append(_fused_points(view, comparison))
         agreeing_count += int(comparison.agrees.sum())
-        conflict_count += int(comparison.conflict.sum())
+        conflict_count += int(comparison.is_conflict.sum())
         agreement += comparison.findings
     points = ViewPoints.concatenated(parts)
     statistics = {
@@ -110,7 +110,7 @@ def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
 
 
 def _compare(index: int, views: Sequence[PairView], images: Sequence[ViewImages], rig: StereoRig) -> Comparison:
-    """Return what the other views say about the points of the view of an index.
+    """Return how the other views observe the points of the view of an index.
 
     The preferred view is the one with the larger weight, or the first one of two with equal weights.
     """
@@ -121,8 +121,8 @@ def _compare(index: int, views: Sequence[PairView], images: Sequence[ViewImages]
     weighted_difference = np.zeros_like(own_weight)
     weighted_variance = np.square(own_weight * own_sigma)
     agrees = np.zeros(view.points.size, np.bool_)
-    duplicate = np.zeros_like(agrees)
-    conflict = np.zeros_like(agrees)
+    is_duplicate = np.zeros_like(agrees)
+    is_conflict = np.zeros_like(agrees)
     findings = Findings()
     for other_index, other in enumerate(views):
         if other_index == index:
@@ -138,10 +138,10 @@ def _compare(index: int, views: Sequence[PairView], images: Sequence[ViewImages]
         weighted_difference[indices] += weight * seen.difference
         weighted_variance[indices] += np.square(weight * seen.sigma)
         agrees[indices] |= is_agreeing
-        duplicate[indices] |= is_agreeing & is_preferred & (seen.sample_distance_px < SAME_SAMPLE_PX)
-        conflict[indices] |= is_preferred & (seen.difference > AGREE_SIGMAS * sigma)
+        is_duplicate[indices] |= is_agreeing & is_preferred & (seen.sample_distance_px < SAME_SAMPLE_PX)
+        is_conflict[indices] |= is_preferred & (seen.difference > AGREE_SIGMAS * sigma)
         findings += _agreement_findings(index, other_index, view, other, observed)
-    return Comparison(total_weight, weighted_difference, weighted_variance, agrees, duplicate, conflict, findings)
+    return Comparison(total_weight, weighted_difference, weighted_variance, agrees, is_duplicate, is_conflict, findings)
 
 
 def _fused_points(view: PairView, found: Comparison) -> ViewPoints:
@@ -152,7 +152,7 @@ def _fused_points(view: PairView, found: Comparison) -> ViewPoints:
     sigma that of the point and c the fraction of the variance that all pairs have in common. Away from the border of
     the images the weights are `1 / s_i^2`, and the last term is `(1 - c) / sum w_i`.
     """
-    kept = np.flatnonzero(~(found.duplicate | found.conflict))
+    kept = np.flatnonzero(~(found.is_duplicate | found.is_conflict))
     points = view.points.select(kept)
     moved = np.flatnonzero(found.agrees[kept])
     total_weight = found.total_weight[kept[moved]]

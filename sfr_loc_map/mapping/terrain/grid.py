@@ -50,7 +50,7 @@ class Planes(NamedTuple):
 
 
 class OuterHeights(NamedTuple):
-    """Lowest and highest height of a cell without its outliers, `(R C,)` each; NaN with too few points."""
+    """Lowest and highest height of each cell without its outliers, `(R, C)` each; NaN with too few points."""
 
     low: FloatArray  #: Height above a fraction `OUTLIER_FRACTION` of the points.
     high: FloatArray  #: Height below the same fraction of the points.
@@ -92,14 +92,12 @@ def elevation_grid(
     poses = T_lm_left or None  # an empty sequence is no poses
     grid = CellGrid.over(cloud.xyz, cell_m, None if poses is None else _mapped_square(poses, config))
     model = _without_sparse_cells(elevation_model(cloud, grid, poses, random_sigma))
-    outer = _outer_heights(grid.cell_of(cloud.xyz), cloud.xyz[:, 2], model.count.reshape(-1))
+    outer = _outer_heights(grid.cell_of(cloud.xyz), cloud.xyz[:, 2], model.count)
     footprint_cells = config.footprint_radius_m / cell_m
     planes = _fit_planes(model.height_m.astype(np.float64), _disc(max(footprint_cells, MIN_RADIUS_CELLS)), cell_m)
     slope_rad = np.arctan(np.hypot(planes.slope_x, planes.slope_y)).astype(F)
     roughness_m = planes.residual_m.astype(F)
-    shape = (grid.rows, grid.columns)
-    step_window = _disc(STEP_RADIUS_M / cell_m)
-    step_m = _steps(outer.low.reshape(shape), outer.high.reshape(shape), planes, step_window, cell_m).astype(F)
+    step_m = _steps(outer, planes, _disc(STEP_RADIUS_M / cell_m), cell_m).astype(F)
     slope_ratio = slope_rad / np.radians(config.max_slope_deg)
     plane_ratio = np.maximum(slope_ratio, roughness_m / config.max_roughness_m).astype(F)
     step_ratio = step_m / F(config.max_step_m)
@@ -132,7 +130,7 @@ def _disc(radius_cells: float) -> IntArray:
 def _outer_heights(cell: NDArray[np.int32], height: FloatArray32, count: NDArray[np.int32]) -> OuterHeights:
     """Return the quantiles `OUTLIER_FRACTION` and `1 - OUTLIER_FRACTION` of the heights of each cell, by nearest rank.
 
-    `cell` and `height` `(N,)` are those of each point, -1 for points outside; `count` `(R C,)` is the number of points.
+    `cell` and `height` `(N,)` are those of each point, -1 for points outside; `count` `(R, C)` is the number of points.
     """
     # Cell and height are packed into one integer whose order is that of both: sorting by two keys is much slower.
     inside = cell >= 0
@@ -140,16 +138,17 @@ def _outer_heights(cell: NDArray[np.int32], height: FloatArray32, count: NDArray
     ordered <<= 32
     ordered += _in_order(height[inside].view(np.int32))
     ordered.sort()
-    known = count >= MIN_POINTS
-    first = (np.cumsum(count) - count)[known]
-    last = count[known] - 1
+    counts = count.reshape(-1)
+    known = counts >= MIN_POINTS
+    first = (np.cumsum(counts) - counts)[known]
+    last = counts[known] - 1
 
     def quantile(fraction: float) -> FloatArray:
         """Return the heights of this rank in each cell, as a fraction of its points."""
         rank = first + np.rint(fraction * last).astype(np.int64)
-        heights = np.full(len(count), np.nan)
-        heights[known] = _in_order(ordered[rank].astype(np.int32)).view(np.float32)
-        return heights
+        heights = np.full(len(counts), np.nan)
+        heights[known] = _in_order(ordered[rank].astype(np.int32)).view(F)
+        return heights.reshape(count.shape)
 
     return OuterHeights(quantile(OUTLIER_FRACTION), quantile(1.0 - OUTLIER_FRACTION))
 
@@ -225,12 +224,14 @@ def _fit_planes(height: FloatArray, window: IntArray, cell_m: float) -> Planes:
 
 
 @jit_rows
-def _steps(low: FloatArray, high: FloatArray, planes: Planes, window: IntArray, cell_m: float) -> FloatArray:
+def _steps(outer: OuterHeights, planes: Planes, window: IntArray, cell_m: float) -> FloatArray:
     """Return the step of each cell `(R, C)`, metres, NaN where there is no plane.
 
     The step is the largest high height minus the smallest low height (`_outer_heights`) of the cells of a window, both
     relative to the plane of the footprint, so that a slope alone is not a step.
     """
+    low = outer.low
+    high = outer.high
     rows, columns = low.shape
     step = np.full((rows, columns), np.nan)
     for row in prange(rows):
