@@ -1,4 +1,4 @@
-"""What processes that this package starts have in common: they end with who started them, and import what it does."""
+"""Properties of all child processes of this package: they end with their parent and import the same modules."""
 
 from __future__ import annotations
 

@@ -189,7 +189,7 @@ def methods(
 
 
 def _present(result: dict[str, Any], json_path: str | None) -> None:
-    """Print tables, reference methods left out and failures; write JSON; `--json -` prints JSON alone."""
+    """Print tables, missing reference methods and failures; write JSON; `--json -` prints only JSON."""
     from sfr_loc_map.report.benchmark_tables import benchmark_tables
 
     show(result, json_path, benchmark_tables(result))

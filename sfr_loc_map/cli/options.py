@@ -122,7 +122,7 @@ def named_beside(source: Path) -> Path | None:
 
 
 def open_as(source: Path, remap: list[str] | None = None, config: Path | None = None) -> tuple[Source, Path | None]:
-    """Open a source by a configuration, else by the one beside it; return that configuration, too."""
+    """Open a source by a configuration, or by that beside the source; return also the configuration."""
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.io.source_config import source_config
 

@@ -41,7 +41,7 @@ def check_suffix(path: Path | None, suffixes: tuple[str, ...]) -> None:
 def check_outputs(*outputs: Path | str | None, inputs: Iterable[Path | None] = (), overwrite: bool) -> None:
     """Raise OutputError, before the work is done, if a file cannot be written; None and `-` are ignored.
 
-    An output must be none of the inputs of the command, nor a file that a source in a folder of them consists of.
+    An output must differ from the inputs of the command and from the files of its sources.
     """
     given = {path.resolve() for path in inputs if path is not None}
     taken = dict.fromkeys(given, "an input of this command")

@@ -310,7 +310,7 @@ def _kept_projections(
 def _is_absurd(
     cameras: Sequence[CalibratedCamera], rotations: Sequence[FloatArray], projections: Sequence[FloatArray]
 ) -> str:
-    """Return why a rectification does not show what the cameras see, empty if it does."""
+    """Return why a rectification does not cover the field of view of the cameras; empty if it does."""
     for camera, rotation, projection in zip(cameras, rotations, projections, strict=True):
         raw = camera.as_raw(rotation, projection)
         width, height = camera.size

@@ -1,6 +1,6 @@
 """Readers and writers of all formats, what is inferred of a source, and how its stamps and cameras are paired.
 
-What a user gave wrong is an `InputError`, `OutputError` or `ConfigError` in one line; readers add the name of the file.
+Invalid user input raises `InputError`, `OutputError` or `ConfigError` with one line; readers add the name of the file.
 """
 
 import lazy_loader

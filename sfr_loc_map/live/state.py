@@ -196,7 +196,7 @@ class LiveState:
         return self.operator.run(command)
 
     def put(self, update: updates.Update) -> None:
-        """Process a record; an invalid one is kept as a problem."""
+        """Process a record; an invalid record is reported as a problem."""
         with self.lock:
             try:
                 received_s, published_s = (float(getattr(update, name, 0.0)) for name in ("received_s", "published_s"))

@@ -75,7 +75,7 @@ class Finding(Enum):
     DOUBLE_EXPOSURE = auto()  #: The exposures of two pairs are blended, and the pose may be that of the earlier one.
     UNEXPLAINED = auto()  #: An unusual fraction of the landmarks does not follow the pose.
     RECOVERING = auto()  #: An earlier pair was contradicted, ambiguous, stale, blended or partially transferred.
-    ONE_SIDED = auto()  #: Few inliers are seen in both images although both have texture: one of them may be old.
+    ONE_SIDED = auto()  #: Few inliers are observed in both images although both have texture: one of them may be stale.
     GROUND_IN_DOUBT = auto()  #: One motion was found, but it is unknown whether it is the ground's.
     AMBIGUOUS = auto()  #: Two motions were found, and it is unknown which is the ground's.
 

@@ -238,8 +238,8 @@ class Evidence:
         """Whether the exposures of two pairs are blended in the left image of this pair or of the pair before.
 
         The dominant exposure is the one that is tracked. If it is that of the pair, the image also shows the scene from
-        the last pose. If it is that of the pair before, tracks lag behind: the pose at which the pair before was
-        exposed is the one that is found now, and its image shows the scene from there.
+        the last pose. If it is that of the previous pair, tracks lag behind: the pose found now is that of the
+        exposure of the previous pair, whose image shows the scene from that pose.
         """
         if self.explained.unexplained_fraction < SEARCHED_UNEXPLAINED:
             return False

@@ -645,7 +645,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     #: One for each limit, in their order, after those on findings and on what is missing.
     verdicts: tuple[Verdict, ...] = written(())
     association: Association | None = written(None)  #: How estimates found their ground truth.
-    truth: TruthRecord | None = written(None)  #: What is known of the ground truth of the trajectory.
+    truth: TruthRecord | None = written(None)  #: Properties of the ground truth of the trajectory.
     provenance: Provenance | None = written(None)  #: What the score was made of.
     alignment: Alignment | None = None  #: How APE and RPE were computed, where they were asked for.
     cloud: CloudRecord | None = None  #: How a cloud was compared with the ground truth.

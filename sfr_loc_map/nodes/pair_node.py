@@ -172,7 +172,7 @@ class PairNode(ManagedNode[P], ABC):
         return missing_input(self, self.inputs()) or self._stereo.apart_text()
 
     def clock_jumped_back(self) -> None:
-        """Start a new run, unless its pairs have come already."""
+        """Start a new run, unless its pairs were received already."""
         last_ns = self._stereo.last_ns
         if last_ns is not None and jumped_back(last_ns, self.get_clock().now().nanoseconds):
             self._stereo.restart()

@@ -1,7 +1,7 @@
 """The first module of a node's process: a signal ends it quietly while the others are being imported.
 
 Imports take most of a second, and an interrupt within them would be a traceback. Nothing is open yet, so that the
-process may end at once. It must import nothing of size itself.
+process may end at once. It must not import large modules itself.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ FrameObserver = Callable[[StereoPair, PoseEstimate], None]
 
 @contextmanager
 def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
-    """Give an observer that appends an image of the tracks of each pair to a film, which is there if all ends well."""
+    """Provide an observer that appends an image of the tracks of each pair to a video, kept only on success."""
     if path.suffix not in CODECS:
         raise OutputError(f"'{path}' is not the name of a video: give one that ends in {' or '.join(CODECS)}")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet, both: errors are reported in one line

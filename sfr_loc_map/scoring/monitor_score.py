@@ -117,7 +117,7 @@ class _Latest(OrderedDict[int, T]):
 
 
 class MapInputs:
-    """Clouds, and the truth of the pairs that they are made of, by stamp, until a score can be made of them."""
+    """Clouds, and the truth of their pairs, by stamp, until they can be scored."""
 
     def __init__(self) -> None:
         self.rig: StereoRig | None = None  # of the navigation cameras

@@ -74,7 +74,7 @@ def host_facts() -> dict[str, str]:
 
 
 def _trajectory_in(path: Path) -> Path:
-    """Return the file of true poses of a data set folder: of the folder nothing else counts; otherwise the path."""
+    """Return the file of true poses of a data set folder, or the path of another source."""
     if not path.is_dir() or is_bag(path):
         return path
     places = [path / "groundtruth.csv", path / "loc" / "groundtruth.csv"]

@@ -92,7 +92,7 @@ class CloudToScore:
 class Correction:
     """How an estimate is converted to poses of RB in DS before it is scored."""
 
-    declared: PoseConvention = field(default_factory=PoseConvention)  #: What the user says of its convention.
+    declared: PoseConvention = field(default_factory=PoseConvention)  #: Convention that the user declared.
     apply_diagnosis: bool = False  #: Whether the mismatch that the diagnosis finds then is corrected as well.
 
     @property

@@ -98,7 +98,7 @@ def materials(x: float, y: float, ground: TerrainParameters) -> tuple[float, flo
     """Return the shares of sand, gravel and bedrock at a position; they add up to 1.
 
     Patches come from noise with cells of 3.9, 1.1 and 0.26 m (gravel) and 2.7, 0.5 and 0.26 m (rock). Its grids are
-    rotated against each other so that no direction stands out. A threshold with a soft edge makes shares of them.
+    rotated against each other so that no direction stands out. A threshold with a soft edge yields fractions.
     """
     bedrock, seed = ground.bedrock, ground.seed
     a = value2(x * 0.23 + 0.11 * y, y * 0.23 - 0.11 * x, seed ^ _SAND)[0]

@@ -139,7 +139,7 @@ def motions_by_poses(keyframes: Poses) -> FloatArray:
 
     The projection of a landmark does not change if keyframe and host move as one rigid body. The motion of a keyframe
     is therefore the change of its pose less that which the change of the host's pose would cause. The last unknown is
-    the offset, which is no pose and stays itself.
+    the offset, which is not a pose and is kept unchanged.
     """
     count = len(keyframes.positions)
     crosses = -np.cross(keyframes.positions[:, None], np.eye(3))
@@ -341,7 +341,7 @@ def _linearise(problem: BundleProblem, blocks: LandmarkBlocks) -> tuple[FloatArr
         system = _System(information[host[n]], system_rhs[host[n]])
         landmark = _add_landmark(problem, n, camera, system, own, work)
         fill_inverse_3(own.information, covariance[n])
-        if landmark.seen_by == 0:  # An observation by the host alone says nothing of motions.
+        if landmark.seen_by == 0:  # An observation by the host alone does not constrain motions.
             continue
         system.information[last, last] += landmark.offset.information
         system.rhs[last] += landmark.offset.rhs
@@ -353,8 +353,8 @@ def linearise(problem: BundleProblem) -> NormalEquations:
     """Linearise the landmarks and eliminate them, halves of the work in two threads.
 
     The unknowns are the poses and, last, the offset in pixels by which all positions in right images lie too far right.
-    Such a calibration error cannot be observed in a single landmark. All landmarks together show it if their depths
-    differ, because depths by motion must agree with depths by stereo.
+    Such a calibration error cannot be observed in a single landmark. It is observable from all landmarks if their
+    depths differ, because depths from motion must agree with depths from stereo.
     """
     count = len(problem.host)
     size = 6 * len(problem.keyframes.rotations) + 1

@@ -1,7 +1,7 @@
 """A shared library with the interface of `sfr_candidate.h` as a method.
 
-What it returns is checked: sizes, marks behind what it may write, status, count. What the numbers mean is checked by
-who gave the order.
+What it returns is checked: sizes, marks behind what it may write, status, count. The caller checks the meaning of the
+numbers.
 """
 
 from __future__ import annotations

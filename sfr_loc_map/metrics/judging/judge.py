@@ -40,10 +40,10 @@ def judged_again(score: Score) -> Score:
 
 
 def judged_at_the_end(score: Score, missing: str) -> Score:
-    """Return a score so far, for a page, as that of a run that is over and of which something is missing.
+    """Return a preliminary score, for a page, as that of an ended run with missing results.
 
-    The figures are unchanged. What is missing is in no figure, so that the check of stored scores refuses the
-    result: only the state of a live run contains it.
+    The figures are unchanged. No figure contains the missing results, so that the check of stored scores refuses this
+    score: only the state of a live run contains it.
 
     The last report of a live run was made while results were still due. What of the drive is missing then makes the
     score incomplete, and the limits that need the drive, unless a part was asked for or a limit states how much may be
@@ -66,7 +66,7 @@ def judged_at_the_end(score: Score, missing: str) -> Score:
 def overall_verdict(score: Score) -> VerdictState | None:
     """Return the verdict over all limits; no figure judges where estimate and truth contradict each other.
 
-    A method that did something wrong has failed, whatever its figures, and where no limit was given.
+    A method with a finding has failed, for any figures, also without limits.
     """
     if score.fatal_findings:
         return VerdictState.FAIL

@@ -331,7 +331,7 @@ def disproving_failures(count: int, prob: float, confidence: float) -> int | Non
 def count_needed(
     sample: Sample, limit: float, prob: float, confidence: float, *, is_normal: bool = False
 ) -> int | None:
-    """Return how many independent values like these prove that a share lies within a limit; None for no number."""
+    """Return how many independent values like these prove that a share is within a limit; None if no number does."""
     series = sample.sizes[:: sample.step]
     by_order = count_for_rate(int(np.count_nonzero(series > limit)), max(len(series), 1), prob, confidence)
     known = moments(sample)

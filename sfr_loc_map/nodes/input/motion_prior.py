@@ -10,7 +10,7 @@ from sfr_loc_map.config import param
 from sfr_loc_map.geometry.stamped_poses import pose_at
 from sfr_loc_map.geometry.transform import Transform
 
-CAPACITY = 5000  #: Messages kept: 100 s at 50 Hz.
+CAPACITY = 5000  #: Number of stored messages: 100 s at 50 Hz.
 MAX_GAP_NS = 500_000_000
 """Neighbouring messages further apart are not interpolated: wheels and ground do much in half a second."""
 

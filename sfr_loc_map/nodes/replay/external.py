@@ -53,7 +53,7 @@ class ExternalNode(ABC):
     ) -> None:
         """Subscribe to nothing yet; the command is its process, None where it was not started here.
 
-        What it publishes is put into `received`, and its answers are counted in the book of `received`.
+        Its published messages are stored in `received`, which also counts its answers.
         """
         assert received.answers is not None  # a replay with an external node has a book
         self.options = options
@@ -72,14 +72,14 @@ class ExternalNode(ABC):
 
     @abstractmethod
     def keep(self, message: Any, content: Any, results: Received) -> None:  # noqa: ANN401 - of `kind`
-        """Keep what it published, and publish it converted."""
+        """Store a message of the node, and publish the converted message."""
 
     def published(self, stamp_ns: int, sent_s: float) -> None:
         """Note that a pair was published, its last image at a time of the monotonic clock."""
         self._book.published(stamp_ns, sent_s)
 
     def wait_until_ready(self, topics: list[str]) -> None:
-        """Wait until it listens to images, and subscribe to its answers with the reliability that it offers."""
+        """Wait until the node subscribes to images, and subscribe to its answers with the offered reliability."""
         graph, command = self._node.node, self._command
 
         def listens() -> bool:

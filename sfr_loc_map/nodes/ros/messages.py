@@ -133,7 +133,7 @@ def transform_from_pose(pose: Pose, name: str) -> Transform:
 
 
 def start_pose_of(message: PoseWithCovarianceStamped) -> StartPose:
-    """Return a pose from outside, which holds at its stamp; a stamp of zero is none."""
+    """Return an external pose, which applies at its stamp; a stamp of zero is unknown."""
     pose = transform_from_pose(message.pose.pose, "initialpose")
     covariance = np.array(message.pose.covariance, np.float64).reshape(6, 6)
     if not is_plausible_covariance(covariance):

@@ -59,7 +59,7 @@ class TransportGaps:
         return gap
 
     def set_several(self, several: bool) -> None:
-        """Count no gaps while several publishers number their messages: nothing tells whose a number is."""
+        """Count no gaps while several publishers number their messages, as the publisher of a number is unknown."""
         if several and not self._several:
             self.lost = 0
         self._several = several

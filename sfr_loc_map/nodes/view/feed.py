@@ -267,7 +267,7 @@ class RosFeed(Peer):
     # ---- the graph
 
     def _examine_graph(self) -> None:
-        """Find out which nodes are there, and receive images and maps as the viewers want."""
+        """Detect the nodes, and receive images and maps as the viewers request."""
         self._follow_viewers(self._state.wanted)
         published = self.node.get_publishers_info_by_topic(self.node.resolve_topic_name(TRUE_POSES))
         self._truth.follow([str(info.topic_type) for info in published])
