@@ -1,11 +1,11 @@
 """The catalogue of figures, one line each. Every view takes the names of figures, their clauses and its columns here.
 
 To add a figure, add its line here and, for an error of sub-trajectories, the function that computes its errors in
-`metrics.trajectory_score.ERRORS`. To show one more statistic of a figure, add its name to the line. To add a
-statistic, add it to `metrics.formulas.Statistics`, compute it in `metrics.formulas.statistics` (a quantile is a line of
-`metrics.formulas.QUANTILES`), and state in `EXPANSION` of `metrics.judging.limited_figure` how the error of the truth
-counts in it. Reports, comparisons, suites, searches, histories, limits, the topics of the monitor and the check of
-stored scores follow. Scores that were stored without the statistic are read as before.
+`metrics.trajectory_score.ERRORS`. To show one more statistic of a figure, add its name to the line. To add a quantile,
+add its field to `metrics.formulas.Statistics` and its line to `metrics.formulas.QUANTILES`. Any other statistic is
+computed in `metrics.formulas.statistics`, and `EXPANSION` of `metrics.judging.limited_figure` states how the error of
+the truth counts in it. Reports, comparisons, suites, searches, histories, limits, the topics of the monitor and the
+check of stored scores follow. Scores that were stored without the statistic are read as before.
 
 What does not follow: the topics that `config/sros2_policy.xml` allows by name; plots, which draw mean, mean + 3 sigma,
 p50 and p95; quantiles over the drives of a suite, which are judged by the worst drive. A statistic that is added to

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +15,7 @@ import pytest
 from msgspec.structs import replace
 from rich.console import Console
 
+import sfr_loc_map
 from helpers.made_scores import drive, json_of
 from helpers.made_suites import JOB
 from sfr_loc_map.metrics import catalogue, trajectory_score
@@ -20,6 +24,7 @@ from sfr_loc_map.metrics.comparison import compare_scores
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging import judge, limits
 from sfr_loc_map.metrics.score import Details, Score, figure_row
+from sfr_loc_map.metrics.score_json import from_dict
 from sfr_loc_map.nodes.monitor_node import figure_topics, score_statuses
 from sfr_loc_map.report.comparison import comparison_tables, methods_tables
 from sfr_loc_map.report.page import render_page
@@ -27,6 +32,7 @@ from sfr_loc_map.report.score_tables import score_markdown, score_tables, summar
 from sfr_loc_map.report.tables import Table, to_csv, to_rich
 from sfr_loc_map.report.test_report import junit, render_test_report
 from sfr_loc_map.suite.pages.tables import result_table
+from sfr_loc_map.suite.search.specification import CHOICES
 from sfr_loc_map.suite.statistics.figures import figures_of
 from sfr_loc_map.suite.statistics.summary import ScoredJob, pool
 
@@ -71,39 +77,82 @@ def test_a_statistic_of_a_figure_is_in_every_view(monkeypatch: pytest.MonkeyPatc
     without = made_score(position_mean_plus_3sigma_m=1.0)
     assert "p99" not in titles(table_named(summary_tables(without), "headline"))
     assert "metrics/position/p99" not in figure_topics()
-
     added = kind._replace(shown=(*kind.shown, "p99"), compared=(*kind.compared, "p99"))
     monkeypatch.setitem(catalogue.KINDS, "position", added)
+    check_every_view("p99")
 
-    scores = [made_score(seed, position_p99_m=1e-9) for seed in (0, 1)]
+
+def test_a_new_statistic_is_in_every_view(tmp_path: Path) -> None:
+    """A 90 % quantile, which is two lines of `metrics.formulas`, in a copy of the package."""
+    package = Path(sfr_loc_map.__file__).parent
+    copy = tmp_path / "sfr_loc_map"
+    (copy / "metrics").mkdir(parents=True)
+    for path in (*package.iterdir(), *(package / "metrics").iterdir()):
+        if path.name not in ("metrics", "formulas.py", "catalogue.py"):
+            (copy / path.relative_to(package)).symlink_to(path)
+    changes = {
+        "formulas.py": (
+            ("    p95: float | None = None", "    p90: float | None = None\n    p95: float | None = None"),
+            ('{"p50": 50.0, ', '{"p50": 50.0, "p90": 90.0, '),
+        ),
+        "catalogue.py": (
+            ('OF_ERRORS, (TOTAL,), topic="position"', '(*OF_ERRORS, "p90"), (TOTAL, "p90"), topic="position"'),
+        ),
+    }
+    for name, replaced in changes.items():
+        text = (package / "metrics" / name).read_text()
+        for old, new in replaced:
+            assert text.count(old) == 1, old
+            text = text.replace(old, new)
+        (copy / "metrics" / name).write_text(text)
+    places = [tmp_path, Path(__file__).parent, Path(__file__).parents[1]]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([*map(str, places), os.environ.get("PYTHONPATH", "")])}
+    script = "import test_one_place, sfr_loc_map; test_one_place.check_every_view('p90'); print(sfr_loc_map.__file__)"
+    done = subprocess.run([sys.executable, "-c", script], env=environment, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == str(copy / "__init__.py")
+
+
+def check_every_view(statistic: str) -> None:
+    """Check that a statistic of the position error, which the catalogue names, is in every view."""
+    scores = [made_score(seed, **{f"position_{statistic}_m": 1e-9}) for seed in (0, 1)]
     score = scores[0]
     row = score.judged_row("position")
     assert row is not None
-    place = f"figures.{score.figures.index(row)}.p99"
-    shown = f"{1e3 * (row.p99 or 0.0):.4g}"
+    number = row.statistic(statistic)
+    assert number is not None
+    place = f"figures.{score.figures.index(row)}.{statistic}"
+    shown = f"{1e3 * number:.4g}"
     headline = table_named(summary_tables(score), "headline")
-    column = titles(headline).index("p99")
+    column = titles(headline).index(statistic)
     assert headline.rows[0][column].text == shown
     assert headline.rows[0][column].key == place
-    assert "p99" in titles(table_named(score_tables(score), "readings"))
+    assert statistic in titles(table_named(score_tables(score), "readings"))
     for text in (on_the_terminal(score), render_page(score, figures=False), score_markdown(score)):
-        assert "p99" in text
+        assert statistic in text
         assert shown in text
-    assert f"{place},{row.p99!r}" in to_csv(score_tables(score))
-    assert f'name="value" value="{row.p99}"' in junit({"score": score})
+    assert f"{place},{number!r}" in to_csv(score_tables(score))
+    assert f'name="value" value="{number}"' in junit({"score": score})
     assert f'data-key="{place}"' in render_test_report([score])
     compared = comparison_tables(compare_scores(scores, ["a", "b"]))
-    assert any(cells[0].text.startswith("position") and "p99" in cells[0].text for cells in compared[1].rows)
+    assert any(cells[0].text.startswith("position") and statistic in cells[0].text for cells in compared[1].rows)
     methods = methods_tables(scores, ["a", "b"])[0]
-    assert row.p99 in [cell.value for cells in methods.rows for cell in cells]
+    assert number in [cell.value for cells in methods.rows for cell in cells]
     drives = result_table("drives", "", [ScoredJob(JOB, score)], set(), Subject.TRAJECTORY)
-    assert drives.rows[0][titles(drives).index("position, p99")].value == row.p99
+    assert drives.rows[0][titles(drives).index(f"position, {statistic}")].value == number
     history = {item.name: value for item, value in figures_of(score).items()}
-    assert history["position p99 over 5 m, m"] == row.p99
-    figure, statistic = figure_topics()["metrics/position/p99"]
-    assert score.number(figure, statistic) == row.p99
+    assert history[f"position {statistic} over 5 m, m"] == number
+    assert figure_topics()[f"metrics/position/{statistic}"] == ("position", statistic)
     status = next(item for item in score_statuses(score) if item.name.endswith("distance=5/pose/position"))
-    assert float(next(item.value for item in status.values if item.key == "p99")) == pytest.approx(row.p99)
+    assert float(next(item.value for item in status.values if item.key == statistic)) == pytest.approx(number)
+    assert score.on_limits[0].value == number
+    assert statistic in CHOICES
+    stored = json_of(score)
+    assert stored["figures"][score.figures.index(row)][statistic] == number
+    assert from_dict(stored) == score
+    without = {**stored, "verdicts": [], "verdict": None, "rules": None}
+    without["figures"] = [{name: each[name] for name in each if name != statistic} for each in stored["figures"]]
+    assert from_dict(without).number("position", statistic) is None, "a score that is older than the statistic is read"
 
 
 @pytest.fixture

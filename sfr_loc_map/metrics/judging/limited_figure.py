@@ -9,7 +9,7 @@ import numpy as np
 
 from sfr_loc_map.metrics.catalogue import ANY
 from sfr_loc_map.metrics.config import Rebase
-from sfr_loc_map.metrics.formulas import STATISTICS
+from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS
 from sfr_loc_map.metrics.intervals import Interval, normal_quantile
 from sfr_loc_map.metrics.judging.limits import Limit, LimitPart
 from sfr_loc_map.metrics.row_part import RowPart
@@ -17,10 +17,11 @@ from sfr_loc_map.metrics.score import Figure, Score
 from sfr_loc_map.metrics.truth_error import ATTITUDE, TURN
 
 EXPANSION = {
-    **{"mean": 1.0, "sigma": 1.0, "rmse": 1.0, "p50": 1.0},
-    **{"mean_plus_3sigma": 3.0, "max": 3.0, "p99": 3.0, "p95": 2.0},
+    **{"mean": 1.0, "sigma": 1.0, "rmse": 1.0, "mean_plus_3sigma": 3.0, "max": 3.0},
+    **{name: float(math.ceil(normal_quantile(0.5 + percent / 200.0))) for name, percent in QUANTILES.items()},
 }
-"""Standard deviations of the truth's error that each statistic may be off by."""
+"""Standard deviations of the truth's error that each statistic may be off by; of a quantile those of a normal error,
+rounded up to 1, 2 or 3."""
 
 
 class LimitedFigure(NamedTuple):
