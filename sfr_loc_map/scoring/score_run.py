@@ -12,7 +12,7 @@ from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.inputs import hash_arrays
 from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ScoreConfig, label_of
 from sfr_loc_map.metrics.convention import Diagnosis, diagnose
-from sfr_loc_map.metrics.judging.incomplete import why_incomplete
+from sfr_loc_map.metrics.judging.incomplete import why_not_whole
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits import Limits
 from sfr_loc_map.metrics.pose_convention import PoseConvention
@@ -176,7 +176,7 @@ def _details(
 
 def _partial_warnings(score: Score) -> Iterator[str]:
     """Yield what is missing of the whole that nothing but the user's consent lets pass."""
-    if score.incomplete is None and (text := why_incomplete(struct_replace(score, rules=None))) is not None:
+    if score.incomplete is None and (text := why_not_whole(score)) is not None:
         yield f"a part of the drive is judged: {text}"
 
 

@@ -129,10 +129,10 @@ def test_the_verdict_over_all() -> None:
         part = judged(replace(whole, figures=tuple(rows)), limits)
         assert part.verdict == verdict
         assert part.verdicts[0].name == "missing_max_share"
-    assert overall_verdict(replace(good, contradiction="its quaternions are conjugated")) is None
+    assert overall_verdict(replace(good, contradiction="its quaternions are conjugated"), ["pass"], None) is None
     crash = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=None, text="signal 11")
     assert judged(replace(with_position(0.4), findings=(crash,)), limits).verdict == "fail"
-    assert overall_verdict(Score(findings=(crash,))) == "fail"
+    assert overall_verdict(Score(findings=(crash,)), [], None) == "fail"
     late = replace(crash, kind=FindingKind.LATE)
     assert judged(replace(with_position(0.4), findings=(late,)), limits).verdict == "pass"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple
 
 from msgspec.structs import replace as struct_replace
@@ -176,24 +176,26 @@ def missing_text(score: Score) -> str:
     return covered_text(1.0 - value, what, longest_gap)
 
 
-def why_incomplete(score: Score) -> str | None:
+def why_incomplete(score: Score, short: Sequence[Shortfall]) -> str | None:
     """Return what of the expected data cannot be judged; without limits only what is plainly absent."""
     rules = score.rules
-    if rules is not None and rules.limits:
-        texts = [item.text for item in shortfalls(score)]
-    elif rules is not None and rules.partial:
-        texts = []
-    else:
-        texts = [*plainly_absent(score)]
+    texts = [item.text for item in short]
+    if rules is None or not (rules.limits or rules.partial):
+        texts += plainly_absent(score)
     if rules is None or not (rules.partial or rules.allow_missing):
         texts += unanswered(score)
     return "; ".join(dict.fromkeys(texts)) or None
 
 
+def why_not_whole(score: Score) -> str | None:
+    """Return what of a complete drive and map is absent, whatever is asked for; None if nothing is."""
+    return "; ".join(dict.fromkeys((*plainly_absent(score), *unanswered(score)))) or None
+
+
 def is_lifted_by_partial(score: Score) -> bool:
     """Tell whether `--partial` judges what an incomplete score has."""
-    rules = Rules.of(limits_of(score), partial=True)
-    return why_incomplete(struct_replace(score, rules=rules)) is None
+    partial = struct_replace(score, rules=Rules.of(limits_of(score), partial=True))
+    return why_incomplete(partial, shortfalls(partial)) is None
 
 
 def plainly_absent(score: Score) -> Iterator[str]:

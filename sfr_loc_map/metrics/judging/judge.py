@@ -8,14 +8,14 @@ not follow from its figures. docs/metrics.md, "Verdicts".
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.metrics.catalogue import DRIVE, KINDS, LIVE
 from sfr_loc_map.metrics.config import Rebase, VerdictState, worst_of
 from sfr_loc_map.metrics.judging.bound_terms import BOUND
-from sfr_loc_map.metrics.judging.incomplete import shortfalls, why_incomplete
+from sfr_loc_map.metrics.judging.incomplete import Shortfall, shortfalls, why_incomplete
 from sfr_loc_map.metrics.judging.limit_scope import limits_of, part_of
 from sfr_loc_map.metrics.judging.limited_figure import LimitedFigure, figure_of, truth_error_of
 from sfr_loc_map.metrics.judging.limits import Limit, LimitPart, Limits, Rules, margin_of, meets
@@ -31,12 +31,15 @@ def judged(score: Score, limits: Limits | None, *, partial: bool = False) -> Sco
 
 def judged_again(score: Score) -> Score:
     """Return a score with the verdicts that follow from its figures and rules; tolerance bounds are rows as well."""
-    others = tuple(row for row in score.figures if row.figure != BOUND)
     proofs = proofs_of(score)
-    score = struct_replace(score, figures=(*others, *bound_rows(proofs)))
-    score = struct_replace(score, incomplete=why_incomplete(score))
-    score = struct_replace(score, verdicts=verdicts(score, proofs))
-    return struct_replace(score, verdict=overall_verdict(score))
+    others = tuple(row for row in score.figures if row.figure != BOUND)
+    table = struct_replace(score, figures=(*others, *bound_rows(proofs)))
+    short = shortfalls(table)
+    incomplete = why_incomplete(table, short)
+    found = [*finding_verdicts(table), *(item.verdict for item in short)]
+    found += verdicts_on_limits(table, proofs, incomplete_parts(short, incomplete))
+    verdict = overall_verdict(table, [item.state for item in found], incomplete)
+    return struct_replace(table, incomplete=incomplete, verdicts=tuple(found), verdict=verdict)
 
 
 def judged_at_the_end(score: Score, missing: str) -> Score:
@@ -59,11 +62,11 @@ def judged_at_the_end(score: Score, missing: str) -> Score:
     found = []
     for item, part in zip(score.verdicts, needed, strict=True):
         found.append(of_incomplete(item) if part == RowPart(DRIVE) else item)
-    score = struct_replace(score, incomplete=missing, verdicts=tuple(found))
-    return struct_replace(score, verdict=overall_verdict(score))
+    verdict = overall_verdict(score, [item.state for item in found], missing)
+    return struct_replace(score, incomplete=missing, verdicts=tuple(found), verdict=verdict)
 
 
-def overall_verdict(score: Score) -> VerdictState | None:
+def overall_verdict(score: Score, states: Sequence[VerdictState], incomplete: str | None) -> VerdictState | None:
     """Return the verdict over all limits; no figure judges where estimate and truth contradict each other.
 
     A method with a finding has failed, for any figures, also without limits.
@@ -72,41 +75,38 @@ def overall_verdict(score: Score) -> VerdictState | None:
         return VerdictState.FAIL
     if score.contradiction is not None:
         return None
-    states = [item.state for item in score.verdicts]
-    return worst_of(states if score.incomplete is None else [*states, VerdictState.INCOMPLETE])
+    return worst_of(states if incomplete is None else [*states, VerdictState.INCOMPLETE])
 
 
-def verdicts(score: Score, proofs: Mapping[Limit, Proof]) -> tuple[Verdict, ...]:
-    """Return the verdict on each limit of a score: pass, fail, incomplete, not enough data or not judged.
+def incomplete_parts(short: Sequence[Shortfall], incomplete: str | None) -> set[RowPart]:
+    """Return the parts of a score that are not complete: those of the shortfalls, else the drive."""
+    return {item.part for item in short} or ({RowPart(DRIVE)} if incomplete is not None else set())
 
-    First of all the verdicts that need no limit: on what the method did wrong, and, where there are limits, on what
-    is not complete. A figure passes at its limit, and only if the part that it is about is complete. A mean of a
-    signed figure (heading) is taken without its sign. Where estimate and truth contradict each other, no figure of them
-    judges anything: verdicts on limits are `not judged`. `certain` says whether the 95 % interval lies on one side of
-    the limit, None where there is no interval.
+
+def verdicts_on_limits(
+    score: Score, proofs: Mapping[Limit, Proof], incomplete: Collection[RowPart]
+) -> Iterator[Verdict]:
+    """Yield the verdict on each limit of a score: pass, fail, incomplete, not enough data or not judged.
+
+    A figure passes at its limit, and only if the part that it is about is complete. A mean of a signed figure (heading)
+    is taken without its sign. Where estimate and truth contradict each other, no figure of them judges anything:
+    verdicts on limits are `not judged`. `certain` says whether the 95 % interval lies on one side of the limit, None
+    where there is no interval. The rows of the proofs are the last rows of the score, in the order of the proofs.
     """
-    found = list(finding_verdicts(score))
-    limits = limits_of(score)
-    if limits is None:
-        return tuple(found)
-    short = shortfalls(score)
-    found += [item.verdict for item in short]
-    parts = {item.part for item in short}
-    if score.incomplete is not None and not short:
-        parts.add(RowPart(DRIVE))
+    limits = limits_of(score) or Limits()
+    places = dict(zip(proofs, range(len(score.figures) - len(proofs), len(score.figures)), strict=True))
     for limit in limits.limits:
-        if (proof := proofs.get(limit)) is not None:
-            place = len(score.figures) - len(proofs) + list(proofs).index(limit)
-            verdict = proof_verdict(limit, proof, place, truth_error_of(limit, score, score.reading))
+        if limit in proofs:
+            truth_error = truth_error_of(limit, score, score.reading)
+            verdict = proof_verdict(limit, proofs[limit], places[limit], truth_error)
         else:
             verdict = verdict_on(limit, figure_of(limit, score), limits)
             verdict = struct_replace(verdict, by_reading=_by_reading(limit, score, limits))
         if score.contradiction is not None:
             verdict = struct_replace(verdict, state=VerdictState.NOT_JUDGED, by_reading={})
-        elif RowPart(LIVE) in parts or part_of(limit) in parts:
+        elif RowPart(LIVE) in incomplete or part_of(limit) in incomplete:
             verdict = of_incomplete(verdict)
-        found.append(verdict)
-    return tuple(found)
+        yield verdict
 
 
 def finding_verdicts(score: Score) -> Iterator[Verdict]:
