@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sfr_loc_map.io.source_config import SourceConfig
-    from sfr_loc_map.report.tables import Table
 
 
 @app.command(
@@ -58,7 +57,7 @@ def info(
     from sfr_loc_map.doctor.examination import examine
     from sfr_loc_map.doctor.fixes import observe, with_fix
     from sfr_loc_map.io.source_config import SourceConfig, config_beside
-    from sfr_loc_map.source_setup.facts import facts_of
+    from sfr_loc_map.source_setup.facts import facts_of, facts_tables
 
     check_outputs(json_path, inputs=(source, config, calibration), overwrite=overwrite)
     path = config or config_beside(source)
@@ -83,7 +82,7 @@ def info(
     start = ["--start", "truth"] if seen.truth_has_attitude else []
     after = ["sfr", "replay", str(source), *of_config, *start, "--out", "out"]
     report.propose(after, why="through the nodes, scored")
-    report.show(json_path, facts, _tables(facts))
+    report.show(json_path, facts, facts_tables(facts))
 
 
 def _words(calibration: Path | None, settings: list[str] | None, remap: list[str] | None) -> list[str]:
@@ -110,19 +109,3 @@ def _write(source: Path, sections: dict[str, Any], path: Path | None) -> tuple[P
     for text in found.remarks:
         say(f"remark: {text}", err=True)
     return place, found.config
-
-
-def _tables(facts: dict[str, Any]) -> list[Table]:
-    """Return the facts, and the topics of a bag, as tables."""
-    from sfr_loc_map.report.tables import Cell, Column, Table
-
-    topics: list[dict[str, Any]] = facts["topics"]
-    shown = {name: f"{value:.6g}" if isinstance(value, float) else value for name, value in facts.items()}
-    del shown["topics"]
-    rows = [(Cell.head(name), Cell("none" if value is None else str(value))) for name, value in shown.items()]
-    tables = [Table("source", "Source", (Column("", words=True), Column("", words=True)), tuple(rows))]
-    if topics:
-        columns = tuple(Column(name, words=True) for name in topics[0])
-        cells = tuple(tuple(Cell(str(value)) for value in topic.values()) for topic in topics)
-        tables.append(Table("topics", "Topics", columns, cells))
-    return tables

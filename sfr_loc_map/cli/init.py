@@ -12,10 +12,7 @@ from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import CalibrationOption, OverwriteOption, RemapOption, SectionsOption, sections_of
 from sfr_loc_map.cli.output import check_outputs, make_folder, say
-from sfr_loc_map.config import to_yaml_lines
 from sfr_loc_map.errors import FailedVerdictError
-from sfr_loc_map.localisation.config import LocalisationConfig
-from sfr_loc_map.mapping.config import MappingConfig
 
 
 @app.command(epilog=examples("sfr init my_rover/", "sfr init my_rover/ --from drive.mcap --calibration camchain.yaml"))
@@ -44,19 +41,12 @@ def init(
         _init_from(source, folder, sections, (source, calibration), overwrite=overwrite)
         return
     from sfr_loc_map.metrics.judging.limits_template import limits_text
+    from sfr_loc_map.source_setup.first_files import configuration_text
 
     make_folder(folder, "name")
     configuration, limits = folder / "configuration.yaml", folder / "limits.yaml"
     check_outputs(configuration, limits, overwrite=overwrite)
-    lines = [
-        "# Parameters of localiser and mapper: [unit] (smallest .. largest), at their defaults. Change what you need,",
-        "# delete what you do not: a parameter that is missing has its default. Taken by",
-        "#   sfr localise SRC -o T.csv --config FILE, sfr map SRC -o C.ply --config FILE, sfr replay SRC --config FILE",
-        "# The nodes have more: config/localisation.yaml, config/mapping.yaml and config/monitor.yaml of the package.",
-    ]
-    for name, config_type in (("localisation", LocalisationConfig), ("mapping", MappingConfig)):
-        lines += ["", f"{name}:", *to_yaml_lines(config_type, "  ")]
-    write_text("\n".join(lines) + "\n", configuration)
+    write_text(configuration_text(), configuration)
     write_text(limits_text(), limits)
     say(f"configuration: {configuration}")
     say(f"limits: {limits}")
@@ -69,7 +59,7 @@ def _init_from(
 ) -> None:
     """Write the configuration that is inferred from a source, and limits; report what is missing."""
     from sfr_loc_map.io.source_config import NAME
-    from sfr_loc_map.metrics.judging.limits_template import CONDITION, active_limits, is_edited, limits_text
+    from sfr_loc_map.source_setup.first_files import add_limits
     from sfr_loc_map.source_setup.proposal import propose_config
 
     path, limits = folder / NAME, folder / "limits.yaml"
@@ -78,15 +68,7 @@ def _init_from(
     found = propose_config(source, sections, path)
     make_folder(folder, "name")
     if "limits" not in found.sections:
-        kept = limits.exists() and is_edited(limits.read_text(encoding="utf-8", errors="replace"))
-        found.sections["limits"] = limits.name
-        found.reasons["limits"] = "it was there, and is kept" if kept else "placeholders: write those of your document"
-        if not kept:
-            conditions = found.sections.get("conditions") or [CONDITION]
-            active = active_limits(
-                has_attitude=found.has_attitude is not False, has_height=found.has_height, has_tilt=found.has_tilt
-            )
-            write_text(limits_text(conditions[0], active), limits)
+        add_limits(found, limits)
         say(f"limits: {limits} ({found.reasons['limits']})")
     write_text(found.text(), path)
     say(f"configuration: {path}")

@@ -121,7 +121,7 @@ class Mapper:
         """Prepare for a rig; raises ConfigError if the parameters do not fit together or the rig."""
         self._rig = rig
         self._config = checked(config)
-        self._search = search_range(rig, self._config)
+        self.search = search_range(rig, self._config)
 
     @staticmethod
     def warm_up() -> None:
@@ -150,12 +150,12 @@ class Mapper:
         """
         check_index(index)
         check_images(pair, self._rig)
-        estimated = estimate_disparity(pair, self._search.count)
-        check_matches(pair, estimated, self._search.count)
+        estimated = estimate_disparity(pair, self.search.count)
+        check_matches(pair, estimated, self.search.count)
         rotation = measure_right_camera(estimated, self._rig)
         filled = fill_holes(estimated)
         unrolled = without_roll(filled, rotation, self._rig)
-        disparity_map = within_range(unrolled, self._search.min_disparity_px)
+        disparity_map = within_range(unrolled, self.search.min_disparity_px)
         T_lm_left = T_lm_navsb @ self._rig.T_sb_left
         view = view_of_pair(disparity_map, self._rig, T_lm_left)
         calibration = calibration_sigma(rotation, self._rig, self._config.calibration)

@@ -20,6 +20,7 @@ class SearchRange:
     """Disparities that are searched and kept, pixels."""
 
     min_disparity_px: float  #: Disparity of the farthest depth that is kept; smaller ones are searched, not kept.
+    max_disparity_px: float  #: Disparity of the nearest depth that is searched.
     count: int  #: Number of whole disparities that are searched from 0 on, a multiple of `DISPARITY_STEP`.
 
 
@@ -41,4 +42,5 @@ def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:
             f"at max_range_m {config.max_range_m} the disparity is {min_disparity_px:.4g} px, half the image has "
             f"{max_disparity_px:.4g}: nothing can be matched; correct the ranges or the baseline"
         )
-    return SearchRange(min_disparity_px, DISPARITY_STEP * math.ceil((max_disparity_px + 1.0) / DISPARITY_STEP))
+    count = DISPARITY_STEP * math.ceil((max_disparity_px + 1.0) / DISPARITY_STEP)
+    return SearchRange(min_disparity_px, max_disparity_px, count)

@@ -220,7 +220,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         localiser = self._session.localiser_at(pair.stamp_ns, self._extrinsics.T_rb_sb)
         before_ns, wait_s = self._session.tracked_ns, self.config.motion_prior.wait_s
         motion = None if before_ns is None else self._motion_prior.between(before_ns, pair.stamp_ns, wait_s)
-        with self.status.measure() as usage:
+        with self.status.meter.measure() as usage:
             estimate = localiser.process(pair, motion)
         self._session.accept(estimate)
         self.publish_estimate(estimate)

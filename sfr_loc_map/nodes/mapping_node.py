@@ -202,14 +202,12 @@ class MappingNode(PairNode[MappingNodeConfig]):
         pair = received.decode()
         conversion_s = time.perf_counter() - begin
         mapper = self._present_mapper()
-        rig = received.rig
-        config = self.config.mapping
-        with self.status.measure() as usage:
+        with self.status.meter.measure() as usage:
             result = mapper.process(pair, pose, len(self._pairs))
         self._pairs.append(result)
         header = messages.header_msg(pair.stamp_ns, received.frame_id)
-        searched_px = rig.fx * rig.baseline_m / config.max_range_m, rig.fx * rig.baseline_m / config.min_range_m
-        self._disparity.publish(messages.disparity_msg(result.disparity_px, rig, searched_px, header))
+        disparity = messages.disparity_msg(result.disparity_px, received.rig, mapper.search, header)
+        self._disparity.publish(disparity)
         self._stages.append(usage)
         cost, times = usage.cost(MappingState.MAPPED), self.times(received, conversion_s)
         call = CallRecord(pair.stamp_ns, *cost, result.statistics, times=times, task=Task.MAPPING)
@@ -221,7 +219,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         """Fuse and publish the map begun; return the number of points."""
         mapper, pairs = self._present_mapper(), self._pairs.copy()
         self._pairs.clear()
-        with self.status.measure() as usage:
+        with self.status.meter.measure() as usage:
             fused = mapper.fuse(pairs)
         stamps_ns = [pair.stamp_ns for pair in pairs]
         stamp_ns = stamps_ns[-1]

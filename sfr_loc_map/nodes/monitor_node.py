@@ -318,11 +318,14 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def _on_camera_info(self, side: Side, message: CameraInfo) -> None:
         infos = self._camera_infos
         infos[side] = message
-        if len(infos) == 2:
-            self._score.map_inputs.rig = rig_of_rectified((infos["left"], infos["right"]), "nav")[0]
-            while self._early_points:
-                self._on_true_points(self._early_points.popleft())
-            self._score_maps()
+        if len(infos) < 2:
+            return
+        both = infos["left"], infos["right"]
+        infos.clear()  # a rig is made of a new one of each side, since on a change one side comes first
+        self._score.map_inputs.rig = rig_of_rectified(both, "nav")[0]
+        while self._early_points:
+            self._on_true_points(self._early_points.popleft())
+        self._score_maps()
 
     def _on_true_points(self, message: PointCloud2) -> None:
         rig = self._score.map_inputs.rig

@@ -15,6 +15,7 @@ from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.report.tables import Cell, Column, Table
 from sfr_loc_map.source_setup.proposal import seen_topics
 
 GAP = 1.5  #: Periods between two pairs beyond which something is missing.
@@ -32,6 +33,20 @@ def facts_of(path: Path, config: SourceConfig) -> dict[str, Any]:
         facts["cannot be read"] = str(error)
     facts["topics"] = _topics(path, config) if is_bag(path) else []
     return facts
+
+
+def facts_tables(facts: dict[str, Any]) -> list[Table]:
+    """Return the facts, and the topics of a bag, as tables."""
+    topics: list[dict[str, Any]] = facts["topics"]
+    shown = {name: f"{value:.6g}" if isinstance(value, float) else value for name, value in facts.items()}
+    del shown["topics"]
+    rows = [(Cell.head(name), Cell("none" if value is None else str(value))) for name, value in shown.items()]
+    tables = [Table("source", "Source", (Column("", words=True), Column("", words=True)), tuple(rows))]
+    if topics:
+        columns = tuple(Column(name, words=True) for name in topics[0])
+        cells = tuple(tuple(Cell(str(value)) for value in topic.values()) for topic in topics)
+        tables.append(Table("topics", "Topics", columns, cells))
+    return tables
 
 
 def _topics(path: Path, config: SourceConfig) -> list[dict[str, Any]]:

@@ -12,8 +12,7 @@ from __future__ import annotations
 import socket
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from threading import Lock
 
@@ -28,7 +27,7 @@ from rclpy.qos import QoSProfile
 from sfr_loc_map.config import param
 from sfr_loc_map.inputs import NS_PER_S, one_line
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.metrics.calls import CallMeter, CallUsage
+from sfr_loc_map.metrics.calls import CallMeter
 from sfr_loc_map.nodes.ros.messages import header_msg
 from sfr_loc_map.runs.calls import CallRecord
 
@@ -233,12 +232,6 @@ class StatusReporter:
         """
         span = min(self._config.window_s, max(now - self._since, 1.0))
         return sum(now - moment <= span for moment in moments) / span
-
-    @contextmanager
-    def measure(self) -> Iterator[CallUsage]:
-        """Measure the `with` block."""
-        with self.meter.measure() as usage:
-            yield usage
 
     def call(self, call: CallRecord, level: Level) -> None:
         """Publish state, time and memory of a call, and note them in the health."""

@@ -43,7 +43,8 @@ from sfr_loc_map.io.images.codec import JPEG_MAGIC, PNG_MAGIC, claimed_size, unr
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StepEstimate
 
 if TYPE_CHECKING:
-    from sfr_loc_map.mapping.terrain.grid import TerrainGrid
+    from sfr_loc_map.mapping.search_range import SearchRange
+from sfr_loc_map.mapping.terrain.grid import TerrainGrid
 
 _LETTERS = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
 POINT_TYPES = {np.dtype(name).type: code for code, name in enumerate(_LETTERS, PointField.INT8)}
@@ -225,16 +226,17 @@ def image_msg(pixels: NDArray[np.generic], encoding: str, header: Header) -> Ima
 
 
 def disparity_msg(
-    disparity_px: NDArray[np.float32], rig: StereoRig, searched_px: tuple[float, float], header: Header
+    disparity_px: NDArray[np.float32], rig: StereoRig, searched: SearchRange, header: Header
 ) -> DisparityImage:
-    """Return a disparity image."""
+    """Return a disparity image with the disparities that were searched."""
     height, width = disparity_px.shape
-    low = min(searched_px[0], float(np.nanmin(disparity_px, initial=np.inf)))
+    low = min(searched.min_disparity_px, float(np.nanmin(disparity_px, initial=np.inf)))
     filled = np.where(np.isnan(disparity_px), np.float32(low - 1.0), disparity_px).astype("<f4")
     message = DisparityImage(header=header, f=float(rig.fx), t=float(rig.baseline_m), delta_d=1.0 / 16.0)
     message.image = image_msg(filled, "32FC1", header)
     message.valid_window = RegionOfInterest(height=height, width=width)
-    message.min_disparity, message.max_disparity = float(low), float(searched_px[1])
+    message.min_disparity = float(low)
+    message.max_disparity = float(searched.max_disparity_px)
     return message
 
 

@@ -19,3 +19,10 @@ def test_fast_dds_of_both_versions_gets_the_same_profile() -> None:
             variables = {named: given}
             environment.prepare(variables)
             assert [variables[name] for name in environment.PROFILE_VARIABLES] == [expected] * 2
+
+
+def test_the_profile_of_fast_dds_is_where_the_variables_point() -> None:
+    assert environment.PROFILE.is_file()
+    variables: dict[str, str] = {}
+    environment.prepare(variables)
+    assert {variables[name] for name in environment.PROFILE_VARIABLES} == {str(environment.PROFILE)}

@@ -1,0 +1,41 @@
+"""The configuration and the limits that a user begins with: `sfr init`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sfr_loc_map.atomic import write_text
+from sfr_loc_map.config import to_yaml_lines
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.metrics.judging.limits_template import CONDITION, active_limits, is_edited, limits_text
+from sfr_loc_map.source_setup.proposal import Proposal
+
+HEAD = """\
+# Parameters of localiser and mapper: [unit] (smallest .. largest), at their defaults. Change what you need,
+# delete what you do not: a parameter that is missing has its default. Taken by
+#   sfr localise SRC -o T.csv --config FILE, sfr map SRC -o C.ply --config FILE, sfr replay SRC --config FILE
+# The nodes have more: config/localisation.yaml, config/mapping.yaml and config/monitor.yaml of the package.
+"""
+
+
+def configuration_text() -> str:
+    """Return the parameters of localiser and mapper at their defaults, each with its description."""
+    lines = []
+    for name, config_type in (("localisation", LocalisationConfig), ("mapping", MappingConfig)):
+        lines += ["", f"{name}:", *to_yaml_lines(config_type, "  ")]
+    return HEAD + "\n".join(lines) + "\n"
+
+
+def add_limits(found: Proposal, limits: Path) -> None:
+    """Name a file of limits in a proposed configuration, and write it unless the user has edited it."""
+    is_kept = limits.exists() and is_edited(limits.read_text(encoding="utf-8", errors="replace"))
+    found.sections["limits"] = limits.name
+    found.reasons["limits"] = "it was there, and is kept" if is_kept else "placeholders: write those of your document"
+    if is_kept:
+        return
+    conditions = found.sections.get("conditions") or [CONDITION]
+    active = active_limits(
+        has_attitude=found.has_attitude is not False, has_height=found.has_height, has_tilt=found.has_tilt
+    )
+    write_text(limits_text(conditions[0], active), limits)
