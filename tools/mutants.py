@@ -41,6 +41,7 @@ GROUPS = (
     ("test/scoring/test_incomplete_everywhere.py",),
     ("test/scoring/test_hidden_shortfalls.py",),
     ("test/scoring/test_unjudged_frames.py",),
+    ("test/scoring/test_judged_as_given.py",),
     ("test/cli/test_signed_verdict.py", "test/report/test_test_report.py"),
 )
 """The tests."""
@@ -305,6 +306,14 @@ MUTATIONS = (
     Mutation(STORE, "fault_seed if faults else 0, repeat)", "fault_seed if faults else 0)"),
     Mutation(STORE, 'elif hash_path(path) != item["sha256"]:', "elif False:"),
     Mutation(STORE, 'if to_plain(limits_in(suite)) != self._plan["limits"]:', "if False:"),
+    # what is given besides the poses
+    Mutation("scoring/score_run.py", "[*run.stats, *([] if run.target is None else [run.target])]", "[*run.stats]"),
+    Mutation("scoring/load.py", "    check_one_method(stats, target)\n", ""),
+    Mutation("scoring/score_run.py", " or fitted_unit(run.convention)", ""),
+    Mutation("metrics/pose_convention.py", "rtol=0.0, atol=1e-9", "rtol=0.0, atol=1e-3"),
+    Mutation("metrics/completeness.py", "(stamps < true_ns[0] - reach_ns) | ", ""),
+    Mutation("metrics/completeness.py", " | (stamps > true_ns[-1] + reach_ns)", ""),
+    Mutation("report/test_report.py", "None not in used and used != [", "None not in used and used == ["),
     # frames that no judged error contains
     Mutation(SCORE, "BEYOND = 3.0", "BEYOND = 0.1"),
     Mutation(SCORE, "np.setdiff1d(np.arange(len(placed.frames.stamps_ns)), known)", "known"),

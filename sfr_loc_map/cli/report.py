@@ -11,7 +11,7 @@ from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import Align, JsonOption, LenientOption, OverwriteOption
 from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, show
-from sfr_loc_map.cli.verdict import conclude, not_judged
+from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, is_judged, not_judged
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, NotJudgedError
 from sfr_loc_map.metrics.config import AlignedErrorConfig
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from sfr_loc_map.metrics.score import Score
 
 FORMATS = (*HTML_SUFFIXES, ".md", ".csv")
-NO_LIMITS = "the score was judged by no limits"
 
 
 SIGNED = "Test report of scores"
@@ -116,8 +115,8 @@ def report(
             named = dict(zip(map(str, results), scores, strict=True))
             _write_control_document(named, control, (number, issue), common.text)
         _conclude_all(scores, lenient=lenient)
-        if common.text:
-            not_judged([common.text], lenient=lenient)
+        if common.text or not all(map(is_judged, scores)):
+            not_judged([common.text or NO_LIMITS], lenient=lenient)
         return
     elif len(scores) > 1:
         _compare_scores(results, scores, output, json_path)
@@ -149,16 +148,11 @@ def _write_score(score: Score, page: Path, json_path: str | None) -> None:
         propose(f"open {page} in a browser")
 
 
-def _is_judged(score: Score) -> bool:
-    """Return whether a score has a verdict, or a reason why it has none."""
-    return bool(score.verdicts) or score.incomplete is not None or score.contradiction is not None
-
-
 def _conclude_all(scores: list[Score], *, lenient: bool) -> None:
     """Raise the verdict of scores; a missed limit in any of them counts before what could not be judged."""
     undecided: NotJudgedError | None = None
     for score in scores:
-        if not _is_judged(score):
+        if not is_judged(score):
             continue
         try:
             conclude(score, (), lenient=lenient)
@@ -181,9 +175,7 @@ def _write_test_report(
 
     if junit is not None:
         named = {f"score {n}": score for n, score in enumerate(scores, 1)}
-        without: dict[str, str] = {}
-        if any(score.verdict is not None for score in scores):  # a score beside judged ones is judged, too
-            without = {name: NO_LIMITS for name, score in named.items() if not _is_judged(score)}
+        without = {name: NO_LIMITS for name, score in named.items() if not is_judged(score)}
         if no_common_verdict and not without:
             without = {"all scores together": no_common_verdict}
         write_text(junit_of({name: score for name, score in named.items() if name not in without}, without), junit)

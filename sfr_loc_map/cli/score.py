@@ -36,7 +36,7 @@ from sfr_loc_map.cli.options import (
     parse_settings,
 )
 from sfr_loc_map.cli.output import HTML_SUFFIXES, STANDARD_OUTPUT, beside, check_outputs, check_suffix, say, show
-from sfr_loc_map.cli.verdict import conclude, not_judged, present
+from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, is_judged, not_judged, present
 from sfr_loc_map.config import build, flatten
 from sfr_loc_map.errors import ConfigError, FailedVerdictError
 from sfr_loc_map.io.bag.files import is_bag
@@ -235,6 +235,8 @@ def score(
     _write_beside(result, run, config, junit, points, pieces)
     _propose_next(result, json_path, html)
     conclude(result, by.asked, lenient=lenient)
+    if junit is not None and not is_judged(result):
+        not_judged([NO_LIMITS], lenient=lenient)
 
 
 def _truth_config(
@@ -286,7 +288,8 @@ def _write_beside(
 
     if junit is not None:
         with beside():
-            write_text(junit_of({"score 1": result}), junit)
+            judged, bare = ({"score 1": result}, {}) if is_judged(result) else ({}, {"score 1": NO_LIMITS})
+            write_text(junit_of(judged, bare), junit)
     if points is not None and run.cloud is not None and run.cloud.loaded.cloud is not None:
         with beside():
             save_table(points, points_table(run.cloud.loaded.cloud, run.cloud.truths))

@@ -16,6 +16,14 @@ if TYPE_CHECKING:
     from sfr_loc_map.runs.calls import CallRecord
 
 
+NO_LIMITS = "the score was judged by no limits"
+
+
+def is_judged(score: Score) -> bool:
+    """Return whether a score has a verdict, or a reason why it has none."""
+    return bool(score.verdicts) or score.incomplete is not None or score.contradiction is not None
+
+
 def present(score: Score, json_path: str | None, html: Path | None) -> None:
     """Write and print a score, its verdict and what to look at first; raise ConfigError if there is nothing in it."""
     from sfr_loc_map.metrics.score_json import to_dict

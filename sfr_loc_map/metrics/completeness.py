@@ -66,7 +66,7 @@ def completeness(
     steps = np.linalg.norm(np.diff(truth.positions[rows], axis=0), axis=1)
     travelled_m = np.append(0.0, np.cumsum(steps))
     tolerance_ns = round(association.tolerance_s * NS_PER_S)
-    needed, images = true_ns, None
+    needed, images = np.union1d(true_ns, outside_of_truth(stamps, true_ns, tolerance_ns, in_flight_ns)), None
     if image_stamps_ns is not None and len(image_stamps_ns):
         needed = settled(np.unique(image_stamps_ns), stamps, in_flight_ns)
         images = len(needed)
@@ -192,6 +192,18 @@ def is_spanned(needed: IntArray, true_ns: IntArray, max_gap_ns: int, tolerance_n
     is_inside = (before >= 0) & (after < len(true_ns)) & (since + until <= max(max_gap_ns, GAP_PERIODS * usual_ns))
     is_beside = ((before >= 0) & (since <= reach_ns)) | ((after < len(true_ns)) & (until <= reach_ns))
     return np.asarray(is_inside | is_beside)
+
+
+def outside_of_truth(stamps: IntArray, true_ns: IntArray, tolerance_ns: int, in_flight_ns: int) -> IntArray:
+    """Return the stamps of estimates before the first and after the last true pose by more than its usual period.
+
+    Where images are unknown, these stamps are those of images that the truth does not cover.
+    """
+    if len(true_ns) < 2:
+        return np.empty(0, np.int64)
+    reach_ns = max(tolerance_ns, round(float(np.median(np.diff(true_ns)))))
+    is_outside = (stamps < true_ns[0] - reach_ns) | (stamps > true_ns[-1] + reach_ns)
+    return settled(stamps[is_outside], stamps[:0], in_flight_ns)
 
 
 def gaps_of(needed: IntArray, is_absent: Mask) -> Gaps:

@@ -29,6 +29,10 @@ FIRST_POSE = "first_pose"  #: World frame that is aligned with the truth at the 
 MAX_OFFSET_NS = 2**62  #: Largest offset of stamps, ns: sums with stamps stay within 64 bits.
 
 
+UNITS_M = (0.0254, 0.3048, 1200.0 / 3937.0, 0.9144)
+"""Inch, foot, US survey foot and yard, m: units of positions besides the powers of ten of a metre."""
+
+
 @dataclass(frozen=True, slots=True)
 class PoseConvention:
     """Differences of an estimate from poses of RB in DS with orientations as in ROS and positions in metres."""
@@ -92,6 +96,13 @@ class PoseConvention:
         if self.extrinsics:
             differing = {**differing, "extrinsics": ",".join(map(repr, self.extrinsics))}
         return tuple(f"{name}={str(value).lower()}" for name, value in differing.items())
+
+    @property
+    def has_fitted_unit(self) -> bool:
+        """Whether the unit of the positions is a factor that no unit of length has."""
+        exponent = np.log10(self.metres_per_unit)
+        is_power_of_ten = bool(np.isclose(exponent, np.rint(exponent), rtol=0.0, atol=1e-9))
+        return not is_power_of_ten and not bool(np.isclose(self.metres_per_unit, UNITS_M, rtol=1e-6, atol=0.0).any())
 
     @property
     def of_another_frame(self) -> bool:

@@ -16,7 +16,7 @@ import msgspec
 
 from sfr_loc_map.inputs import NS_PER_S, printable
 from sfr_loc_map.metrics.catalogue import Subject
-from sfr_loc_map.metrics.config import CallKind, Rebase, VerdictState, label_of
+from sfr_loc_map.metrics.config import CallKind, MapScoreConfig, Rebase, VerdictState, label_of
 from sfr_loc_map.metrics.judging.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.judging.several_scores import Common, common_verdict
 from sfr_loc_map.metrics.judging.shortfall_kinds import SHORTFALLS
@@ -184,6 +184,7 @@ def _from_the_document(score: Score) -> Iterator[str]:
         yield f"{drive.interpolated} frames have an interpolated truth, over gaps of up to {gap_s:.3g} s."
     if truth is not None and not truth.attitude:
         yield "The truth has only positions: attitude and heading errors are unknown, and the estimate was fitted."
+    yield from _of_the_range(score)
     for item in score.verdicts:
         is_of_host = item.subject in (Subject.TIMING, Subject.MEMORY) and not item.is_of_target
         if is_of_host:
@@ -191,6 +192,19 @@ def _from_the_document(score: Score) -> Iterator[str]:
             yield f"{_name(item)} was measured on the host; the document requires the target [{clauses}]."
         if is_of_stage(item):
             yield f"{_name(item)} is of a stage; the call of the document makes one cloud of all pairs [4.3.1]."
+
+
+def _of_the_range(score: Score) -> Iterator[str]:
+    """Yield that a verdict on a map counts other ranges than those of the default."""
+    if score.provenance is None or not any(item.subject is Subject.MAP for item in score.verdicts):
+        return
+    usual = MapScoreConfig()
+    used = [score.provenance.configuration.get(f"map.{name}") for name in ("scored_from_m", "scored_to_m")]
+    if None not in used and used != [usual.scored_from_m, usual.scored_to_m]:
+        yield (
+            f"Coverage counts true points from {used[0]:g} m to {used[1]:g} m (--range); the default is "
+            f"{usual.scored_from_m:g} m to {usual.scored_to_m:g} m."
+        )
 
 
 def is_of_stage(item: Verdict) -> bool:

@@ -49,6 +49,7 @@ def load_run(
     """
     stats = [*(load_call_stats(path) for path in inputs.stats), *calls]
     target = None if inputs.target is None else load_call_stats(inputs.target, needed="processing_time_s")
+    check_one_method(stats, target)
     about = None if inputs.target_about is None else load_target(inputs.target_about)
     cloud, nav_stamps_ns = _read_cloud(inputs, fused)
     how, drive = _how_to_read(inputs), None
@@ -68,6 +69,21 @@ def load_run(
         method=None if about is None else _method_of(about),
         nav_stamps_ns=nav_stamps_ns,
     )
+
+
+def check_one_method(stats: Sequence[CallStats], target: CallStats | None) -> None:
+    """Raise InputError if the calls on a target name another method than those on this host."""
+    here = {_identity(item.method) for item in stats if item.method is not None}
+    if target is not None and target.method is not None and here and _identity(target.method) not in here:
+        names = ", ".join(f"{name} {version or ''}".strip() for name, version, _ in sorted(here, key=str))
+        raise InputError(
+            f"the calls on the target are of the method {target.method.name} {target.method.version or ''}, those on "
+            f"this host of {names}: give the calls of one method"
+        )
+
+
+def _identity(method: MethodRecord) -> tuple[str, str | None, str | None]:
+    return method.name, method.version, method.sha256
 
 
 def _method_of(about: TargetRecord) -> MethodRecord:

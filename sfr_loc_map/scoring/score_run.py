@@ -67,6 +67,7 @@ def corrected(
     done = ConventionRecord(declared=correction.declared.settings)
     if done.declared:
         drive = drive.converted(correction.declared)
+        done = struct_replace(done, fitted=correction.declared.has_fitted_unit)
     found = None
     if correction.apply_diagnosis:
         found = diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, drive.rig).found
@@ -91,7 +92,7 @@ def score_run(
     trajectory = part_without_poses(run.unposed_images)
     truth_sha256 = map_truth_sha256 = None
     if run.drive is not None:
-        mismatch = convention_mismatch(run.drive, config)
+        mismatch = convention_mismatch(run.drive, config) or fitted_unit(run.convention)
         trajectory = drive_part(run.drive, config.trajectory, mismatch, all_kept(limits, kept_errors))
         truth_sha256 = hash_arrays((run.drive.truth.stamps_ns, run.drive.truth.positions))
     if run.drive is not None and aligned is not None:
@@ -123,6 +124,16 @@ def all_kept(limits: Limits | None, further: Collection[tuple[str, str]] = ()) -
     return limited.union(further)
 
 
+def fitted_unit(convention: ConventionRecord | None) -> str | None:
+    """Return why an estimate with a declared unit is not judged; None if it is a unit of length."""
+    if convention is None or not PoseConvention.parse(convention.declared).has_fitted_unit:
+        return None
+    return (
+        f"the declared factor of the positions ({', '.join(convention.declared)}) is no unit of length: a factor that "
+        "was fitted to the ground truth hides a scale error; give a power of ten of a metre, inch, foot or yard"
+    )
+
+
 def convention_mismatch(drive: DriveToScore, config: ScoreConfig) -> str | None:
     """Return the convention mismatch that explains how estimate and truth disagree, and its remedy; None without."""
     association = config.trajectory.association
@@ -150,7 +161,7 @@ def assembled(
         calls=calls.records,
         target=calls.target,
         method=method,
-        findings=(*run.findings, *(finding for item in run.stats for finding in item.findings)),
+        findings=(*run.findings, *(finding for item in all_calls(run) for finding in item.findings)),
         processes=next((item.processes for item in run.stats if item.processes is not None), None),
         external=run.external,
         convention=run.convention,
@@ -198,9 +209,14 @@ def _reading_warnings(score: Score) -> Iterator[str]:
     yield f"{text} {first.name}{over}: {each} (displacement and position need an estimate that starts at a true pose)"
 
 
+def all_calls(run: Run) -> list[CallStats]:
+    """Return the calls of a run, those on this host before those on a target."""
+    return [*run.stats, *([] if run.target is None else [run.target])]
+
+
 def _method_of(run: Run) -> MethodRecord | None:
     """Return whose run it is; a method under test rather than the one of this suite beside it."""
-    methods = [item.method for item in run.stats if item.method is not None]
+    methods = [item.method for item in all_calls(run) if item.method is not None]
     others = [method for method in methods if method.kind is not MethodKind.BUILT_IN]
     return run.method or next(iter([*others, *methods]), None)
 
