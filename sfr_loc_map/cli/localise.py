@@ -83,7 +83,7 @@ def localise(
         with beside():
             film.close()
     with beside():
-        save_stats(stats, done.records, done.method)
+        save_stats(stats, done.records, done.method, done.trajectory)
     say(f"{len(done.steps)} poses, {offline.states_text(done.records)}: {output}", err=True)
     more = (("--stats", stats), ("--config", config if theirs is None else None))
     again = [word for option, file in more if file is not None for word in (option, file)]

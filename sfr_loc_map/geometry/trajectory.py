@@ -127,7 +127,7 @@ class Trajectory(Shown):
 
         if not self.records:
             raise ConfigError("these poses have no calls: to_stats() is for the trajectory that sfr.localise returns")
-        save_stats(Path(path), self.records, self.method)
+        save_stats(Path(path), self.records, self.method, self)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return a pandas table: one row per pose, indexed by `stamp_ns`; with `state` and `reason` if known."""

@@ -253,6 +253,8 @@ def deviations_of(score: Score) -> Iterator[str]:
     for item in score.verdicts:
         if len(set(item.by_reading.values())) > 1:
             yield f"{_name(item)} depends on the reading of the document ({readings_text(item)})."
+    if score.calls is None and score.association is not None and score.verdicts:
+        yield "The calls of the run are unknown, and with them its findings and the states of its poses."
     if score.convention is not None:
         yield f"The poses were converted before: {', '.join(score.convention.declared) or 'as diagnosed'}."
 

@@ -40,6 +40,8 @@ STEP_NAMES = (
 )
 METHOD_NAMES = ("method", "method_version", "method_kind", "method_sha256", "method_isolation", "finding")
 HEADER = ("stamp_ns", "processing_time_s", "state", "reason", "peak_rss_bytes", "above_idle_bytes")
+POSITION_NAMES = ("position_x_m", "position_y_m", "position_z_m")
+"""Columns of the position that a call gave, by which the calls belong to one estimate."""
 MEMORY_METHOD = "memory_method"  #: Column that states how memory was measured.
 COSTS = ("processing_time_s", "peak_rss_bytes", "above_idle_bytes", "heap_peak_bytes", "stack_peak_bytes")
 TAKEN = ("cpu_s", "cpu_between_s", "threads", "processes")  #: Of a method's processes, from outside.
@@ -108,6 +110,7 @@ class CallStats:
     method: MethodRecord | None = None  # None if unknown
     findings: tuple[FindingRecord, ...] = ()  # what the method did wrong, one for each kind
     processes: ProcessUsage | None = None  # what the processes of the method took; None where nobody looked
+    positions: FloatArray | None = None  # `(N, 3)` estimated positions of the calls, NaN without one
     has_stamps: bool = True  # whether the calls name their pairs; otherwise they are numbered
 
     @property
@@ -264,26 +267,37 @@ def stats_beside(result: Path) -> Path:
     return result.with_suffix(STATS_SUFFIX)
 
 
-def save_stats(path: Path, records: Sequence[CallRecord], method: MethodRecord | None = None) -> None:
-    """Write one row a call; with a method every row names it and what it did wrong in the call."""
+def save_stats(
+    path: Path, records: Sequence[CallRecord], method: MethodRecord | None = None, estimate: Trajectory | None = None
+) -> None:
+    """Write one row a call; with a method every row names it and what it did wrong in the call.
+
+    With an estimate each row has the position that the call gave.
+    """
+    stamps_ns, positions = ([], []) if estimate is None else (estimate.stamps_ns.tolist(), estimate.positions.tolist())
+    given = dict(zip(stamps_ns, positions, strict=True))
     named: tuple[str, ...] = ()
     if method is not None:
         about = (method.name, method.version, method.kind.value, method.sha256, method.isolation)
         named = tuple(text or "" for text in about)
     names = sorted({name for record in records for name in record.statistics})
     # a method does not report its own cost
-    taken = {*HEADER, *COSTS, *METHOD_NAMES, *COVARIANCE_NAMES, *STEP_NAMES, MEMORY_METHOD}
+    taken = {*HEADER, *COSTS, *METHOD_NAMES, *POSITION_NAMES, *COVARIANCE_NAMES, *STEP_NAMES, MEMORY_METHOD}
     told = [f"statistics.{name}" if name in taken else name for name in names]
     with_pose = any(record.covariance is not None for record in records)
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         pose_names = (*COVARIANCE_NAMES, *STEP_NAMES) if with_pose else ()
-        writer.writerow([*HEADER, MEMORY_METHOD, *(METHOD_NAMES if named else ()), *told, *pose_names])
+        position_names = POSITION_NAMES if given else ()
+        names_of_method = METHOD_NAMES if named else ()
+        writer.writerow([*HEADER, MEMORY_METHOD, *names_of_method, *position_names, *told, *pose_names])
         for record in records:
             row = [record.stamp_ns, repr(record.processing_time_s), record.state, record.reason]
             row += ["" if item is None else item for item in (record.peak_rss_bytes, record.above_idle_bytes)]
             row.append("" if record.peak_rss_bytes is None else METHOD)
             row += [*named, record.finding] if named else []
+            position = given.get(record.stamp_ns)
+            row += [""] * len(position_names) if position is None else map(repr, position)
             figures = (record.statistics.get(name) for name in names)
             row += ["" if value is None else repr(float(value)) for value in figures]
             if record.covariance is not None:
@@ -330,7 +344,8 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
     calls = Calls(stamps_ns, seconds, states, peak, above_idle, stages, heap, stack, memory_method)
     taken = [_column(path, rows, name) for name in TAKEN] if TAKEN[1] in rows[0] else None
     usage = None if taken is None else _processes(taken, calls)
-    return CallStats(calls, covariance, steps, method, findings, usage, has_stamps="stamp_ns" in rows[0])
+    positions = _columns(path, rows, POSITION_NAMES, POSITION_NAMES)
+    return CallStats(calls, covariance, steps, method, findings, usage, positions, has_stamps="stamp_ns" in rows[0])
 
 
 def _columns(
@@ -343,7 +358,7 @@ def _columns(
 
 
 def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
-    values, low = np.full(len(rows), np.nan), -MAX_NUMBER if "cov_" in name else 0.0
+    values, low = np.full(len(rows), np.nan), -MAX_NUMBER if "cov_" in name or name in POSITION_NAMES else 0.0
     for number, row in enumerate(rows):
         text = row.get(name)
         if not text:

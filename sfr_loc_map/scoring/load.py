@@ -31,6 +31,7 @@ from sfr_loc_map.runs.calls import CallStats, estimates_of, load_call_stats, uni
 from sfr_loc_map.scoring.run import IN_MEMORY, CloudToScore, DriveToScore, Run, ScoreInputs
 
 _log = logging.getLogger(__name__)
+SAME_POSITION_M = 0.002  #: Difference by which a file may have rounded a position: to 1 mm, and twice.
 TARGET_SCHEMA = "sfr-target/1"
 
 
@@ -69,6 +70,24 @@ def load_run(
         method=None if about is None else _method_of(about),
         nav_stamps_ns=nav_stamps_ns,
     )
+
+
+def check_one_estimate(trajectory: Trajectory, stats: Sequence[CallStats]) -> None:
+    """Raise InputError if calls gave other positions than those of an estimate at their stamps."""
+    stamps_ns, rows = np.unique(trajectory.stamps_ns, return_index=True)
+    for item in stats:
+        if item.positions is None or not len(stamps_ns):
+            continue
+        place = np.minimum(np.searchsorted(stamps_ns, item.calls.stamps_ns), len(stamps_ns) - 1)
+        is_given = stamps_ns[place] == item.calls.stamps_ns
+        apart_m = np.abs(trajectory.positions[rows[place]] - item.positions).max(axis=1)[is_given]
+        is_other = apart_m > SAME_POSITION_M
+        if is_other.any():
+            raise InputError(
+                f"the calls (--stats) are of another estimate: at {np.count_nonzero(is_other)} of {len(is_other)} "
+                f"stamps their position differs by up to {apart_m[is_other].max():.3g} m: give the calls of the run "
+                "that gave the estimate"
+            )
 
 
 def check_one_method(stats: Sequence[CallStats], target: CallStats | None) -> None:
@@ -151,6 +170,7 @@ def _read_estimate(
         found = LoadedTrajectory(Path(IN_MEMORY), estimate)
     if found.by_index:
         found = found.with_stamps_of(true)
+    check_one_estimate(found.trajectory, stats)
     estimates = estimates_of_calls(found.trajectory, stats, target)
     if found.covariance is not None and estimates.covariance is None:
         estimates = replace(estimates, covariance=found.covariance[:, *UPPER])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.runs.calls import CallRecord, save_stats
 
 ON_TARGET = {"target": {"localisation_p95_s": 1.0}}
 
@@ -60,10 +62,10 @@ def test_a_truth_that_is_shorter_than_the_estimate_is_incomplete(tmp_path: Path,
     save_trajectory(tmp_path / "e.csv", Trajectory(estimate.stamps_ns, wrong, estimate.quats_xyzw))
     columns = (truth.stamps_ns[kept], truth.positions[kept], truth.quats_xyzw[kept])
     save_trajectory(tmp_path / "t.csv", Trajectory(*columns))
-    rules = limits(tmp_path, POSITION)
+    rules = limits(tmp_path, {**POSITION, "minimum_independent": 4})
     done = sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", rules)
     assert done.code == 3
-    assert "incomplete: 9.667 % of the images or true poses have no ground truth" in done.out
+    assert "incomplete: 9.699 % of the images or true poses have no ground truth" in done.out
     assert sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", rules, "--partial").code == 0
 
 
@@ -110,3 +112,32 @@ def test_nothing_that_is_signed_is_green_without_limits(tmp_path: Path, files: t
         done = sfr("report", bare, *options, "--overwrite")
         assert (done.code, "the score was judged by no limits" in done.err) == (3, True), options
     assert xml.read_text().count("<error") == 1
+
+
+def test_calls_belong_to_the_estimate_that_they_gave(tmp_path: Path, sfr: Sfr) -> None:
+    """The file may be written in millimetres or hold a part of the poses; poses of another run are refused."""
+    drive, stats = straight(scale=0.999), tmp_path / "calls.csv"
+    records = [CallRecord(stamp_ns, 0.1, "tracking") for stamp_ns in drive.stamps_ns.tolist()]
+    save_stats(stats, records, None, drive)
+    save_trajectory(tmp_path / "t.csv", straight())
+    away = drive.positions + np.array([0.0, 0.01, 0.0]) * (np.arange(COUNT) == 7)[:, None]
+    cases = {
+        "as written": (drive, 0),
+        "in mm": (replace(drive, positions=np.round(drive.positions, 3)), 0),
+        "one pose differs": (replace(drive, positions=away), 2),
+    }
+    rules = limits(tmp_path, {**POSITION, "completeness": {"poses_of_truth_max_share": 1.0}})
+    for name, (trajectory, code) in cases.items():
+        save_trajectory(tmp_path / "e.csv", trajectory)
+        done = sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", rules, "--stats", stats)
+        assert done.code == code, (name, done.err)
+    assert "are of another estimate: at 1 of 300 stamps" in done.err
+
+
+def test_unknown_calls_are_a_deviation(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
+    rules, score, page = limits(tmp_path, POSITION), tmp_path / "s.json", tmp_path / "r.html"
+    stats = calls_of(tmp_path / "calls.csv", "mine")
+    for options, is_deviation in (((), True), (("--stats", stats), False)):
+        assert sfr("score", *files, "--limits", rules, "--json", score, "--overwrite", *options).code == 0
+        assert sfr("report", score, "--test-report", page, "--overwrite").code == 0
+        assert ("The calls of the run are unknown" in page.read_text()) == is_deviation

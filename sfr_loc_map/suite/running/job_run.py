@@ -73,7 +73,7 @@ def _localise(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
     done = DriveRun(list(drive(source.loc, how, start)))
     estimate, stats = scratch / "estimate.csv", scratch / "stats.csv"
     save_trajectory(estimate, done.trajectory)
-    save_stats(stats, done.records, done.method)
+    save_stats(stats, done.records, done.method, done.trajectory)
     run = load_run(ScoreInputs(estimate=estimate, truth=truth, stats=(stats,)))
     assert run.drive is not None  # estimate and truth are there
     expected_ns = source.expected_loc_ns()  # images that a fault has dropped cannot be covered
