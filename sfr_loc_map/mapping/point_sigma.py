@@ -8,7 +8,8 @@ The configured uncertainty of the calibration (`CalibrationUncertainty`, the par
 before a pair is seen. What a pair shows of its right camera increases the part of yaw and pitch. The part of the
 residual distortion increases or decreases with the vertical disparity that the pair shows (`calibration_sigma`).
 
-All that changes a point's sigma, in the order of the calls. Figures of the disparity are in pixels, others in metres:
+All that changes a point's sigma, in the order of the calls. Standard deviations of disparities are in pixels, those of
+points in metres:
 
 =====================================  =================================================================================
 where                                  formula
@@ -37,10 +38,10 @@ A new source of error that differs from pixel to pixel is a term in `uncertainty
 parameter (`CalibrationUncertainty`), a field of `CalibrationSigma`, its value in `calibration_sigma` and a term in
 `_total_sigma`.
 
-Three standard deviations of a point are told apart. Its `fusion_sigma` (`ViewPoints`), down to the row of the fusion,
-is that by which views are compared and weighted. The random part (`PointSigma.random`) is that one widened by
-saturation. The total one (`PointSigma.total`, `PointCloud.sigma`) includes the calibration. Saturation and calibration
-do not enter the weights of the fusion. The error of the calibration is common to all pairs, so that averaging does not
+A point has three standard deviations. Views are compared and weighted by its `fusion_sigma` (`ViewPoints`), which the
+rows down to that of the fusion make. The random part (`PointSigma.random`) is the `fusion_sigma` widened by saturation.
+The total sigma (`PointSigma.total`, `PointCloud.sigma`) includes the calibration. Saturation and calibration do not
+enter the weights of the fusion. The error of the calibration is common to all pairs, so that averaging does not
 reduce it. The factor of saturation is an allowance and not a measured noise.
 """
 

@@ -18,7 +18,9 @@ from pixel to pixel, and a ramp of this slope is parallel to a ray of the right 
 MIN_DIVISOR_DISPARITY_PX = F(0.3)
 """Smallest disparity whose depth is compared with another one, pixels: it must not be 0."""
 CENTRAL_DIFFERENCE = np.array([[-0.5, 0.0, 0.5]], F)
-"""Taps of a slope. At the border, which is repeated, the slope is half of the difference to the only neighbour."""
+"""Taps of the slope of a disparity. At the border, which is repeated, the slope is half of the difference to the only
+neighbour. Slopes of grey levels are smoothed as well: those along rows by a Gaussian (`photometric_residual`), those
+along columns by the Sobel operator (`vertical_disparity`)."""
 
 
 class RightSurfaces(NamedTuple):

@@ -55,8 +55,8 @@ linearisation of a residual holds within about a pixel."""
 SOLVER_ITERATIONS = (8, 12, 12)
 """Conjugate gradient steps on each grid, finest first; the coarse grids leave the finest one only short waves."""
 WINDOW_CELLS = 9
-"""Side of the square over which figures of cells are averaged, cells: 324 residuals, whose mean square has a relative
-standard deviation of 8 %. Smaller windows suit real pairs, larger ones smooth ground
+"""Side of the square over which quantities of cells are averaged, cells: 324 residuals, whose mean square has a
+relative standard deviation of 8 %. Smaller windows suit real pairs, larger ones smooth ground
 (measurements/mapper_trials.md)."""
 DATA_HALF_WEIGHT_SIGMAS = 5.0
 """Residuals of this many standard deviations have half the weight in the data term: noise keeps its full weight. The
