@@ -171,8 +171,8 @@ def fault_figures(
     stated, last = stated_errors(estimates, truth), estimates[-1].statistics
     return {
         "pairs": len(estimates),
-        "position_m": score.number("position", "mean_plus_3sigma"),
-        "heading_deg": score.number("heading", "mean_plus_3sigma"),
+        "position_m": score.number("position", "mean_plus_3sigma", part=scoring.rebase),
+        "heading_deg": score.number("heading", "mean_plus_3sigma", part=scoring.rebase),
         "longest_lost": max((len(list(run)) for gone, run in groupby(lost) if gone), default=0),
         "vertical_offset_px": last.vertical_offset_px,
         "disparity_offset_px": last.disparity_offset_px,

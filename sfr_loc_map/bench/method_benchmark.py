@@ -178,7 +178,7 @@ def compare_localisers(
             stamped.append((stamp_ns, T_ds_first @ T_first_left @ T_left_rb))
         estimates = Estimates.of(Trajectory.from_poses(stamped), lost)
         score = Score(figures=score_trajectory(estimates, sequence.ground_truth, scoring).figures)
-        found["accuracy"] = {text: accuracy(score, text) for text in scoring.conditions}
+        found["accuracy"] = {text: accuracy(score, text, scoring.rebase) for text in scoring.conditions}
         return found
 
     given = PassInput(
@@ -190,14 +190,14 @@ def compare_localisers(
     return head | _compared(methods, config, given, figures, repeat, progress).content()
 
 
-def accuracy(score: Score, condition: str) -> Figures:
-    """Return the number of sub-trajectories of a condition, and mean + 3 sigma of each error (m, deg)."""
-    position = score.figure("position", condition=condition)
+def accuracy(score: Score, condition: str, reading: str) -> Figures:
+    """Return the number of sub-trajectories of a condition, and mean + 3 sigma of each error (m, deg) by a reading."""
+    position = score.figure("position", condition=condition, part=reading)
     return {
         "count": 0 if position is None else position.n,
-        "position_m": score.number("position", "mean_plus_3sigma", condition=condition),
-        "attitude_deg": score.number("attitude", "mean_plus_3sigma", condition=condition),
-        "heading_deg": score.number("heading", "mean_plus_3sigma", condition=condition),
+        "position_m": score.number("position", "mean_plus_3sigma", condition=condition, part=reading),
+        "attitude_deg": score.number("attitude", "mean_plus_3sigma", condition=condition, part=reading),
+        "heading_deg": score.number("heading", "mean_plus_3sigma", condition=condition, part=reading),
     }
 
 
