@@ -161,7 +161,7 @@ def _compile_beside(part: str, say: Say, is_wanted: Callable[[], bool]) -> None:
 
 
 if __name__ == "__main__":
-    end_with_parent(signal.SIGTERM)  # who waits for the kernels is not outlived
+    end_with_parent(signal.SIGTERM)  # compilation ends with the process that waits for it
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # it goes to the whole terminal: no traceback beside the one who waits
     with announce_compilation(lambda line: print(line, flush=True)):
         for part in sys.argv[1:]:

@@ -16,8 +16,21 @@ from helpers.browser import Browser
 
 SITE = Path(__file__).resolve().parents[1] / "out" / "docs"
 WIDE, PHONE = 1280, 390
-FOUND = {"zed": "ZED", "realsense": "RealSense", "FAQ": "FAQ", "sigma": "sigma"}
-"""What is searched, and what the title or the text of one of the first results has."""
+FOUND = {
+    "zed": "ZED",
+    "realsense": "RealSense",
+    "FAQ": "FAQ",
+    "sigma": "sigma",
+    "covariance": "Conventions",
+    "degraded": "The report",
+    "extrinsics": "Extrinsics",
+    "memory": "how memory is measured",
+    "Dask": "Suites",
+    "C candidate": "candidate",
+    "limits": "limits file",
+    "truth without attitude": "Truth without attitudes",
+}
+"""Searched words, and the text in the title or the excerpt of one of the first ten results."""
 FAULTS = """
 (() => {
   const faults = [];

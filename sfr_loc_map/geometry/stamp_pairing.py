@@ -53,12 +53,12 @@ class StampPairing(Generic[T]):
         self.overflowed = 0
 
     def add_left(self, stamp_ns: int, item: T) -> tuple[T, T] | None:
-        """Take an item of the left stream; return `(left, right)` if it completes a pair."""
+        """Add an item of the left stream; return `(left, right)` if it completes a pair."""
         partner = self._partner_of(0, stamp_ns, item)
         return None if partner is None else (item, partner)
 
     def add_right(self, stamp_ns: int, item: T) -> tuple[T, T] | None:
-        """Take an item of the right stream; return `(left, right)` if it completes a pair."""
+        """Add an item of the right stream; return `(left, right)` if it completes a pair."""
         partner = self._partner_of(1, stamp_ns, item)
         return None if partner is None else (partner, item)
 

@@ -260,7 +260,7 @@ class PathErrors:
         bias: DisparityBias,
         directed: DirectedError,
     ) -> PathErrors:
-        """Return the errors that count from a pose from outside in the past.
+        """Return the errors since an external pose with an earlier stamp.
 
         Args:
             start: Covariance of that pose, or of the start of the window if that pose is of an earlier one.

@@ -362,7 +362,7 @@ def fitted_rotation(
 def select(condition: Condition, spacing: int, frames: Frames, length_m: Lengths) -> tuple[IntArray, IntArray]:
     """Return the frames N and N+x of the sub-trajectories of a condition [4.1.1].
 
-    N+x is the first frame at which all parts of the condition hold. A start whose condition is never met gives none.
+    N+x is the first frame at which all parts of the condition hold. A start whose condition is never met is skipped.
     """
     count = len(frames.stamps_ns)
     starts = formulas.start_frames(count, spacing)

@@ -74,7 +74,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         """Load compiled code, create publishers."""
         super().setup()
         self.load_kernels("mapping", "terrain")
-        self._stages: deque[CallUsage] = deque(maxlen=MAX_PAIRS)  # what mapping the last pairs took
+        self._stages: deque[CallUsage] = deque(maxlen=MAX_PAIRS)  # time and memory of mapping the last pairs
         self.status.meter.mark_idle()
         self._lm_frame, add_publisher = self.config.frame(self.config.lm_frame), self.endpoints.add_publisher
         self._cloud = add_publisher(PointCloud2, CLOUD, 1, latched=True)

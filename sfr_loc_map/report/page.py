@@ -33,7 +33,7 @@ FIRST_TABLES = ("verdicts", "pairs", "failures", "headline", "covered", "reading
 TRUTH_FILES, READ_ROLES = ("truth_file",), ("configuration", "calibration")
 TRUTH_ROLES, RESULT_ROLES = ("truth", "map_truth"), ("estimate", "cloud")
 NO_VERDICT, NO_VERDICT_ICON = "no verdict", "\u2013"
-MOST_TO_LOOK_AT = 5  #: More than this is not to be looked at first.
+MOST_TO_LOOK_AT = 5  #: Maximum number of issues at the top of the page.
 Sections = Sequence[tuple[str, list[Plot]]]
 
 

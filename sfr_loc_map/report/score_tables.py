@@ -196,7 +196,7 @@ def directions_note(score: Score) -> str:
 
 
 def stages_note(score: Score) -> str:
-    """Return over which calls the times of stages are."""
+    """Return the calls that the times of stages cover."""
     return "Over the calls that had the stage."
 
 

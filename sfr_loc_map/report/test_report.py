@@ -100,7 +100,7 @@ def render_test_report(scores: Sequence[Score], title: str = "", number: str = "
 
 
 def overall_of_all(common: Common, overalls: Sequence[Overall]) -> Overall:
-    """Return what stands first: the worst verdict, and no pass that scores do not have in common."""
+    """Return the headline verdict: the worst one, and a pass only if it is common to all scores."""
     if common.text:
         return Overall("no common verdict", common.text, OPEN.css, OPEN.icon)
     return next(item for item in overalls if item.state == (common.state or NO_VERDICT))

@@ -44,7 +44,7 @@ POSITION_NAMES = ("position_x_m", "position_y_m", "position_z_m")
 """Columns of the position that a call gave, by which the calls belong to one estimate."""
 MEMORY_METHOD = "memory_method"  #: Column that states how memory was measured.
 COSTS = ("processing_time_s", "peak_rss_bytes", "above_idle_bytes", "heap_peak_bytes", "stack_peak_bytes")
-TAKEN = ("cpu_s", "cpu_between_s", "threads", "processes")  #: Of a method's processes, from outside.
+TAKEN = ("cpu_s", "cpu_between_s", "threads", "processes")  #: Measured from outside the processes of a method.
 ADAPTER_S = 0.015  #: Processor time that the adapter of a method may take for a call, and what its steps of 0.01 hide.
 TREE = "of the method's processes and all that they started, at each call, from outside (psutil)"
 STATES_OF: dict[Task, tuple[str, ...]] = {Task.LOCALISATION: tuple(TrackingState), Task.MAPPING: tuple(MappingState)}

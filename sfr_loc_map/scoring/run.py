@@ -71,7 +71,7 @@ class DriveToScore:
     estimates: Estimates  #: Estimated poses.
     truth: Trajectory  #: True poses.
     rig: StereoRig | None = None  #: Rig of the localisation cameras, None where it is not known.
-    image_stamps_ns: IntArray | None = None  #: Stamps of its images, None where they are not known.
+    image_stamps_ns: IntArray | None = None  #: Stamps of its images; None if they are unknown.
     notes: tuple[str, ...] = ()  #: What the format of each file was found to be, one line each.
 
     def converted(self, convention: PoseConvention) -> DriveToScore:

@@ -219,7 +219,7 @@ def calls_part(run: Run, expected_ns: Mapping[Task, IntArray | None], *, details
 
 
 def host_part(run: Run, expected_ns: Mapping[Task, IntArray | None], *, details: bool) -> CallsPart:
-    """Return what the calls of this host add to a score, with an external node as it was measured from outside."""
+    """Return the figures of the calls of this host; those of an external node were measured from outside."""
     calls = [concatenated([item.calls for item in run.stats])] if run.stats else []
     scored = score_calls(calls[0], details=details) if calls else ScoredCalls()
     expected = [*completeness_rows(calls, expected_ns)]

@@ -63,7 +63,7 @@ class Terrain:
     """A seeded ground."""
 
     parameters: TerrainParameters  #: Its shape.
-    coarseness: float = 1.0  #: Edge of the triangles that stand for it over that of full detail.
+    coarseness: float = 1.0  #: Ratio of the edges of its triangles to those of full detail.
 
     @classmethod
     def make(cls, seed: int, terrain: ReliefConfig, ground: GroundConfig) -> Terrain:

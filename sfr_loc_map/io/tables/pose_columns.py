@@ -285,7 +285,7 @@ def header_cells(line: str, separator: str | None, width: int) -> list[str]:
 
 
 def _by_header(before: Sequence[str], separator: str | None, rows: Sequence[Sequence[str]]) -> PoseColumns | None:
-    """Return the columns that the last line before the rows that names enough of them names, None without one."""
+    """Return the columns named by the header, the last line before the rows with enough names; None without one."""
     width = max((len(cells) for cells in rows), default=0)
     for line in reversed(before):
         cells = _aligned(header_cells(line, separator, width), rows, width)

@@ -44,7 +44,7 @@ class RecordOptions:
 def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> dict[str, TransportGaps]:
     """Record topics into a bag at a new path; `say` is called with a line for each; return what was recorded.
 
-    Losses are counted of topics with one publisher. Where no message was received no bag is left.
+    Losses are counted of topics with one publisher. If no message was received, no bag is written.
     """
     with _Recorder(options, say) as recorder, stopping() as ended, BagRecorder(path, zstd=options.zstd) as bag:
         begin = flushed = time.monotonic()

@@ -1,1 +1,1 @@
-"""What the nodes receive with: images to pairs, poses, extrinsics, true poses, and which run a stamp belongs to."""
+"""Inputs of the nodes: pairs from images, poses, extrinsics, true poses, and the run that a stamp belongs to."""

@@ -33,7 +33,7 @@ from sfr_loc_map.runs.calls import CallRecord
 
 Value = str | bool | int | float
 TOPIC = "/diagnostics"
-HARDWARE_ID = socket.gethostname()  #: Of each status: the host that the node runs on, whose time and memory it tells.
+HARDWARE_ID = socket.gethostname()  #: Key of each status: the host of the node, whose time and memory are reported.
 QUEUE_DEPTH = 1000  #: Statuses that are kept for a slow subscriber.
 LOG_PERIOD_S = 5.0  #: The same line is logged once in that time.
 LATENCY_WINDOW = 200  #: Calls over which the percentile of a latency is taken.

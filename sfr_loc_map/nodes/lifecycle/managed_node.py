@@ -106,7 +106,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         """Start a new run."""
 
     def apply_config(self, config: C) -> None:
-        """Work with another configuration from now on."""
+        """Apply another configuration."""
 
     def expects_input(self) -> bool:
         """Tell whether an active node should be receiving, so that silence makes it stale."""

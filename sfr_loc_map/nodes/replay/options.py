@@ -42,7 +42,7 @@ class ExternalOptions:
     #: What its answers name, `parent -> child` or of a cloud `parent`; empty: what the first of them names.
     frames: str = ""
     timeout_s: float = 5.0  #: How long the answer to a pair is waited for, in lock step; what comes later is late.
-    start_timeout_s: float = 60.0  #: How long it may take until it listens.
+    start_timeout_s: float = 60.0  #: Timeout for its subscription to images.
     #: In what its poses differ from those of RB in DS; for a cloud, its points from those in LM.
     convention: PoseConvention = field(default_factory=PoseConvention)
 
@@ -79,7 +79,7 @@ def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict
     mapping = changed(options.mapping, "mapping.") | {"pairs_per_map": pairs}
     monitor = {**options.monitor, **changed(options.score, "score.")}
     truth = None if source.loc is None else source.loc.ground_truth
-    if isinstance(truth, Truth):  # it comes as poses of RB, or positions of a point of it
+    if isinstance(truth, Truth):  # it consists of poses of RB, or of positions of a point on RB
         attitude = "auto" if truth.has_attitude else "no"
         unknown = {(True, True): "none", (False, True): "height", (True, False): "tilt", (False, False): "planar"}
         body = TrackedBody(

@@ -99,7 +99,7 @@ class Night:
         return cls(str(folder), commit, labels, paths, dict(zip(keys, figures, strict=False)))
 
     def without_configurations(self) -> Night:
-        """Return it with drives that are known by their data alone."""
+        """Return the suite with drives that are identified by their data alone."""
         of_drives = ({key.partition(" ")[0]: value for key, value in part.items()}
                      for part in (self.labels, self.paths, self.figures))  # fmt: skip
         return Night(self.name, self.commit, *of_drives)  # type: ignore[arg-type]

@@ -332,7 +332,7 @@ def independent_of_drives(limit: Limit, results: Sequence[tuple[str, Score]]) ->
 
 
 def samples_by_drive(limit: Limit, results: Sequence[tuple[str, Score]]) -> dict[str, list[Sample]]:
-    """Return the errors that a limit is on: those of each run, by drive."""
+    """Return the errors to which a limit applies: those of each run, by drive."""
     samples: dict[str, list[Sample]] = {}
     for drive, score in results:
         sample = sample_of(score, limit.limited.figure, limit.condition)
