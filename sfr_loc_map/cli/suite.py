@@ -191,6 +191,8 @@ def search(
     write_text(render_search(result), store.folder / "search.html")
     write_text(case_file(result), store.folder / CASE)
     show(result.to_dict(), json_path, search_tables(result))
+    for point, reason in result.left_out.items():
+        say(one_line(f"left out: {result.named(point)}: {reason}"), err=True)
     say(f"report: {store.folder / 'search.html'}", err=True)
     if result.found.fails:
         raise FailedVerdictError(f"the worst case is {result.case.ratio:.3g} times the limit: {store.folder / CASE}")

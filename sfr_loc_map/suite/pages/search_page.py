@@ -68,6 +68,8 @@ def render_search(result: SearchResult) -> str:
     text = f"{figure}: limit {chosen.limit:g}, missed at {missed} of {len(result.tried)} points"
     if result.until_first_miss is not None:
         text += f", first at point {result.until_first_miss}"
+    if result.left_out:
+        text += f"; {len(result.left_out)} scenarios cannot be run and are left out"
     state = VerdictState.FAIL if missed else None
     plots = [_course(result), *(_slice_plot(result, number) for number in range(len(result.slices)))]
     return render_overview("Search for the worst case", state, f"{text}.", search_tables(result), [("Search", plots)])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,6 +43,7 @@ class SearchResult:
 
     specification: SearchSpecification
     usual: Tried  #: The scenario as it is.
+    left_out: Mapping[Point, str]  #: Points whose scenario cannot be run, with the reason; they are no misses.
     tried: tuple[Tried, ...]  #: The points of the search, in their order.
     found: Tried  #: The one with the least margin.
     case: Tried  #: The least change of the scenario that still fails; the found point if it does not fail.
@@ -70,8 +71,16 @@ class SearchResult:
             name: {"ratio": item.ratio, "point": self.named(item.point)}
             for name, item in (("usual", self.usual), ("found", self.found), ("case", self.case))
         }
+        left_out = [{"point": self.named(point), "reason": reason} for point, reason in self.left_out.items()]
         parts = {name: to_plain(getattr(self, name)) for name in ("slices", "coverage", "correlations")}
-        return {**head, "parameters": to_plain(specification.parameters), "points": points, **of_cases, **parts}
+        return {
+            **head,
+            "parameters": to_plain(specification.parameters),
+            "points": points,
+            "left_out": left_out,
+            **of_cases,
+            **parts,
+        }
 
     def named(self, point: Point) -> dict[str, float]:
         """Return a point by the names of its parameters."""
@@ -82,31 +91,42 @@ class SearchResult:
 def run_search(specification: SearchSpecification, store: Store, run: Run, *, at_random: bool = False) -> SearchResult:
     """Search, reduce the worst point and cut slices through it; points that have results are not run again."""
     planned: dict[str, Job] = {}
+    left_out: dict[Point, str] = {}
 
-    def evaluate(points: Sequence[Point]) -> list[float]:
+    def evaluate(points: Sequence[Point]) -> list[float | None]:
         jobs = {point: specification.jobs_at(point) for point in points}
         planned.update({job.key: job for of_point in jobs.values() for job in of_point})
         store.plan(list(planned.values()), [])
         for_run = {job.key: job for of_point in jobs.values() for job in of_point if _is_open(store, job)}
         if for_run:
             run(list(for_run.values()))
-        return [_worst_ratio(specification, store, jobs[point]) for point in points]
+        _check_host(store, [job for of_point in jobs.values() for job in of_point])
+        for point in points:
+            if refused := [job for job in jobs[point] if store.state(job.key) == "failed"]:
+                left_out[point] = one_line(store.failure(refused[0].key).message)
+        return [None if point in left_out else _worst_ratio(specification, store, jobs[point]) for point in points]
 
     chosen, parameters = specification.settings, specification.parameters
     chooser = RandomChooser(parameters, chosen.seed) if at_random else TreeChooser(parameters, chosen.seed)
-    usual = Tried(specification.usual, evaluate([specification.usual])[0])
+    (usual_ratio,) = evaluate([specification.usual])
+    if usual_ratio is None:
+        raise InputError(f"{specification.path}: the scenario as it is cannot be run: {left_out[specification.usual]}")
+    usual = Tried(specification.usual, usual_ratio)
     if None in (_ratio(specification, store, job) for job in specification.jobs_at(usual.point)):
         raise InputError(
             f"{specification.path}: the scenario as it is has no {chosen.figure} {chosen.statistic} over "
             f"{chosen.condition}; choose a figure and a condition that its drive has"
         )
     tried = list(search_worst(chooser, evaluate, chosen.runs, chosen.batch))
+    if not tried:
+        raise InputError(f"{specification.path}: no point can be run, the last because: {[*left_out.values()][-1]}")
     found = max(tried, key=lambda item: item.ratio)
     case = reduced(found, specification.usual, evaluate)
     slices = slices_of(parameters, case, tried, chosen.slices, evaluate) if chosen.slices else []
     return SearchResult(
         specification=specification,
         usual=usual,
+        left_out=left_out,
         tried=tuple(tried),
         found=found,
         case=case,
@@ -122,14 +142,18 @@ def _is_open(store: Store, job: Job) -> bool:
     return state == "waiting" or (state == "failed" and store.failure(job.key).cause is not FailureCause.BAD_INPUT)
 
 
-def _worst_ratio(specification: SearchSpecification, store: Store, jobs: Sequence[Job]) -> float:
-    """Return the largest ratio of the runs of a point; raise InputError if a run failed and the scenario is not why."""
+def _check_host(store: Store, jobs: Sequence[Job]) -> None:
+    """Raise InputError if a run failed and the scenario is not why."""
     for job in jobs:
         if _is_open(store, job):
             failure = store.failure(job.key)
             raise InputError(
                 f"{failure.label}: {failure.cause}: {one_line(failure.message)}; the same command continues the search"
             )
+
+
+def _worst_ratio(specification: SearchSpecification, store: Store, jobs: Sequence[Job]) -> float:
+    """Return the largest ratio of the runs of a point; a drive that was lost lacks the figure and is a miss."""
     ratios = [_ratio(specification, store, job) for job in jobs]
     return max(NOT_JUDGED if ratio is None else ratio for ratio in ratios)
 

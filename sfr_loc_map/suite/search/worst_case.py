@@ -21,8 +21,9 @@ from sfr_loc_map.suite.search.specification import Parameter, Point
 BISECTIONS = 4  #: Halvings of the way from the usual value to the found one.
 CELLS = 3  #: Parts of a range in the coverage card.
 MAX_SLICED = 3  #: Parameters of the found case that slices are made of.
-Evaluate = Callable[[Sequence[Point]], list[float]]
-"""Runs points and returns the ratio of each: the figure over its limit, of the worst seed."""
+Evaluate = Callable[[Sequence[Point]], Sequence[float | None]]
+"""Runs points and returns the ratio of each: the figure over its limit, of the worst seed; None of a scenario that
+cannot be run."""
 
 
 class Chooser(Protocol):
@@ -31,8 +32,8 @@ class Chooser(Protocol):
     def ask(self, count: int) -> list[Point]:
         """Return the next points."""
 
-    def tell(self, points: Sequence[Point], ratios: Sequence[float]) -> None:
-        """Take what the points gave, in the order in which they were asked for."""
+    def tell(self, points: Sequence[Point], ratios: Sequence[float | None]) -> None:
+        """Take what the points gave, in the order in which they were asked for; None is no result."""
 
 
 class RandomChooser:
@@ -53,7 +54,7 @@ class RandomChooser:
             for row in drawn
         ]
 
-    def tell(self, points: Sequence[Point], ratios: Sequence[float]) -> None:
+    def tell(self, points: Sequence[Point], ratios: Sequence[float | None]) -> None:
         """Learn nothing."""
 
 
@@ -80,6 +81,7 @@ class TreeChooser:
             sampler = optuna.samplers.TPESampler(seed=seed, multivariate=True, constant_liar=True)
         self._study = optuna.create_study(sampler=sampler, direction="maximize")
         self._asked: list[optuna.trial.Trial] = []
+        self._failed = optuna.trial.TrialState.FAIL
 
     def ask(self, count: int) -> list[Point]:
         """Return the next points."""
@@ -90,10 +92,10 @@ class TreeChooser:
             tuple(parameter.within(trial.params[parameter.name]) for parameter in self._parameters) for trial in trials
         ]
 
-    def tell(self, points: Sequence[Point], ratios: Sequence[float]) -> None:
-        """Take what the points gave."""
+    def tell(self, points: Sequence[Point], ratios: Sequence[float | None]) -> None:
+        """Take what the points gave; the sampler ignores points without a result."""
         for trial, ratio in zip(self._asked, ratios, strict=True):
-            self._study.tell(trial, ratio)
+            self._study.tell(trial, ratio, state=self._failed if ratio is None else None)
 
     def _named(self, point: Point) -> dict[str, float]:
         return {parameter.name: value for parameter, value in zip(self._parameters, point, strict=True)}
@@ -113,13 +115,14 @@ class Tried:
 
 
 def search_worst(chooser: Chooser, evaluate: Evaluate, runs: int, batch: int) -> Iterator[Tried]:
-    """Yield the points of a search in the order in which they are chosen."""
+    """Yield the points of a search that have a result, in the order in which they are chosen."""
     for begin in range(0, runs, batch):
         points = chooser.ask(min(batch, runs - begin))
         ratios = evaluate(points)
         chooser.tell(points, ratios)
         for point, ratio in zip(points, ratios, strict=True):
-            yield Tried(point, ratio)
+            if ratio is not None:
+                yield Tried(point, ratio)
 
 
 def reduced(found: Tried, usual: Point, evaluate: Evaluate) -> Tried:
@@ -148,7 +151,10 @@ def reduced(found: Tried, usual: Point, evaluate: Evaluate) -> Tried:
 
 def _still_failing(case: Tried, point: Point, evaluate: Evaluate) -> Tried:
     """Return a changed case if it fails, else the case itself."""
-    tried = Tried(point, evaluate([point])[0])
+    (ratio,) = evaluate([point])
+    if ratio is None:
+        return case
+    tried = Tried(point, ratio)
     return tried if tried.fails else case
 
 
@@ -164,7 +170,7 @@ class Slice:
     second: int  #: Index of the parameter along y.
     x: tuple[float, ...]
     y: tuple[float, ...]
-    ratios: tuple[tuple[float, ...], ...]  #: A row for each y.
+    ratios: tuple[tuple[float | None, ...], ...]  #: A row for each y; None where the scenario cannot be run.
 
 
 def slices_of(

@@ -91,6 +91,42 @@ def test_a_search_can_be_about_a_part_of_a_figure(specification: SearchSpecifica
     assert load_search(file).ratio_of(Score(figures=rows)) == 0.5
 
 
+def test_a_scenario_that_cannot_be_run_is_no_worst_case(specification: SearchSpecification, tmp_path: Path) -> None:
+    """A low sun, at which the limit would be missed, is refused."""
+    store = Store(tmp_path / "out")
+
+    def run(jobs: Sequence[Job]) -> None:
+        Host(store).run(jobs)
+        for job in jobs:
+            elevation = job.source.settings["light.sun_elevation_deg"]
+            assert isinstance(elevation, float)
+            if elevation < 12.0:
+                store.save(job, JobOutcome(cause=FailureCause.BAD_INPUT, message="the sun is too low"))
+
+    result = run_search(specification, store, run)
+    assert not result.found.fails
+    assert result.left_out
+    assert all(point[0] < 12.0 for point in result.left_out)
+    assert set(result.left_out.values()) == {"the sun is too low"}
+    assert len(result.tried) + len(result.left_out) == specification.settings.runs
+    assert len(result.to_dict()["left_out"]) == len(result.left_out)
+    assert not {item.point for item in result.tried} & set(result.left_out)
+
+
+def test_a_lost_drive_is_a_miss(specification: SearchSpecification, tmp_path: Path) -> None:
+    store = Store(tmp_path / "out")
+
+    def run(jobs: Sequence[Job]) -> None:
+        for job in jobs:
+            elevation = job.source.settings["light.sun_elevation_deg"]
+            assert isinstance(elevation, float)
+            Host(store, has_pieces=elevation > 12.0).run([job])
+
+    result = run_search(specification, store, run)
+    assert result.found.ratio == 2.0
+    assert not result.left_out
+
+
 @pytest.mark.parametrize(("change", "has_pieces"), [({"figure": "nees", "statistic": "max"}, True), ({}, False)])
 def test_a_figure_that_the_scenario_does_not_have_is_no_worst_case(
     specification: SearchSpecification, tmp_path: Path, change: dict[str, str], has_pieces: bool
