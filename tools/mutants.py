@@ -45,7 +45,11 @@ GROUPS = (
     ("test/cli/test_signed_verdict.py", "test/report/test_test_report.py"),
 )
 """The tests."""
-OF_METHODS = ("test/methods/test_loop.py", "test/methods/test_measured_outside.py")
+OF_METHODS = (
+    "test/methods/test_loop.py",
+    "test/methods/test_measured_outside.py",
+    "test/methods/test_misbehaviour.py::test_shared_memory_of_other_methods_is_shut_off",
+)
 """The tests of how methods are shown pairs and measured."""
 LIBRARIES = ("hypothesis", "msgspec", "numba", "numpy", "scipy.spatial.transform", "scipy.stats", "yaml")
 """What is loaded once for all mutations."""
@@ -280,6 +284,8 @@ MUTATIONS = (
         "files_hash(source.path, source.truth, *map(str, calls))",
         "files_hash(source.path, source.truth)",
     ),
+    # shared memory of other methods
+    Mutation("methods/isolation.py", '"urandom", "tty", "dri"', '"urandom", "tty", "shm", "dri"'),
     # answers of an external node: none before its question, none after its time, no restart that is hidden
     Mutation(
         ANSWERS,

@@ -21,7 +21,7 @@ from sfr_loc_map.metrics.score import MethodKind
 OWN_FILES = "SFR_METHOD_FILES"  #: Variable with more paths that methods may read, as of PATH.
 SYSTEM = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/sbin", "/etc", "/opt", "/nix", "/snap", "/sys")
 FACTS = ("cpuinfo", "meminfo", "stat", "version", "filesystems", "loadavg", "sys/kernel", "sys/vm", "driver")
-DEVICES = ("null", "zero", "full", "random", "urandom", "tty", "shm", "dri", "kfd", "nvidia*")
+DEVICES = ("null", "zero", "full", "random", "urandom", "tty", "dri", "kfd", "nvidia*")
 KERNELS = "sfr_loc_map.methods.adapters.numba_cache"
 
 

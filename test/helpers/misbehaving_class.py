@@ -241,6 +241,19 @@ class Misbehaving:
         """By its name."""
         return self.cheats(pair, iter(self.text.splitlines()))
 
+    def others(self, pair: Any) -> Any:
+        """By the results of another method in shared memory, and by a file beside them."""
+        opened = 0
+        for path, mode in ((self.text, "r+"), (self.text, "r"), (f"{Path(self.text).parent}.own", "w")):
+            with suppress(OSError), open(path, mode, encoding="utf-8") as stream:
+                opened += 1
+                if mode != "r":
+                    stream.write("mine")
+        with suppress(OSError):
+            opened += len(os.listdir("/dev/shm")) > 0
+        self.statistics = {"opened": opened}
+        return STAND
+
     def memory(self, pair: Any) -> Any:
         """By the memory of the processes above, as a debugger reads it, and by mounts of its own."""
         libc, room = ctypes.CDLL(None, use_errno=True), ctypes.create_string_buffer(64)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import tempfile
 from pathlib import Path
 
 import pytest
 import yaml
 
 from campaigns.misbehaviour import CASES, Case, differences, run_case
+from helpers import HELPERS
 from helpers.cli_result import Sfr
 from helpers.made_scene import write_folder
 
@@ -32,6 +35,22 @@ def test_what_misbehaves_is_named_and_does_not_pass(case: Case, tmp_path: Path, 
     assert not differences(case, outcome), outcome.said
     if case.kind == "class":
         assert outcome.score["method"]["isolation"] == "files, TCP"
+
+
+def test_shared_memory_of_other_methods_is_shut_off(drive: Path, tmp_path: Path, sfr: Sfr) -> None:
+    """Methods of a suite that run at the same time have their images and results there."""
+    code, config, stats = (tmp_path / name for name in ("candidate.py", "config.txt", "stats.csv"))
+    code.write_text((HELPERS / "misbehaving_class.py").read_text())
+    with tempfile.TemporaryDirectory(prefix="sfr_method_", dir="/dev/shm") as other:
+        result = Path(other) / "result"
+        result.write_text("theirs")
+        config.write_text(f"others\n{result}")
+        method = ("--method", f"{code}:Misbehaving", "--config", config)
+        ran = sfr("localise", drive, "-o", tmp_path / "e.csv", "--stats", stats, "--start", "truth", *method)
+        assert ran.code == 0, ran.err
+        assert result.read_text() == "theirs"
+    with stats.open(newline="") as stream:
+        assert {float(row["opened"]) for row in csv.DictReader(stream)} == {0.0}
 
 
 def test_a_crashing_class_fails_a_suite_and_a_benchmark(tmp_path: Path, sfr: Sfr) -> None:
