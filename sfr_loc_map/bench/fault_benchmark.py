@@ -73,6 +73,25 @@ class StatedErrors:
         return Honesty.SAID if self.degraded + self.lost else Honesty.STATED
 
 
+@dataclass(frozen=True, slots=True)
+class FaultEntry:
+    """Figures of one drive; position and heading are mean + 3 sigma of the pairs that are not lost."""
+
+    pairs: int
+    position_m: float | None
+    heading_deg: float | None
+    longest_lost: int  #: Number of pairs of the longest run of lost pairs.
+    vertical_offset_px: float | None  #: At the last pair, as estimated by the localiser.
+    disparity_offset_px: float | None  #: At the last pair, as estimated by the localiser.
+    stated: StatedErrors
+
+    def content(self) -> dict[str, Any]:
+        """Return the entry of the JSON."""
+        figures = asdict(self)
+        stated = figures.pop("stated")
+        return {**figures, **stated, "honesty": self.stated.honesty.value}
+
+
 def stated_errors(estimates: Sequence[PoseEstimate], truth: Trajectory) -> StatedErrors:
     """Return how the errors of a drive compare with what is stated; pairs without truth of their stamp are left out."""
     states = [str(estimate.state.value) for estimate in estimates]
@@ -127,14 +146,14 @@ def benchmark_faults(
     seed: int = 0,
     progress: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
-    """Return the localiser's figures on a drive with truth, for `none` and each fault (several: joined by `+`).
+    """Return the JSON of the localiser's figures on a drive with truth, for `none` and each fault (joined by `+`).
 
     Interrupted, those of the faults that are done.
     """
     truth = sequence.ground_truth
     assert truth is not None
     parsed = {"none": [], **{text: [parse_fault(part) for part in text.split("+")] for text in faults}}
-    entries: dict[str, Any] = {}
+    entries: dict[str, FaultEntry] = {}
     missing: dict[str, str] = {}  # why a fault has no figures
     try:
         for name, injected in parsed.items():
@@ -157,25 +176,23 @@ def benchmark_faults(
     head = {"schema": SCHEMA, "kind": "faults", "condition": scoring.conditions[0], "seed": seed, "limit": LIMIT}
     done = len(entries) + len(missing)
     interrupted = {"interrupted": f"{done} of {len(parsed)} runs"} if done < len(parsed) else {}
-    return head | {"entries": entries, "missing": missing, **interrupted}
+    content = {name: entry.content() for name, entry in entries.items()}
+    return head | {"entries": content, "missing": missing, **interrupted}
 
 
-def fault_figures(
-    estimates: Sequence[PoseEstimate], truth: Trajectory, scoring: TrajectoryScoreConfig
-) -> dict[str, Any]:
-    """Return the figures of one drive as JSON; position and heading: mean + 3 sigma of pairs that are not lost."""
+def fault_figures(estimates: Sequence[PoseEstimate], truth: Trajectory, scoring: TrajectoryScoreConfig) -> FaultEntry:
+    """Return the figures of one drive."""
     lost = [estimate.state is TrackingState.LOST for estimate in estimates]
     known = [estimate for estimate, gone in zip(estimates, lost, strict=True) if not gone]
     figures = score_trajectory(Estimates.of(trajectory_of(known)), truth, scoring).figures if known else ()
     score = Score(figures=figures)
-    stated, last = stated_errors(estimates, truth), estimates[-1].statistics
-    return {
-        "pairs": len(estimates),
-        "position_m": score.number("position", "mean_plus_3sigma", part=scoring.rebase),
-        "heading_deg": score.number("heading", "mean_plus_3sigma", part=scoring.rebase),
-        "longest_lost": max((len(list(run)) for gone, run in groupby(lost) if gone), default=0),
-        "vertical_offset_px": last.vertical_offset_px,
-        "disparity_offset_px": last.disparity_offset_px,
-        **asdict(stated),
-        "honesty": stated.honesty.value,
-    }
+    last = estimates[-1].statistics
+    return FaultEntry(
+        pairs=len(estimates),
+        position_m=score.number("position", "mean_plus_3sigma", part=scoring.rebase),
+        heading_deg=score.number("heading", "mean_plus_3sigma", part=scoring.rebase),
+        longest_lost=max((len(list(run)) for gone, run in groupby(lost) if gone), default=0),
+        vertical_offset_px=last.vertical_offset_px,
+        disparity_offset_px=last.disparity_offset_px,
+        stated=stated_errors(estimates, truth),
+    )

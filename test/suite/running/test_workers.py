@@ -18,7 +18,7 @@ import pytest
 import sfr_loc_map
 from helpers.made_suites import SFR, made_suite, results
 
-DRIVES = 24
+DRIVES = 12
 HERE = str(Path(sfr_loc_map.__file__).parents[1])  # the package under test, not one that is installed
 
 
