@@ -103,7 +103,7 @@ def report(
         _draw(results, truth, config, output)
         return
     from sfr_loc_map.metrics.judging.several_scores import common_verdict, each_by_its_limits
-    from sfr_loc_map.report.page import load_score
+    from sfr_loc_map.metrics.score_json import load_score
 
     scores = each_by_its_limits([load_score(path) for path in results])
     if is_test:

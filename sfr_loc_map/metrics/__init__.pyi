@@ -11,5 +11,6 @@ from .score import Score as Score
 from .score import Verdict as Verdict
 from .score_json import from_dict as from_dict
 from .score_json import from_json as from_json
+from .score_json import load_score as load_score
 from .score_json import to_dict as to_dict
 from .score_json import to_json as to_json

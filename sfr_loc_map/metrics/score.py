@@ -34,12 +34,12 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure as PlotlyFigure
 
 SCHEMA = "sfr-score/2"
-Column = tuple[float | None, ...]  #: One entry a row; None where a value is undefined.
+Values = tuple[float | None, ...]  #: One entry a row; None where a value is undefined.
 Integers = tuple[int, ...]
 POOLED = "pooled"  #: Part of the rows over all drives of a suite.
 
 
-def column(values: NDArray[np.floating], digits: int | None = 9) -> Column:
+def column(values: NDArray[np.floating], digits: int | None = 9) -> Values:
     """Return numbers for plots, rounded (figures are not) unless digits is None; None where not finite."""
     numbers = np.asarray(values, np.float64)
     rounded = numbers if digits is None else np.round(numbers, digits)
@@ -508,8 +508,8 @@ class CallSeries(Columns, frozen=True, kw_only=True):
 
     slowest_of: int  #: Calls of a block.
     stamp_ns: Integers  #: Stamp of the pair.
-    processing_time_s: Column  #: Wall-clock time.
-    peak_rss_bytes: Column  #: Peak resident memory.
+    processing_time_s: Values  #: Wall-clock time.
+    peak_rss_bytes: Values  #: Peak resident memory.
     state: tuple[str, ...]  #: What the call reported.
 
 
@@ -525,18 +525,18 @@ class PathRows(Columns, frozen=True, kw_only=True):
 
     every: int  #: n.
     stamp_ns: Integers  #: Stamps.
-    travelled_m: Column  #: Length of the true path up to the frame.
-    truth_x_m: Column  #: True position.
-    truth_y_m: Column  #: True position.
-    truth_z_m: Column  #: True position.
-    estimate_x_m: Column  #: Estimated position.
-    estimate_y_m: Column  #: Estimated position.
-    estimate_z_m: Column  #: Estimated position.
+    travelled_m: Values  #: Length of the true path up to the frame.
+    truth_x_m: Values  #: True position.
+    truth_y_m: Values  #: True position.
+    truth_z_m: Values  #: True position.
+    estimate_x_m: Values  #: Estimated position.
+    estimate_y_m: Values  #: Estimated position.
+    estimate_z_m: Values  #: Estimated position.
     lost: tuple[bool, ...]  #: Whether the localiser was lost.
     degraded: tuple[bool, ...] = ()  #: Whether the pose was reported as degraded.
-    sigma_x_m: Column = ()  #: Sigma of x by the covariance published; empty where none was.
-    sigma_y_m: Column = ()  #: Sigma of y.
-    sigma_z_m: Column = ()  #: Sigma of z.
+    sigma_x_m: Values = ()  #: Sigma of x by the covariance published; empty where none was.
+    sigma_y_m: Values = ()  #: Sigma of y.
+    sigma_z_m: Values = ()  #: Sigma of z.
 
 
 class SubTrajectoryRows(Columns, frozen=True, kw_only=True):
@@ -548,18 +548,18 @@ class SubTrajectoryRows(Columns, frozen=True, kw_only=True):
     end_frame: Integers  #: Number of the last frame.
     start_stamp_ns: Integers  #: Stamp of the first frame.
     end_stamp_ns: Integers  #: Stamp of the last frame.
-    x_m: Column  #: Position error, DS.
-    y_m: Column  #: Position error, DS.
-    z_m: Column  #: Position error, DS.
-    attitude_deg: Column  #: Attitude error.
-    heading_deg: Column  #: Heading error, with its sign.
-    chord_m: Column  #: Straight distance, estimate less truth.
-    along_m: Column  #: Position error along the true displacement.
-    cross_m: Column  #: Position error across it, positive to the left.
-    travelled_m: Column  #: Length of the true path from start to end.
-    others: dict[str, Column] = {}  #: Errors of all other figures of sub-trajectories, by figure, in its unit.
+    x_m: Values  #: Position error, DS.
+    y_m: Values  #: Position error, DS.
+    z_m: Values  #: Position error, DS.
+    attitude_deg: Values  #: Attitude error.
+    heading_deg: Values  #: Heading error, with its sign.
+    chord_m: Values  #: Straight distance, estimate less truth.
+    along_m: Values  #: Position error along the true displacement.
+    cross_m: Values  #: Position error across it, positive to the left.
+    travelled_m: Values  #: Length of the true path from start to end.
+    others: dict[str, Values] = {}  #: Errors of all other figures of sub-trajectories, by figure, in its unit.
 
-    def errors_of(self, figure: str) -> tuple[Column, ...]:
+    def errors_of(self, figure: str) -> tuple[Values, ...]:
         """Return the errors of a figure, a column for each direction; empty if they are not kept."""
         named = {
             "position": (self.x_m, self.y_m, self.z_m),
@@ -577,7 +577,7 @@ class ErrorRows(Record, frozen=True, kw_only=True):
 
     figure: str  #: Figure.
     condition: str  #: Condition that ends the sub-trajectories.
-    errors: tuple[Column, ...]  #: A column for each direction, in the unit of the figure.
+    errors: tuple[Values, ...]  #: A column for each direction, in the unit of the figure.
 
 
 class TrajectoryDetails(Record, frozen=True, kw_only=True):
@@ -590,11 +590,11 @@ class TrajectoryDetails(Record, frozen=True, kw_only=True):
 class PointRows(Columns, frozen=True, kw_only=True):
     """Every n-th point of the cloud that has a ground truth."""
 
-    x_m: Column  #: Position in LM.
-    y_m: Column  #: Position in LM.
-    z_m: Column  #: Position in LM.
-    error_m: Column  #: Distance from the truth.
-    range_m: Column  #: Distance of the truth from the left optical centre.
+    x_m: Values  #: Position in LM.
+    y_m: Values  #: Position in LM.
+    z_m: Values  #: Position in LM.
+    error_m: Values  #: Distance from the truth.
+    range_m: Values  #: Distance of the truth from the left optical centre.
 
 
 class ErrorImage(Record, frozen=True, kw_only=True):
@@ -766,7 +766,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     @staticmethod
     def load(path: str | os.PathLike[str]) -> Score:
         """Read the JSON of a score."""
-        from sfr_loc_map.report.page import load_score
+        from sfr_loc_map.metrics.score_json import load_score
 
         return load_score(Path(path))
 

@@ -5,11 +5,13 @@ Numbers that are not finite are written as null. What is read is checked against
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.metrics.score import SCHEMA, Score
 from sfr_loc_map.metrics.stored import stored_contradiction
 
@@ -56,6 +58,15 @@ def to_dict(score: Score) -> dict[str, Any]:
 def to_json(score: Score) -> str:
     """Return the score as text; numbers in the shortest form that reads back to the same bits."""
     return json_line(score)
+
+
+def load_score(path: Path) -> Score:
+    """Read a score, whose verdicts are derived again; InputError if they differ, or the file holds no score."""
+    try:
+        return from_json(read_text(path, MAX_JSON_BYTES), f"'{path}'")
+    except (OSError, ValueError) as error:
+        problem = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"cannot read score '{path}': {problem}; give the JSON of sfr score --json") from error
 
 
 def from_dict(content: object, origin: str = "score") -> Score:

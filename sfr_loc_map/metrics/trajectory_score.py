@@ -40,13 +40,13 @@ from sfr_loc_map.metrics.judging.proof import evidence_rows
 from sfr_loc_map.metrics.judging.shortfall_kinds import BEYOND_MOST
 from sfr_loc_map.metrics.score import (
     Association,
-    Column,
     ErrorRows,
     Figure,
     PathRows,
     SubTrajectoryRows,
     TrajectoryDetails,
     TruthRecord,
+    Values,
     column,
     figure_row,
 )
@@ -644,7 +644,7 @@ def path_rows(estimates: Estimates, frames: Frames, length_m: Lengths) -> PathRo
     """Return the frames of a trajectory, thinned."""
     every = every_nth(len(length_m), PATH_ROWS)
     shown = slice(None, None, every)
-    sigma: dict[str, Column] = {}
+    sigma: dict[str, Values] = {}
     if estimates.covariance is not None:
         variances = estimates.covariance[frames.est_rows[shown]][:, POSITION_VARIANCES]
         deviations = np.sqrt(np.where(variances >= 0.0, variances, np.nan))

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from sfr_loc_map.report.tables import Cell, Column, Row, Table, Unit
 
-Figure = tuple[str, str, str]
+ResultColumn = tuple[str, str, str]
 """Heading without the unit, symbol of the unit that it is shown in, keys that lead to it within an entry."""
-COSTS: tuple[Figure, ...] = (
+COSTS: tuple[ResultColumn, ...] = (
     ("p50", "ms", "time_s/p50"),
     ("p95", "ms", "time_s/p95"),
     ("max", "ms", "time_s/max"),
     ("peak", "MiB", "memory_bytes/peak"),
 )
-MAPS: tuple[Figure, ...] = (
+MAPS: tuple[ResultColumn, ...] = (
     ("points", "", "points"),
     ("coverage", "%", "accuracy/coverage"),
     ("point error mean", "mm", "accuracy/mean"),
     ("mean + 3 sigma", "mm", "accuracy/mean_plus_3sigma"),
 )
-FAULTS: tuple[Figure, ...] = (
+FAULTS: tuple[ResultColumn, ...] = (
     ("pairs", "", "pairs"),
     ("position", "mm", "position_m"),
     ("heading", "deg", "heading_deg"),
@@ -56,7 +56,7 @@ def benchmark_tables(result: Mapping[str, Any]) -> list[Table]:
 
 
 def _table(
-    name: str, title: str, result: Mapping[str, Any], figures: tuple[Figure, ...] | list[Figure], word: str = "version"
+    name: str, title: str, result: Mapping[str, Any], figures: Sequence[ResultColumn], word: str = "version"
 ) -> Table:
     """Return a table: a row for each entry, with its name and `word`, then for each ratio of ours to the entry."""
     rows: list[Row] = []

@@ -15,14 +15,12 @@ from typing import Any, NamedTuple
 from sfr_loc_map import __version__
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.config import flatten
-from sfr_loc_map.errors import InputError
-from sfr_loc_map.inputs import MAX_JSON_BYTES, read_text
 from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState, label_of
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.score_json import from_json, to_plain
+from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.report.plots import PALETTES, TEMPLATE, Plot
-from sfr_loc_map.report.score_figures import error_sizes, parts_of, path_of, score_figures
+from sfr_loc_map.report.score_figures import error_sizes, path_of, plotted_conditions, score_figures
 from sfr_loc_map.report.score_tables import EXACT, glossary, score_tables, truth_text
 from sfr_loc_map.report.tables import METRE, OPEN, UNKNOWN, VERDICTS, Table, fitting, number, to_html
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
@@ -38,15 +36,6 @@ Sections = Sequence[tuple[str, list[Plot]]]
 
 
 # ---- the page
-
-
-def load_score(path: Path) -> Score:
-    """Read a score, whose verdicts are derived again; InputError if they differ, or the file holds no score."""
-    try:
-        return from_json(read_text(path, MAX_JSON_BYTES), f"'{path}'")
-    except (OSError, ValueError) as error:
-        problem = error.strerror if isinstance(error, OSError) else error
-        raise InputError(f"cannot read score '{path}': {problem}; give the JSON of sfr score --json") from error
 
 
 def write_page(score: Score, path: Path) -> None:
@@ -268,7 +257,7 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
         nearest = max(met, key=_use_of)
         why = f"Of the limits that are met it is the nearest to being missed: {_beside_limit(nearest)}"
         yield LookFirst(nearest.name, why)
-    for first in parts_of(score)[:1]:
+    for first in plotted_conditions(score)[:1]:
         rows = first.rows
         largest_m = score.number("position", "max", condition=rows.condition)
         if largest_m is not None:

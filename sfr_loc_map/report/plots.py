@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 Trace = dict[str, Any]
-Column = Sequence[float | None]
+Values = Sequence[float | None]
 TRAVELLED = "distance travelled (truth), m"
 COLORS = ("@one", "@two", "@three", "@four", "@five")
 PALETTES = {
@@ -91,7 +91,7 @@ def log_axis(title: str, low: float, high: float, steps: Sequence[int] = (1, 2, 
     return axis(title, type="log", tickvals=ticks, ticktext=[f"{tick:g}" for tick in ticks])
 
 
-def line(name: str, xy: Sequence[Column], color: str, **more: Any) -> Trace:  # noqa: ANN401
+def line(name: str, xy: Sequence[Values], color: str, **more: Any) -> Trace:  # noqa: ANN401
     """Return a line through the points of columns x and y; `dash` and `width` style it."""
     style = {"color": color, "width": more.pop("width", 2), "dash": more.pop("dash", "solid")}
     return {"type": "scatter", "mode": "lines", "name": name, "x": xy[0], "y": xy[1], "line": style, **more}
@@ -102,27 +102,27 @@ def line_style(k: int) -> dict[str, str]:
     return {"color": COLORS[k % len(COLORS)], "dash": ("solid", "dash", "dot")[k // len(COLORS) % 3]}
 
 
-def span(values: Column) -> tuple[float, float]:
+def span(values: Values) -> tuple[float, float]:
     """Return bounds of a logarithmic axis around values."""
     known = [value for value in values if value is not None and value > 0] or [1.0]
     return 0.8 * min(known), 1.25 * max(known)
 
 
-def marks(name: str, xy: Sequence[Column], color: str | Column, **more: Any) -> Trace:  # noqa: ANN401
+def marks(name: str, xy: Sequence[Values], color: str | Values, **more: Any) -> Trace:  # noqa: ANN401
     """Return marks at the points of columns x and y; `symbol` and `size` style them, `marker` adds to that."""
     style = {"color": color, "symbol": more.pop("symbol", "circle"), "size": more.pop("size", 7)}
     style |= more.pop("marker", {})
     return {"type": "scatter", "mode": "markers", "name": name, "x": xy[0], "y": xy[1], "marker": style, **more}
 
 
-def band(name: str, x: Column, low: float, high: float, color: str, **more: Any) -> Trace:  # noqa: ANN401
+def band(name: str, x: Values, low: float, high: float, color: str, **more: Any) -> Trace:  # noqa: ANN401
     """Return a filled band between two levels over the extent of x."""
     corners = [x[0], x[-1], x[-1], x[0]], [low, low, high, high]
     filled = {"fill": "toself", "fillcolor": color, "line": {"width": 0}, "hoverinfo": "skip"}
     return {"type": "scatter", "mode": "lines", "name": name, "x": corners[0], "y": corners[1], **filled, **more}
 
 
-def segments(pieces: Sequence[Sequence[Column]]) -> list[Column]:
+def segments(pieces: Sequence[Sequence[Values]]) -> list[Values]:
     """Return columns x and y of pieces that are drawn as one trace, with a gap after each."""
     return [[value for piece in pieces for value in (*piece[side], None)] for side in (0, 1)]
 
@@ -145,12 +145,12 @@ def error_scale(largest: float) -> tuple[float, str]:
     return (1e3, "mm") if largest < 1.0 else (1.0, "m")
 
 
-def scaled(values: Column, factor: float) -> list[float | None]:
+def scaled(values: Values, factor: float) -> list[float | None]:
     """Return the values times a factor, to six significant digits; None stays."""
     return [None if value is None else float(f"{value * factor:.6g}") for value in values]
 
 
-def largest(*columns: Column) -> float:
+def largest(*columns: Values) -> float:
     """Return the largest absolute value, 0 without a value."""
     return max((abs(value) for column in columns for value in column if value is not None), default=0.0)
 

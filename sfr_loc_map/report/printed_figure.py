@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from sfr_loc_map.metrics.score import Figure, Score
 from sfr_loc_map.report.plots import error_scale, largest
-from sfr_loc_map.report.score_figures import error_sizes, map_of, parts_of
+from sfr_loc_map.report.score_figures import error_sizes, map_of, plotted_conditions
 from sfr_loc_map.report.score_tables import limits_on
 from sfr_loc_map.report.tables import UNKNOWN, number
 
@@ -71,7 +71,7 @@ def printed_figures(score: Score) -> list[PrintedFigure]:
 
 def _of_drive(score: Score) -> Iterator[Series]:
     at_the_end = "distance travelled at the end, m"
-    for part in parts_of(score):
+    for part in plotted_conditions(score):
         condition = part.rows.condition
         sizes = error_sizes(part.rows)
         scale = error_scale(largest(sizes))

@@ -15,9 +15,9 @@ from sfr_loc_map.metrics.score import ErrorImage, Figure, MapDetails, PathRows, 
 from sfr_loc_map.report.plots import (
     COLORS,
     TRAVELLED,
-    Column,
     Plot,
     Trace,
+    Values,
     axis,
     band,
     colour_bar,
@@ -54,7 +54,7 @@ LAW_STEPS = 40
 FAR = 10.0  #: A limit beyond this multiple of the largest value would flatten a linear scale.
 
 
-class Part(NamedTuple):
+class PlottedCondition(NamedTuple):
     """What figures show of one condition; `travelled_m` at the end of each sub-trajectory."""
 
     rows: SubTrajectoryRows
@@ -88,7 +88,7 @@ def map_of(score: Score) -> MapDetails | None:
 
 
 def _drive_figures(score: Score) -> list[Plot]:
-    path, parts = path_of(score), parts_of(score)
+    path, parts = path_of(score), plotted_conditions(score)
     figures = [_top_view(path, parts), *_along(path)] if path and path.stamp_ns else []
     if not parts:
         return figures
@@ -118,7 +118,7 @@ def _drive_figures(score: Score) -> list[Plot]:
     ]
 
 
-def parts_of(score: Score) -> list[Part]:
+def plotted_conditions(score: Score) -> list[PlottedCondition]:
     """Return the sub-trajectories of each condition that has any."""
     details = None if score.details is None else score.details.trajectory
     if details is None or details.path is None:
@@ -128,14 +128,14 @@ def parts_of(score: Score) -> list[Part]:
     for rows in details.sub_trajectories:
         if rows.start_frame:  # in a straight line between the rows of a thinned path
             travelled = np.interp(rows.end_frame, np.arange(len(known)) * every, known)
-            parts.append(Part(rows, [round(value, 4) for value in travelled.tolist()]))
+            parts.append(PlottedCondition(rows, [round(value, 4) for value in travelled.tolist()]))
     return parts
 
 
 def _limit_lines(
     score: Score,
     figure: str,
-    ends: Column,
+    ends: Values,
     most: float,
     factor: float = 1.0,
     condition: str | None = None,
@@ -150,7 +150,7 @@ def _limit_lines(
     return traces
 
 
-def _upright(title: str, values: Column, limits: Sequence[float]) -> dict[str, Any]:
+def _upright(title: str, values: Values, limits: Sequence[float]) -> dict[str, Any]:
     """Return an axis from 0 for values and their limits, logarithmic where a limit is far above all values."""
     if max(limits, default=0.0) > 3.0 * largest(values):
         return log_axis(title, *span([*values, *limits]))
@@ -162,7 +162,7 @@ def error_sizes(rows: SubTrajectoryRows) -> list[float | None]:
     return _sizes(rows.x_m, rows.y_m, rows.z_m)
 
 
-def _sizes(*columns: Column) -> list[float | None]:
+def _sizes(*columns: Values) -> list[float | None]:
     return [_norm(row) for row in zip(*columns, strict=True)]
 
 
@@ -190,7 +190,7 @@ def path_errors(path: PathRows) -> list[list[float | None]]:
     return [*errors, _sizes(*errors)]
 
 
-def _top_view(path: PathRows, parts: list[Part]) -> Plot:
+def _top_view(path: PathRows, parts: list[PlottedCondition]) -> Plot:
     numbered = [[k * path.every, str(stamp)] for k, stamp in enumerate(path.stamp_ns)]
     hover = "frame %{customdata[0]}<br>stamp %{customdata[1]} ns<br>x %{x:.3f} m, y %{y:.3f} m"
     more = {"customdata": numbered, "hovertemplate": hover}
@@ -256,13 +256,21 @@ def _along(path: PathRows) -> list[Plot]:
 # ---- sub-trajectories
 
 
-def _marked(part: Part, name: str, errors: Column, unit: str, *, color: str = COLORS[0], **more: Any) -> Trace:  # noqa: ANN401
+def _marked(
+    part: PlottedCondition,
+    name: str,
+    errors: Values,
+    unit: str,
+    *,
+    color: str = COLORS[0],
+    **more: Any,  # noqa: ANN401
+) -> Trace:
     hover = f"{TRACE_BACK}<br>error %{{y:.4g}} {unit}<extra></extra>"
     trace_back = {"customdata": _traces_to(part.rows), "hovertemplate": hover}
     return marks(name, (part.travelled_m, errors), color, **trace_back, **more)
 
 
-def _position(score: Score, parts: list[Part]) -> Plot:
+def _position(score: Score, parts: list[PlottedCondition]) -> Plot:
     factor, unit = error_scale(largest(*(error_sizes(part.rows) for part in parts)))
     data: list[Trace] = []
     for k, part in enumerate(parts):
@@ -317,7 +325,10 @@ def growth(named: Sequence[tuple[str, Score]]) -> list[Plot]:
 
 
 def _panels(
-    score: Score, part: Part, panels: Mapping[str, tuple[Column, Figure | None]], scale: tuple[float, str] | None = None
+    score: Score,
+    part: PlottedCondition,
+    panels: Mapping[str, tuple[Values, Figure | None]],
+    scale: tuple[float, str] | None = None,
 ) -> tuple[list[Trace], dict[str, Any]]:
     factor, unit = scale or error_scale(largest(*(values for values, _ in panels.values())))
     data: list[Trace] = []
@@ -407,7 +418,7 @@ def range_rows(score: Score) -> Iterator[tuple[float, float, Figure]]:
             yield float(bounds[1]), float(bounds[2]), row
 
 
-def _coloured(errors_mm: Column) -> tuple[list[float | None], float, float, dict[str, Any]]:
+def _coloured(errors_mm: Values) -> tuple[list[float | None], float, float, dict[str, Any]]:
     logs = [None if mm is None or mm < 0 else round(math.log10(max(mm, 0.1)), 3) for mm in errors_mm]
     known = sorted(value for value in logs if value is not None) or [0.0]
     low, high = known[len(known) // 50], known[-1 - len(known) // 50]
@@ -439,7 +450,7 @@ def _image(item: ErrorImage, width: str) -> Plot:
 def _over_range(score: Score) -> Plot:
     details, bins = map_of(score), list(range_rows(score))
     data: list[Trace] = []
-    ranges: Column = () if details is None else details.cloud.range_m
+    ranges: Values = () if details is None else details.cloud.range_m
     if details is not None and ranges:
         step = -(-len(ranges) // SCATTER_ROWS)
         some = ranges[::step], scaled(details.cloud.error_m[::step], 1e3)

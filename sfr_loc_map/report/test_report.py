@@ -24,7 +24,7 @@ from sfr_loc_map.metrics.score import Score, TargetRecord, Verdict
 from sfr_loc_map.report.page import NO_VERDICT, Overall, from_template, overall_of
 from sfr_loc_map.report.printed_figure import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, printed_figures
 from sfr_loc_map.report.score_tables import NO_INTERVAL, readings_text, table_of
-from sfr_loc_map.report.tables import OPEN, UNKNOWN, to_html
+from sfr_loc_map.report.tables import METRE, OPEN, UNKNOWN, fitting, number, to_html
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 
 TABLES = ("headline", "covered", "readings")  #: Tables of figures below the results.
@@ -171,10 +171,9 @@ def _from_the_document(score: Score) -> Iterator[str]:
                 for part in (drive.rebase, Rebase.DISPLACEMENT)
             )
             if used is not None and literal is not None:
-                over = label_of(condition)
-                figures.append(
-                    f"mean + 3 sigma over {over} {1e3 * used:.4g} mm, by displacements {1e3 * literal:.4g} mm"
-                )
+                unit = fitting(METRE, used, literal)
+                texts = (f"{number(value, unit=unit)} {unit.symbol}" for value in (used, literal))
+                figures.append(f"mean + 3 sigma over {label_of(condition)} {', by displacements '.join(texts)}")
         yield (
             f"Errors are compared by the reading '{drive.rebase}'; to the letter the document compares displacements "
             f"[4.2.3.1]{': ' if figures else ''}{'; '.join(figures)}."

@@ -50,7 +50,9 @@ def main(arguments: list[str]) -> int:
             least = [row.value for row in found.figures if row.figure == "error_at_least" and row.condition == JUDGED]
             bound = max((value for value in least if value is not None), default=float("nan"))
             scored = score_trajectory(found.forward.estimates, truth, TrajectoryScoreConfig(conditions=(JUDGED,)))
-            error = Score(figures=scored.figures).number("position", "rmse") or float("nan")
+            error = Score(figures=scored.figures, association=scored.association).number("position", "rmse") or float(
+                "nan"
+            )
             shown = "" if worst is None else f"{worst.name} over {worst.condition}, p {worst.probability:.2g}"
             lost = int(found.forward.estimates.lost.sum())
             print(

@@ -52,7 +52,8 @@ def coverage(runs: int, length_m: float, spacing: int, law: str, curved: bool, s
     values = (np.linalg.norm(mean[:3]) + 3 * np.linalg.norm(sigma[:3]), *(np.abs(mean[3:]) + 3 * sigma[3:]))
     target, held = dict(zip(FIGURES, map(float, values), strict=True)), {name: [] for name in FIGURES}
     for _ in range(runs):
-        got = Score(figures=run(rng, frames, spacing, law, curved).figures)
+        scored = run(rng, frames, spacing, law, curved)
+        got = Score(figures=scored.figures, association=scored.association)
         for name in FIGURES:
             row = got.figure(name)
             interval = None if row is None else row.interval

@@ -18,7 +18,8 @@ from sfr_loc_map.metrics.judging.judge import judged, judged_again
 from sfr_loc_map.metrics.judging.limits import parse_limits
 from sfr_loc_map.metrics.judging.several_scores import common_verdict, each_by_its_limits
 from sfr_loc_map.metrics.score import MethodKind, MethodRecord, Score, Verdict
-from sfr_loc_map.report.page import load_score, overall_of
+from sfr_loc_map.metrics.score_json import load_score
+from sfr_loc_map.report.page import overall_of
 from sfr_loc_map.report.printed_figure import printed_figures
 from sfr_loc_map.report.score_figures import error_sizes
 from sfr_loc_map.report.score_tables import score_tables, table_of

@@ -10,7 +10,7 @@ from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score import Figure, find_rows
 from sfr_loc_map.metrics.score_json import json_line
 from sfr_loc_map.report.page import render_overview, render_page
-from sfr_loc_map.report.plots import Column, Plot, axis, error_scale, largest, log_axis, marks, scaled, span
+from sfr_loc_map.report.plots import Plot, Values, axis, error_scale, largest, log_axis, marks, scaled, span
 from sfr_loc_map.suite.pages.export import write_parquet
 from sfr_loc_map.suite.pages.tables import PAGES, history_tables, linked, suite_tables
 from sfr_loc_map.suite.running.store import Store
@@ -111,5 +111,5 @@ def render_history(history: History) -> str:
     return render_overview("History of suites", None, text, history_tables(history), [("Figures", plots)], heading)
 
 
-def _columns(rows: Sequence[tuple[int, float | None]], factor: float = 1.0) -> list[Column]:
+def _columns(rows: Sequence[tuple[int, float | None]], factor: float = 1.0) -> list[Values]:
     return [[x for x, _ in rows], scaled([y for _, y in rows], factor)]
