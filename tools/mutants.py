@@ -325,6 +325,13 @@ MUTATIONS = (
     Mutation("metrics/completeness.py", "(stamps < true_ns[0] - reach_ns) | ", ""),
     Mutation("metrics/completeness.py", " | (stamps > true_ns[-1] + reach_ns)", ""),
     Mutation("report/test_report.py", "None not in used and used != [", "None not in used and used == ["),
+    # true poses at starts and ends
+    Mutation(
+        SHORTFALLS,
+        '"errors_of_truth",\n        DRIVE,\n        0.1,',
+        '"errors_of_truth",\n        DRIVE,\n        1.0,',
+    ),
+    Mutation("metrics/copies.py", "is_moving = lengths_m > MOVING_SHARE * np", "is_moving = lengths_m >= 0.0 * np"),
     # frames that no judged error contains
     Mutation(SCORE, "BEYOND = 3.0", "BEYOND = 0.1"),
     Mutation(SCORE, "np.setdiff1d(np.arange(len(placed.frames.stamps_ns)), known)", "known"),

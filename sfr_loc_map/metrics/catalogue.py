@@ -104,6 +104,7 @@ CATALOGUE = (
     FigureKind("doubled", Subject.COMPLETENESS, "", "1", "estimates with a repeated stamp"),
     FigureKind("poses_repeated", Subject.COMPLETENESS, "", "1", "poses that repeat the pose before while moving"),
     FigureKind("poses_of_truth", Subject.COMPLETENESS, "", "1", "poses that are those of the ground truth"),
+    FigureKind("errors_of_truth", Subject.COMPLETENESS, "", "1", "judged motions that are those of the ground truth"),
     FigureKind(ERRORS_BEYOND, Subject.COMPLETENESS, "", "1", "frames in no judged error, with an error far beyond"),
     FigureKind("longest_gap", Subject.COMPLETENESS, "", "m", "longest gap"),
     FigureKind("points_without_truth", Subject.COMPLETENESS, "", "1", "map points without ground truth"),

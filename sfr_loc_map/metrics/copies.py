@@ -2,20 +2,21 @@
 
 Both are counted as figures of completeness. A pose is repeated if it equals the pose before bit by bit although the
 rover moves and no state reports it as lost or degraded. A pose is of the truth if its step is the true step more
-exactly than any measurement, or if the pose is the true one rounded. docs/metrics.md, "Completeness".
+exactly than any measurement, or if the pose is the true one rounded. So is a judged motion, from a start to an end.
+docs/metrics.md, "Completeness".
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import FloatArray, Mask
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_rotate
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Frames
-from sfr_loc_map.metrics.completeness import share_rows
+from sfr_loc_map.metrics.completeness import share_of, share_rows
 from sfr_loc_map.metrics.score import Figure, figure_row
 
 NOISES = 5.0  #: Multiple of the truth's own scatter from which its displacement is a motion.
@@ -101,14 +102,37 @@ def is_of_truth(frames: Frames, references: list[FloatArray], is_moving: Mask) -
 def has_true_step(frames: Frames, true_pos: FloatArray, resolution_m: float) -> Mask:
     """Tell at which frames `(F,)` the step is the true one, in DS or in RB before the step."""
     found = np.zeros(len(true_pos), np.bool_)
-    if len(true_pos) < 2:
-        return found
-    step, true_step = np.diff(frames.est_pos, axis=0), np.diff(true_pos, axis=0)
-    in_body = quat_rotate(quat_conjugate(frames.est_quat[:-1]), step)
-    true_in_body = quat_rotate(quat_conjugate(frames.gt_quat[:-1]), true_step)
-    error_m = np.minimum(np.linalg.norm(step - true_step, axis=1), np.linalg.norm(in_body - true_in_body, axis=1))
-    found[1:] = error_m <= EXACT_SHARE * np.linalg.norm(true_step, axis=1) + np.sqrt(3.0) * resolution_m
+    later = np.arange(1, len(true_pos))
+    found[1:] = is_true_motion(frames, true_pos, later - 1, later, resolution_m)
     return found
+
+
+def is_true_motion(frames: Frames, true_pos: FloatArray, starts: IntArray, ends: IntArray, resolution_m: float) -> Mask:
+    """Tell which motions from a frame to another are the true ones, in DS or in RB at the start."""
+    motion, true_motion = frames.est_pos[ends] - frames.est_pos[starts], true_pos[ends] - true_pos[starts]
+    in_body = quat_rotate(quat_conjugate(frames.est_quat[starts]), motion)
+    true_in_body = quat_rotate(quat_conjugate(frames.gt_quat[starts]), true_motion)
+    error_m = np.minimum(np.linalg.norm(motion - true_motion, axis=1), np.linalg.norm(in_body - true_in_body, axis=1))
+    return np.asarray(error_m <= EXACT_SHARE * np.linalg.norm(true_motion, axis=1) + np.sqrt(3.0) * resolution_m)
+
+
+def judged_of_truth(frames: Frames, chosen: Sequence[tuple[IntArray, IntArray]]) -> Figure:
+    """Return the row of the judged motions that are the true ones, of the condition that has the largest fraction.
+
+    Poses of the ground truth at the starts and ends alone are no two successive poses.
+    """
+    resolution_m = resolution_of(frames.est_pos)
+    worst = figure_row("errors_of_truth")
+    for starts, ends in chosen:
+        lengths_m = np.linalg.norm(frames.gt_pos[ends] - frames.gt_pos[starts], axis=1)
+        is_moving = lengths_m > MOVING_SHARE * np.max(lengths_m, initial=0.0)
+        starts, ends = starts[is_moving], ends[is_moving]
+        is_true = is_true_motion(frames, frames.gt_pos, starts, ends, resolution_m if resolution_m <= FINE_M else 0.0)
+        count = len(is_true)
+        share = share_of(int(np.count_nonzero(is_true)), count) if count >= MIN_STEPS else None
+        if share is not None and share >= (worst.value or 0.0):
+            worst = figure_row("errors_of_truth", n=count, value=share)
+    return worst
 
 
 def resolution_of(positions: FloatArray) -> float:

@@ -33,7 +33,7 @@ from sfr_loc_map.metrics.config import (
     label_of,
 )
 from sfr_loc_map.metrics.consistency import StepSums, nees_rows, sums_of_steps
-from sfr_loc_map.metrics.copies import copy_rows
+from sfr_loc_map.metrics.copies import copy_rows, judged_of_truth
 from sfr_loc_map.metrics.formulas import Lengths, Poses, SubTrajectoryErrors
 from sfr_loc_map.metrics.intervals import interval95
 from sfr_loc_map.metrics.judging.proof import evidence_rows
@@ -166,6 +166,7 @@ def score_trajectory(
     is_reported = (placed.estimates.lost | placed.estimates.degraded)[frames.est_rows]
     covered += copy_rows(frames, truth, is_reported, interpolated=association.interpolated > 0)
     chosen = [select(condition, config.spacing, frames, placed.length_m) for condition in conditions]
+    covered.append(judged_of_truth(frames, chosen))
     sums = step_sums(placed.estimates, frames, chosen)
     figures: list[Figure] = []
     rows: list[SubTrajectoryRows] = []

@@ -199,6 +199,31 @@ def test_a_copy_of_the_truth_is_found_if_it_is_changed_rounded_resampled_or_move
     assert sfr("score", *paths, "--limits", labelled).code == 0, "a simulated estimate without an error says so"
 
 
+@pytest.mark.parametrize("kept", [10, 2])
+def test_true_poses_at_starts_and_ends_alone_are_a_copy(tmp_path: Path, sfr: Sfr, kept: int) -> None:
+    """Sub-trajectories of 5 m start and end at every tenth frame; no two successive poses are of the truth."""
+    paths, truth, own = (tmp_path / "e.csv", tmp_path / "t.csv"), wandering(0.0), wandering(1e-3)
+    is_true = np.arange(COUNT) % kept == 0
+    positions = np.where(is_true[:, None], truth.positions, own.positions)
+    quats = np.where(is_true[:, None], truth.quats_xyzw, own.quats_xyzw)
+    save_trajectory(paths[0], Trajectory(truth.stamps_ns, positions, quats))
+    save_trajectory(paths[1], truth)
+    condition = {"condition": "frames=50", "position_mean_plus_3sigma_m": 1.0}
+    for option in ((), ("--partial",)):
+        done = sfr("score", *paths, "--limits", limits(tmp_path, {"trajectory": [condition]}), *option)
+        assert (done.code, "of the judged motions from a start to an end" in done.err) == (3, True), done.err
+
+
+def test_a_rover_that_returns_to_its_start_has_no_true_motion(tmp_path: Path, sfr: Sfr) -> None:
+    """It stands for a third of the drive, where estimate and truth agree exactly."""
+    paths, truth, own = (tmp_path / "e.csv", tmp_path / "t.csv"), wandering(0.0), wandering(1e-3)
+    stands = np.minimum(np.arange(COUNT), 200)
+    for path, drive in zip(paths, (own, truth), strict=True):
+        save_trajectory(path, Trajectory(drive.stamps_ns, drive.positions[stands], drive.quats_xyzw[stands]))
+    condition = {"condition": "frames=20", "position_mean_plus_3sigma_m": 1.0}
+    assert sfr("score", *paths, "--limits", limits(tmp_path, {"trajectory": [condition]})).code == 0
+
+
 @pytest.mark.parametrize("digits", [3, 4, 6, 12])
 @pytest.mark.parametrize("sigma_m", [1e-4, 1e-3])
 def test_an_excellent_estimate_is_no_copy_of_the_truth(tmp_path: Path, sfr: Sfr, sigma_m: float, digits: int) -> None:

@@ -34,7 +34,7 @@ NO_CALL = "no {part} call was measured: give the calls of the run (--stats)"
 NO_STAMP = "the {part} calls have no stamps, so that their pairs are unknown"
 NO_STATE = "which poses are {figure} is unknown: give the calls of the run (--stats)"
 OF_STATES = ("lost", "degraded")  #: Figures that need the state of each pose.
-NEVER_PARTIAL = ("calls_other", "calls_doubled", "doubled", "poses_of_truth")
+NEVER_PARTIAL = ("calls_other", "calls_doubled", "doubled", "poses_of_truth", "errors_of_truth")
 """Figures that are no matter of a part: what is given is of something else, or twice."""
 STATES = RowPart("states")  #: Part of what is unknown of the states of poses.
 
@@ -79,6 +79,8 @@ def shortfalls(score: Score) -> list[Shortfall]:
     allowed = {limit.name.removesuffix("_max_share") for limit in limits.limits if limit.part is LimitPart.COMPLETENESS}
     if any(limit.name == COVERAGE_MIN for limit in limits.limits):
         allowed.add("pixels_without_point")
+    if "poses_of_truth" in allowed:
+        allowed.add("errors_of_truth")
     for part in parts_of(limits, score):
         found += _shortfalls_of(score, part, allowed)
     if ERRORS_BEYOND not in allowed:

@@ -49,6 +49,13 @@ SHORTFALLS = (
         "{percent} % of the steps are those of the ground truth, more exactly than any measurement: give the estimate "
         "of the item under test",
     ),
+    ShortfallKind(
+        "errors_of_truth",
+        DRIVE,
+        0.1,
+        "{percent} % of the judged motions from a start to an end are those of the ground truth, more exactly than any "
+        "measurement: give the estimate of the item under test",
+    ),
     # in the words of `incomplete.beyond_text`, for each limit that the errors of the other frames miss
     ShortfallKind(ERRORS_BEYOND, DRIVE, BEYOND_MOST),
     ShortfallKind("pairs_without_cloud", MAP, 0.0, "{percent} % of the mapping pairs have no point in the cloud"),
