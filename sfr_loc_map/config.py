@@ -176,7 +176,7 @@ def load_yaml(path: Path) -> dict[str, Any]:
 
 
 def _has_numbers(default: object) -> bool:
-    """Tell whether a default is a number or holds some; an empty tuple stands for one of numbers."""
+    """Return whether a default is a number or holds some; an empty tuple stands for one of numbers."""
     values = default if isinstance(default, tuple) else (default,)
     return not values or any(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values)
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:  # messages and short files do without it
 NS_PER_S = 1_000_000_000  #: Nanoseconds in a second.
 Side = Literal["left", "right"]
 SIDES: tuple[Side, Side] = ("left", "right")  #: The cameras of a stereo rig, in the order of all files and topics.
-LOST_VARIANCE = 9999.0  #: Variance on the whole diagonal of the covariance of a pose that is not known (m^2, rad^2).
+LOST_VARIANCE = 9999.0  #: Variance on the whole diagonal of the covariance of a pose that is unknown (m^2, rad^2).
 JUMP_BACK_NS = NS_PER_S  #: A clock that goes back by more than this was set, or a bag was started again.
 
 MB = 1_000_000
@@ -127,7 +127,7 @@ def serialised_stamp(raw: bytes) -> int:
 
 
 def jumped_back(latest_ns: int, stamp_ns: int) -> bool:
-    """Tell whether a stamp is so far before the latest one that the clock was set back or a new run has begun."""
+    """Return whether a stamp is so far before the latest one that the clock was set back or a new run has begun."""
     return latest_ns - stamp_ns >= JUMP_BACK_NS
 
 
@@ -340,7 +340,7 @@ def printable(text: str) -> str:
 
 
 def one_line(text: str) -> str:
-    """Return a message as one printable line of bounded length; the middle of a longer one is left out."""
+    """Return a message as one printable line of bounded length; the middle of a longer one is omitted."""
     line = printable(" ".join(text.split()))
     if len(line) <= MAX_MESSAGE:
         return line

@@ -1,4 +1,4 @@
-"""Signals that end a command: SIGINT, SIGTERM and SIGHUP alike.
+"""Signals that end a command: SIGINT, SIGTERM and SIGHUP.
 
 `cli.main` handles them from its start. What runs gets a KeyboardInterrupt, or what `stopping` was given is called; from
 `hold` on, when what was finished is written and children are ended, a signal is ignored. One wish often comes twice (a

@@ -446,7 +446,7 @@ def copied(folder: Path) -> Path:
 
 
 def fails(folder: Path, tests: Sequence[str], marks: str) -> bool:
-    """Tell whether a test fails in a copy of the sources; the tests run in a fork, which has the libraries already."""
+    """Return whether a test fails in a copy of the sources; the tests run in a fork that has the libraries loaded."""
     child = os.fork()
     if child == 0:
         os.chdir(folder)
@@ -471,7 +471,7 @@ def nearest_tests(path: str) -> tuple[str, ...]:
 
 
 def is_killed(mutation: Mutation, folder: Path, marks: str) -> bool:
-    """Tell whether a test fails with a mutation in a copy of the sources; the tests nearest to it come first."""
+    """Return whether a test fails with a mutation in a copy of the sources; the tests nearest to it come first."""
     path = folder / "sfr_loc_map" / mutation.path
     text = path.read_text(encoding="utf-8")
     if text.count(mutation.text) != 1:

@@ -93,7 +93,7 @@ class FaultEntry:
 
 
 def stated_errors(estimates: Sequence[PoseEstimate], truth: Trajectory) -> StatedErrors:
-    """Return how the errors of a drive compare with what is stated; pairs without truth of their stamp are left out."""
+    """Return how the errors of a drive compare with what is stated; pairs without truth of their stamp are omitted."""
     states = [str(estimate.state.value) for estimate in estimates]
     valid = [estimate for estimate, state in zip(estimates, states, strict=True) if state in VALID]
     errors, sigmas = error_and_sigma(valid, truth)

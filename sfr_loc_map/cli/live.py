@@ -1,4 +1,4 @@
-"""`sfr live`: a page or a terminal that shows a run while it goes on."""
+"""`sfr live`: a page or a terminal that shows a run in progress."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ played is scored and written, exit 130.
 
 With --external a node of anyone takes the place of ours: it subscribes to the images of its task and publishes
 nav_msgs/Odometry or sensor_msgs/PointCloud2 with the stamp of each pair. In lock step each answer is waited for
-(--answer-timeout); its crash or silence is a finding, and the replay goes on. See docs/candidates.md.
+(--answer-timeout); its crash or silence is a finding, and the replay continues. See docs/candidates.md.
 """
 
 

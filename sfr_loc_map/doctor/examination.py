@@ -201,7 +201,7 @@ def _stereo(seen: Observation, rig: str) -> Findings:
             return
         images.append([(stamp_of(message), image) for message, image in zip(topic.messages, read, strict=True)])
     if rectifier is not None:
-        pairs = [  # of more images on one side the last are left out
+        pairs = [  # of more images on one side the last are omitted
             [*zip((left_ns, right_ns), rectifier.rectify(left, right), strict=True)]
             for (left_ns, left), (right_ns, right) in zip(*images, strict=False)
         ]

@@ -137,14 +137,14 @@ class Observation:
         return lost / max(lost + sum(len(topic.stamps_ns) for topic in topics), 1)
 
     def is_idle(self, rig: str) -> bool:
-        """Tell whether a rig has no pair for now, which is no fault."""
+        """Return whether a rig has no pair for now, which is no fault."""
         # maps are made now and then, so that silence is usual on a graph; a bag may have been recorded meanwhile
         usual = rig == "nav" if self.live else any(self.has_images(other) for other in RIGS if other != rig)
         topics = [self.images(rig, side) for side in SIDES]
         return usual and all(topic is not None and topic.publishers and not topic.messages for topic in topics)
 
     def has_images(self, rig: str) -> bool:
-        """Tell whether there are images of both sides."""
+        """Return whether there are images of both sides."""
         return all((topic := self.images(rig, side)) is not None and topic.messages for side in SIDES)
 
 

@@ -1,7 +1,7 @@
 """Do two runs agree as their covariances predict? Normalised squares of their difference over sub-trajectories.
 
-Both runs share the calibration: a wrong baseline, focal length or mounting moves both alike and cannot show. So the
-systematic errors are left out of the prediction, `Q_a + Q_b` of the steps and of the noise of the poses. Runs that
+Both runs share the calibration: a wrong baseline, focal length or mounting moves both equally and is unobservable. The
+systematic errors are omitted from the prediction, `Q_a + Q_b` of the steps and of the noise of the poses. Runs that
 share images have noise in common, so that their difference is smaller than predicted; only a difference that is too
 large is a finding. At least one of both runs has an error of half of their difference, whatever is in common.
 """

@@ -63,7 +63,7 @@ class StereoRig:
 
     @property
     def T_rb_left(self) -> Transform:
-        """Takes points in the left optical frame to RB; GeometryError if the pose of the rig in RB is not known."""
+        """Takes points in the left optical frame to RB; GeometryError if the pose of the rig in RB is unknown."""
         if self.T_rb_sb is None:
             raise GeometryError(
                 "the rig has no T_rb_locsb (pose of the stereo rig in RB): add it to rig.json or /tf_static of a bag"

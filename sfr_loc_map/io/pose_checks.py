@@ -72,7 +72,7 @@ def jumping_positions(stamps_ns: IntArray, positions: FloatArray) -> Mask:
 
 
 def has_constant_attitude(poses: Trajectory) -> bool:
-    """Return whether the attitudes, but for a fraction of `MAX_STRAY`, are the same although the path turns."""
+    """Return whether the attitudes, except for a fraction of `MAX_STRAY`, are the same although the path turns."""
     if len(poses) < 3 or not poses.has_attitude:
         return False
     quats = poses.quats_xyzw

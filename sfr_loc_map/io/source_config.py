@@ -153,7 +153,7 @@ def config_beside(source: Path) -> Path | None:
 
 
 def _is_of_bag(path: Path) -> bool:
-    """Tell whether a configuration names topics, which files do not have."""
+    """Return whether a configuration names topics, which files do not have."""
     try:
         config = SourceConfig.of(read_sections(path), path)
     except SfrError:

@@ -1,4 +1,4 @@
-"""Views of a run while it goes on: its state, the page with its server, the terminal, Foxglove. Imports no ROS."""
+"""Views of a run in progress: its state, the page with its server, the terminal, Foxglove. Imports no ROS."""
 
 import lazy_loader
 

@@ -20,7 +20,7 @@ from sfr_loc_map.inputs import NS_PER_S, jumped_back
 from sfr_loc_map.live.updates import PoseSample, Track
 
 MAX_ROWS = 4000
-"""Poses that are kept; beyond them every other one is left out, and from then on every other one of those to come."""
+"""Poses that are kept; beyond them every other one is omitted, and from then on every other one of those to come."""
 MAX_TRUTHS, MAX_PENDING = 4000, 400  #: True poses that are kept, and estimates that wait for one.
 MAX_GAP_NS = NS_PER_S  #: Longest gap of the truth that is interpolated.
 Point = tuple[float, float, float]

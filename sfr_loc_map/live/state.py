@@ -1,4 +1,4 @@
-"""The state of a run while it goes on. One feed writes it, every view reads it; its memory is bounded."""
+"""The state of a run in progress. One feed writes it, every view reads it; its memory is bounded."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ class LiveState:
         self.lost: dict[str, int] = {}  # messages that did not arrive here, by topic
         self.problems: deque[str] = deque(maxlen=MAX_PROBLEMS)  # inputs that could not be read, the latest last
         self.timeline = Timeline()
-        self.ended_s: float | None = None  # time of the end; a run that goes on is not incomplete
+        self.ended_s: float | None = None  # time of the end; a run in progress is not incomplete
         self.aborted: dict[str, Any] | None = None  # `by`: cause, `at`: time, seconds
         self.report_page = b""  # report of a run that is over, HTML
         self._missing = ""  # what the estimate is known to lack at the end

@@ -1,4 +1,4 @@
-"""A run on a terminal of 80 columns while it goes on, for example over ssh; one line a second without a terminal.
+"""A run on a terminal of 80 columns in progress, for example over ssh; one line a second without a terminal.
 
 The strings are those of the tables. Verdicts and levels have a word and a sign; colour only repeats them.
 """

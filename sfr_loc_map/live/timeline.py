@@ -82,7 +82,7 @@ class TopicView:
 
 @dataclass(slots=True)
 class Event:
-    """One interval, seconds; `to_s` is None while it goes on, and equal to `from_s` for an instant."""
+    """One interval, seconds; `to_s` is None while it is in progress, and equal to `from_s` for an instant."""
 
     lane: str
     from_s: float

@@ -35,7 +35,7 @@ from sfr_loc_map.localisation.ground_memory import (
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
 
-MAX_CONTRADICTING_UNKNOWN = 0.05  #: Maximum fraction of cells that contradict a motion while the ground is not known.
+MAX_CONTRADICTING_UNKNOWN = 0.05  #: Maximum fraction of cells that contradict a motion while the ground is unknown.
 MAX_CONTRADICTING_KNOWN = 0.4  #: Maximum fraction of cells that contradict the motion of a known ground.
 MIN_STATIC_LANDMARKS = 12  #: Minimum number of landmarks on static texture that may be the own body.
 MIN_AGREEMENT = 0.3  #: Minimum fraction of the landmarks searched for that a rival must explain.

@@ -1,6 +1,6 @@
 """State of the localiser between two pairs, and what one pair leads to.
 
-Several stamps and two poses in the state look alike. Each has one meaning, and few pairs change it: an accepted one
+Several stamps and two poses in the state look similar. Each has one meaning, and few pairs change it: an accepted one
 (A), a kept one (K), one that begins a window (W), or another event.
 
 | value | meaning | changed by |

@@ -24,7 +24,7 @@ STEP_NUMBERS = 48  #: Length of the uncertainty of a step.
 
 
 class IsolatedLocaliser(IsolatedMethod):
-    """A localiser; after a new start it goes on at the last known pose."""
+    """A localiser; after a new start it continues at the last known pose."""
 
     def __init__(
         self,

@@ -67,7 +67,7 @@ def environment_of(method: Method, folder: Path) -> dict[str, str]:
 
 
 def _without(path: Path, hidden: Sequence[Path]) -> Iterator[Path]:
-    """Yield a path, or what is in it, but for what is hidden."""
+    """Yield a path, or what is in it, except hidden paths."""
     if any(path == item or item in path.parents for item in hidden):
         return
     if not any(path in item.parents for item in hidden):

@@ -153,7 +153,7 @@ def find_peer(peer: Peer, python: Path | None, vocabulary: Path | None = None) -
 
 
 def listed_methods() -> list[dict[str, str | None]]:
-    """Return the methods that have a name; the version of a peer is not known without starting it."""
+    """Return the methods that have a name; the version of a peer is unknown without starting it."""
     import cv2
 
     versions = {OURS: __version__, "opencv": cv2.__version__, "sgbm": cv2.__version__}

@@ -216,7 +216,7 @@ def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) 
 
 
 def has_memory(rows: Iterable[Figure]) -> bool:
-    """Tell whether memory was measured in any call."""
+    """Return whether memory was measured in any call."""
     return any(row.subject is Subject.MEMORY and row.value is not None for row in rows)
 
 

@@ -169,7 +169,7 @@ def clause_of(figure: str, part: str | None) -> str:
 
 
 def defines(figure: str, part: str | None, statistic: str) -> bool:
-    """Tell whether the specification defines a statistic of a figure, and not the figure alone."""
+    """Return whether the specification defines a statistic of a figure, and not the figure alone."""
     if not clause_of(figure, part):
         return False
     subject = KINDS[figure].subject

@@ -274,7 +274,7 @@ def score_nearest(
     expected_pairs: int | None = None,
     not_finite: int = 0,
 ) -> ScoredMap:
-    """Return the score of points whose pixels are not known: by the nearest true point, seldom the one seen.
+    """Return the score of points whose pixels are unknown: by the nearest true point, seldom the one seen.
 
     Points at the place of an earlier point are repeated, and so are points beyond the number of pixels of all pairs.
     """

@@ -115,7 +115,7 @@ def _side_by_side(scores: Sequence[Score]) -> Iterator[SideBySide]:
 
 
 def _is_of_a_whole_run(score: Score, row: Figure) -> bool:
-    """Tell whether a row is shown side by side: of the map and of calls each, of the trajectory the judged rows."""
+    """Return whether a row is shown side by side: of the map and of calls each, of the trajectory the judged rows."""
     if row.subject is Subject.TRAJECTORY:
         return row is score.judged_row(row.figure, condition=row.condition)
     return row.subject in (Subject.MAP, Subject.TIMING, Subject.MEMORY)
@@ -179,7 +179,7 @@ def _paired_rows(mine: SubTrajectoryRows, theirs: SubTrajectoryRows, name: str) 
 def _compared(pair: PairedDifference, a: FloatArray, b: FloatArray, overlap: float) -> PairedDifference:
     """Return a paired difference with the figures of errors `(N, d)` of both, their difference and the outcome."""
     first, other = statistics(a).mean_plus_3sigma, statistics(b).mean_plus_3sigma
-    if first is None or other is None:  # too few, or attitudes are not known
+    if first is None or other is None:  # too few, or attitudes are unknown
         return pair
     difference = other - first
     pair = replace(pair, first=first, other=other, difference=difference)

@@ -8,7 +8,7 @@ of `geometry.transform.propagation`, so with both sums taken to the origin of DS
 
     Q(i, j) = F(p_j) (C_j - C_i + W_i + W_j + (G_j - G_i) (G_j - G_i)^T) F(p_j)^T
 
-Where the steps are not known, Q is what the published covariance grew by, `P_end - F P_start F^T`; not usable where it
+Where the steps are unknown, Q is what the published covariance grew by, `P_end - F P_start F^T`; not usable where it
 shrank, as when a calibration was learnt. Only sub-trajectories that share no frame are taken: they are independent.
 The noise of the truth at both ends is added: `2 s^2` for positions, `s^2` for the attitude at the end and `F s^2 F^T`
 for that at the start, which turns the displacement.

@@ -2,7 +2,7 @@
 
 Each is undone in turn and the disagreement measured again. One is named only if undoing it leaves a half or less of the
 disagreement (a third, if numbers are fitted to undo it), explains nine tenths of all sub-trajectories, and is better
-than the plain reading by that factor on the median of them. A few outliers explain nothing, frames that are left out
+than the plain reading by that factor on the median of them. A few outliers explain nothing, frames that are omitted
 are not explained, and what a scale error of the estimate explains as well is no mismatch of a convention.
 
 The disagreement does not depend on the world frame: the mean over sub-trajectories of the position error
@@ -45,7 +45,7 @@ GAIN, GAIN_FITTED = 2.0, 3.0
 """Undoing a mismatch must make the disagreement this many times smaller; the second where numbers were fitted."""
 AGREES = 1e-3  #: A disagreement below this (a thousandth of the path, or 0.06 degrees) needs no explanation.
 EXPLAINED = 0.25  #: What is left must be less than this (a quarter of the path, or 14 degrees).
-EXPLAINED_SHARE = 0.9  #: So many of all sub-trajectories must be explained; those that are left out are not.
+EXPLAINED_SHARE = 0.9  #: So many of all sub-trajectories must be explained; those that are omitted are not.
 HONEST_SCALES = (0.8, 1.25)  #: Scales of an estimate that are an error of its method, not of its unit.
 LATE_GAIN, LATE_POSES = 2.0, 30
 """So many times smaller are the squared differences of rotations from pose to pose if each is compared with that of the
@@ -162,7 +162,7 @@ def _best_of(tried: Sequence[Tried], plain: FloatArray | None) -> Hypothesis | N
 
 
 def _explains(tried: Tried, plain: FloatArray | None) -> bool:
-    """Tell whether a hypothesis explains the disagreement of nearly all sub-trajectories, not that of a few."""
+    """Return whether a hypothesis explains the disagreement of nearly all sub-trajectories, not that of a few."""
     gain = GAIN_FITTED if tried.hypothesis.fitted else GAIN
     most = EXPLAINED if plain is None else min(EXPLAINED, float(np.mean(plain)) / gain)
     usual = EXPLAINED if plain is None else float(np.mean(plain))
@@ -172,7 +172,7 @@ def _explains(tried: Tried, plain: FloatArray | None) -> bool:
 
 
 def _is_scale_error(true: Poses, found: Poses, best: Hypothesis) -> bool:
-    """Tell whether the estimate's own scale explains the disagreement about as well as a hypothesis does."""
+    """Return whether the estimate's own scale explains the disagreement about as well as a hypothesis does."""
     starts, ends = _eighths(len(true[0]))
     true_m, found_m = (np.linalg.norm(p[ends] - p[starts], axis=1) for p in (true[0], found[0]))
     scale = float(true_m @ found_m) / max(float(found_m @ found_m), 1e-12)
@@ -240,7 +240,7 @@ def _motions_inverted(p: FloatArray, q: FloatArray) -> Poses:
 
 
 def _begins_elsewhere(p: FloatArray, q: FloatArray) -> bool:
-    """Tell whether the first pose is not the identity: else inverted motions are inverted poses."""
+    """Return whether the first pose is not the identity: else inverted motions are inverted poses."""
     return bool(np.abs(p[0]).max() + quat_angle(q[0]) > 1e-9)
 
 

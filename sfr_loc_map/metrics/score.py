@@ -2,7 +2,7 @@
 
 `Score.figure` finds a row of the table: `score.figure("position", condition="distance=5")`. JSON (`sfr-score/2`) is
 written and read by msgspec alone (`metrics.score_json`): every field has its own name there, what does not apply is
-null or left out. The comments at the fields are its reference (docs/reference/score.md). Numbers in brackets are
+null or omitted. The comments at the fields are its reference (docs/reference/score.md). Numbers in brackets are
 clauses of the specification. N is the start of a sub-trajectory, N+x its end.
 """
 
@@ -583,7 +583,7 @@ class ErrorRows(Record, frozen=True, kw_only=True):
 class TrajectoryDetails(Record, frozen=True, kw_only=True):
     """What the plots of the trajectory are drawn from."""
 
-    path: PathRows | None = None  #: Frames; null in the report of a run that goes on, which has them as messages.
+    path: PathRows | None = None  #: Frames; null in the report of a run in progress, which has them as messages.
     sub_trajectories: tuple[SubTrajectoryRows, ...]  #: One for each condition.
 
 
@@ -732,7 +732,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         return None if verdict.row is None else self.figures[verdict.row]
 
     def has(self, subject: str) -> bool:
-        """Tell whether there is a figure about a subject."""
+        """Return whether there is a figure about a subject."""
         return any(row.subject == subject for row in self.figures)
 
     @property

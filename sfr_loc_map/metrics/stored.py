@@ -46,7 +46,7 @@ def json_name(field: str) -> str:
 
 
 def _are_near(mine: Sequence[Figure], theirs: Sequence[Figure]) -> bool:
-    """Tell whether rows are equal but for rounding: bounds depend on the special functions of SciPy."""
+    """Return whether rows are equal except for rounding: bounds depend on the special functions of SciPy."""
     if len(mine) != len(theirs):
         return False
     return all(

@@ -95,7 +95,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
     config_type = LocalisationNodeConfig
 
     def check_config(self, config: LocalisationNodeConfig) -> None:
-        """Try whether a localiser can be made with the parameters and the rig; where that is not known, read masks."""
+        """Try whether a localiser can be made with the parameters and the rig; where that is unknown, read masks."""
         config.check_frames(config.ds_frame, config.rb_frame, config.locsb_frame)
         T_rb_sb = config.T_rb_locsb.transform()
         for mask in filter(None, (config.localisation.left_mask, config.localisation.right_mask)):

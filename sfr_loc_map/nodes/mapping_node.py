@@ -66,7 +66,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
     config_type = MappingNodeConfig
 
     def check_config(self, config: MappingNodeConfig) -> None:
-        """Try whether a mapper can be made with the parameters and the rig, or any where that is not known."""
+        """Try whether a mapper can be made with the parameters and the rig, or any where that is unknown."""
         config.check_frames(config.lm_frame)
         Mapper(self.rig or ANY_RIG, config.mapping)
 
@@ -113,7 +113,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self._poses_received = 0
 
     def expects_input(self) -> bool:
-        """Tell whether a map is begun: between maps silence is no sign."""
+        """Return whether a map is begun: between maps silence is no sign."""
         return bool(self._pairs)
 
     def agreeing_stamps(self) -> int:

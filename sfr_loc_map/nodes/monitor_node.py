@@ -1,4 +1,4 @@
-"""The monitor node: scores a run while it goes on and publishes the figures.
+"""The monitor node: scores a run in progress and publishes the figures.
 
 All input is given to the worker in its order; its thread alone touches the score.
 """

@@ -77,13 +77,13 @@ def score_figures(score: Score) -> list[tuple[str, list[Plot]]]:
 
 
 def path_of(score: Score) -> PathRows | None:
-    """Return the frames of the trajectory, None where they are not known."""
+    """Return the frames of the trajectory, None where they are unknown."""
     details = score.details
     return None if details is None or details.trajectory is None else details.trajectory.path
 
 
 def map_of(score: Score) -> MapDetails | None:
-    """Return what plots of the map are drawn from, None where it is not known."""
+    """Return what plots of the map are drawn from, None where it is unknown."""
     return None if score.details is None else score.details.map
 
 

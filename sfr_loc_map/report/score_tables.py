@@ -106,7 +106,7 @@ class Placed(NamedTuple):
 
 
 def is_headline(score: Score, row: Figure) -> bool:
-    """Tell whether a row is in the first table: complete figures of the catalogue, and what is limited."""
+    """Return whether a row is in the first table: complete figures of the catalogue, and what is limited."""
     if is_limited(score, row):
         return True
     if row.figure not in KINDS or not KINDS[row.figure].shown:
@@ -117,7 +117,7 @@ def is_headline(score: Score, row: Figure) -> bool:
 
 
 def is_limited(score: Score, row: Figure) -> bool:
-    """Tell whether a limit is on a row."""
+    """Return whether a limit is on a row."""
     return any(
         score.row_of(item) is row and item.subject is not Subject.COMPLETENESS and item.value is not None
         for item in score.verdicts
@@ -145,28 +145,28 @@ def compared_statistics(row: Figure) -> Sequence[str]:
 
 
 def is_of_a_reading(score: Score, row: Figure) -> bool:
-    """Tell whether a row has the errors of sub-trajectories by one reading of the document."""
+    """Return whether a row has the errors of sub-trajectories by one reading of the document."""
     return row.subject is Subject.TRAJECTORY and row.condition is not None and row.part in [*Rebase]
 
 
 def is_growth(score: Score, row: Figure) -> bool:
-    """Tell whether a row has the errors of sub-trajectories of one length."""
+    """Return whether a row has the errors of sub-trajectories of one length."""
     return row.subject is Subject.TRAJECTORY and row.condition is None and row.figure not in ALIGNED
 
 
 def is_time(score: Score, row: Figure) -> bool:
-    """Tell whether a row has the times of calls on this host."""
+    """Return whether a row has the times of calls on this host."""
     return row.subject is Subject.TIMING and row.part in CALL_PARTS
 
 
 def is_stage(score: Score, row: Figure) -> bool:
-    """Tell whether a row has the times of a stage of calls on this host."""
+    """Return whether a row has the times of a stage of calls on this host."""
     is_of_calls = row.subject is Subject.TIMING and row.figure in [*CallKind]
     return is_of_calls and row.part not in CALL_PARTS and row.place is not Place.TARGET
 
 
 def is_deadline(score: Score, row: Figure) -> bool:
-    """Tell whether a row compares calls on this host with the period of the pairs."""
+    """Return whether a row compares calls on this host with the period of the pairs."""
     return row.subject is Subject.TIMING and row.figure not in [*CallKind] and row.place is not Place.TARGET
 
 
@@ -176,12 +176,12 @@ def deadline_note(score: Score) -> str:
 
 
 def is_by_direction(score: Score, row: Figure) -> bool:
-    """Tell whether a row has the position errors along one direction."""
+    """Return whether a row has the position errors along one direction."""
     return row.subject is Subject.TRAJECTORY and row.part in DIRECTIONS
 
 
 def is_memory(score: Score, row: Figure) -> bool:
-    """Tell whether a row has the memory of calls on this host."""
+    """Return whether a row has the memory of calls on this host."""
     return row.subject is Subject.MEMORY and row.place is not Place.TARGET
 
 
@@ -256,7 +256,7 @@ def score_markdown(score: Score) -> str:
 def figure_table(
     name: str, title: str, placed: Sequence[Placed], note: str = "", wanted: Sequence[str] = NUMBERS
 ) -> Table:
-    """Return rows of the table of figures as a table; columns that no row has are left out."""
+    """Return rows of the table of figures as a table; columns that no row has are omitted."""
     rows = [item.row for item in placed]
     statistics = [key for key in wanted if any(row.statistic(key) is not None for row in rows)]
     has_interval = any(row.interval for row in rows)

@@ -207,7 +207,7 @@ def _of_the_range(score: Score) -> Iterator[str]:
 
 
 def is_of_stage(item: Verdict) -> bool:
-    """Tell whether a verdict is on the time or the memory of a stage; the kind of call of memory is the part."""
+    """Return whether a verdict is on the time or the memory of a stage; the kind of call of memory is the part."""
     return item.figure in STAGES or VerdictView.of(item).part.call in STAGES
 
 

@@ -109,7 +109,7 @@ class CallStats:
     steps: FloatArray | None  # `(N, 48)` steps between the poses, likewise
     method: MethodRecord | None = None  # None if unknown
     findings: tuple[FindingRecord, ...] = ()  # what the method did wrong, one for each kind
-    processes: ProcessUsage | None = None  # what the processes of the method took; None where nobody looked
+    processes: ProcessUsage | None = None  # what the processes of the method took; None if not measured
     positions: FloatArray | None = None  # `(N, 3)` estimated positions of the calls, NaN without one
     has_stamps: bool = True  # whether the calls name their pairs; otherwise they are numbered
 

@@ -87,7 +87,7 @@ class LocalisationSession:
             self._localiser.set_pose(pose)
 
     def set_first(self, pose: StartPose) -> None:
-        """Let later runs start at a pose; this one goes on as it is."""
+        """Let later runs start at a pose; this run continues unchanged."""
         self._first = replace(pose, stamp_ns=None)
 
     def restart(self) -> None:
@@ -215,7 +215,7 @@ class PoseFile:
             raise OutputError(f"resume_file '{self._path}' has no saved pose; remove it or choose another name")
 
     def load(self, stamp_ns: int, rig: StereoRig) -> StartPose | None:
-        """Return the pose, None where there is none or it does not belong to a run that goes on at this stamp."""
+        """Return the pose, None where there is none or it does not belong to a run in progress at this stamp."""
         try:
             kept = msgspec.json.decode(read_bytes(self._path, MAX_BYTES), type=_Content)
             pose = Transform.from_quat(kept.translation_m, kept.quat_xyzw)

@@ -89,7 +89,7 @@ def start_pose(sequence: LocSequence, start: str, from_ns: int = 0) -> StartPose
     """Return the pose at which a drive starts, with its stamp.
 
     `identity`: RB is DS at the first pair. `truth`: the true pose at the first pair, if need be between two poses of
-    the truth; without one, and where pairs before a stamp are left out, the next pose of the truth, or its last.
+    the truth; without one, and where pairs before a stamp are omitted, the next pose of the truth, or its last.
     """
     if start == "identity":
         return StartPose(Transform.identity())

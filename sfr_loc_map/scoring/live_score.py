@@ -1,4 +1,4 @@
-"""The score of a run that goes on, put together of the same parts as that of a run that is over."""
+"""The score of a run in progress, put together of the same parts as that of a run that is over."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from sfr_loc_map.scoring.score_run import all_kept, assembled, judged_with_warni
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveRun:
-    """What the score of a run that goes on needs to know besides the run."""
+    """What the score of a run in progress needs to know besides the run."""
 
     in_flight_ns: int = 0  #: Results of the last so many nanoseconds may still come.
     details: bool = False  #: Whether what plots are drawn from is kept, besides the errors of sub-trajectories.
@@ -33,7 +33,7 @@ class LiveRun:
 
 
 def score_so_far(run: Run, live: LiveRun, config: ScoreConfig, limits: Limits | None = None) -> Score:
-    """Return the score of a run that goes on."""
+    """Return the score of a run in progress."""
     config = with_conditions(config, limits)
     trajectory = DrivePart()
     if run.drive is not None:

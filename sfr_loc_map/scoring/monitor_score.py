@@ -181,7 +181,7 @@ class MonitorScore:
         self.map_score: ScoredMap | None = None
 
     def is_late(self, kind: str, stamp_ns: int) -> bool:
-        """Tell whether a stamp is of the run before, which another kind has left; of results, which come later."""
+        """Return whether a stamp is of the run before, which another kind has left; of results, which come later."""
         own_ns, end_ns = self._ended_ns.get(kind, (0, -1))  # what this kind had come to, and the run
         new_ns = max(self._latest_ns.values(), default=stamp_ns)
         late = kind in self._ended_ns and own_ns - JUMP_BACK_NS <= stamp_ns <= end_ns + JUMP_BACK_NS

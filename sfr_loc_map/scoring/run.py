@@ -26,7 +26,7 @@ IN_MEMORY = "(in memory)"  #: Path of an input that is no file.
 
 @dataclass(frozen=True, slots=True)
 class ScoreInputs:
-    """Files that a score is made of; what is None is left out."""
+    """Files that a score is made of; what is None is omitted."""
 
     estimate: Path | None = None  #: Estimated trajectory (TUM, csv or bag).
     truth: Path | None = None  #: True trajectory (TUM, csv, bag or data set folder).
@@ -70,7 +70,7 @@ class DriveToScore:
 
     estimates: Estimates  #: Estimated poses.
     truth: Trajectory  #: True poses.
-    rig: StereoRig | None = None  #: Rig of the localisation cameras, None where it is not known.
+    rig: StereoRig | None = None  #: Rig of the localisation cameras, None where it is unknown.
     image_stamps_ns: IntArray | None = None  #: Stamps of its images; None if they are unknown.
     notes: tuple[str, ...] = ()  #: What the format of each file was found to be, one line each.
 
@@ -117,7 +117,7 @@ class Run:
     #: How the poses of `drive` have been converted, None where they have not.
     convention: ConventionRecord | None = None
     unposed_images: int = 0  #: Images of a drive for which there is no estimate at all.
-    nav_stamps_ns: IntArray | None = None  #: Stamps of the mapping pairs of the source, None where they are not known.
+    nav_stamps_ns: IntArray | None = None  #: Stamps of the mapping pairs of the source, None where they are unknown.
     unmapped_pairs: int = 0  #: Mapping pairs of the source, where there is no cloud that can be scored.
     in_memory: Mapping[str, str] = field(default_factory=dict)  #: Hash of inputs that are no file, by role.
     #: Settings of localiser and mapper that differ from the defaults, for provenance.

@@ -1,7 +1,7 @@
 """The parts of a score: what the trajectory, the map and the calls of a run add to it, of files and live.
 
 The functions take values and know nothing of where a run comes from. `score_run` puts the parts of a run together that
-is over, `score_so_far` those of a run that goes on.
+is over, `score_so_far` those of a run in progress.
 """
 
 from __future__ import annotations

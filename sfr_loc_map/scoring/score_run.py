@@ -107,7 +107,7 @@ def score_run(
     return judged_with_warnings(assembled(run, trajectory, surface, calls, provenance), config, limits)
 
 
-# ---- what a run that is over and a run that goes on have in common
+# ---- what a run that is over and a run in progress have in common
 
 
 def with_conditions(config: ScoreConfig, limits: Limits | None) -> ScoreConfig:

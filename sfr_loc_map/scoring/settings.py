@@ -10,7 +10,7 @@ from sfr_loc_map.metrics.config import ScoreConfig, score_config
 
 
 class ScoreSettings(TypedDict, total=False):
-    """How an estimate is compared with the truth; what is left out has its default."""
+    """How an estimate is compared with the truth; what is omitted has its default."""
 
     spacing: int  # frames from one start of a sub-trajectory to the next (10)
     rebase: str  # how error from before a start is kept out: `pose`, `displacement` or `position`

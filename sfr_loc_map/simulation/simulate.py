@@ -88,7 +88,7 @@ def simulate(
 
 
 def can_continue(config: SimulationConfig, out: Path) -> bool:
-    """Tell whether a folder holds an unfinished run with these settings."""
+    """Return whether a folder holds an unfinished run with these settings."""
     folders = task_folders(Plan.make(config), out).values()
     return _is_of(config, out) and not all((folder / "pairs.csv").exists() for folder in folders)
 

@@ -80,7 +80,7 @@ class Terrain:
         return cls(parameters, float(terrain.coarseness))
 
     def height(self, x: FloatArray, y: FloatArray, spacing: FloatArray) -> FloatArray:
-        """Return heights `(N,)` in DS, metres; waves too short for the spacing of the samples are left out."""
+        """Return heights `(N,)` in DS, metres; waves too short for the spacing of the samples are omitted."""
         out = np.empty(len(x))
         _heights(x, y, spacing, self.parameters, out)
         return out

@@ -157,7 +157,7 @@ class Bag:
             ) from error
 
     def first(self, topics: Collection[Topic]) -> dict[str, Any]:
-        """Return the first message of each topic by the topic's name; topics without a message are left out."""
+        """Return the first message of each topic by the topic's name; topics without a message are omitted."""
         found: dict[str, Any] = {}
         for topic, _, raw in self.stream(topics):
             if topic.name not in found:

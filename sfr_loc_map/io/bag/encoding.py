@@ -15,7 +15,7 @@ _ROS2 = get_typestore(Stores.ROS2_JAZZY)
 
 
 def is_ros1(connection: Connection) -> bool:
-    """Tell whether the messages of a connection of a ROS 2 bag are those of ROS 1."""
+    """Return whether the messages of a connection of a ROS 2 bag are those of ROS 1."""
     return _encoding(connection) == ROS1
 
 

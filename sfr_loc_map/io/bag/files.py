@@ -15,7 +15,7 @@ MCAP_MAGIC = b"\x89MCAP0\r\n"
 
 
 def is_bag(path: Path) -> bool:
-    """Tell whether a path looks like a bag: the folder of a ROS 2 bag, its storage file, or a ROS 1 bag."""
+    """Return whether a path looks like a bag: the folder of a ROS 2 bag, its storage file, or a ROS 1 bag."""
     if path.is_dir():
         parts = ("metadata.yaml", *(f"*{suffix}" for suffix in STORAGE_SUFFIXES))
         return any(True for part in parts for _ in path.glob(part))
@@ -23,7 +23,7 @@ def is_bag(path: Path) -> bool:
 
 
 def is_ros1_bag(path: Path) -> bool:
-    """Tell whether a path is a file of a ROS 1 bag, by its first bytes; an empty file by its ending."""
+    """Return whether a path is a file of a ROS 1 bag, by its first bytes; an empty file by its ending."""
     return path.suffix in ROS1_SUFFIXES and path.is_file() and _ends(path, len(ROS1_MAGIC))[0] in (ROS1_MAGIC, b"")
 
 
@@ -64,7 +64,7 @@ def _by_number(file: Path) -> list[tuple[int, str]]:
 
 
 def _is_mixed(metadata: Path) -> bool:
-    """Tell whether a bag has topics that are not of ROS 2, for which the library refuses the folder, not the files."""
+    """Return whether a bag has topics other than of ROS 2, for which the library refuses the folder, not the files."""
     with refusing(f"bag '{metadata.parent}' cannot be read", "it is corrupt or truncated: record or copy it again"):
         text = read_text(metadata)
     formats = re.findall(r"^ *serialization_format: *[\"']?(\w*)", text, re.MULTILINE)
@@ -72,6 +72,6 @@ def _is_mixed(metadata: Path) -> bool:
 
 
 def is_unfinished(path: Path) -> bool:
-    """Tell whether a file is mcap that was not closed."""
+    """Return whether a file is mcap that was not closed."""
     first, last = _ends(path, len(MCAP_MAGIC))
     return first == MCAP_MAGIC and (last != MCAP_MAGIC or path.stat().st_size == len(MCAP_MAGIC))

@@ -66,7 +66,7 @@ def pose(stamp_ns: int, T_lm_navsb: Transform) -> Any:  # noqa: ANN401
 
 
 def odometry(stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> Any:  # noqa: ANN401
-    """Return the nav_msgs/Odometry of RB in DS; the twist is not known and zero."""
+    """Return the nav_msgs/Odometry of RB in DS; the twist is unknown and zero."""
     zero = _T["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
     twist = _T["geometry_msgs/msg/TwistWithCovariance"](_T["geometry_msgs/msg/Twist"](zero, zero), np.zeros(36))
     pose = _T["geometry_msgs/msg/PoseWithCovariance"](_pose(position, quat_xyzw), np.zeros(36))

@@ -107,7 +107,7 @@ class Ros1Reader(rosbag1.Reader):
 
 
 def _has_known_fields(connection: Connection) -> bool:
-    """Tell whether the messages are laid out as in ROS Noetic; rosbags-convert names fields as ROS 2 does, `k`."""
+    """Return whether the messages are laid out as in ROS Noetic; rosbags-convert names fields as ROS 2 does, `k`."""
     msgtype = connection.msgtype
     if msgtype not in _ROS1.fielddefs:
         return True

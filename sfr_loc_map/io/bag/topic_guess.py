@@ -104,7 +104,7 @@ class _Rig(NamedTuple):
 
 
 def guess_topics(seen: Sequence[SeenTopic]) -> Guess:
-    """Return what the topics are; where counts are known, topics without a message are left out."""
+    """Return what the topics are; where counts are known, topics without a message are omitted."""
     seen = sorted([topic for topic in seen if topic.count] or seen, key=lambda topic: topic.name)
     found: dict[str, tuple[str, str]] = {}
     remarks: list[str] = []
@@ -156,12 +156,12 @@ def guess_topics(seen: Sequence[SeenTopic]) -> Guess:
 
 
 def is_tracker(name: str) -> bool:
-    """Tell whether a topic, frame or file is named after a system that tracks a body of its own."""
+    """Return whether a topic, frame or file is named after a system that tracks a body of its own."""
     return TRACKERS.search(_text(name)) is not None
 
 
 def is_own(name: str) -> bool:
-    """Tell whether a topic is named after what the rover itself thinks, as wheel odometry: no truth."""
+    """Return whether a topic is named after what the rover itself thinks, as wheel odometry: no truth."""
     text = _text(name)
     told = any(words.search(text) for words in TRUTH_WORDS)
     return NO_TRUTH.search(text) is not None or (OWN.search(text) is not None and not told)

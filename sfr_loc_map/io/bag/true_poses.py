@@ -101,5 +101,5 @@ TYPES: Sequence[str] = (ODOMETRY, POSE_WITH_COVARIANCE, POSE, TRANSFORM, POINT, 
 
 
 def _is_place(latitude: float, longitude: float) -> bool:
-    """Tell whether angles can be those of a fix; 0, 0 is the placeholder of a receiver."""
+    """Return whether angles can be those of a fix; 0, 0 is the placeholder of a receiver."""
     return abs(latitude) <= 90.0 and abs(longitude) <= 360.0 and (latitude, longitude) != (0.0, 0.0)

@@ -137,7 +137,7 @@ def _content(file: Path) -> Any:  # noqa: ANN401 - any YAML or JSON
             raise ValueError("XML with declarations of its own is not read")
         root = ET.fromstring(text)
         content = {item.tag: {part.tag: part.text for part in item} if len(item) else item.text for item in root}
-    else:  # JSON is YAML, but for tabs
+    else:  # JSON is YAML, except for tabs
         content = parse_opencv_yaml(text)
     plain = {str(key).lower().replace("_", ""): item for key, item in content.items()} if type(content) is dict else {}
     return plain or content

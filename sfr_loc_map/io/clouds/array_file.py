@@ -43,7 +43,7 @@ def parse_npy(data: bytes) -> NDArray[Any]:
 
 
 def parse_npz(data: bytes, names: Collection[str]) -> dict[str, NDArray[Any]]:
-    """Return some members of an NPZ archive by name; others are left alone, missing ones are left out."""
+    """Return some members of an NPZ archive by name; others are left alone, missing ones are omitted."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             infos = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}

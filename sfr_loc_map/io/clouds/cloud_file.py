@@ -50,7 +50,7 @@ PLY_ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadedCloud:
-    """A cloud as read, points with a coordinate that is not finite left out."""
+    """A cloud as read, points with a coordinate that is not finite omitted."""
 
     xyz: FloatArray
     """`(N, 3)` float64, metres."""
@@ -59,7 +59,7 @@ class LoadedCloud:
     grid: Grid = None
     """Width and height of an organised cloud whose pixels follow from the order of its points; None for others."""
     not_finite: int = 0
-    """Points with a coordinate that is not finite, which are left out."""
+    """Points with a coordinate that is not finite, which are omitted."""
 
     def of_images(self, width: int, height: int, name: str) -> LoadedCloud:
         """Return the cloud for images of a size: the order of the points gives pixels of images of that size alone."""

@@ -1,6 +1,6 @@
 """Grids as GeoTIFF: one Float32 band a layer, with names and units, in a local frame without a place on Earth.
 
-The first row of the file has the largest y, as programs for maps expect; what is not known is NaN, declared as nodata.
+The first row of the file has the largest y, as programs for maps expect; what is unknown is NaN, declared as nodata.
 """
 
 from __future__ import annotations

@@ -281,7 +281,7 @@ def _mosaic(image: NDArray[Any], order: str, name: str) -> Samples:
 
 
 def _has_colour(data: bytes) -> bool:
-    """Tell whether a PNG or JPEG has more than one channel."""
+    """Return whether a PNG or JPEG has more than one channel."""
     if data.startswith(PNG_MAGIC):
         return len(data) > 25 and data[25] not in (0, 4)  # colour type (ISO/IEC 15948, 11.2.2)
     return data.startswith(JPEG_MAGIC) and str(simplejpeg.decode_jpeg_header(data)[2]).lower() != "gray"

@@ -5,7 +5,7 @@
     mav0/state_groundtruth_estimate0/data.csv     optional: timestamp [ns], p_xyz [m], q_wxyz, ... of B in the world
 
 Images are rectified here, unless they are already. RB is the body frame B, DS the world frame of the truth, whose rate
-is kept. B of written ones is SB where the rig's pose on the rover is not known, and the truth is left out then.
+is kept. B of written ones is SB where the rig's pose on the rover is unknown, and the truth is omitted then.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _log = logging.getLogger(__name__)
 
 
 def is_euroc(path: Path) -> bool:
-    """Tell whether a path looks like an EuRoC sequence: the folder `mav0` or the one that holds it."""
+    """Return whether a path looks like an EuRoC sequence: the folder `mav0` or the one that holds it."""
     return (path / "mav0" / "cam0").is_dir() or (path / "cam0" / "sensor.yaml").exists()
 
 
@@ -84,7 +84,7 @@ def _load_list(path: Path) -> dict[int, Path]:
 
 
 class EurocWriter(TableWriter):
-    """A sequence that is being written; a context manager. The layout has no mapping pairs: they are left out."""
+    """A sequence that is being written; a context manager. The layout has no mapping pairs: they are omitted."""
 
     _has_body = True
 

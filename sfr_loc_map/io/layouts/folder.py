@@ -59,7 +59,7 @@ class FolderNavSequence(ImageFiles):
 
 
 def is_folder(path: Path) -> bool:
-    """Tell whether a path is a data set folder."""
+    """Return whether a path is a data set folder."""
     return any((path / name).exists() for name in FILES)
 
 

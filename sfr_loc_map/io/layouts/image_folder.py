@@ -24,7 +24,7 @@ SIDES_OF = (("left", "right"), ("cam0", "cam1"), ("infra1", "infra2"), ("image_l
 
 
 def is_image_folder(path: Path) -> bool:
-    """Tell whether a path is a folder with two folders of images."""
+    """Return whether a path is a folder with two folders of images."""
     return _sides(path) is not None
 
 

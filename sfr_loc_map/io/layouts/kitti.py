@@ -34,7 +34,7 @@ _log = logging.getLogger(__name__)
 
 
 def is_kitti(path: Path) -> bool:
-    """Tell whether a path looks like a KITTI sequence."""
+    """Return whether a path looks like a KITTI sequence."""
     return (path / "calib.txt").exists() and any((path / f"image_{left}").is_dir() for left, _ in CAMERAS)
 
 
@@ -91,7 +91,7 @@ def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) 
 
 
 class KittiWriter(TableWriter):
-    """A sequence that is being written; a context manager. The layout has no mapping pairs: they are left out."""
+    """A sequence that is being written; a context manager. The layout has no mapping pairs: they are omitted."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)

@@ -31,7 +31,7 @@ STAMP_LIMIT = 2**62  #: 146 years from 1970: differences of stamps have 64 bits,
 BOM = b"\xef\xbb\xbf"
 COMMENTS = b"#%"  #: A line that begins with one of these is a comment.
 NO_VALUE = ("", "nan", "null", "none", "-")  #: Cells of a target that was not observed, in small letters.
-MAX_BROKEN = 0.1  #: Largest fraction of the lines of a table that are left out because they cannot be read.
+MAX_BROKEN = 0.1  #: Largest fraction of the lines of a table that are omitted because they cannot be read.
 _WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
 _COUNT = re.compile(r"[0-9]{1,12}")
 _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?")
@@ -155,7 +155,7 @@ class Table:
 
     @property
     def left_out(self) -> str:
-        """Which rows are left out, in words; empty without any."""
+        """Which rows are omitted, in words; empty without any."""
         parts = [f"{self.missing} lines without values skipped"] if self.missing else []
         if self.broken:
             parts.append(f"{len(self.broken)} invalid lines skipped, the first: {self.broken[0]}")
@@ -179,7 +179,7 @@ def parse_table(
     The text comes in blocks of whole lines. `places` are the columns that are read, from 0, the first of them for
     `stamp` if given, which makes nanoseconds of a text; `more`: lines may have more columns than the last of them.
     Spaces separate without a `separator`. `name` and `form` (what a line holds) are for messages. `tolerant`: rows
-    that cannot be read are left out and counted, up to `MAX_BROKEN` of them (`Table.checked`).
+    that cannot be read are omitted and counted, up to `MAX_BROKEN` of them (`Table.checked`).
     """
     reader = _RowReader(form, tuple(places), stamp, separator, more, tolerant)
     columns = len(places) - (stamp is not None)

@@ -5,7 +5,7 @@
 | `csv` | header `stamp_ns,rbOriginPos_m_Ds_{x,y,z},att_q_DsToRb_{1..4}`, scalar last |
 | `tum` | `t x y z qx qy qz qw`, t in seconds, orientation as in ROS messages |
 | `kitti` | twelve numbers a line, the first three rows of a pose matrix, no stamps (Geiger et al. 2012) |
-| `euroc` | csv with nanoseconds and quaternions scalar first (Burri et al. 2016); what follows them is left out |
+| `euroc` | csv with nanoseconds and quaternions scalar first (Burri et al. 2016); what follows them is omitted |
 | `columns` | csv of a total station or a motion capture: a header names its columns and their units |
 
 `att_q_DsToRb` turns components in DS into components in RB: the conjugate of the orientation in ROS messages. KITTI
@@ -91,7 +91,7 @@ class LoadedTrajectory:
     stamps: str = ""  #: Where its stamps come from, in words, where the file does not have them.
     by_index: bool = False  #: Whether the stamps are only the numbers of the lines.
     columns: PoseColumns | None = None  #: Which columns were read; None for the csv of the suite.
-    left_out: str = ""  #: Which rows are left out, in words.
+    left_out: str = ""  #: Which rows are omitted, in words.
     covariance: FloatArray | None = None  #: `(N, 6, 6)` in ROS order, where the file has it (m^2, rad^2).
 
     @property
@@ -250,7 +250,7 @@ def _loaded(
     by_index: bool = False,
     covariance: FloatArray | None = None,
 ) -> LoadedTrajectory:
-    """Return the poses of rows x, y, z, quaternion; rows without a pose are left out and counted."""
+    """Return the poses of rows x, y, z, quaternion; rows without a pose are omitted and counted."""
     positions, quats = table.values[:, :3].copy(), table.values[:, 3:] * (1.0 if signs is None else signs)
     near = plausible_positions(positions)
     turned = plausible_quats(quats) | (not np.nan_to_num(quats).any() and not np.isnan(quats).any())

@@ -61,7 +61,7 @@ def _cell_of(u: float, v: float, rows: int, columns: int) -> int:
 
 @jit_fast_inline
 def _is_set(cells: Mask, cell: int) -> bool:
-    """Tell whether a cell of a number is set; False outside."""
+    """Return whether a cell of a number is set; False outside."""
     return cell < cells.size and bool(cells[cell // cells.shape[1], cell % cells.shape[1]])
 
 

@@ -87,7 +87,7 @@ def _fill_columns(patch: Patch, work: _Workspace) -> float:
 
 @jit_fast_inline
 def _fill_normal(work: _Workspace) -> bool:
-    """Fill the normal matrix; tell whether the patch has texture in two directions."""
+    """Fill the normal matrix; return whether the patch has texture in two directions."""
     columns = work.columns
     normal = work.normal
     for a in range(4):
@@ -157,7 +157,7 @@ def _compare(image: FloatImage, plane: tuple[float, float, float, float], power:
 
 @jit_fast_inline
 def _fit(image: FloatImage, power: float, work: _Workspace) -> bool:
-    """Fit the plane of a patch, with that of its neighbours as prior; tell whether the plane is plausible."""
+    """Fit the plane of a patch, with that of its neighbours as prior; return whether the plane is plausible."""
     start = work.start
     plane = work.plane
     rhs = work.products

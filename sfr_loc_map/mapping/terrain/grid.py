@@ -38,7 +38,7 @@ MIN_DETERMINANT = 1e-6
 """Smallest determinant of the covariance of the cells' positions, in units of cell_m^4: 0 if all are on a line."""
 ROUNDING = 1e-9  #: Added to a squared radius, in cells, so that cells on the circle are inside despite rounding.
 HAZARD = 100  #: Value of a cell that is a hazard, as in nav_msgs/OccupancyGrid.
-UNKNOWN = -1  #: Value of a cell that is not known, as in nav_msgs/OccupancyGrid.
+UNKNOWN = -1  #: Value of a cell that is unknown, as in nav_msgs/OccupancyGrid.
 
 
 class Planes(NamedTuple):

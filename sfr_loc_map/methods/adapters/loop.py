@@ -85,7 +85,7 @@ class Order(TypedDict):
 
 
 class Answer(TypedDict, total=False):
-    """What a call gave; what is left out is not stated by the method."""
+    """What a call gave; what is omitted is not stated by the method."""
 
     stamp_ns: int  #: Of the last pair of the order.
     T_ds_rb: Pose | None  #: Pose of RB; None if the localiser is lost.

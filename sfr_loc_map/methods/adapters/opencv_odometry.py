@@ -73,7 +73,7 @@ class OpenCvOdometry:
         return {"T_ds_rb": (self._T_ds_first_left @ answer @ self._T_left_rb).ravel().tolist()}
 
     def _step(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> FloatArray | None:
-        """Return the pose `(4, 4)` of the left camera in its first one, None where it is not known."""
+        """Return the pose `(4, 4)` of the left camera in its first one, None where it is unknown."""
         moved = np.eye(4) if self._previous is None else self._motion(left)
         if moved is not None:
             self._pose = self._pose @ moved

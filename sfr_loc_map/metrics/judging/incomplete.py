@@ -195,7 +195,7 @@ def why_not_whole(score: Score) -> str | None:
 
 
 def is_lifted_by_partial(score: Score) -> bool:
-    """Tell whether `--partial` judges what an incomplete score has."""
+    """Return whether `--partial` judges what an incomplete score has."""
     partial = struct_replace(score, rules=Rules.of(limits_of(score), partial=True))
     return why_incomplete(partial, shortfalls(partial)) is None
 

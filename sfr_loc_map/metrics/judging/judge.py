@@ -133,7 +133,7 @@ def plain_verdict(name: str, limit: float, value: float | None, state: VerdictSt
 
 
 def is_enough(limit: Limit, figure: LimitedFigure, limits: Limits) -> bool:
-    """Tell whether a number is made of enough values, of which enough are independent."""
+    """Return whether a number is made of enough values, of which enough are independent."""
     if figure.n is not None and figure.n < limits.minimum_count:
         return False
     is_of_many = limit.part is LimitPart.TRAJECTORY and figure.independent is not None

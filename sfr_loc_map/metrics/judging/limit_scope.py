@@ -70,7 +70,7 @@ def parts_of(limits: Limits, score: Score) -> list[RowPart]:
 
 
 def lacks_calls(limit: Limit, part: RowPart, score: Score) -> bool:
-    """Tell whether a limit is on time or memory of calls that a drive or a map must have and of which none is known."""
+    """Return whether a limit is on time or memory of calls that are required and of which none is known."""
     is_on_calls = limit.part in (LimitPart.TIMING, LimitPart.MEMORY, LimitPart.TARGET)
     if not is_on_calls or task_of(limit) not in tasks_of(score):
         return False

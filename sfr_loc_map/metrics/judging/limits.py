@@ -58,8 +58,10 @@ class Limited(NamedTuple):
 NOTHING = Limited(Subject.TRAJECTORY, "", "")
 MISSING = "missing_max_share"  #: Limit on how much of a drive may be missing.
 COVERAGE_MIN = "coverage_min"  #: The one limit that is a lower bound.
-MINIMUM_COUNT = 2  #: Fewer values give no verdict, unless the limits file says so.
-MINIMUM_INDEPENDENT = 5.0  #: Fewer independent sub-trajectories give no verdict, unless the limits file says so.
+MINIMUM_COUNT = 2  #: Fewer values give no verdict, unless the limits file states another number.
+MINIMUM_INDEPENDENT = (
+    5.0  #: Fewer independent sub-trajectories give no verdict, unless the limits file states another number.
+)
 
 
 def names_of(kinds: Iterable[FigureKind], statistics: Sequence[str] = STATISTICS) -> dict[str, Limited]:
@@ -228,12 +230,12 @@ class Rules(Limits, frozen=True, kw_only=True, omit_defaults=False):
 
 
 def is_lower_bound(limit_name: str) -> bool:
-    """Tell whether a limit is a lower bound: its name ends in `_min` (`coverage_min`)."""
+    """Return whether a limit is a lower bound: its name ends in `_min` (`coverage_min`)."""
     return limit_name.endswith("_min")
 
 
 def is_on_target(shown_name: str) -> bool:
-    """Tell whether a limit is on calls that were measured on a target, by its name in a verdict."""
+    """Return whether a limit is on calls that were measured on a target, by its name in a verdict."""
     return shown_name.startswith(ON_TARGET)
 
 
@@ -243,7 +245,7 @@ def margin_of(name: str, limit: float, value: float) -> float:
 
 
 def meets(limit: Limit, value: float) -> bool:
-    """Tell whether a value lies within a limit; a figure passes at its limit."""
+    """Return whether a value lies within a limit; a figure passes at its limit."""
     return value >= limit.limit if limit.is_lower_bound else abs(value) <= limit.limit
 
 

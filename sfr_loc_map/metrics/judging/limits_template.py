@@ -60,7 +60,7 @@ def limits_text(condition: str = CONDITION, active: tuple[str, ...] = POSES) -> 
 
 
 def is_edited(text: str) -> bool:
-    """Tell whether the text of a limits file differs from every one that `limits_text` writes."""
+    """Return whether the text of a limits file differs from every one that `limits_text` writes."""
     condition = re.search("- condition: (.*)", text)
     if condition is None:
         return True

@@ -76,7 +76,7 @@ def sample_of(score: Score, figure: str, condition: str | None) -> Sample | None
 def errors_of(score: Score, figure: str, condition: str | None) -> FloatArray | None:
     """Return all errors `(n, d)` of a figure, NaN where one is unknown; None if a score does not keep all of them.
 
-    What plots are drawn from counts only if no sub-trajectory is left out there.
+    What plots are drawn from counts only if no sub-trajectory is omitted there.
     """
     columns = next((item.errors for item in score.errors if (item.figure, item.condition) == (figure, condition)), ())
     details = None if score.details is None else score.details.trajectory

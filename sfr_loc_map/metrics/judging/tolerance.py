@@ -72,7 +72,7 @@ def allowed_failures(count: int, prob: float, confidence: float) -> int:
 
 
 def is_disproved(failures: int, count: int, prob: float, confidence: float) -> bool:
-    """Tell whether so many failures exclude the share with this confidence."""
+    """Return whether so many failures exclude the share with this confidence."""
     from scipy.special import bdtrc
 
     return failures > 0 and bool(bdtrc(failures - 1, count, 1.0 - prob) <= 1.0 - confidence)

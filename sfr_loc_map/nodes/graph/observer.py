@@ -110,7 +110,7 @@ class GraphObserver(Peer):
         return self._remap.get(name, f"/{self._namespace}/{name}" if self._namespace else f"/{name}")
 
     def _is_superseded(self, name: str, full_name: str) -> bool:
-        """Tell whether it has raw images that are also there rectified, and that no node of the suite takes."""
+        """Return whether it has raw images that are also there rectified, and that no node of the suite takes."""
         takers = {info.node_name for info in self.node.get_subscriptions_info_by_topic(full_name)}
         rectified = [self._full_name(beside) for beside in rectified_beside(name)]
         return not takers & set(SUITE_NODES) and any(map(self.node.count_publishers, rectified))

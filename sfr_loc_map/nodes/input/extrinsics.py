@@ -20,7 +20,7 @@ from sfr_loc_map.topics import TF_STATIC
 
 
 def add_static_transforms(message: Any, tree: FrameTree) -> None:  # noqa: ANN401 - tf2_msgs need not be there
-    """Take the transforms of a tf2_msgs/TFMessage into a tree; one that is no rigid motion is left out."""
+    """Take the transforms of a tf2_msgs/TFMessage into a tree; one that is no rigid motion is omitted."""
     for item in message.transforms:
         p, q = item.transform.translation, item.transform.rotation
         with suppress(GeometryError):
@@ -40,7 +40,7 @@ class Extrinsics:
         self._base_frame, self._sb_frame, self._tree = base_frame, sb_frame, FrameTree()
 
     def subscribe(self, endpoints: Endpoints, say: Callable[[str], object]) -> None:
-        """Subscribe to /tf_static if they are not known, and say so."""
+        """Subscribe to /tf_static if they are unknown, and say so."""
         if self.T_rb_sb is not None:
             return
         kind = tf_message_type()

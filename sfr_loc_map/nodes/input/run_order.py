@@ -22,7 +22,7 @@ JOIN = 2.0  #: Mean steps of a run within which an earlier item joins it.
 
 
 def is_of_another_time(last_ns: int, stamp_ns: int) -> bool:
-    """Tell whether a stamp is of another time than the last one of a run: a second before it, or an hour after it."""
+    """Return whether a stamp is of another time than the last one of a run: a second before it, or an hour after it."""
     return jumped_back(last_ns, stamp_ns) or stamp_ns - last_ns >= LEAP_NS
 
 
@@ -31,7 +31,7 @@ class RunOrder(Generic[T]):
 
     An item that is not newer than the last one is late. An item of another time, a second or more before the last one
     or an hour after it, is held. If as many such items as `agreeing` follow each other in the order of their stamps,
-    they are accepted: before the last one a new run begins with them, after it the run goes on. If an item of the
+    they are accepted: before the last one a new run begins with them, after it the run continues. If an item of the
     present time is added first, the held items are strays. A stamp of zero is no stamp.
     """
 
@@ -153,7 +153,7 @@ class AnyOrder(Generic[T]):
         return items
 
     def _begins_run(self) -> bool:
-        """Tell whether the items of the chain agree on a run of their own."""
+        """Return whether the items of the chain agree on a run of their own."""
         if len(self._chain) < AGREEING:
             return False
         if all(is_dropped for _, _, is_dropped in self._chain):

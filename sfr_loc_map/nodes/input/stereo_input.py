@@ -104,7 +104,7 @@ class ReceivedPair:
             return samples_of(message)
         except InputError:
             raise
-        except Exception as error:  # data from the network: whatever a decoder raises, the node goes on
+        except Exception as error:  # data from the network: whatever a decoder raises, the node continues
             raise InputError(f"image of stamp {stamp_of(message)} cannot be read: {error}") from error
 
 

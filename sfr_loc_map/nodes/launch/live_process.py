@@ -18,7 +18,7 @@ from sfr_loc_map.signals import stopping
 
 
 class LiveProcess(AbstractContextManager["LiveProcess"]):
-    """The live page beside a replay or the nodes: a process whose end matters to nobody; a context manager.
+    """The live page beside a replay or the nodes: its exit does not affect the run; a context manager.
 
     It writes its address to standard output, and what it has to say of its end to standard error.
     """

@@ -64,7 +64,7 @@ class ChildProcess:
 
     @property
     def is_running(self) -> bool:
-        """Tell whether it runs (or is stopped by SIGSTOP)."""
+        """Return whether it runs (or is stopped by SIGSTOP)."""
         return self.popen.poll() is None
 
     @property

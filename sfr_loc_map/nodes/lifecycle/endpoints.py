@@ -87,7 +87,7 @@ class Endpoints:
         self.active.callback(self._node.destroy_subscription, subscription)
 
     def is_latched(self, topic: str) -> bool:
-        """Tell whether a publisher of a topic keeps its last message for subscribers that come later."""
+        """Return whether a publisher of a topic keeps its last message for subscribers that come later."""
         found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
         return any(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for info in found)
 

@@ -109,7 +109,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         """Apply another configuration."""
 
     def expects_input(self) -> bool:
-        """Tell whether an active node should be receiving, so that silence makes it stale."""
+        """Return whether an active node should be receiving, so that silence makes it stale."""
         return True
 
     def counts(self) -> dict[str, int]:

@@ -56,7 +56,7 @@ def descriptor(info: ParamInfo) -> ParameterDescriptor:
 
 
 def is_near_miss(name: str, known: Collection[str]) -> bool:
-    """Tell whether an unknown name is probably a misspelt one of a node: of one of its sections, or nearly equal."""
+    """Return whether an unknown name is probably a misspelt one of a node: of one of its sections, or nearly equal."""
     section, dot, _ = name.rpartition(".")
     if dot and any(other.startswith(f"{section}.") for other in known):
         return True

@@ -69,7 +69,7 @@ class Worker:
 
     @property
     def is_idle(self) -> bool:
-        """Tell whether no job waits or runs."""
+        """Return whether no job waits or runs."""
         return not self._busy and not self._jobs
 
     def clear(self) -> None:

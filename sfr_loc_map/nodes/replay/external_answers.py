@@ -82,7 +82,7 @@ class AnswerBook:
             self._findings[FindingKind.CRASHED] = record
 
     def is_settled(self, stamp_ns: int) -> bool:
-        """Tell whether the answer to a pair is there, or need not be waited for any longer."""
+        """Return whether the answer to a pair is there, or need not be waited for any longer."""
         if stamp_ns in self._latency_s or self.ended or self._in_a_row >= MAX_IN_A_ROW:
             return True
         return time.monotonic() - self._sent.get(stamp_ns, 0.0) > self._timeout_s

@@ -113,7 +113,7 @@ def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict
 
 
 def is_ros_parameter_file(path: Path) -> bool:
-    """Tell whether a YAML file has the layout of ROS parameter files."""
+    """Return whether a YAML file has the layout of ROS parameter files."""
     return any(isinstance(block, dict) and "ros__parameters" in block for block in load_yaml(path).values())
 
 

@@ -108,7 +108,7 @@ class Received:
         return sorted(stamp_ns for each, stamp_ns in self.published if each == rig)
 
     def has_pair(self, rig: str, stamp_ns: int) -> bool:
-        """Tell whether the results of a pair are complete; those of an external node are once nothing is awaited."""
+        """Return whether the results of a pair are complete; those of an external node are once nothing is awaited."""
         if self.answers is not None and rig == self.answers.rig:
             return self.answers.is_settled(stamp_ns)
         if rig == Task.LOCALISATION.rig:

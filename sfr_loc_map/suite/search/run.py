@@ -137,7 +137,7 @@ def run_search(specification: SearchSpecification, store: Store, run: Run, *, at
 
 
 def _is_open(store: Store, job: Job) -> bool:
-    """Tell whether a job has to be run: it has no result, or the host is to blame that it has none."""
+    """Return whether a job has to be run: it has no result, or the host is to blame that it has none."""
     state = store.state(job.key)
     return state == "waiting" or (state == "failed" and store.failure(job.key).cause is not FailureCause.BAD_INPUT)
 

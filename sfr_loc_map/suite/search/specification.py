@@ -89,7 +89,7 @@ class SearchSpecification:
         }
 
     def faults_at(self, point: Point) -> str:
-        """Return the faults of a point, joined by `+`; a fault without effect is left out."""
+        """Return the faults of a point, joined by `+`; a fault without effect is omitted."""
         return "+".join(
             with_amount(parameter.fault, value)
             for parameter, value in zip(self.parameters, point, strict=True)

@@ -81,7 +81,7 @@ def budget_of(
     *,
     configuration: str = "default",
 ) -> Budget:
-    """Return the budget from the errors by variant and drive; drives that lack a variant are left out."""
+    """Return the budget from the errors by variant and drive; drives that lack a variant are omitted."""
     alone_in = {name: variant_name({name}, sources) for name in sources}
     missing_in = {name: variant_name(set(sources) - {name}, sources) for name in sources}
     needed = list(dict.fromkeys([ALL, NONE, *alone_in.values(), *missing_in.values()]))

@@ -58,7 +58,7 @@ def count_without_runs(terms: Terms) -> DriveCount:
 
 
 def drive_counts(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator[DriveCount]:
-    """Yield how many drives each limit with a share needs, over runs alike; ConfigError without such a limit."""
+    """Yield how many drives each limit with a share needs, over equal runs; ConfigError without such a limit."""
     chosen = [] if limits is None else [item for item in limits.limits if item.terms is not None]
     if not chosen:
         raise ConfigError("the suite has no limit with a share, such as position_bound_m: {limit: 0.1, prob: 0.95}")

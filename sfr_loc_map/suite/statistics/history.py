@@ -179,7 +179,7 @@ def find_changes(nights: Sequence[Night]) -> History:
     }
     there = np.array([[key in night.figures for night in nights] for key in keys])
     since = np.maximum.accumulate(np.array([[key in night.labels for night in nights] for key in keys]), axis=1)
-    tables[WITHOUT_RESULT] = np.where(since, 1.0 - there, np.nan)  # a drive that is left out has none either
+    tables[WITHOUT_RESULT] = np.where(since, 1.0 - there, np.nan)  # a drive that is omitted has none either
     last = {key: night for night in nights for key in night.labels}
     changes, series = [], {}
     for name, table in tables.items():

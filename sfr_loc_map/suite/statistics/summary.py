@@ -270,7 +270,7 @@ def verdicts_over(
     of_suite: Collection[str] = (),
     next_drive: str | None = None,
 ) -> Iterator[GroupVerdict]:
-    """Yield the verdicts over drives that were run alike: those that need no limit, then one for each limit.
+    """Yield the verdicts over drives with equal settings: those that need no limit, then one for each limit.
 
     `of_suite` are the parts that any result of the suite is about. A limit that is about none of them has not enough
     data in every group. `next_drive` is the first drive, in the order of their hashes, that has no result yet.
