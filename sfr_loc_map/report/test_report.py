@@ -16,6 +16,7 @@ import msgspec
 
 from sfr_loc_map.inputs import NS_PER_S, printable
 from sfr_loc_map.metrics.catalogue import Subject
+from sfr_loc_map.metrics.caveats import reading_caveats, truth_caveats
 from sfr_loc_map.metrics.config import CallKind, MapScoreConfig, Rebase, VerdictState, label_of
 from sfr_loc_map.metrics.judging.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.judging.several_scores import Common, common_verdict
@@ -23,7 +24,7 @@ from sfr_loc_map.metrics.judging.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.score import Score, TargetRecord, Verdict
 from sfr_loc_map.report.page import NO_VERDICT, Overall, from_template, overall_of
 from sfr_loc_map.report.printed_figure import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, printed_figures
-from sfr_loc_map.report.score_tables import NO_INTERVAL, readings_text, table_of
+from sfr_loc_map.report.score_tables import NO_INTERVAL, table_of
 from sfr_loc_map.report.tables import METRE, OPEN, UNKNOWN, fitting, number, to_html
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 
@@ -158,7 +159,7 @@ def _results(score: Score, index: int) -> Iterator[dict[str, Any]]:
 
 def _from_the_document(score: Score) -> Iterator[str]:
     """Yield where what was used is not what the document says."""
-    drive, truth = score.association, score.truth
+    drive = score.association
     if drive is not None and drive.spacing_frames != SPACING_FRAMES:
         yield (
             f"Sub-trajectories start every {drive.spacing_frames} frames; the document says {SPACING_FRAMES} [4.1.1]."
@@ -181,8 +182,7 @@ def _from_the_document(score: Score) -> Iterator[str]:
     if drive is not None and drive.interpolated:
         gap_s = drive.largest_gap_ns / NS_PER_S
         yield f"{drive.interpolated} frames have an interpolated truth, over gaps of up to {gap_s:.3g} s."
-    if truth is not None and not truth.attitude:
-        yield "The truth has only positions: attitude and heading errors are unknown, and the estimate was fitted."
+    yield from (f"{text[0].upper()}{text[1:]}." for text in caveats_of(score))
     yield from _of_the_range(score)
     for item in score.verdicts:
         is_of_host = item.subject in (Subject.TIMING, Subject.MEMORY) and not item.is_of_target
@@ -204,6 +204,13 @@ def _of_the_range(score: Score) -> Iterator[str]:
             f"Coverage counts true points from {used[0]:g} m to {used[1]:g} m (--range); the default is "
             f"{usual.scored_from_m:g} m to {usual.scored_to_m:g} m."
         )
+
+
+def caveats_of(score: Score) -> Iterator[str]:
+    """Yield what restricts the meaning of a score, in the words of its warnings."""
+    if score.truth is not None:
+        yield from truth_caveats(score.truth)
+    yield from reading_caveats(score)
 
 
 def is_of_stage(item: Verdict) -> bool:
@@ -249,9 +256,6 @@ def deviations_of(score: Score) -> Iterator[str]:
         yield f"{without_cloud:.0f} of {score.number('pairs'):.0f} mapping pairs have no point in the cloud."
     if without_truth := score.number("points_without_truth", part="count"):
         yield f"{without_truth:.0f} points are where the truth has no surface, and are not judged."
-    for item in score.verdicts:
-        if len(set(item.by_reading.values())) > 1:
-            yield f"{_name(item)} depends on the reading of the document ({readings_text(item)})."
     if score.calls is None and score.association is not None and score.verdicts:
         yield "The calls of the run are unknown, and with them its findings and the states of its poses."
     if score.convention is not None:
@@ -262,7 +266,8 @@ def _anomalies(score: Score) -> Iterator[str]:
     if score.contradiction is not None:
         yield score.contradiction
     yield from map(str, score.findings)
-    yield from (text for text in score.warnings if text != score.contradiction)
+    stated = {score.contradiction, *caveats_of(score)}
+    yield from (text for text in score.warnings if text not in stated)
 
 
 def _open_points(score: Score) -> Iterator[str]:

@@ -26,6 +26,7 @@ from sfr_loc_map.metrics.calls import (
     with_external,
 )
 from sfr_loc_map.metrics.catalogue import DRIVE, MAP
+from sfr_loc_map.metrics.caveats import truth_caveats
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest, typical_pixel_offset
 from sfr_loc_map.metrics.completeness import expected_row, share_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, MapScoreConfig, TrajectoryScoreConfig
@@ -49,7 +50,6 @@ from sfr_loc_map.scoring.run import CloudToScore, DriveToScore, Run
 
 FEW_TRUE_POSES = 0.5  #: Below so many true poses an image it is said that frames count true poses.
 MAX_PIXEL_OFFSET = 5.0  #: Typical distance of points from the pixels that they name, px: matching errs by less.
-MAX_EXCESS = 0.05  #: Share of the path of a truth that may be noise without a word.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,7 +116,7 @@ def drive_part(
     )
     warnings = [] if contradiction is None else [contradiction]
     warnings += _frame_warnings(drive, scored.association)
-    warnings += truth_warnings(scored.truth)
+    warnings += truth_caveats(scored.truth)
     warnings += scored.warnings
     return DrivePart(
         figures=scored.figures,
@@ -151,28 +151,6 @@ def _frame_warnings(drive: DriveToScore, association: Association) -> Iterator[s
         yield (
             f"the truth has {association.truth_poses} poses for {many} {what}: frames and spacing count true poses; "
             "sfr score --frames images interpolates the truth to every image"
-        )
-
-
-def truth_warnings(about: TruthRecord) -> Iterator[str]:
-    """Yield what a score by this truth does not hold."""
-    if not about.attitude:
-        tilt = "" if about.tilt_deg is None else f", tilt {about.tilt_deg:.3g} deg"
-        yield (
-            "the truth has only positions: attitude and heading errors are unknown; the estimate was aligned to the "
-            f"truth over the drive (yaw {about.yaw_deg or 0.0:.3g} deg{tilt}, and a translation), so that attitude "
-            "errors from before a sub-trajectory count in its position error (chord errors need no alignment)"
-        )
-    if not (about.height and about.tilt):
-        names = [name for name, is_known in (("height", about.height), ("roll and pitch", about.tilt)) if not is_known]
-        judged = [] if about.height else ["horizontal position errors are judged in place of position errors"]
-        judged += [] if about.tilt else ["attitude errors are unknown, and roll and pitch are those of the estimate"]
-        yield f"the truth does not know {' and '.join(names)}: {'; '.join(judged)}"
-    if about.path_excess is not None and about.path_excess > MAX_EXCESS:
-        yield (
-            f"the noise of the truth ({about.sigma_m:.3g} m) lengthens its path by about "
-            f"{100.0 * about.path_excess:.3g} %: a sub-trajectory distance=METRES ends too early; give "
-            "displacement=METRES, or a smoothed truth"
         )
 
 

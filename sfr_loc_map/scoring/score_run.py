@@ -10,7 +10,8 @@ from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.inputs import hash_arrays
-from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ScoreConfig, label_of
+from sfr_loc_map.metrics.caveats import reading_caveats
+from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ScoreConfig
 from sfr_loc_map.metrics.convention import Diagnosis, diagnose
 from sfr_loc_map.metrics.judging.incomplete import why_not_whole
 from sfr_loc_map.metrics.judging.judge import judged
@@ -175,7 +176,7 @@ def assembled(
 def judged_with_warnings(score: Score, config: ScoreConfig, limits: Limits | None) -> Score:
     """Return a score with its verdicts, and with warnings of what the verdicts do not show."""
     score = judged(score, limits, partial=config.trajectory.partial)
-    return struct_replace(score, warnings=(*score.warnings, *_partial_warnings(score), *_reading_warnings(score)))
+    return struct_replace(score, warnings=(*score.warnings, *_partial_warnings(score), *reading_caveats(score)))
 
 
 def _details(
@@ -195,18 +196,6 @@ def _convention_warnings(convention: ConventionRecord | None) -> Iterator[str]:
     if convention is not None and convention.diagnosed is not None:
         fitted = "; numbers of it were fitted to the truth, which flatters the figures" if convention.fitted else ""
         yield f"--apply-diagnosis converted the estimate by {convention.diagnosed} before scoring it{fitted}"
-
-
-def _reading_warnings(score: Score) -> Iterator[str]:
-    """Yield that the reading of the document decides verdicts."""
-    differ = [item for item in score.verdicts if len(set(item.by_reading.values())) > 1]
-    if not differ or score.contradiction is not None:
-        return
-    first = differ[0]
-    each = ", ".join(f"{reading} {state}" for reading, state in first.by_reading.items())
-    over = f" over {label_of(first.condition)}" if first.condition else ""
-    text = f"the reading of the document (--rebase) decides {len(differ)} of {len(score.verdicts)} verdicts, the first"
-    yield f"{text} {first.name}{over}: {each} (displacement and position need an estimate that starts at a true pose)"
 
 
 def all_calls(run: Run) -> list[CallStats]:

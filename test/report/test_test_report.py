@@ -13,11 +13,12 @@ from msgspec.structs import replace
 from helpers.cli_result import Sfr
 from helpers.made_scores import HOSTILE, calls, dig, half, json_of, of_drive, of_map, whole_score
 from sfr_loc_map.metrics.calls import score_target
+from sfr_loc_map.metrics.caveats import truth_caveats
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.judge import judged, judged_again
 from sfr_loc_map.metrics.judging.limits import parse_limits
 from sfr_loc_map.metrics.judging.several_scores import common_verdict, each_by_its_limits
-from sfr_loc_map.metrics.score import MethodKind, MethodRecord, Score, Verdict
+from sfr_loc_map.metrics.score import MethodKind, MethodRecord, Score, TruthRecord, Verdict
 from sfr_loc_map.metrics.score_json import load_score
 from sfr_loc_map.report.page import overall_of
 from sfr_loc_map.report.printed_figure import printed_figures
@@ -121,6 +122,15 @@ def test_every_limit_has_a_clause_of_the_list_or_none() -> None:
         assert {VerdictView.of(item).clause for item in score.verdicts} <= {*CLAUSES, ""}
     plain = Verdict(name="judged_share_min", limit=1.0, value=0.5, state=VerdictState.INCOMPLETE)
     assert VerdictView.of(plain).clause == ""
+
+
+def test_what_the_truth_does_not_have_is_stated_once() -> None:
+    truth = TruthRecord(attitude=False, yaw_deg=3.0)
+    (warning,) = truth_caveats(truth)
+    score = judged(replace(whole_score(), truth=truth, warnings=(warning, "another warning")), None)
+    page = render_test_report([score])
+    assert page.count("attitude and heading errors are unknown") == 1
+    assert page.count("another warning") == 1
 
 
 def test_the_memory_of_a_stage_follows_no_clause_and_is_a_deviation() -> None:

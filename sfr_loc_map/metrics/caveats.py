@@ -1,0 +1,47 @@
+"""What restricts the meaning of a score, one sentence for each fact.
+
+A score has the sentences as warnings, and the test report has the same sentences as deviations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.score import Score, TruthRecord
+
+MAX_EXCESS = 0.05  #: Largest fraction of the path of a truth that may be noise without a warning.
+
+
+def truth_caveats(about: TruthRecord) -> Iterator[str]:
+    """Yield what a score by this truth does not contain."""
+    if not about.attitude:
+        tilt = "" if about.tilt_deg is None else f", tilt {about.tilt_deg:.3g} deg"
+        yield (
+            "the truth has only positions: attitude and heading errors are unknown; the estimate was aligned to the "
+            f"truth over the drive (yaw {about.yaw_deg or 0.0:.3g} deg{tilt}, and a translation), so that attitude "
+            "errors from before a sub-trajectory count in its position error (chord errors need no alignment)"
+        )
+    if not (about.height and about.tilt):
+        names = [name for name, is_known in (("height", about.height), ("roll and pitch", about.tilt)) if not is_known]
+        judged = [] if about.height else ["horizontal position errors are judged in place of position errors"]
+        judged += [] if about.tilt else ["attitude errors are unknown, and roll and pitch are those of the estimate"]
+        yield f"the truth does not know {' and '.join(names)}: {'; '.join(judged)}"
+    if about.path_excess is not None and about.path_excess > MAX_EXCESS:
+        yield (
+            f"the noise of the truth ({about.sigma_m:.3g} m) lengthens its path by about "
+            f"{100.0 * about.path_excess:.3g} %: a sub-trajectory distance=METRES ends too early; give "
+            "displacement=METRES, or a smoothed truth"
+        )
+
+
+def reading_caveats(score: Score) -> Iterator[str]:
+    """Yield that the reading of the document decides verdicts."""
+    differ = [item for item in score.verdicts if len(set(item.by_reading.values())) > 1]
+    if not differ or score.contradiction is not None:
+        return
+    first = differ[0]
+    each = ", ".join(f"{reading} {state}" for reading, state in first.by_reading.items())
+    over = f" over {label_of(first.condition)}" if first.condition else ""
+    text = f"the reading of the document (--rebase) decides {len(differ)} of {len(score.verdicts)} verdicts, the first"
+    yield f"{text} {first.name}{over}: {each} (displacement and position need an estimate that starts at a true pose)"
