@@ -58,10 +58,8 @@ class Limited(NamedTuple):
 NOTHING = Limited(Subject.TRAJECTORY, "", "")
 MISSING = "missing_max_share"  #: Limit on how much of a drive may be missing.
 COVERAGE_MIN = "coverage_min"  #: The one limit that is a lower bound.
-MINIMUM_COUNT = 2  #: Fewer values give no verdict, unless the limits file states another number.
-MINIMUM_INDEPENDENT = (
-    5.0  #: Fewer independent sub-trajectories give no verdict, unless the limits file states another number.
-)
+MINIMUM_COUNT = 2  #: Default minimum number of values for a verdict.
+MINIMUM_INDEPENDENT = 5.0  #: Default minimum number of independent sub-trajectories for a verdict.
 
 
 def names_of(kinds: Iterable[FigureKind], statistics: Sequence[str] = STATISTICS) -> dict[str, Limited]:
