@@ -40,9 +40,8 @@ Four other events change it: the finished keyframe of the call before (path, map
 map if the adjustment diverged), a pose from outside (path, and the map if it is forgotten), the first pair (path), and
 `set_pose` (path).
 
-Each pair, also a refused one, changes `images` unless it repeats the pair before. A pair that is compared with a map
-changes `ground`, also if it is refused, if it has stale rows or contradicts its pose. A pair that would be
-kept is lost if the localiser is lost already.
+Each pair, also a refused one, changes `images` unless it repeats the pair before, and `ground` if it has stale rows or
+contradicts its pose. A pair that would be kept is lost if the localiser is lost already.
 """
 
 from __future__ import annotations
@@ -199,7 +198,6 @@ class Localiser:
         clock = StageClock()
         with clock.stage("wait"):
             state, findings = self._with_finished_keyframe(self._state, clock)
-        state = replace(state, path=trajectory.arrived(state.path, pair.stamp_ns))
         outcome = self._locate(state, pair, odometry, findings, clock)
         self._state = self._with_pose_from_outside(outcome.state, pair.stamp_ns)
         # a pose from outside forgets the map only if it is later than the last accepted pose, which a keyframe is
@@ -217,7 +215,12 @@ class Localiser:
         """Find the pose of a pair by the stages 1 to 9 of the module's text. Findings about the map are given."""
         # 1 check the images
         images = stale_images.compare(pair, state.images)
-        state = replace(state, images=images.memory)
+        state = replace(
+            state,
+            path=trajectory.arrived(state.path, pair.stamp_ns),
+            images=images.memory,
+            ground=state.ground.after_stale_rows(images.stale_rows),
+        )
         landmark_map = state.landmark_map
         findings |= guards.check_images(images, has_map=landmark_map is not None) | guards.check_wiring(pair)
         verdict = decide(findings)
@@ -227,7 +230,6 @@ class Localiser:
             frame = StereoFrame.of(images.pair)
         if landmark_map is None:
             return self._begin(state, frame, verdict, findings)
-        state = replace(state, ground=state.ground.after_stale_rows(images.stale_rows))
         has_map = len(landmark_map.landmarks.rows) >= self._config.min_tracked
         verdict = decide(findings | guards.check_landmarks(frame, are_enough=has_map))
         if verdict.refuses:
@@ -515,6 +517,8 @@ class Localiser:
 
     def _with_pose_from_outside(self, state: State, stamp_ns: int) -> State:
         """Apply a pending pose from outside, if its stamp has come."""
+        if state.path.datum.pending is None:
+            return state
         path, is_map_forgotten = trajectory.with_pending_pose(state.path, stamp_ns, self._model)
         return replace(state, path=path, landmark_map=None if is_map_forgotten else state.landmark_map)
 

@@ -21,7 +21,9 @@ class MotionSize(NamedTuple):
     @property
     def covariance(self) -> FloatArray:
         """Covariance `(6, 6)` of errors whose standard deviation is this size on each axis."""
-        return np.diag(np.repeat(np.square((self.metres, self.radians)), 3))
+        m2 = self.metres * self.metres
+        rad2 = self.radians * self.radians
+        return np.diag([m2, m2, m2, rad2, rad2, rad2])
 
 
 class Speed(NamedTuple):

@@ -135,8 +135,8 @@ def accepted(
     published = _published_with(path, pose, model)
     step = _step_to(path, pose, published, landmark_map, calibration, model)
     last = path.last.tracked(pair.stamp_ns, pose.T_world_left, pose.since, was_known=pair.was_known)
-    after = PathState(last, path.datum, errors, published, path.history, path.window)
-    return _remembered(after, model, was_known=pair.was_known), step
+    past = _past_pose(last, errors, path.window, model, was_known=pair.was_known)
+    return PathState(last, path.datum, errors, published, path.history.with_pose(past), path.window), step
 
 
 def _new_pose(path: PathState, pair: AcceptedPair, model: RoverModel) -> _NewPose:
@@ -244,8 +244,9 @@ def restarted(
     )
     published, step = _step_to_last_pose(path, stamp_ns, model)
     last = path.last.restarted(stamp_ns)
-    after = PathState(last, path.datum, errors, published, path.history, path.window + 1)
-    return _remembered(after, model, was_known=False), step
+    window = path.window + 1
+    past = _past_pose(last, errors, window, model, was_known=False)
+    return PathState(last, path.datum, errors, published, path.history.with_pose(past), window), step
 
 
 def lost(path: PathState) -> PathState:
@@ -272,22 +273,19 @@ def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_ste
     )
 
 
-def _remembered(path: PathState, model: RoverModel, *, was_known: bool) -> PathState:
-    """Return the path with its last pose in the history; `was_known` says whether the pose before was not lost."""
-    assert path.published.stamp_ns is not None, "the last pose was published"
-    errors = path.errors
-    position = path.last.T_world_left.translation
-    past = PastPose(
-        stamp_ns=path.published.stamp_ns,
-        T_world_left=path.last.T_world_left,
+def _past_pose(last: LastPose, errors: PathErrors, window: int, model: RoverModel, *, was_known: bool) -> PastPose:
+    """Return the last pose for the history; `was_known` says whether the pose before was not lost."""
+    position = last.T_world_left.translation
+    return PastPose(
+        stamp_ns=last.tracked_ns,
+        T_world_left=last.T_world_left,
         was_known=was_known,
-        window=path.window,
+        window=window,
         in_window=LocatedCovariance(position, errors.in_window),
         accumulated=LocatedCovariance(position, accumulated_covariance(errors, position, model)),
         bias=errors.bias,
         directed=errors.directed,
     )
-    return replace(path, history=path.history.with_pose(past))
 
 
 def _unseen_of_left(path: PathState, stamp_ns: int, model: RoverModel) -> FloatArray:
