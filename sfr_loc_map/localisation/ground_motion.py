@@ -37,9 +37,15 @@ from sfr_loc_map.localisation.motion_size import MotionSize, size_between
 from sfr_loc_map.localisation.parallel import Pending, beside
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
 
-COMPARED_PX = 3.0  #: Image motion, px, that shows what is fixed to the camera; the compared image is then replaced.
-COMPARED_PAIRS = 10  #: Number of pairs after which the compared image is replaced, however slow the motion.
-FAR_RATIO = 0.06  #: Image motion per pair, fraction of the width, above which a landmark may not be found again.
+COMPARED_PX = 3.0
+"""Image motion, px, that shows what is fixed to the camera (more than `cell_motion.MOVED_PX`); the compared image is
+then replaced."""
+COMPARED_PAIRS = 10
+"""Number of pairs after which the compared image is replaced, however slow the motion: light and exposure change.
+Chosen by hand."""
+FAR_RATIO = 0.06
+"""Image motion per pair, fraction of the width, above which a landmark may not be found again. It is little more than
+the flow that triggers a keyframe (`keyframes.KEYFRAME_FLOW`)."""
 NO_ROWS = np.zeros(0, np.intp)  #: No landmarks.
 
 

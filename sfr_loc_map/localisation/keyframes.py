@@ -32,7 +32,8 @@ KEYFRAME_FLOW = 0.05
 """Median optical flow since the last keyframe that triggers a new one, fraction of the width. 0.08 changes errors by a
 few percent (measurements/localiser_trials.md)."""
 KEYFRAME_INLIER_RATIO = 0.65
-"""Ratio of inliers to the last keyframe's landmarks below which a keyframe is made, before too few are left."""
+"""Ratio of inliers to the last keyframe's landmarks below which a keyframe is made, before too few are left. Chosen by
+hand."""
 ADJUSTMENT_ITERATIONS = 2  #: Gauss-Newton iterations per keyframe; the next keyframe continues from the result.
 MIN_DEPTH_M = 0.5
 """Minimum depth of stereo matching, m: nearer points are rare, and the search takes longer with them."""

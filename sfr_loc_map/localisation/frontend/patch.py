@@ -127,9 +127,13 @@ def local_warp(h: FloatArray, u: float, v: float) -> LocalWarp:
     return LocalWarp(x, y, xu, xv, yu, yv, h[2, 0] / w, h[2, 1] / w)
 
 
-HALF = 5  #: Half width of a patch, pixels.
+HALF = 5
+"""Half width of a patch, px. Patches of 9 x 9 and 13 x 13 px were tried: measurements/localiser_trials.md, "What limits
+it, and what was tried"."""
 SIDE = 2 * HALF + 1  #: Side of a patch, pixels.
-MIN_POWER = 1e-3  #: Minimum power (sum of squares about the mean) of a textured patch, grey levels squared.
+MIN_POWER = 1e-3
+"""Minimum power (sum of squares about the mean) of a textured patch, grey levels squared. It prevents a division by
+zero; rounding to whole grey levels gives more in any patch that is not constant."""
 Patch = NDArray[np.float32]  #: Values of one patch `(S * S,)` row by row, or of several patches; float32.
 
 

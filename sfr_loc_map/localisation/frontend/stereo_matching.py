@@ -22,7 +22,9 @@ from sfr_loc_map.localisation.frontend.patch_tracking import PatchTracks, Tracki
 from sfr_loc_map.localisation.frontend.row_search import search_corners
 from sfr_loc_map.localisation.parallel import in_halves
 
-REFINEMENTS = 2  #: Alternations of slopes from disparities and disparities with these slopes.
+REFINEMENTS = 2
+"""Alternations of slopes from disparities and disparities with these slopes. The second one uses disparities to a
+fraction of a pixel, the first one those of the search. Chosen by hand."""
 MAX_SHIFT_PX = 2.5  #: Maximum correction of a disparity of the search, px: a position of the search is two pixels wide.
 ITERATIONS = 12
 """Maximum number of Gauss-Newton iterations of a disparity: twice as many as of a track, whose start is better."""

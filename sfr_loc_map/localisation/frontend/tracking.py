@@ -27,14 +27,18 @@ from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.parallel import both
 
 LIMITS = TrackingLimits(max_shift=2.5, iterations=6, min_correlation=0.6)
-"""Limits of a landmark against its projection: px, Gauss-Newton iterations, normalised cross-correlation."""
+"""Limits of a landmark against its projection: px, Gauss-Newton iterations, normalised cross-correlation. Other values:
+measurements/localiser_trials.md, "Limits of a track"."""
 SEARCHED_OFFSET_PX = 0.5
 """Offset u of the right image, px, above which landmarks are searched at the offset position. A smaller offset is
 within the capture range of the tracker. Offset v and roll are not searched: they must be within it (`LIMITS`)."""
 ALIGNED_LEVELS = range(LEVELS - 1, 0, -1)
 """Levels of the alignment. Level 0 is left to the tracking of each patch, which captures what remains."""
-ALIGNMENT_ITERATIONS = (6, 4)  #: Gauss-Newton iterations of the alignment on its first level, on each further level.
-POSE_ITERATIONS = 10  #: Maximum number of Gauss-Newton iterations of the pose.
+ALIGNMENT_ITERATIONS = (6, 4)
+"""Gauss-Newton iterations of the alignment on its first level, on each further level, which begins nearer to the
+solution. Chosen by hand."""
+POSE_ITERATIONS = 10
+"""Maximum number of Gauss-Newton iterations of the pose, which converges in less (`pose_solver.CONVERGED_STEP`)."""
 INLIER_CHI2_PER_DOF = 9.0  #: Gate of an inlier: squared Mahalanobis residual per degree of freedom (3 sigma).
 MIN_INLIER_RATIO = 0.5  #: Minimum ratio of inliers to landmarks found in a trusted pose: the majority.
 MIN_FOUND_RATIO = 0.2
