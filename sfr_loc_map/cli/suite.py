@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
@@ -17,19 +16,17 @@ from sfr_loc_map.cli.app import command_group, examples, propose
 from sfr_loc_map.cli.options import HtmlOption, JsonOption, LenientOption, OverwriteOption
 from sfr_loc_map.cli.output import HTML_SUFFIXES, STANDARD_OUTPUT, check_outputs, check_suffix, progress_bar, say, show
 from sfr_loc_map.cli.verdict import not_judged
-from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError, InterruptedRunError
+from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.proof import words_of
 from sfr_loc_map.metrics.score_json import json_line
-from sfr_loc_map.signals import hold
 
 if TYPE_CHECKING:
-    from distributed import Client
-
-    from sfr_loc_map.suite.running.cluster import SuiteWorkers
+    from sfr_loc_map.suite.run import Progress
+    from sfr_loc_map.suite.running.cluster import JobOutcome
     from sfr_loc_map.suite.running.job import Job
-    from sfr_loc_map.suite.running.specification import SuiteSettings
+    from sfr_loc_map.suite.running.specification import SuiteSpecification
     from sfr_loc_map.suite.running.store import Store
     from sfr_loc_map.suite.statistics.summary import Summary
 
@@ -65,97 +62,72 @@ def run(
     lenient: LenientOption = False,
 ) -> None:
     """Run what is not done yet, on Dask (extra suite). After an interruption the same command continues."""
-    from sfr_loc_map.suite.running.plan import make_plan
+    from sfr_loc_map.suite.run import run_suite
     from sfr_loc_map.suite.running.specification import load_specification
     from sfr_loc_map.suite.running.store import Store
 
     propose("sfr", "suite", "report", out, why="its page again, from the results")
     check_outputs(json_path, junit, inputs=(suite,), overwrite=overwrite)
     _refuse_both(workers, scheduler)
-    specification = load_specification(suite)
-    settings, store = specification.settings, Store(out)
-    with store.locked():
-        planned, refusals = make_plan(specification, store.facts_of, store.cache)
-        if not dry_run:
-            store.plan(planned, refusals, specification.limits, specification.files)
-        for refusal in refusals:
-            say(f"sfr: warning: left out: {refusal.reason}", err=True)
-        wanted = ("waiting", "failed") if retry_failed else ("waiting",)
-        jobs = [job for job in planned if store.state(job.key) in wanted]
-        if settings.stop_when_decided:  # in the order in which a sequential test takes the drives
-            jobs.sort(key=lambda job: (job.drive, job.key))
-        places = min(workers or max(1, _cores() // settings.threads), max(1, len(jobs)))
-        if dry_run:
-            for job in jobs:
-                say(f"{job.key}  {job.label}")
-            say(f"{len(jobs)} of {len(planned)} tasks to run, {places} at a time")
-            return propose("sfr", "suite", "run", suite, "--out", out, why="run them")
-        interrupted = False
-        try:
-            if jobs:
-                with _workers(store, settings, places, scheduler) as (client, at_work):
-                    _run_jobs(jobs, store, settings, client, at_work)
-        except KeyboardInterrupt:
-            interrupted = True
-        finally:  # whatever ended it, the suite reports what it has
-            hold()
-            from sfr_loc_map.suite.pages.page import write_summary  # its imports take as long as all of the start
-            from sfr_loc_map.suite.statistics.summary import summarise
-
-            summary = summarise(store)
-            write_summary(summary, store)
-    if interrupted:
-        done = f"{summary.counts['done']} of {summary.tasks} tasks are done and reported"
-        raise InterruptedRunError(f"interrupted: {done}; the same command continues")
+    specification, store = load_specification(suite), Store(out)
+    if dry_run:
+        _list_tasks(specification, store, workers, retry_failed=retry_failed)
+        return propose("sfr", "suite", "run", suite, "--out", out, why="run them")
+    with _progress() as progress:
+        summary = run_suite(
+            specification,
+            store,
+            workers=workers,
+            scheduler=scheduler,
+            retry_failed=retry_failed,
+            say=_tell,
+            progress=progress,
+        )
     _present(summary, store, json_path, junit, mlflow, lenient=lenient)
+
+
+def _list_tasks(specification: SuiteSpecification, store: Store, workers: int | None, *, retry_failed: bool) -> None:
+    """Print the tasks that a run would run."""
+    from sfr_loc_map.suite.run import open_jobs, places_for, planned_jobs
+
+    settings = specification.settings
+    with store.locked():
+        planned, refusals = planned_jobs(specification, store)
+        for refusal in refusals:
+            _tell(f"left out: {refusal.reason}")
+        jobs = open_jobs(planned, store, settings, retry_failed=retry_failed)
+    for job in jobs:
+        say(f"{job.key}  {job.label}")
+    places = min(places_for(settings, workers), max(1, len(jobs)))
+    say(f"{len(jobs)} of {len(planned)} tasks to run, {places} at a time")
+
+
+def _tell(text: str) -> None:
+    say(f"sfr: {text}", err=True)
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    """Yield what shows the tasks that are done: a bar on a terminal, a line each elsewhere."""
+    with progress_bar("tasks") as bar:
+
+        def advance(done: int, total: int, last: tuple[Job, JobOutcome] | None) -> None:
+            if last is None:
+                bar.add_task("running", total=total)
+                return
+            bar.advance(bar.task_ids[-1])
+            job, outcome = last
+            if outcome.cause is not None:
+                say(f"failed: {job.label}: {outcome.cause}", err=True)
+            if bar.disable:
+                say(f"{done} of {total} tasks", err=True)
+
+        yield advance
 
 
 def _refuse_both(workers: int | None, scheduler: str | None) -> None:
     if scheduler is not None and workers is not None:
         raise ConfigError("'--workers' and '--scheduler': give one of them; a running scheduler has its own workers")
-
-
-def _cores() -> int:
-    """Return the number of processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-@contextmanager
-def _workers(
-    store: Store, settings: SuiteSettings, places: int, scheduler: str | None
-) -> Iterator[tuple[Client, SuiteWorkers]]:
-    """Yield a client of Dask and its workers; what they did is kept in the folder."""
-    from sfr_loc_map.suite.running.cluster import SuiteWorkers, connected
-
-    with connected(settings, workers=places, scheduler=scheduler) as client:
-        at_work = SuiteWorkers(client, lambda text: say(f"sfr: warning: {one_line(text)}", err=True), settings.wait_s)
-        try:
-            yield client, at_work
-        finally:
-            store.add_workers(list(at_work.records.values()))
-
-
-def _run_jobs(
-    jobs: Sequence[Job], store: Store, settings: SuiteSettings, client: Client, at_work: SuiteWorkers
-) -> None:
-    """Run jobs and keep what comes of each; show a bar on a terminal, a line each elsewhere."""
-    from sfr_loc_map.suite.running.cluster import run_jobs
-    from sfr_loc_map.suite.statistics.summary import summarise
-
-    with ExitStack() as stack:
-        bar = stack.enter_context(progress_bar("tasks"))
-        outcomes = stack.enter_context(closing(run_jobs(client, jobs, settings.timeout_s, store.cache, at_work)))
-        shown = bar.add_task("running", total=len(jobs))
-        for done, (job, outcome) in enumerate(outcomes, 1):
-            store.save(job, outcome)
-            bar.advance(shown)
-            if outcome.cause is not None:
-                say(f"failed: {job.label}: {outcome.cause}", err=True)
-            if bar.disable:
-                say(f"{done} of {len(jobs)} tasks", err=True)
-            if settings.stop_when_decided and summarise(store).is_decided:
-                say(f"decided after {done} of {len(jobs)} tasks: the others are not needed", err=True)
-                break
 
 
 @app.command(epilog=examples("sfr suite search search.yaml --out runs/search --workers 2"))
@@ -172,6 +144,7 @@ def search(
 ) -> None:
     """Search the scenario with the least margin (extra search); exit code 1 if one misses the limit."""
     from sfr_loc_map.suite.pages.search_page import render_search, search_tables
+    from sfr_loc_map.suite.run import places_for, run_and_keep, suite_workers
     from sfr_loc_map.suite.running.store import Store
     from sfr_loc_map.suite.search.run import CASE, case_file, run_search
     from sfr_loc_map.suite.search.specification import load_search
@@ -181,12 +154,16 @@ def search(
     _refuse_both(workers, scheduler)
     specification, store = load_search(search), Store(out)
     running = specification.running
-    places = workers or max(1, _cores() // running.threads)
+    places = places_for(running, workers)
     with store.locked(), ExitStack() as stack:
-        connection = cache(lambda: stack.enter_context(_workers(store, running, places, scheduler)))  # if any run waits
-        result = run_search(
-            specification, store, lambda jobs: _run_jobs(jobs, store, running, *connection()), at_random=at_random
-        )
+        # workers are started if any run waits
+        connection = cache(lambda: stack.enter_context(suite_workers(store, running, places, scheduler, _tell)))
+
+        def run_points(jobs: Sequence[Job]) -> None:
+            with _progress() as progress:
+                run_and_keep(jobs, store, running, *connection(), _tell, progress)
+
+        result = run_search(specification, store, run_points, at_random=at_random)
     write_text(json_line(result.to_dict()), store.folder / "search.json")
     write_text(render_search(result), store.folder / "search.html")
     write_text(case_file(result), store.folder / CASE)

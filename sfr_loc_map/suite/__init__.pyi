@@ -1,3 +1,4 @@
+from .run import run_suite as run_suite
 from .running.cluster import connected as connected
 from .running.cluster import run_jobs as run_jobs
 from .running.plan import make_plan as make_plan
