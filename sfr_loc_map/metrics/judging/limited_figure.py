@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.metrics.catalogue import ANY
+from sfr_loc_map.metrics.catalogue import ANY, KINDS
 from sfr_loc_map.metrics.config import Rebase
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS
 from sfr_loc_map.metrics.intervals import Interval, normal_quantile
@@ -76,7 +76,7 @@ def truth_error_of(limit: Limit, score: Score, reading: str | None = None) -> fl
     limited = limit.limited
     if limit.part is not LimitPart.TRAJECTORY:
         return 0.0
-    part = None if limited.figure in ("position", "horizontal", "chord") else ATTITUDE
+    part = None if KINDS[limited.figure].unit == "m" else ATTITUDE
     of_ends = float(np.sqrt(2.0)) * (score.number("truth_error", condition=None, part=part) or 0.0)
     turned = limited.figure in ("position", "horizontal") and reading == Rebase.POSE
     of_turn = score.number("truth_error", condition=limit.condition, part=TURN) if turned else None
