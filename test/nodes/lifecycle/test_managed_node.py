@@ -82,7 +82,7 @@ def test_a_transition_that_fails_is_named_and_can_be_tried_again(ros: None, capf
         peer.well(Level.ERROR, "configure failed: cannot read")
         limits.write_text("timing:\n  localisation_p95_s: 1.0\n", encoding="utf-8")
         assert peer.change(CONFIGURE) == (False, "unconfigured")
-        assert "a folder that is not empty is there" in node.text
+        assert "a folder that is not empty exists" in node.text
         (precious / "chapter").rmdir()
         precious.rmdir()
         assert peer.change(CONFIGURE) == (True, "inactive")
