@@ -42,6 +42,7 @@ GROUPS = (
     ("test/scoring/test_hidden_shortfalls.py",),
     ("test/scoring/test_unjudged_frames.py",),
     ("test/scoring/test_judged_as_given.py",),
+    ("test/test_host_clock.py",),
     ("test/cli/test_signed_verdict.py", "test/report/test_test_report.py"),
 )
 """The tests."""

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from sfr_loc_map import signals
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.host_clock import checked_clock
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.bag import message_stream
 from sfr_loc_map.io.sequence import Source
@@ -74,8 +75,9 @@ def play(source: Source, options: ReplayOptions, parts: Running, progress: Progr
 
     messages = message_stream.messages_of(source)
     end_s = options.offset_s + options.duration_s
-    parts.player.play(message_stream.between(messages, options.offset_s, end_s), published)
-    parts.collector.finish()
+    with checked_clock():
+        parts.player.play(message_stream.between(messages, options.offset_s, end_s), published)
+        parts.collector.finish()
 
 
 @contextmanager
