@@ -2,6 +2,7 @@ from .config import MappingConfig as MappingConfig
 from .config import TerrainConfig as TerrainConfig
 from .disparity.pixel_status import PixelStatus as PixelStatus
 from .mapper import FusedMap as FusedMap
+from .mapper import MappedPair as MappedPair
 from .mapper import Mapper as Mapper
 from .mapper import PairMap as PairMap
 from .point_covariance import point_covariances as point_covariances

@@ -19,8 +19,8 @@ The stages of `Mapper.process`, with their modules and results:
 8. `view_of_pair` (`reprojection`) -> `PairView`: the valid disparities become points in LM.
 9. `calibration_sigma` (`calibration_sigma`) -> `CalibrationSigma`: the uncertainty of the calibration given the
    rotation of the right camera.
-10. `point_sigma` (`point_sigma`) -> `PointSigma`: sigma of the points, increased by saturation (the random part) and by
-    the uncertainty of the calibration (the total).
+10. `sigma_of_view` (`point_sigma`) -> `PointSigma`: sigma of the points, increased by saturation (the random part) and
+    by the uncertainty of the calibration (the total).
 11. `findings_of_pair` (`pair_findings`) -> `Findings`: statistics and warnings.
 
 The stages of `Mapper.fuse`:
@@ -34,9 +34,10 @@ The stages of `Mapper.fuse`:
    where a pair of larger weight observes a farther surface.
 4. `point_sigma` (`point_sigma`) -> `PointSigma`: sigma of the fused points, as above.
 
-No stage changes its arguments, and the mapper has no state but its rig and its parameters. Compiled kernels and the
-network beside jumps are loaded once for a process. During small solves numba's number of threads is 1
-(`conjugate_gradients`). Elevation and hazard grids are made of a cloud by `terrain`, not by the mapper.
+No stage changes its arguments, and the mapper has no state but its rig, its parameters and the search range of
+disparities that follows from both. Compiled kernels and the network that judges pixels beside jumps of disparity are
+loaded once for a process. During small solves numba's number of threads is 1 (`conjugate_gradients`). Elevation and
+hazard grids are made of a cloud by `terrain`, not by the mapper.
 """
 
 from __future__ import annotations
@@ -65,10 +66,10 @@ from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
 from sfr_loc_map.mapping.multiview.registration import register_views
 from sfr_loc_map.mapping.pair_findings import findings_of_pair
-from sfr_loc_map.mapping.pair_view import PairView
-from sfr_loc_map.mapping.point_sigma import point_sigma
+from sfr_loc_map.mapping.pair_view import PairView, read_only
+from sfr_loc_map.mapping.point_sigma import point_sigma, sigma_of_view
 from sfr_loc_map.mapping.reprojection import view_of_pair, within_range
-from sfr_loc_map.mapping.search_range import search_range
+from sfr_loc_map.mapping.search_range import SearchRange, search_range
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,11 +80,24 @@ class FusionInput:
     view: PairView  #: Points with the sigma by which they are fused, disparities, and pose.
     saturation: Saturation  #: Saturated pixels, which increase the sigma of fused points.
     calibration: CalibrationSigma  #: Uncertainty of the calibration given what the pair shows.
+    # Values of the map as `process` made it. Replaced ones would contradict the values above.
+    cloud: PointCloud
+    random_sigma: FloatArray32
+    disparity_px: FloatImage
+
+    def is_of(self, pair_map: PairMap) -> bool:
+        """Return whether a map has the points, sigmas, pose and disparities that `process` gave it."""
+        return (
+            pair_map.cloud is self.cloud
+            and pair_map.random_sigma is self.random_sigma
+            and pair_map.T_lm_left is self.view.T_lm_left
+            and pair_map.disparity_px is self.disparity_px
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairMap:
-    """The map of one stereo pair."""
+    """The map of one stereo pair, by any method."""
 
     stamp_ns: int  #: Stamp of the pair.
     cloud: PointCloud  #: Points in LM with the total sigma; their `pair` is the index that was given to `process`.
@@ -91,12 +105,17 @@ class PairMap:
     random_sigma: FloatArray32
     T_lm_left: Transform  #: Pose of the left camera.
     disparity_px: FloatImage  #: Disparities of the left image `(H, W)` float32, pixels; NaN where invalid.
-    fusion_input: FusionInput | None = None  #: None if the map was not made by `Mapper`, which then cannot fuse it.
     statistics: Mapping[str, float] = field(default_factory=dict)  #: Statistics of the call by name.
     warnings: tuple[str, ...] = ()  #: Warnings of the call, one line each.
-    #: `(H, W)` uint8, the `PixelStatus` of each pixel: measured, filled, or the reason why it has no disparity. None if
-    #: the map was not made by `Mapper`.
-    pixel_status: StatusImage | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class MappedPair(PairMap):
+    """The map of one stereo pair by `Mapper.process`, which `Mapper.fuse` accepts. Its arrays are read-only."""
+
+    #: `(H, W)` uint8, the `PixelStatus` of each pixel: measured, filled, or the reason why it has no disparity.
+    pixel_status: StatusImage
+    fusion_input: FusionInput
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,18 +140,23 @@ class Mapper:
         """Prepare for a rig; raises ConfigError if the parameters do not fit together or the rig."""
         self._rig = rig
         self._config = checked(config)
-        self.search = search_range(rig, self._config)
+        self._search = search_range(rig, self._config)
+
+    @property
+    def search(self) -> SearchRange:
+        """The disparities that are searched."""
+        return self._search
 
     @staticmethod
     def warm_up() -> None:
         """Load or compile all kernels, so that no later call takes the time."""
-        rig = StereoRig(160, 120, 150.0, 150.0, 79.5, 59.5, 0.1)
+        rig = StereoRig(width=160, height=120, fx=150.0, fy=150.0, cx=79.5, cy=59.5, baseline_m=0.1)
         scene = np.random.default_rng(0).integers(0, 256, (rig.height + 1, rig.width + 8), dtype=np.uint8)
         left = scene[1:, : rig.width].copy()
         right = scene[:-1, 8:].copy()  # a pixel lower: the rows of the right image are shifted
         right[40:60, 40:80] = 255  # saturated, and a hole to fill
         mapper = Mapper(rig)
-        pair_map = mapper.process(StereoPair(0, left, right), Transform.identity(), 0)
+        pair_map = mapper.process(StereoPair(0, left, right), Transform.identity())
         mapper.fuse([pair_map, pair_map])
 
     def map(self, pairs: Sequence[PosedStereoPair]) -> FusedMap:
@@ -140,38 +164,51 @@ class Mapper:
 
         Raises MappingError as `process` and `fuse` do, which are its stages.
         """
+        check_pair_count(len(pairs))
         return self.fuse([self.process(item.pair, item.T_lm_navsb, index) for index, item in enumerate(pairs)])
 
-    def process(self, pair: StereoPair, T_lm_navsb: Transform, index: int) -> PairMap:
-        """Return the map of the pair of an index, 0 to 2, within its set; the index is that of its points in `cloud`.
+    def process(self, pair: StereoPair, T_lm_navsb: Transform, index: int = 0) -> MappedPair:
+        """Return the map of a pair, whose points have an index of 0 to 2 as their `pair`.
+
+        The index distinguishes the points of several maps that are not fused. `fuse` numbers the pairs anew.
 
         Raises MappingError for another index, for images of another size than the rig's, for a textureless image, for
-        identical images, and for images that do not match (less than 30 % of the textured pixels are measured).
+        identical images, and for images that do not match (`check_matches`).
         """
         check_index(index)
         check_images(pair, self._rig)
-        estimated = estimate_disparity(pair, self.search.count)
-        check_matches(pair, estimated, self.search.count)
+        estimated = estimate_disparity(pair, self._search.count)
+        check_matches(pair, estimated, self._search.count)
         rotation = measure_right_camera(estimated, self._rig)
         filled = fill_holes(estimated)
         unrolled = without_roll(filled, rotation, self._rig)
-        disparity_map = within_range(unrolled, self.search.min_disparity_px)
+        disparity_map = within_range(unrolled, self._search.min_disparity_px)
         T_lm_left = T_lm_navsb @ self._rig.T_sb_left
         view = view_of_pair(disparity_map, self._rig, T_lm_left)
         calibration = calibration_sigma(rotation, self._rig, self._config.calibration)
-        list_index = np.zeros(view.points.size, np.uint8)  # of each point, in the lists of one pose and one saturation
         saturation = disparity_map.saturation
-        sigma = point_sigma(view.points, list_index, [T_lm_left], [saturation], calibration, self._rig)
+        sigma = sigma_of_view(view, saturation, calibration, self._rig)
         findings = findings_of_pair(disparity_map, rotation, self._rig, self._config.calibration)
         pair_in_set = np.full(view.points.size, index, np.uint8)
-        return PairMap(
+        cloud = view.points.to_cloud(sigma.total, pair_in_set, fused=False)
+        random_sigma = read_only(sigma.random)
+        disparity_px = read_only(view.disparity_px)
+        return MappedPair(
             stamp_ns=pair.stamp_ns,
-            cloud=view.points.to_cloud(sigma.total, pair_in_set, fused=False),
-            random_sigma=sigma.random,
+            cloud=cloud,
+            random_sigma=random_sigma,
             T_lm_left=T_lm_left,
-            disparity_px=view.disparity_px,
-            pixel_status=disparity_map.status,
-            fusion_input=FusionInput(self._rig, view, saturation, calibration),
+            disparity_px=disparity_px,
+            pixel_status=read_only(disparity_map.status),
+            fusion_input=FusionInput(
+                self._rig,
+                view,
+                saturation,
+                calibration,
+                cloud=cloud,
+                random_sigma=random_sigma,
+                disparity_px=disparity_px,
+            ),
             statistics=findings.statistics,
             warnings=findings.warnings,
         )
@@ -179,8 +216,10 @@ class Mapper:
     def fuse(self, maps: Sequence[PairMap]) -> FusedMap:
         """Return one cloud of up to three pairs; the `pair` of its points is the position of their map in the order.
 
-        Raises MappingError for no map or more than three, for a map that `process` did not make or whose points were
-        replaced since, and for maps of other cameras than those of the mapper.
+        Inputs, views, poses and saturations are in the order of the maps.
+
+        Raises MappingError for no map or more than three, for a map that `process` did not make or whose points,
+        sigmas, pose or disparities were replaced since, and for maps of other cameras than those of the mapper.
         """
         check_pair_count(len(maps))
         inputs = [_fusion_input(item, self._rig) for item in maps]
@@ -210,20 +249,20 @@ class Mapper:
 def _fusion_input(pair_map: PairMap, rig: StereoRig) -> FusionInput:
     """Return what the fusion uses of a pair.
 
-    Raises MappingError for a map of another method or of other cameras, and for one whose points were replaced, because
-    the others would be ignored. They cannot be changed in place (`ViewPoints.to_cloud`).
+    Raises MappingError for a map of another method or of other cameras. A map whose values were replaced is refused,
+    because the fusion would ignore the new ones. They cannot be changed in place, because they are read-only.
     """
-    found = pair_map.fusion_input
-    if found is None:
+    if not isinstance(pair_map, MappedPair):
         raise MappingError(f"the map of stamp {pair_map.stamp_ns} was not made by `Mapper.process`: fuse maps of it")
+    found = pair_map.fusion_input
     if not found.rig.same_cameras(rig):
         raise MappingError(
             f"the map of stamp {pair_map.stamp_ns} was made with other cameras than those of this mapper: fuse maps of "
             "one rig"
         )
-    if not np.array_equal(pair_map.cloud.xyz, found.view.points.xyz):
+    if not found.is_of(pair_map):
         raise MappingError(
-            f"the map of stamp {pair_map.stamp_ns} has other points ({len(pair_map.cloud)}) than `Mapper.process` gave "
-            f"it ({found.view.points.size}): fuse maps as they were made, and select or move points afterwards"
+            f"the map of stamp {pair_map.stamp_ns} has another cloud, sigma, pose or disparity than `Mapper.process` "
+            "gave it: fuse maps as they were made, and select or move points afterwards"
         )
     return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -14,7 +14,16 @@ from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage, Mask
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 
+T = TypeVar("T", bound=np.generic)  #: Type of the elements of an array.
+
 MIN_COVERAGE = F(1e-3)  #: Smallest fraction of a window with points that divides a sum over them; it must not be 0.
+
+
+def read_only(array: NDArray[T]) -> NDArray[T]:
+    """Return a view of an array that cannot be changed. The array itself stays as compiled kernels know its type."""
+    view = array.view()
+    view.setflags(write=False)
+    return view
 
 
 class ViewPoints(NamedTuple):
@@ -52,11 +61,17 @@ class ViewPoints(NamedTuple):
     def to_cloud(self, sigma: FloatArray32, pair: NDArray[np.uint8], *, fused: bool) -> PointCloud:
         """Return the points as a cloud with the standard deviation and the index of the pair of each point `(N,)`.
 
-        The cloud has the same positions, not a copy, and they cannot be changed through it.
+        The cloud shares the arrays of the points, which cannot be changed through the cloud.
         """
-        xyz = self.xyz.view()
-        xyz.setflags(write=False)
-        return PointCloud(xyz, sigma, self.intensity, self.u, self.v, pair, fused=fused)
+        return PointCloud(
+            xyz=read_only(self.xyz),
+            sigma=read_only(sigma),
+            intensity=read_only(self.intensity),
+            u=read_only(self.u),
+            v=read_only(self.v),
+            pair=read_only(pair),
+            fused=fused,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -61,7 +61,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.calibration_sigma import CalibrationSigma
 from sfr_loc_map.mapping.disparity.saturation import Saturation
-from sfr_loc_map.mapping.pair_view import ViewPoints
+from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
 SIGMA_GROWTH = F(1.5)
 """Relative growth of sigma in a completely saturated neighbourhood. On rendered, half clipped ground it covers the
@@ -86,13 +86,19 @@ def point_sigma(
     calibration: CalibrationSigma,
     rig: StereoRig,
 ) -> PointSigma:
-    """Return the standard deviations of points of one or several pairs.
+    """Return the standard deviations of points of several pairs.
 
     `pair` `(N,)` is the index of each point's pair in the poses of the left cameras (left optical frame to LM) and in
     the saturations.
     """
     random = _widened_sigma(points, pair, saturations)
     return PointSigma(random, total_sigma(points, random, pair, poses, calibration, rig))
+
+
+def sigma_of_view(view: PairView, saturation: Saturation, calibration: CalibrationSigma, rig: StereoRig) -> PointSigma:
+    """Return the standard deviations of the points of one pair."""
+    pair = np.zeros(view.points.size, np.uint8)
+    return point_sigma(view.points, pair, [view.T_lm_left], [saturation], calibration, rig)
 
 
 def _widened_sigma(points: ViewPoints, pair: NDArray[np.uint8], saturations: Sequence[Saturation]) -> FloatArray32:

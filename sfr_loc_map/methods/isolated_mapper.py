@@ -94,9 +94,7 @@ class IsolatedMapper(IsolatedMethod):
         warnings: tuple[str, ...] = (),
     ) -> PairMap:
         shown = np.full((self._rig.height, self._rig.width), np.nan, F) if disparity is None else disparity
-        return PairMap(
-            stamp_ns, cloud, cloud.sigma, T_lm_left, shown, fusion_input=None, statistics=figures, warnings=warnings
-        )
+        return PairMap(stamp_ns, cloud, cloud.sigma, T_lm_left, shown, figures, warnings)
 
     def fuse(self, maps: Sequence[PairMap], last: StereoPair) -> tuple[FusedMap, MethodCall | None]:
         """Return one cloud of the pairs' maps, and what the call did; points stand side by side if it cannot fuse."""

@@ -15,8 +15,9 @@ import pytest
 from helpers.disparity_world import hills, make_world, slope
 from helpers.hazard_truth import hazard_accuracy
 from sfr_loc_map.errors import MappingError
+from sfr_loc_map.geometry.cloud import COLUMNS
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import panorama_of
@@ -24,7 +25,7 @@ from sfr_loc_map.mapping import mapper as mapper_module
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity import estimation
 from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus
-from sfr_loc_map.mapping.mapper import Mapper, PairMap
+from sfr_loc_map.mapping.mapper import MappedPair, Mapper, PairMap
 
 T_LM_NAVSB = Transform(matrix_from_rotvec([0.1, 0.35, -0.4]), np.array([1.0, -2.0, 2.0]))
 SAMPLE = Path(__file__).resolve().parents[2] / "sample"
@@ -32,7 +33,7 @@ INNER = np.s_[16:-16, 48:-16]
 """Pixels whose neighbourhood both cameras see."""
 
 
-def mapped(made: Any, **change: Any) -> PairMap:
+def mapped(made: Any, **change: Any) -> MappedPair:
     return Mapper(made.rig, MappingConfig(**change)).process(made.pair, T_LM_NAVSB, 0)
 
 
@@ -143,7 +144,7 @@ def test_same_input_gives_same_bits_on_any_number_of_threads() -> None:
 
 
 def arrays_of(pair_map: PairMap) -> list[bytes]:
-    assert pair_map.fusion_input is not None
+    assert isinstance(pair_map, MappedPair)
     cloud, given = pair_map.cloud, pair_map.fusion_input
     saturation = given.saturation
     arrays = (cloud.to_structured(), *given.view.points, pair_map.random_sigma, pair_map.disparity_px)
@@ -203,8 +204,6 @@ def test_the_status_of_a_pixel_says_why_it_has_no_point() -> None:
     made = make_world(slope)
     result = mapped(made)
     near = mapped(made, max_range_m=3.0)
-    assert result.pixel_status is not None
-    assert near.pixel_status is not None
     is_valid = result.pixel_status <= PixelStatus.FILLED
     np.testing.assert_array_equal(is_valid, np.isfinite(result.disparity_px))
     is_beyond = near.pixel_status == PixelStatus.BEYOND_RANGE
@@ -246,18 +245,39 @@ def test_wrong_size_and_index_and_maps_of_other_methods_are_refused() -> None:
     for index in (-1, 3):
         with pytest.raises(MappingError, match="index"):
             mapper.process(made.pair, T_LM_NAVSB, index)
-    foreign = replace(mapper.process(made.pair, T_LM_NAVSB, 0), fusion_input=None)
-    with pytest.raises(MappingError, match="stamp"):
-        mapper.fuse([foreign])
+    with pytest.raises(MappingError, match="got 4"):
+        mapper.map([PosedStereoPair(made.pair, T_LM_NAVSB)] * 4)
     wider = Mapper(replace(made.rig, baseline_m=1.5 * made.rig.baseline_m))
     with pytest.raises(MappingError, match="other cameras"):
         mapper.fuse([wider.process(made.pair, T_LM_NAVSB, 0)])
-    whole = mapper.process(made.pair, T_LM_NAVSB, 0)
-    halved = replace(whole, cloud=whole.cloud.select(np.arange(0, len(whole.cloud), 2)))
-    moved = replace(whole, cloud=replace(whole.cloud, xyz=whole.cloud.xyz + np.float32(1.0)))
-    with pytest.raises(ValueError, match="read-only"):
-        np.add(whole.cloud.xyz, np.float32(1.0), out=whole.cloud.xyz)
-    for changed in (halved, moved):
+    foreign = PairMap(
+        7, *(getattr(mapped(made), name) for name in ("cloud", "random_sigma", "T_lm_left", "disparity_px"))
+    )
+    with pytest.raises(MappingError, match="stamp 7 was not made by"):
+        mapper.fuse([foreign])
+
+
+def test_a_map_whose_values_were_changed_is_refused_by_the_fusion() -> None:
+    made = make_world(slope)
+    mapper = Mapper(made.rig)
+    whole = mapper.process(made.pair, T_LM_NAVSB)
+    cloud = whole.cloud
+    for array in (
+        *(getattr(cloud, name) for name in COLUMNS),
+        whole.random_sigma,
+        whole.disparity_px,
+        whole.pixel_status,
+    ):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 1
+    for changed in (
+        replace(whole, cloud=cloud.select(np.arange(0, len(cloud), 2))),
+        replace(whole, cloud=replace(cloud, xyz=cloud.xyz + np.float32(1.0))),
+        replace(whole, cloud=replace(cloud, sigma=2.0 * cloud.sigma)),
+        replace(whole, random_sigma=2.0 * whole.random_sigma),
+        replace(whole, T_lm_left=Transform.identity()),
+        replace(whole, disparity_px=whole.disparity_px + np.float32(1.0)),
+    ):
         with pytest.raises(MappingError, match="fuse maps as they were made"):
             mapper.fuse([changed])
 
