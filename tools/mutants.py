@@ -43,6 +43,7 @@ GROUPS = (
     ("test/scoring/test_unjudged_frames.py",),
     ("test/scoring/test_judged_as_given.py",),
     ("test/test_host_clock.py",),
+    ("test/scoring/test_edited_scores.py",),
     ("test/cli/test_signed_verdict.py", "test/report/test_test_report.py"),
 )
 """The tests."""
@@ -316,6 +317,10 @@ MUTATIONS = (
     Mutation(STORE, "fault_seed if faults else 0, repeat)", "fault_seed if faults else 0)"),
     Mutation(STORE, 'elif hash_path(path) != item["sha256"]:', "elif False:"),
     Mutation(STORE, 'if to_plain(limits_in(suite)) != self._plan["limits"]:', "if False:"),
+    # edited scores
+    Mutation("metrics/raw_values.py", "(*_required(score), *_of_sub", "(*_of_sub"),
+    Mutation("metrics/raw_values.py", 'for name in ("lost", "degraded"):', 'for name in ("degraded",):'),
+    Mutation("scoring/provenance.py", "if given != (limits.limits,", "if given == (limits.limits,"),
     # what is given besides the poses
     Mutation("scoring/score_run.py", "[*run.stats, *([] if run.target is None else [run.target])]", "[*run.stats]"),
     Mutation("scoring/load.py", "    check_one_estimate(found.trajectory, stats)\n", ""),

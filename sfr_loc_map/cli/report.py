@@ -10,7 +10,7 @@ from typer import Argument, Option
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.options import Align, JsonOption, LenientOption, OverwriteOption
-from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, show
+from sfr_loc_map.cli.output import HTML_SUFFIXES, check_outputs, check_suffix, say, show, warn
 from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, is_judged, not_judged
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, NotJudgedError
@@ -104,8 +104,13 @@ def report(
         return
     from sfr_loc_map.metrics.judging.several_scores import common_verdict, each_by_its_limits
     from sfr_loc_map.metrics.score_json import load_score
+    from sfr_loc_map.scoring.provenance import limits_not_seen
 
-    scores = each_by_its_limits([load_score(path) for path in results])
+    read = [load_score(path) for path in results]
+    for path, score in zip(results, read, strict=True):
+        if (unseen := limits_not_seen(score, str(path))) is not None:
+            warn(unseen)
+    scores = each_by_its_limits(read)
     if is_test:
         if output is not None:
             raise ConfigError(f"'-o {output}' is the page: omit it beside '--test-report', '--junit', '--control'")

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND, OTHER_FRAMES, Subject
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS, statistics
 from sfr_loc_map.metrics.judging.proof import errors_of
 from sfr_loc_map.metrics.score import CallPlots, Figure, Score, SubTrajectoryRows
@@ -21,7 +22,11 @@ DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5
 """Difference by the digits of the errors of sub-trajectories and of map points that are kept for plots."""
 SIGMAS = 5.0  #: Deviations of a sample from the whole at which a statistic contradicts the sample.
 CORRELATED = 10.0  #: Kept values that are worth an independent one.
+WITH_ERRORS = ("position", "attitude", "heading", "chord")
+"""Figures of the trajectory whose errors a score keeps where they are limited."""
 COUNTED = (
+    "lost",
+    "degraded",
     "missing",
     "images_without_truth",
     "unmatched",
@@ -38,8 +43,23 @@ COUNTED = (
 
 def raw_contradiction(score: Score) -> str | None:
     """Return which figure does not follow from the raw values of a score; None if all do."""
-    found = (*_of_sub_trajectories(score), *_of_points(score), *_of_calls(score), *_of_counts(score))
+    found = (*_required(score), *_of_sub_trajectories(score), *_of_points(score), *_of_calls(score), *_of_counts(score))
     return next(iter(found), None)
+
+
+def _required(score: Score) -> Iterator[str]:
+    """Yield the limited figures of the trajectory whose errors or whose rows of the other frames are absent."""
+    drive = score.association
+    for limit in () if score.rules is None or drive is None else score.rules.limits:
+        figure, condition = limit.limited.figure, limit.condition
+        row = score.judged_row(figure, subject=Subject.TRAJECTORY, condition=condition) if condition else None
+        if row is None or not row.n or figure not in WITH_ERRORS:
+            continue
+        if errors_of(score, figure, condition or "") is None:
+            yield f"{row.label} is limited, but its errors are absent"
+        for name, part in ((figure, OTHER_FRAMES), (ERRORS_BEYOND, figure)):
+            if score.figure(name, condition=condition, part=part) is None:
+                yield f"{row.label} is limited, but the row {name} {part} is absent"
 
 
 def _of_sub_trajectories(score: Score) -> Iterator[str]:
@@ -148,6 +168,10 @@ def _of_counts(score: Score) -> Iterator[str]:
             continue
         if abs(share.value * count.n - count.value) > EXACT * count.n:
             yield f"{name} is {share.value:.9g} of {count.n}, its count is {count.value:.9g}"
+    for name in ("lost", "degraded"):
+        row, drive = score.figure(name, part="count"), score.association
+        if row is not None and drive is not None and row.value not in (None, getattr(drive, name)):
+            yield f"{name} is {_text(row.value)}, of the frames {getattr(drive, name)} are"
     drive, doubled = score.association, score.figure("doubled", part="count")
     if drive is not None and doubled is not None and doubled.value != drive.estimate_duplicates:
         yield f"doubled is {_text(doubled.value)}, of the estimates {drive.estimate_duplicates} have a repeated stamp"

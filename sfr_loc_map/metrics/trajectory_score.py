@@ -132,7 +132,7 @@ class ScoredTrajectory(NamedTuple):
     truth: TruthRecord
     details: TrajectoryDetails  #: What plots are drawn from; the frames only if they are wanted.
     errors: tuple[ErrorRows, ...] = ()  #: What tolerance bounds are made of, as far as that is wanted.
-    warnings: tuple[str, ...] = ()
+    unjudged: tuple[str, ...] = ()  #: Which frames are in no judged error and far beyond the judged ones.
 
 
 def score_trajectory(
@@ -171,7 +171,7 @@ def score_trajectory(
     figures: list[Figure] = []
     rows: list[SubTrajectoryRows] = []
     errors: list[ErrorRows] = []
-    warnings: list[str] = []
+    unjudged: list[str] = []
     for condition, (starts, ends) in zip(conditions, chosen, strict=True):
         pieces = Pieces(starts, ends, placed.poses, placed.reading(placed.poses, starts, ends))
         overlap = overlap_of(starts, ends, config.spacing)
@@ -181,7 +181,7 @@ def score_trajectory(
             rows_of_other_frames(condition.setting, pieces, placed, has_height=known_of(truth).has_height)
         )
         figures += of_other_frames
-        warnings += unjudged_frames(condition.setting, pieces, placed, of_other_frames)
+        unjudged += unjudged_frames(condition.setting, pieces, placed, of_other_frames)
         errors += error_columns(condition.setting, pieces, kept_errors)
         rows.append(sub_trajectory_rows(condition.setting, pieces, frames.stamps_ns, placed.length_m))
     figures += worst_beyond(figures)
@@ -194,7 +194,7 @@ def score_trajectory(
         truth=truth_record(truth, frames, placed.placement),
         details=TrajectoryDetails(path=path, sub_trajectories=tuple(rows)),
         errors=tuple(errors),
-        warnings=tuple(warnings),
+        unjudged=tuple(unjudged),
     )
 
 

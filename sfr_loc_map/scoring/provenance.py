@@ -12,11 +12,13 @@ from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map import __version__  # whose `open_source` is loaded late: files of trajectories need no images
 from sfr_loc_map.config import flatten
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import COMMIT, hash_path
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.score import InputFile, Provenance
+from sfr_loc_map.metrics.judging.limits import load_limits
+from sfr_loc_map.metrics.score import InputFile, Provenance, Score
 from sfr_loc_map.scoring.run import IN_MEMORY, Run
 
 
@@ -55,6 +57,27 @@ def provenance_of(run: Run, config: ScoreConfig, truth_sha256: str | None, map_t
         host=host_facts(),
         time=datetime.now(UTC).isoformat(timespec="seconds"),
     )
+
+
+def limits_not_seen(score: Score, origin: str) -> str | None:
+    """Return why the limits of a score could not be compared with their file; None if they were, or there are none.
+
+    InputError if the file has other limits.
+    """
+    rules = score.rules
+    if rules is None or not rules.limits:
+        return None
+    file = None if score.provenance is None else score.provenance.inputs.get("limits")
+    if file is None:
+        return f"{origin} names no limits file: its limits were not compared"
+    path = Path(file.path)
+    if not path.is_file() or hash_path(path) != file.sha256:
+        return f"{origin}: the limits file '{file.path}' is absent or was changed: its limits were not compared"
+    limits = load_limits(path)
+    given = (rules.limits, rules.minimum_count, rules.minimum_independent)
+    if given != (limits.limits, limits.minimum_count, limits.minimum_independent):
+        raise InputError(f"{origin} contradicts itself: its limits are not those of '{file.path}', which it names")
+    return None
 
 
 def host_facts() -> dict[str, str]:

@@ -62,6 +62,7 @@ class DrivePart:
     truth: TruthRecord | None = None
     alignment: Alignment | None = None
     contradiction: str | None = None
+    unjudged: tuple[str, ...] = ()  #: Which frames are in no judged error and far beyond the judged ones.
     errors: tuple[ErrorRows, ...] = ()
     details: TrajectoryDetails | None = None
 
@@ -117,13 +118,13 @@ def drive_part(
     warnings = [] if contradiction is None else [contradiction]
     warnings += _frame_warnings(drive, scored.association)
     warnings += truth_caveats(scored.truth)
-    warnings += scored.warnings
     return DrivePart(
         figures=scored.figures,
         warnings=tuple(warnings),
         association=scored.association,
         truth=scored.truth,
         contradiction=contradiction,
+        unjudged=scored.unjudged,
         errors=scored.errors,
         details=scored.details,
     )

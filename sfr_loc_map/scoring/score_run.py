@@ -10,6 +10,7 @@ from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.inputs import hash_arrays
+from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND
 from sfr_loc_map.metrics.caveats import reading_caveats
 from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ScoreConfig
 from sfr_loc_map.metrics.convention import Diagnosis, diagnose
@@ -105,7 +106,10 @@ def score_run(
         map_truth_sha256 = hash_arrays(truth.points for truth in run.cloud.truths)
     calls = calls_part(run, expected_calls(run))
     provenance = provenance_of(run, config, truth_sha256, map_truth_sha256)
-    return judged_with_warnings(assembled(run, trajectory, surface, calls, provenance), config, limits)
+    score = judged_with_warnings(assembled(run, trajectory, surface, calls, provenance), config, limits)
+    if any(item.figure == ERRORS_BEYOND for item in score.verdicts):
+        score = struct_replace(score, warnings=(*score.warnings, *trajectory.unjudged))
+    return score
 
 
 # ---- what a run that is over and a run in progress have in common

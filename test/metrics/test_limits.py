@@ -244,10 +244,10 @@ def test_what_a_live_run_misses_at_its_end_leaves_no_pass() -> None:
 
 def test_a_score_of_a_live_run_that_is_over_is_shown_and_not_stored() -> None:
     """No figure has what is missing at the end, so that the check of stored scores refuses the score."""
-    limits = parse_limits({"trajectory": [{"condition": "distance=5", "position_mean_m": 10.0}]}, "limits")
-    made = replace(with_position(None), details=None)
-    rows = tuple(replace(row, mean_plus_3sigma=None) for row in made.figures)
-    score = judged(replace(made, figures=rows), limits)
+    rules = {"minimum_independent": 1, "trajectory": [{"condition": "distance=5", "position_mean_m": 10.0}]}
+    truth, estimate = drive(1)
+    made = score_of(estimate, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
+    score = judged(made, parse_limits(rules, "limits"))
     assert (score.verdict, stored_contradiction(score)) == ("pass", None)
     problem = stored_contradiction(judged_at_the_end(score, "3 pairs have no answer"))
     assert problem == "verdict of the verdict on position_mean_m is 'incomplete', from the figures follows 'pass'"

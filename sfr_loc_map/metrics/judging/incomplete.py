@@ -79,6 +79,8 @@ def shortfalls(score: Score) -> list[Shortfall]:
     allowed = {limit.name.removesuffix("_max_share") for limit in limits.limits if limit.part is LimitPart.COMPLETENESS}
     if any(limit.name == COVERAGE_MIN for limit in limits.limits):
         allowed.add("pixels_without_point")
+    if "unmatched" in allowed and score.association is not None and not score.association.images:
+        allowed.add("images_without_truth")  # of unknown images, these are the estimates that have no truth
     if "poses_of_truth" in allowed:
         allowed.add("errors_of_truth")
     for part in parts_of(limits, score):
