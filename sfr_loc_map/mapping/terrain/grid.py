@@ -24,8 +24,11 @@ from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.terrain.elevation import CellGrid, ElevationModel, Square, elevation_model
 
-MIN_POINTS = 3  #: Cells with fewer points have no height: two points may both be outliers.
-OUTLIER_FRACTION = 0.15  #: Fraction of a cell's points above its high height, and below its low height.
+MIN_POINTS = 3
+"""Cells with fewer points have no height: no point would remain between the lowest and the highest one."""
+OUTLIER_FRACTION = 0.15
+"""Fraction of a cell's points above its high height, and below its low height; at least one point of each cell. Chosen
+by hand. A rock that covers less of a cell is no step of that cell."""
 STEP_RADIUS_M = 0.25
 """A step is a difference of heights within this distance, metres: farther away the shape of the ground would count as a
 step. The distance defines what a step is. The size of the rover acts by the parameters `max_step_m` and
@@ -52,8 +55,8 @@ class Planes(NamedTuple):
 class OuterHeights(NamedTuple):
     """Lowest and highest height of each cell without its outliers, `(R, C)` each; NaN with too few points."""
 
-    low: FloatArray  #: Height above a fraction `OUTLIER_FRACTION` of the points.
-    high: FloatArray  #: Height below the same fraction of the points.
+    low: FloatArray  #: Height above a fraction `OUTLIER_FRACTION` of the points, and above one at least.
+    high: FloatArray  #: Height below the same fraction of the points, and below one at least.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,6 +133,9 @@ def _disc(radius_cells: float) -> IntArray:
 def _outer_heights(cell: NDArray[np.int32], height: FloatArray32, count: NDArray[np.int32]) -> OuterHeights:
     """Return the quantiles `OUTLIER_FRACTION` and `1 - OUTLIER_FRACTION` of the heights of each cell, by nearest rank.
 
+    The lowest and the highest point are always excluded: by nearest rank alone cells of three or four points would
+    exclude none.
+
     `cell` and `height` `(N,)` are those of each point, -1 for points outside; `count` `(R, C)` is the number of points.
     """
     # Cell and height are packed into one integer whose order is that of both: sorting by two keys is much slower.
@@ -145,9 +151,9 @@ def _outer_heights(cell: NDArray[np.int32], height: FloatArray32, count: NDArray
 
     def quantile(fraction: float) -> FloatArray:
         """Return the heights of this rank in each cell, as a fraction of its points."""
-        rank = first + np.rint(fraction * last).astype(np.int64)
+        rank = np.clip(np.rint(fraction * last).astype(np.int64), 1, last - 1)
         heights = np.full(len(counts), np.nan)
-        heights[known] = _in_order(ordered[rank].astype(np.int32)).view(F)
+        heights[known] = _in_order(ordered[first + rank].astype(np.int32)).view(F)
         return heights.reshape(count.shape)
 
     return OuterHeights(quantile(OUTLIER_FRACTION), quantile(1.0 - OUTLIER_FRACTION))

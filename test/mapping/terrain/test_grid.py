@@ -60,6 +60,24 @@ def test_a_rock_or_a_hole_is_a_hazard_as_far_as_the_footprint_reaches(sign: floa
     assert 50 <= low.hazard.max() < 100
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("points", [3, 4])
+def test_one_outlier_of_a_cell_of_few_points_is_no_step(points: int, sign: float) -> None:
+    side = np.arange(-2.0, 2.0, 0.05) + 0.025  # two rows and two columns of points in each cell
+    x, y = (axis.ravel() for axis in np.meshgrid(side, side))
+    fourth = (np.rint((x - 0.025) / 0.05) % 2 == 1) & (np.rint((y - 0.025) / 0.05) % 2 == 1)
+    kept = ~fourth if points == 3 else np.ones(len(x), bool)
+    outlier = np.hypot(x - 0.025, y - 0.025) < 0.01
+    xyz = np.column_stack((x, y, sign * 0.4 * outlier)).astype(np.float32)[kept]
+    zeros, sigma = np.zeros(len(xyz), np.uint16), np.full(len(xyz), 0.005, np.float32)
+    cloud = PointCloud(xyz, sigma, sigma, zeros, zeros, zeros.astype(np.uint8))
+    assert np.count_nonzero(cloud.xyz[:, 2]) == 1
+    grid = elevation_grid(cloud, CONFIG, CAMERA)
+    assert at(grid, grid.elevation.count, 0.05, 0.05) == points
+    assert np.nanmax(grid.step_m) < 0.05
+    assert grid.hazard.max() < 100
+
+
 def test_rough_ground_is_rough() -> None:
     def waves(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return 0.065 * np.sqrt(2.0) * np.sin(2.0 * np.pi * x / 0.8)
