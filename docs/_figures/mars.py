@@ -105,7 +105,10 @@ def draw(name: str, item: PosedStereoPair, rig: StereoRig, found: PairMap) -> No
 def main() -> None:
     """Draw both pairs, and write the table into the page."""
     (DOCS / "images" / "mars").mkdir(parents=True, exist_ok=True)
-    rows = ["| pair | of all | of what both see | compared | alike within 1 px | median |", "|---|---|---|---|---|---|"]
+    rows = [
+        "| pair | of all pixels | of pixels in both images | compared | agree within 1 px | median |",
+        "|---|---|---|---|---|---|",
+    ]
     for name in PAIRS:
         item, rig = read(name)
         mapper = Mapper(rig)
