@@ -20,7 +20,7 @@ class StereoCamera(NamedTuple):
     baseline_m: float
 
     def normalised(self, uv: FloatArray) -> FloatArray:
-        """Return the normalised image coordinates `(N, 2)` X / Z, Y / Z of pixels `(N, 2)`."""
+        """Return the normalised image coordinates X / Z, Y / Z of pixels (u, v), `(..., 2)` each."""
         return np.asarray((uv - [self.cx, self.cy]) / [self.fx, self.fy])
 
 

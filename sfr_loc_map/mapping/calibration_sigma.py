@@ -2,12 +2,11 @@
 
 What vertical disparity means depends on the residual distortion that is configured (`CalibrationUncertainty`):
 
-- A yaw is reported, and increases sigma, beyond three standard deviations, of which a saddle of vertical disparity as
-  large as the distortion in the corners is a part (`_yaw_threshold_rad`).
+- A yaw is reported, and increases sigma, beyond `SIGNIFICANT_SIGMAS` standard deviations, of which a saddle of vertical
+  disparity as large as the distortion in the corners is a part (`_yaw_threshold_rad`).
 - A vertical offset beyond the distortion, at least `MIN_ROTATION_PX`, increases sigma as a pitch
   (`_pitch_threshold_px`).
-- Vertical disparity beyond three times the distortion, at least `MIN_VERTICAL_WARNING_PX`, is reported by a
-  warning (`pair_findings.vertical_warning_px`).
+- Vertical disparity beyond a multiple of the distortion is reported by a warning (`pair_findings.vertical_warning_px`).
 """
 
 from __future__ import annotations

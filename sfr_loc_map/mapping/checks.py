@@ -16,13 +16,13 @@ from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_match
 MIN_CONTRAST = 2.0
 """Smallest standard deviation of an image's grey levels, grey levels. Less has a covered camera whose noise is low; one
 with more noise passes this check, and its images do not match."""
-MIN_VALID_TEXTURED_FRACTION = 0.3
+MIN_MEASURED_FRACTION = 0.3
 """Fraction of measured pixels among the textured ones below which the matches are due to chance. Swapped images of four
 data sets (rendered ground, KITTI, Middlebury, Mars) have 0.07 or less, images of which one is upside down 0.01 or less,
 and matching ones 0.64 or more (measurements/mapper_trials.md)."""
 COARSE_FACTOR = 2
-"""Images are reduced by this factor when the cause of a mismatch is searched: a match then costs an eighth. In images
-of 800 to 1599 columns, whose full match has half of the columns anyway, it costs a half."""
+"""Images are reduced by this factor when the cause of a mismatch is searched: a match then costs an eighth, or a
+half if the full match has half of the columns anyway (`semi_global_matching`)."""
 SWAPPED_FACTOR = 1.5  #: Exchanged images that match this many times as many pixels as the images as given are swapped.
 MIN_SWAPPED_FRACTION = 0.5
 """Fraction of the pixels that exchanged images must match to be swapped. Swapped images of the same data sets match in
@@ -69,10 +69,10 @@ def check_matches(pair: StereoPair, disparity_map: DisparityMap, disparity_count
     If too few pixels are textured, the fraction is NaN and the pair passes, with a warning of `findings_of_pair`.
     """
     fraction = disparity_map.measured_textured_fraction
-    if fraction < MIN_VALID_TEXTURED_FRACTION:
+    if fraction < MIN_MEASURED_FRACTION:
         raise MappingError(
-            f"images of stamp {pair.stamp_ns} do not match: {100 * fraction:.0f} % of the textured pixels are valid, "
-            f"{100 * MIN_VALID_TEXTURED_FRACTION:.0f} % are required; {_likely_cause(pair, disparity_count)}"
+            f"images of stamp {pair.stamp_ns} do not match: {100 * fraction:.0f} % of the textured pixels are "
+            f"measured, {100 * MIN_MEASURED_FRACTION:.0f} % are required; {_likely_cause(pair, disparity_count)}"
         )
 
 

@@ -9,8 +9,8 @@ The stages of `Mapper.process`, with their modules and results:
 1. `check_images` (`checks`): images that are textureless, identical or of another size are refused.
 2. `estimate_disparity` (`disparity/estimation`) -> `DisparityMap`: disparity, sigma and status of each pixel of the
    left image, and the fraction of the textured pixels that are measured.
-3. `check_matches` (`checks`): a pair of which too few textured pixels are measured is refused.
-4. `measure_right_camera` (`disparity/right_camera`) -> `CameraRotation`: yaw, pitch and roll of the right camera
+3. `check_matches` (`checks`): a pair is refused if too few of its textured pixels are measured.
+4. `measure_right_rotation` (`disparity/right_camera`) -> `CameraRotation`: yaw, pitch and roll of the right camera
    relative to its calibration, from the vertical disparity.
 5. `fill_holes` (`disparity/hole_filling`) -> `DisparityMap`: invalid pixels take the surface beside them where the
    images agree.
@@ -60,7 +60,7 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
 from sfr_loc_map.mapping.disparity.hole_filling import fill_holes
 from sfr_loc_map.mapping.disparity.pixel_status import StatusImage
-from sfr_loc_map.mapping.disparity.right_camera import measure_right_camera, without_roll
+from sfr_loc_map.mapping.disparity.right_camera import measure_right_rotation, without_roll
 from sfr_loc_map.mapping.disparity.saturation import Saturation
 from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
@@ -179,7 +179,7 @@ class Mapper:
         check_images(pair, self._rig)
         estimated = estimate_disparity(pair, self._search.count)
         check_matches(pair, estimated, self._search.count)
-        rotation = measure_right_camera(estimated, self._rig)
+        rotation = measure_right_rotation(estimated, self._rig)
         filled = fill_holes(estimated)
         unrolled = without_roll(filled, rotation, self._rig)
         disparity_map = within_range(unrolled, self._search.min_disparity_px)

@@ -8,15 +8,15 @@ import numpy as np
 
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.calibration_sigma import is_yaw_significant
+from sfr_loc_map.mapping.checks import MIN_MEASURED_FRACTION
 from sfr_loc_map.mapping.config import CalibrationUncertainty
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus
 from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
 from sfr_loc_map.mapping.findings import Findings
 
-LOW_VALID_TEXTURED_FRACTION = 0.6
-"""Fraction of measured pixels among the textured ones below which a warning is given: twice
-`checks.MIN_VALID_TEXTURED_FRACTION`."""
+LOW_MEASURED_FRACTION = 2.0 * MIN_MEASURED_FRACTION
+"""Fraction of measured pixels among the textured ones below which a warning is given. Chosen by hand."""
 MIN_VERTICAL_WARNING_PX = 0.3
 """Smallest vertical disparity that causes a warning, pixels: the residual distortion of a usual calibration."""
 VERTICAL_WARNING_FACTOR = 3.0
@@ -69,8 +69,8 @@ def _warnings_of_images(disparity_map: DisparityMap, configured: CalibrationUnce
     warnings = []
     if math.isnan(fraction):
         warnings.append("too few pixels have texture above the noise: whether the images match is unknown")
-    if fraction < LOW_VALID_TEXTURED_FRACTION:
-        warnings.append(f"only {100 * fraction:.0f} % of the textured pixels have a valid disparity")
+    if fraction < LOW_MEASURED_FRACTION:
+        warnings.append(f"only {100 * fraction:.0f} % of the textured pixels are measured")
     if correction.vertical.max_px > vertical_warning_px(configured):
         warnings.append(
             f"vertical disparity of up to {correction.vertical.max_px:.2f} px between left and right (compensated): "

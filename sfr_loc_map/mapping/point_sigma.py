@@ -14,13 +14,15 @@ points in metres:
 =====================================  =================================================================================
 where                                  formula
 =====================================  =================================================================================
+image_noise.noise_variance             variance of a residual, which divides the information: at least the square of
+                                       `rounding_noise`; DEFAULT_VARIANCE if too few residuals are available
 variational_refinement.linearise       information and information vector / max(mean chi2 / mean weight, correlation of
-                                       the noise over 4 x 4 pixels, which is at least 1)
+                                       the noise over 4 x 4 pixels, which is at least 1), means over WINDOW_CELLS
 uncertainty.disparity_sigma            variance 1 / (8 sqrt(h s)) + (SMOOTHING_BIAS curvature)^2 s / h +
                                        (CREASE_BIAS crease)^2, with the information h less NOISE_INFORMATION, at least
                                        MIN_INFORMATION, the smoothness weight s, the curvature at most
-                                       MAX_CURVATURE_MEDIANS medians and the crease at most MAX_CREASE_PX;
-                                       sigma at most MAX_SIGMA_PX
+                                       MAX_CURVATURE_MEDIANS medians and the crease at most MAX_CREASE_PX; means over
+                                       WINDOW_CELLS, of the crease over CREASE_CELLS; sigma at most MAX_SIGMA_PX
 hole_filling.fill_holes                max(sigma, MIN_FILLED_SIGMA_PX) at filled pixels
 reprojection.points_from_disparity     abs(ray) Z^2 / (fx baseline) sigma, from pixels to metres
 multiview.fusion (only fused points)   variance c sigma^2 + (1 - c) sum w_i^2 s_i^2 / (sum w_i)^2, with the weights
@@ -36,7 +38,7 @@ sigma of its pairs. Compensating a roll and registering poses add nothing: sigma
 
 A new source of error that differs from pixel to pixel is a term in `uncertainty`. One that all points share has a
 parameter (`CalibrationUncertainty`), a field of `CalibrationSigma`, its value in `calibration_sigma` and a term in
-`_total_sigma`.
+`total_sigma`.
 
 A point has three standard deviations. Views are compared and weighted by its `fusion_sigma` (`ViewPoints`), which the
 rows down to that of the fusion make. The random part (`PointSigma.random`) is the `fusion_sigma` widened by saturation.
@@ -134,10 +136,9 @@ def total_sigma(
 ) -> FloatArray32:
     """Return the total standard deviation along the ray of each point `(N,)`, metres.
 
-    With the random part sigma, the range r, the disparity d and the normalised coordinates (x, y) of the left pixel and
-    (xr, y) of the right one, the variance is
+    The variance is that of the last row of the table above, with the random part sigma, the range r and the disparity
+    d. With the normalised coordinates (x, y) of the left pixel and (xr, y) of the right one, the angle a is given by
 
-        sigma^2 + r^2 (a^2 (fx / d)^2 + focal^2 + baseline^2)
         a^2 = (yaw (1 + xr^2))^2 + (pitch xr y)^2 + (roll y)^2 + distortion^2
     """
     axes = np.stack([pose.rotation[:, 2] for pose in poses])

@@ -9,7 +9,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping import point_sigma
 from sfr_loc_map.mapping.calibration_sigma import calibration_sigma, is_yaw_significant
 from sfr_loc_map.mapping.config import CalibrationUncertainty
-from sfr_loc_map.mapping.disparity import hole_filling, saturation, uncertainty
+from sfr_loc_map.mapping.disparity import hole_filling, image_noise, saturation, uncertainty
 from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
 from sfr_loc_map.mapping.multiview import fusion
 from sfr_loc_map.mapping.pair_findings import MIN_VERTICAL_WARNING_PX, vertical_warning_px
@@ -41,7 +41,11 @@ def test_distortion_is_the_configured_one_unless_the_pair_shows_another(
 
 def test_the_constants_that_the_table_of_sigma_names_exist() -> None:
     named = set(re.findall(r"[A-Z]+(?:_[A-Z]+)+", point_sigma.__doc__ or ""))
-    defined = {name for module in (fusion, hole_filling, point_sigma, saturation, uncertainty) for name in vars(module)}
+    defined = {
+        name
+        for module in (fusion, hole_filling, image_noise, point_sigma, saturation, uncertainty)
+        for name in vars(module)
+    }
     assert {"SMOOTHING_BIAS", "COMMON_VARIANCE", "SIGMA_GROWTH"} <= named <= defined
 
 

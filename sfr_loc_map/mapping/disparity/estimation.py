@@ -5,7 +5,7 @@ The steps of `estimate_disparity`, with their modules in `disparity` and their r
 1. `semi_global_matching` (`semi_global_matching`, `exposure`) -> disparity `(H, W)`, NaN at unmatched pixels: initial
    disparity by semi-global matching (Hirschmueller 2008), in wide images at half their width.
 2. `cells_from_disparity` (`cell_field`) -> field on cells of 2 x 2 pixels, defined everywhere: unmatched cells take the
-   farther neighbour along the row.
+   farther neighbour along the row. `disparity_from_cells` interpolates the field at each pixel.
 3. `correct_right_image` (`right_image_correction`, `exposure`, `vertical_disparity`) -> `CorrectedImage`: exposure and
    vertical disparity of the right image are measured and removed.
 4. `refine_disparity` (`variational_refinement`, `photometric_residual`, `image_noise`, `smoothness`,

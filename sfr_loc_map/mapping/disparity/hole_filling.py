@@ -114,18 +114,16 @@ def fill_holes(disparity_map: DisparityMap) -> DisparityMap:
     if max_cost is None:
         return disparity_map
     min_margin = F(MARGIN_SIGMAS * disparity_map.noise_grey)
-    filled = _filled(scene, max_cost, min_margin)
-    valid = measured | filled.accepted
-    for _ in range(PASSES - 1):
-        has_new_hypotheses = dilated(filled.accepted, REACH)
-        scene = _scene(disparity_map, filled.px, valid, unsaturated & has_new_hypotheses)
+    for _ in range(PASSES):
         filled = _filled(scene, max_cost, min_margin)
-        valid = valid | filled.accepted
-    has_similar_depth = depth_ratio(np.where(valid, filled.px, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
-    is_filled = valid & ~measured & has_similar_depth
+        has_new_hypotheses = dilated(filled.accepted, REACH)
+        scene = _scene(disparity_map, filled.px, scene.valid | filled.accepted, unsaturated & has_new_hypotheses)
+    # After all passes: a pixel that is rejected here may have offered its surface to pixels of a later pass.
+    has_similar_depth = depth_ratio(np.where(scene.valid, scene.disparity, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
+    is_filled = scene.valid & ~measured & has_similar_depth
     return replace(
         disparity_map,
-        px=np.where(is_filled, filled.px, disparity_map.px),
+        px=np.where(is_filled, scene.disparity, disparity_map.px),
         sigma_px=np.where(is_filled, np.maximum(disparity_map.sigma_px, MIN_FILLED_SIGMA_PX), disparity_map.sigma_px),
         status=np.where(is_filled, np.uint8(PixelStatus.FILLED), disparity_map.status),
     )
@@ -305,7 +303,7 @@ def _hypotheses(scene: HoleScene, y: int, x: int) -> Hypotheses:
 def _surface_slope(scene: HoleScene, y: int, x: int, dy: int, dx: int) -> np.float32:
     """Return the slope of a valid pixel's surface along an axis, from the valid pixels of that surface on either side.
 
-    Those of `surfaces` are of all pixels, so that they show jumps.
+    The slopes in `surfaces` use all pixels, valid or not, and therefore include jumps.
     """
     rows, cols = scene.disparity.shape
     centre = scene.disparity[y, x]

@@ -44,4 +44,4 @@ def is_valid(status: StatusImage) -> Mask:
 def with_reason(status: StatusImage, failed: Mask, reason: PixelStatus) -> StatusImage:
     """Return the status of pixels of which the failed ones, if they were valid, are invalid for a reason."""
     newly_invalid = failed & is_valid(status)
-    return np.maximum(status, np.uint8(reason) * newly_invalid)  # a reason exceeds any valid status
+    return np.where(newly_invalid, np.uint8(reason), status)

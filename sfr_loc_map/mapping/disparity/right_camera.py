@@ -75,7 +75,7 @@ class RemainingDisparity(NamedTuple):
     saddle_sigma_px: float  #: Standard deviation of the saddle; infinite if too few pixels are valid.
 
 
-def measure_right_camera(disparity_map: DisparityMap, rig: StereoRig) -> CameraRotation:
+def measure_right_rotation(disparity_map: DisparityMap, rig: StereoRig) -> CameraRotation:
     """Return the rotation that explains the vertical disparity of a pair.
 
     The vertical disparity is the sum of what the correction has removed, which is linear over the image (-1 to 1 along
@@ -85,8 +85,9 @@ def measure_right_camera(disparity_map: DisparityMap, rig: StereoRig) -> CameraR
     remaining, saddle_sigma_px = _remaining_disparity(disparity_map, rig)
     from_edge_to_edge = np.linspace(-1.0, 1.0, GRID_POINTS)
     edge_x, edge_y = np.meshgrid(from_edge_to_edge, from_edge_to_edge)
-    x = (0.5 * (edge_x + 1.0) * (rig.width - 1) - rig.cx) / rig.fx
-    y = (0.5 * (edge_y + 1.0) * (rig.height - 1) - rig.cy) / rig.fy
+    column = 0.5 * (edge_x + 1.0) * (rig.width - 1)
+    row = 0.5 * (edge_y + 1.0) * (rig.height - 1)
+    x, y = np.moveaxis(rig.camera.normalised(np.stack((column, row), axis=-1)), -1, 0)
     vertical = remaining.at(x, y) + removed.at(edge_x, edge_y)
     stretch = removed._replace(offset_px=0.0, tilt_px=0.0)
     shape = remaining._replace(constant=0.0, along_x=0.0)

@@ -17,8 +17,8 @@ NOISE_INFORMATION = F(SLOPE_NOISE_GAIN)
 a residual. The slope is measured in the mean of both images, whose noise has a quarter of the residual's variance."""
 MIN_INFORMATION = F(1e-3)  #: Smallest information of a cell, 1 / px^2; it must not be 0.
 MAX_SIGMA_PX = F(2.0)
-"""Larger standard deviations are capped to this, pixels: the linearisation holds within about a pixel, and changes by
-the refinement beyond 1.5 pixels or 5 standard deviations are invalid."""
+"""Larger standard deviations are capped to this, pixels: the linearisation holds within about a pixel, and larger
+changes by the refinement are invalid (`validity.MAX_CHANGE_PX`)."""
 SMOOTHING_BIAS = F(0.34)
 """Error per pixel of second difference and square cell of smoothing radius. Chosen on rendered ground of several kinds,
 lights and cameras together: measurements/mapper_trials.md."""

@@ -63,8 +63,8 @@ DATA_HALF_WEIGHT_SIGMAS = 5.0
 optimum is flat (measurements/mapper_trials.md)."""
 ROBUST_FACTOR = F(1.0 / DATA_HALF_WEIGHT_SIGMAS**2)  #: Factor of the squared normalised residual in the Cauchy weight.
 CLIPPING_SIGMAS = 3.0
-"""Residuals are clipped to this many standard deviations in the brightness offset: noise is not, occlusions are. The
-optimum is flat (measurements/mapper_trials.md)."""
+"""Residuals are clipped to this many standard deviations in the brightness offset, which clips occlusions and
+hardly any noise. The optimum is flat (measurements/mapper_trials.md)."""
 TEMPLATE_SIGMAS = 4.0
 """The template is the left image alone where the residual exceeds this many standard deviations: the right image then
 shows another surface. The optimum is flat (measurements/mapper_trials.md)."""

@@ -25,7 +25,6 @@ from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.multiview.comparison import MIN_OVERLAP, MIN_TEXTURE
 from sfr_loc_map.mapping.multiview.projection import (
     SHIFT_PX,
-    Observations,
     ObservedPoints,
     ViewImages,
     images_of,
@@ -112,7 +111,8 @@ def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
 def _compare(index: int, views: Sequence[PairView], images: Sequence[ViewImages], rig: StereoRig) -> Comparison:
     """Return how the other views observe the points of the view of an index.
 
-    The preferred view is the one with the larger weight, or the first one of two with equal weights.
+    At each point the preferred one of two views is that with the larger weight, or the first one if both are equal. A
+    point is dropped only if the other view is preferred.
     """
     view = views[index]
     own_sigma = view.points.fusion_sigma
@@ -128,23 +128,25 @@ def _compare(index: int, views: Sequence[PairView], images: Sequence[ViewImages]
         if other_index == index:
             continue
         observed = project_into_view(view.points.xyz, other.T_lm_left, images[other_index], rig)
-        indices, seen = observed
-        own = own_weight[indices]
-        is_preferred = seen.weight >= own if other_index < index else seen.weight > own
-        sigma = np.sqrt(np.square(own_sigma[indices]) + np.square(seen.sigma))
-        is_agreeing = np.abs(seen.difference) / sigma <= AGREE_SIGMAS
-        weight = np.where(is_agreeing, seen.weight, F(0.0))
+        indices, by_other = observed
+        weight_of_points = own_weight[indices]
+        is_other_preferred = by_other.weight > weight_of_points
+        if other_index < index:
+            is_other_preferred |= by_other.weight == weight_of_points
+        sigma = observed.difference_sigma(own_sigma)
+        is_agreeing = np.abs(by_other.difference) / sigma <= AGREE_SIGMAS
+        weight = np.where(is_agreeing, by_other.weight, F(0.0))
         total_weight[indices] += weight
-        weighted_difference[indices] += weight * seen.difference
-        weighted_variance[indices] += np.square(weight * seen.sigma)
+        weighted_difference[indices] += weight * by_other.difference
+        weighted_variance[indices] += np.square(weight * by_other.sigma)
         agrees[indices] |= is_agreeing
-        is_duplicate[indices] |= is_agreeing & is_preferred & (seen.sample_distance_px < SAME_SAMPLE_PX)
-        is_conflict[indices] |= is_preferred & (seen.difference > AGREE_SIGMAS * sigma)
+        is_duplicate[indices] |= is_agreeing & is_other_preferred & (by_other.sample_distance_px < SAME_SAMPLE_PX)
+        is_conflict[indices] |= is_other_preferred & (by_other.difference > AGREE_SIGMAS * sigma)
         findings += _agreement_findings(index, other_index, view, other, observed)
     return Comparison(total_weight, weighted_difference, weighted_variance, agrees, is_duplicate, is_conflict, findings)
 
 
-def _fused_points(view: PairView, found: Comparison) -> ViewPoints:
+def _fused_points(view: PairView, comparison: Comparison) -> ViewPoints:
     """Return the points of a view that are kept, moved along their rays to the weighted mean with the other views.
 
     With the ranges r_i, their standard deviations s_i and the weights w_i of the point and of the views that agree, the
@@ -152,15 +154,15 @@ def _fused_points(view: PairView, found: Comparison) -> ViewPoints:
     sigma that of the point and c the fraction of the variance that all pairs have in common. Away from the border of
     the images the weights are `1 / s_i^2`, and the last term is `(1 - c) / sum w_i`.
     """
-    kept = np.flatnonzero(~(found.is_duplicate | found.is_conflict))
+    kept = np.flatnonzero(~(comparison.is_duplicate | comparison.is_conflict))
     points = view.points.select(kept)
-    moved = np.flatnonzero(found.agrees[kept])
-    total_weight = found.total_weight[kept[moved]]
+    moved = np.flatnonzero(comparison.agrees[kept])
+    total_weight = comparison.total_weight[kept[moved]]
     positions = points.xyz.take(moved, axis=0)
     rays = positions - view.T_lm_left.translation.astype(F)
     ranges = np.sqrt(np.einsum("ij,ij->i", rays, rays))
-    step = found.weighted_difference[kept[moved]] / total_weight / ranges
-    independent = found.weighted_variance[kept[moved]] / np.square(total_weight)
+    step = comparison.weighted_difference[kept[moved]] / total_weight / ranges
+    independent = comparison.weighted_variance[kept[moved]] / np.square(total_weight)
     variance = COMMON_VARIANCE * np.square(points.fusion_sigma[moved]) + (1.0 - COMMON_VARIANCE) * independent
     xyz = points.xyz.copy()
     xyz[moved] = positions + rays * step[:, None]
@@ -175,13 +177,13 @@ def _pose_agreement(view: PairView, other: PairView, observed: ObservedPoints) -
     Range differences are compared with those expected of correct sigmas and poses, grey level differences with those at
     `SHIFT_PX`: a wrong yaw shows there on any texture.
     """
-    indices = observed.indices[::AGREEMENT_STRIDE]
-    seen = Observations(*(values[::AGREEMENT_STRIDE] for values in observed.observations))
-    difference = seen.difference
-    sigma = np.sqrt(np.square(view.points.fusion_sigma[indices]) + np.square(seen.sigma))
-    own_grey = view.points.intensity[indices]
-    grey = _spread_of_finite(seen.grey - own_grey)
-    grey_shifted = _spread_of_finite(seen.grey_shifted - own_grey)
+    thinned = observed.every(AGREEMENT_STRIDE)
+    by_other = thinned.observations
+    difference = by_other.difference
+    sigma = thinned.difference_sigma(view.points.fusion_sigma)
+    own_grey = view.points.intensity[thinned.indices]
+    grey = _spread_of_finite(by_other.grey - own_grey)
+    grey_shifted = _spread_of_finite(by_other.grey_shifted - own_grey)
     is_textured = grey_shifted > MIN_TEXTURE * max(view.noise_grey, other.noise_grey)
     return PoseAgreement(
         difference_median_m=median(difference),

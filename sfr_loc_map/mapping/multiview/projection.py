@@ -65,6 +65,14 @@ class ObservedPoints(NamedTuple):
     indices: NDArray[np.intp]  #: `(M,)`, indices of the points.
     observations: Observations  #: How the view observes them, `(M,)` each.
 
+    def difference_sigma(self, fusion_sigma: FloatArray32) -> FloatArray32:
+        """Return the standard deviation of the range differences `(M,)`, metres, given that of the N points."""
+        return np.asarray(np.sqrt(np.square(fusion_sigma[self.indices]) + np.square(self.observations.sigma)))
+
+    def every(self, stride: int) -> ObservedPoints:
+        """Return every stride-th of the observed points."""
+        return ObservedPoints(self.indices[::stride], Observations(*(values[::stride] for values in self.observations)))
+
 
 def project_into_view(xyz: FloatArray32, T_lm_left: Transform, images: ViewImages, rig: StereoRig) -> ObservedPoints:
     """Return how a view, whose left camera has the pose `T_lm_left`, observes points `(N, 3)` in LM."""

@@ -33,15 +33,17 @@ TRANSLATION_STEP_M = 1e-3  #: Step of the numerical derivatives: a sixth of a pi
 DERIVATIVE_STEPS = np.array([ROTATION_STEP_RAD] * 3 + [TRANSLATION_STEP_M] * 3)
 """Steps of the six parameters: rotation vector, translation."""
 CONVERGED_STEP = 1e-5  #: The estimate has converged if no parameter changes by more than this, rad and m: 0.01 pixels.
-PRIOR_SIGMAS = np.array([np.deg2rad(0.5)] * 3 + [0.02] * 3)
-"""Standard deviations of the error of a given pose, rad and m: a quarter and a fifth of the largest accepted motion.
-They divide what rotation and translation explain equally well."""
+MAX_ROTATION_DEG = 2.0
+"""Poses that would have to be rotated by more are reported and not changed, deg. Chosen by hand: a larger error is a
+fault of the pose that registration should not hide."""
+MAX_TRANSLATION_M = 0.1  #: Poses that would have to be moved by more are reported and not changed, metres; likewise.
+PRIOR_SIGMAS = np.array([np.deg2rad(MAX_ROTATION_DEG / 4.0)] * 3 + [MAX_TRANSLATION_M / 5.0] * 3)
+"""Standard deviations of the error of a given pose, rad and m. Where a rotation and a translation explain the residuals
+equally well, their ratio decides which one is taken. Chosen by hand."""
 POSE_HALF_WEIGHT_SIGMAS = 3.0
 """Residuals of this many standard deviations have half the weight (`cauchy_weight`). More than the efficient 2.385,
 because the residuals of a wrong pose are large."""
 MIN_NORMALISED_SIGMA = 1e-6  #: Added to the standard deviation of residuals, which must not be 0.
-MAX_ROTATION_DEG = 2.0  #: Poses that would have to be rotated by more are reported and not changed, deg.
-MAX_TRANSLATION_M = 0.1  #: Poses that would have to be moved by more are reported and not changed, metres.
 
 
 class RegisteredViews(NamedTuple):
@@ -151,11 +153,11 @@ def _gauss_newton_step(
 
     def residuals(parameters: FloatArray) -> FloatArray:
         """Return normalised range differences and grey level differences `(2, N)`; NaN where unobserved."""
-        indices, seen = project_into_view(points.xyz, pose @ _motion(parameters), images, rig)
-        sigma = np.sqrt(np.square(points.fusion_sigma[indices]) + np.square(seen.sigma))
+        observed = project_into_view(points.xyz, pose @ _motion(parameters), images, rig)
+        indices, by_view = observed
         out = np.full((2, points.size), np.nan)
-        out[0, indices] = seen.difference / sigma
-        out[1, indices] = seen.grey - points.intensity[indices]
+        out[0, indices] = by_view.difference / observed.difference_sigma(points.fusion_sigma)
+        out[1, indices] = by_view.grey - points.intensity[indices]
         return out
 
     current = residuals(np.zeros(6))

@@ -20,7 +20,7 @@ TYPICAL_SLOPE = 0.1
 """Typical slope of ground, metres per metre: a displaced point has the height of other ground. Chosen by hand: a point
 that is seen from above then has 0.5 % more standard deviation of its height, one seen along the ground a tenth of its
 sigma."""
-ROUNDED_DOWN = 1.05  #: A number over the same with two digits is less than this.
+ROUNDED_DOWN = 1.05  #: Rounding to two digits lowers a number by less than this factor.
 
 
 class Square(NamedTuple):
