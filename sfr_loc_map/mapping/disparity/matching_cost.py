@@ -3,7 +3,7 @@
 A pixel of the window has the more weight, the more similar its grey level is to that of the centre and the nearer it is
 to the centre (Yoon and Kweon 2006), so that the window covers mostly the surface of its centre. The disparity is
 constant over the window beside jumps (`constant_cost`), and a plane in holes (`plane_cost`).
-The network beside jumps was trained with the former (`wrong_surface`).
+The network that judges pixels beside jumps was trained with the former (`wrong_surface`).
 
 The mapper has three matching costs. The initial disparity has that of OpenCV's matcher (`semi_global_matching`), the
 refinement has squared residuals (`photometric_residual`), and the cost of this window judges single pixels afterwards.
@@ -26,8 +26,8 @@ VALID_WEIGHT = F(0.3)
 """Weight of valid pixels in a window: they repeat the disparity that they already have. The optimum is flat
 (measurements/mapper_trials.md)."""
 GREY_SCALE = 8.0
-"""Difference at which the weight has decreased to 1/e, grey levels: a few times the noise. The network beside jumps was
-trained with this value, as with the other constants of the window."""
+"""Difference at which the weight has decreased to 1/e, grey levels: a few times the noise. The network that judges
+pixels beside jumps was trained with this value, as with the other constants of the window."""
 DISTANCE_SCALE_PX = 3.0  #: Distance at which the weight has decreased to 1/e, pixels; 0.26 at the window's edge.
 
 WEIGHT_BY_GREY = np.exp(-np.arange(256.0) / GREY_SCALE).astype(F)

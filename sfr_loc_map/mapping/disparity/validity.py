@@ -17,7 +17,7 @@ from sfr_loc_map.mapping.disparity.saturation import Saturation
 from sfr_loc_map.mapping.disparity.segments import valid_segments
 from sfr_loc_map.mapping.disparity.surfaces import occlusion_mask, right_surfaces, slope_along_rows
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
-from sfr_loc_map.mapping.disparity.wrong_surface import EdgeScene, wrong_surface_mask
+from sfr_loc_map.mapping.disparity.wrong_surface import JumpScene, wrong_surface_mask
 from sfr_loc_map.mapping.robust_statistics import mad_sigma
 
 MAX_CHI2_PER_DOF = F(4.0)
@@ -51,8 +51,8 @@ def judge_pixels(
 ) -> StatusImage:
     """Return the status of each pixel: measured, or the reason why its disparity is invalid."""
     disparity_px = refined.disparity_px
-    status = status_before_edges(left, right, initial_px, refined)
-    scene = EdgeScene(left, right, disparity_px, np.isfinite(initial_px), is_valid(status), sigma_px)
+    status = status_before_wrong_surface(left, right, initial_px, refined)
+    scene = JumpScene(left, right, disparity_px, np.isfinite(initial_px), is_valid(status), sigma_px)
     status = with_reason(status, wrong_surface_mask(scene), PixelStatus.WRONG_SURFACE)
     # What the last test has left of a segment may be small.
     status = with_reason(
@@ -61,7 +61,7 @@ def judge_pixels(
     return with_reason(status, saturation.saturated, PixelStatus.SATURATED)
 
 
-def status_before_edges(
+def status_before_wrong_surface(
     left: FloatImage, right: FloatImage, initial_px: FloatImage, refined: RefinedDisparity
 ) -> StatusImage:
     """Return the status of each pixel by the tests before that of the wrong surface beside a jump."""

@@ -2,7 +2,7 @@
 
 A network with one hidden layer judges a pixel by thirteen features: matching costs at its own disparity and at that of
 the other surface, and what surrounds the pixel. Its weights were trained on rendered ground, whose true disparity is
-known (`tools/train_edge_network.py`). They hold for the values of the constants below and of `matching_cost` with which
+known (`tools/train_jump_network.py`). They hold for the values of the constants below and of `matching_cost` with which
 the features were made. These values are stored with the weights, and a test compares them with the code.
 """
 
@@ -55,7 +55,7 @@ MIN_RELATIVE_COST = 0.05  #: Smallest cost over the typical cost whose logarithm
 WINDOW_MARGIN_SCALE = 2.0  #: Factor of the margin of the window, which varies less than that of 3 x 3 pixels.
 
 
-class EdgeScene(NamedTuple):
+class JumpScene(NamedTuple):
     """Images and disparities that are judged, `(H, W)` each."""
 
     left: FloatImage  #: Whole grey levels.
@@ -66,7 +66,7 @@ class EdgeScene(NamedTuple):
     sigma: FloatImage  #: Standard deviation of the disparity, pixels.
 
 
-class EdgeFeatures(NamedTuple):
+class JumpFeatures(NamedTuple):
     """Features of N pixels `(N,)` float32 each; the network's weights are in this order."""
 
     window_margin: FloatArray32  #: Cost of the best other surface minus the own one, window, grey levels.
@@ -82,6 +82,21 @@ class EdgeFeatures(NamedTuple):
     slope_x: FloatArray32  #: Slope of the disparity along the row, pixels per pixel.
     slope_y: FloatArray32  #: Slope of the disparity along the column, pixels per pixel.
     sigma_px: FloatArray32  #: Standard deviation of the disparity, pixels.
+
+
+class SurroundingFeatures(NamedTuple):
+    """The first ten of the `JumpFeatures`, `(N,)` float32 each, which other pixels around a pixel show."""
+
+    window_margin: FloatArray32
+    close_margin: FloatArray32
+    effective_pixels: FloatArray32
+    window_cost: FloatArray32
+    close_cost: FloatArray32
+    jump_px: FloatArray32
+    contrast: FloatArray32
+    same_surface: FloatArray32
+    nearer_surface: FloatArray32
+    occluder_px: FloatArray32
 
 
 class SurfaceCosts(NamedTuple):
@@ -101,7 +116,7 @@ class Neighbourhood(NamedTuple):
     nearer_surface: np.float32  #: Weighted fraction on nearer surfaces.
 
 
-class EdgeNetwork(NamedTuple):
+class JumpNetwork(NamedTuple):
     """A network with one hidden layer of K rectified linear units, float32."""
 
     low: FloatArray32  #: `(13,)`, smallest input in the training; inputs are clipped to the range of the training.
@@ -112,13 +127,13 @@ class EdgeNetwork(NamedTuple):
     output_offset: FloatArray32  #: `(1,)`.
 
 
-def wrong_surface_mask(scene: EdgeScene) -> Mask:
+def wrong_surface_mask(scene: JumpScene) -> Mask:
     """Return which valid pixels `(H, W)` beside a jump are likely on the wrong surface."""
     wrong = np.zeros(scene.valid.shape, np.bool_)
     flat_indices = np.flatnonzero(beside_jump(scene.disparity) & scene.valid)
     if not len(flat_indices):
         return wrong
-    log_odds = _log_odds(edge_network(), network_input(edge_features(scene, flat_indices)))
+    log_odds = _log_odds(jump_network(), network_input(jump_features(scene, flat_indices)))
     log_depth_ratio = np.log(depth_ratio(scene.disparity, SURFACE_RADIUS).flat[flat_indices])
     median_sigma_px = median(scene.sigma[scene.valid][::SIGMA_STRIDE])
     threshold = LOG_ODDS_AT_1_PX + np.log(median_sigma_px)
@@ -133,17 +148,17 @@ def beside_jump(disparity: FloatImage) -> Mask:
     return dilated(jump, SURFACE_RADIUS)
 
 
-def edge_features(scene: EdgeScene, flat_indices: IntArray) -> EdgeFeatures:
+def jump_features(scene: JumpScene, flat_indices: IntArray) -> JumpFeatures:
     """Return the features of pixels that are given by their indices in the flat image."""
     slope_x = slope_along_rows(scene.disparity).flat[flat_indices]
     slope_y = slope_along_columns(scene.disparity).flat[flat_indices]
     sigma_px = scene.sigma.flat[flat_indices]
-    return EdgeFeatures._make((*_features_of_surroundings(scene, flat_indices), slope_x, slope_y, sigma_px))
+    return JumpFeatures(*_features_of_surroundings(scene, flat_indices), slope_x, slope_y, sigma_px)
 
 
 @jit_rows
-def _features_of_surroundings(scene: EdgeScene, flat_indices: IntArray) -> tuple[FloatArray32, ...]:
-    """Return the features that other pixels around each pixel show, in the order of `EdgeFeatures`."""
+def _features_of_surroundings(scene: JumpScene, flat_indices: IntArray) -> SurroundingFeatures:
+    """Return the features of pixels that other pixels around them show."""
     cols = scene.disparity.shape[1]
     count = len(flat_indices)
     window_margin = np.empty(count, F)
@@ -171,7 +186,7 @@ def _features_of_surroundings(scene: EdgeScene, flat_indices: IntArray) -> tuple
         same_surface[n] = around.same_surface
         nearer_surface[n] = around.nearer_surface
         occluder_px[n] = _occluder(scene.disparity, y, x)
-    return (
+    return SurroundingFeatures(
         window_margin,
         close_margin,
         effective_pixels,
@@ -186,7 +201,7 @@ def _features_of_surroundings(scene: EdgeScene, flat_indices: IntArray) -> tuple
 
 
 @jit_rows_inline
-def _surface_costs(scene: EdgeScene, y: int, x: int) -> SurfaceCosts:
+def _surface_costs(scene: JumpScene, y: int, x: int) -> SurfaceCosts:
     """Return the costs of the own surface and of the better one of the nearest and the farthest surface nearby."""
     rows, cols = scene.disparity.shape
     own = scene.disparity[y, x]
@@ -212,7 +227,7 @@ def _surface_costs(scene: EdgeScene, y: int, x: int) -> SurfaceCosts:
 
 
 @jit_rows_inline
-def _neighbourhood(scene: EdgeScene, y: int, x: int) -> Neighbourhood:
+def _neighbourhood(scene: JumpScene, y: int, x: int) -> Neighbourhood:
     """Return the contrast of the window around a pixel, and the surfaces in it; weights are by similarity of grey."""
     disparity = scene.disparity
     left = scene.left
@@ -258,7 +273,7 @@ def _occluder(disparity: FloatImage, y: int, x: int) -> np.float32:
     return nearer
 
 
-def network_input(features: EdgeFeatures) -> FloatArray32:
+def network_input(features: JumpFeatures) -> FloatArray32:
     """Return the features as dimensionless numbers of order 1 `(N, 13)`.
 
     Costs are relative to the typical cost of the pair, because real images match less well than their noise explains.
@@ -275,7 +290,7 @@ def network_input(features: EdgeFeatures) -> FloatArray32:
         clipped = np.clip(_signed_log(margin.astype(np.float64) * (scale / typical)), -MAX_LOG, MAX_LOG)
         return np.asarray(np.where(has_other_surface, clipped, MAX_LOG), F)
 
-    inputs = EdgeFeatures(
+    inputs = JumpFeatures(
         window_margin=log_margin(features.window_margin, WINDOW_MARGIN_SCALE),
         close_margin=log_margin(features.close_margin, 1.0),
         effective_pixels=np.log(features.effective_pixels),
@@ -299,15 +314,15 @@ def _signed_log(values: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 @cache
-def edge_network() -> EdgeNetwork:
+def jump_network() -> JumpNetwork:
     """Return the trained network."""
-    text = files("sfr_loc_map.mapping.disparity").joinpath("edge_network.json").read_text(encoding="utf-8")
+    text = files("sfr_loc_map.mapping.disparity").joinpath("jump_network.json").read_text(encoding="utf-8")
     weights = json.loads(text)
-    return EdgeNetwork(*(np.asarray(weights[name], F) for name in EdgeNetwork._fields))
+    return JumpNetwork(*(np.asarray(weights[name], F) for name in JumpNetwork._fields))
 
 
 @jit_rows
-def _log_odds(network: EdgeNetwork, inputs: FloatArray32) -> FloatArray32:
+def _log_odds(network: JumpNetwork, inputs: FloatArray32) -> FloatArray32:
     """Return the output of the network `(N,)` for inputs `(N, 13)`: the log odds of the wrong surface."""
     low = network.low
     high = network.high

@@ -1,6 +1,6 @@
 """Train the network that judges pixels beside jumps of disparity; see `mapping/disparity/wrong_surface.py`.
 
-    python tools/train_edge_network.py sfr_loc_map/mapping/disparity/edge_network.json SOURCE ...
+    python tools/train_jump_network.py sfr_loc_map/mapping/disparity/jump_network.json SOURCE ...
 
 Each SOURCE has mapping pairs with truth (`sfr simulate`). Each pair is used as it is and with the images changed as
 other cameras would: more noise, less contrast, another gain in parts, rows that do not match, blur, more contrast.
@@ -27,19 +27,19 @@ from sfr_loc_map.mapping.disparity.pixel_status import is_valid
 from sfr_loc_map.mapping.disparity.right_image_correction import correct_right_image
 from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
 from sfr_loc_map.mapping.disparity.uncertainty import disparity_sigma
-from sfr_loc_map.mapping.disparity.validity import status_before_edges
+from sfr_loc_map.mapping.disparity.validity import status_before_wrong_surface
 from sfr_loc_map.mapping.disparity.variational_refinement import refine_disparity
 from sfr_loc_map.mapping.disparity.wrong_surface import (
-    EdgeFeatures,
-    EdgeNetwork,
-    EdgeScene,
+    JumpFeatures,
+    JumpNetwork,
+    JumpScene,
     beside_jump,
-    edge_features,
+    jump_features,
     network_input,
 )
 from sfr_loc_map.mapping.search_range import search_range
 
-INPUTS = len(EdgeFeatures._fields)
+INPUTS = len(JumpFeatures._fields)
 UNITS = 16
 """Of the hidden layer."""
 PASSES, BATCH, RATE = 30, 512, 3e-3
@@ -50,7 +50,7 @@ WRONG_PX = 1.0
 MAX_COST = 30.0
 """A wrong pixel counts by its error in pixels, up to this: far ones spoil a map."""
 WINDOW_CONSTANTS = ("WINDOW_RADIUS", "MAX_DIFFERENCE", "MAX_COST", "GREY_SCALE", "DISTANCE_SCALE_PX")
-EDGE_CONSTANTS = (
+JUMP_CONSTANTS = (
     "SMALL_JUMP_PX",
     "SURFACE_RADIUS",
     "OCCLUDER_COLUMNS",
@@ -95,13 +95,13 @@ def samples(source: Path, random: np.random.Generator) -> Iterator[tuple[np.ndar
             left, right = (np.clip(np.rint(x), 0, 255).astype(np.uint8) for x in images)
             scene = scene_of(left, right, count)
             chosen = np.flatnonzero(beside_jump(scene.disparity) & scene.valid & np.isfinite(truth))
-            inputs = network_input(edge_features(scene, chosen))
+            inputs = network_input(jump_features(scene, chosen))
             error_px = np.abs((scene.disparity - truth).flat[chosen])
             some = random.permutation(len(chosen))[:MOST]
             yield inputs[some].astype(float), error_px[some]
 
 
-def scene_of(left: np.ndarray, right: np.ndarray, count: int) -> EdgeScene:
+def scene_of(left: np.ndarray, right: np.ndarray, count: int) -> JumpScene:
     """Return what the network judges, as `estimate_disparity` makes it."""
     initial_px = semi_global_matching(left, right, count)
     initial_cells = cells_from_disparity(initial_px)
@@ -109,9 +109,9 @@ def scene_of(left: np.ndarray, right: np.ndarray, count: int) -> EdgeScene:
     dense_px = disparity_from_cells(initial_cells, left.shape)
     right_grey = correct_right_image(left_grey, right.astype(np.float32), dense_px).image
     refined = refine_disparity(left_grey, right_grey, initial_cells)
-    valid = is_valid(status_before_edges(left_grey, right_grey, initial_px, refined))
+    valid = is_valid(status_before_wrong_surface(left_grey, right_grey, initial_px, refined))
     sigma_px = disparity_sigma(refined)
-    return EdgeScene(left_grey, right_grey, refined.disparity_px, np.isfinite(initial_px), valid, sigma_px)
+    return JumpScene(left_grey, right_grey, refined.disparity_px, np.isfinite(initial_px), valid, sigma_px)
 
 
 def train(features: np.ndarray, error_px: np.ndarray, random: np.random.Generator) -> dict[str, np.ndarray]:
@@ -148,12 +148,12 @@ def train(features: np.ndarray, error_px: np.ndarray, random: np.random.Generato
                 weights[k] -= rate * (first[k] / (1.0 - 0.9**step)) / size
         print(f"pass {number + 1} of {PASSES}: cross entropy {loss / (len(order) // BATCH):.4f}", flush=True)
     hidden = weights[0] / scale
-    return dict(zip(EdgeNetwork._fields, (low, high, hidden, weights[1] - hidden @ mean, *weights[2:]), strict=True))
+    return dict(zip(JumpNetwork._fields, (low, high, hidden, weights[1] - hidden @ mean, *weights[2:]), strict=True))
 
 
 def feature_constants() -> dict[str, float]:
     """Return the constants that the features are made with, by name, those of sigma and of slopes excepted."""
-    modules = {matching_cost: WINDOW_CONSTANTS, surfaces: ("SURFACE_JUMP_PX",), wrong_surface: EDGE_CONSTANTS}
+    modules = {matching_cost: WINDOW_CONSTANTS, surfaces: ("SURFACE_JUMP_PX",), wrong_surface: JUMP_CONSTANTS}
     found = {name: getattr(module, name) for module, names in modules.items() for name in names}
     return {name: round(float(value), 4) for name, value in found.items()}
 
