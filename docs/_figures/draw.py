@@ -104,7 +104,12 @@ def example_table() -> str:
         values = [score.number(name, statistic) for statistic in ("mean", "sigma", "mean_plus_3sigma")]
         rows.append(f"| {name}, {unit} | " + " | ".join(f"{value or 0.0:.{digits}f}" for value in values) + " |")
     return "\n".join(
-        [*rows, "", f"{score.number('position', 'n')} pieces of 5 m; the end of the drive is off by {end:.2f} m."]
+        [
+            *rows,
+            "",
+            f"{score.number('position', 'n')} sub-trajectories of 5 m; "
+            f"the error at the end of the drive is {end:.2f} m.",
+        ]
     )
 
 

@@ -128,7 +128,7 @@ def test_the_worked_example_of_the_page_on_rebasing() -> None:
     estimates = Estimates.of(Trajectory(stamps, moved, drift.as_quat()))
     score = as_score(score_trajectory(estimates, straight, TrajectoryScoreConfig()))
     page = (Path(__file__).parents[2] / "docs/concepts/sub_trajectories.md").read_text()
-    assert f"{score.figure('position').n} pieces of 5 m" in page
+    assert f"{score.figure('position').n} sub-trajectories of 5 m" in page
     for reading in READINGS:
         position, *angles = (
             score.number(name, "mean_plus_3sigma", part=reading) for name in ("position", "attitude", "heading")
