@@ -192,7 +192,7 @@ class Mapper:
         pair_in_set = np.full(view.points.size, index, np.uint8)
         cloud = view.points.to_cloud(sigma.total, pair_in_set, fused=False)
         random_sigma = read_only(sigma.random)
-        disparity_px = read_only(view.disparity_px)
+        disparity_px = read_only(view.images.disparity)
         return MappedPair(
             stamp_ns=pair.stamp_ns,
             cloud=cloud,

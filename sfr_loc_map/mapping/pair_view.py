@@ -74,28 +74,40 @@ class ViewPoints(NamedTuple):
         )
 
 
+class ViewImages(NamedTuple):
+    """Images of a view, `(H, W)` float32 each."""
+
+    disparity: FloatImage  #: Pixels; NaN where invalid.
+    sigma: FloatImage  #: Standard deviation of the range, metres; infinite without a point.
+    grey: FloatImage  #: Grey level; NaN without a point.
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PairView:
     """One stereo pair as registration and fusion use it."""
 
     points: ViewPoints
-    disparity_px: FloatImage  #: `(H, W)` float32, pixels; NaN where invalid.
+    images: ViewImages  #: The disparities, and the sigmas and grey levels of the points at their pixels.
     T_lm_left: Transform  #: Takes points in the left optical frame to LM.
     noise_grey: float  #: Standard deviation of the difference of two images of the same ground, grey levels.
+
+    @classmethod
+    def of(cls, points: ViewPoints, disparity_px: FloatImage, T_lm_left: Transform, noise_grey: float) -> PairView:
+        """Return the view of points with the disparities `(H, W)` that they come from, NaN where invalid."""
+        sigma = np.full(disparity_px.shape, np.inf, F)
+        sigma[points.v, points.u] = points.fusion_sigma
+        grey = np.full(disparity_px.shape, np.nan, F)
+        grey[points.v, points.u] = points.intensity
+        return cls(points, ViewImages(disparity_px, sigma, grey), T_lm_left, noise_grey)
 
     def with_pose(self, T_lm_left: Transform) -> PairView:
         """Return the view and its points at another pose."""
         xyz = (T_lm_left @ self.T_lm_left.inverse()).apply(self.points.xyz).astype(F)
         return replace(self, points=self.points._replace(xyz=xyz), T_lm_left=T_lm_left)
 
-    def grey_image(self, blur_px: float = 0.0) -> FloatImage:
-        """Return the left image `(H, W)` at the points, blurred over them by a Gaussian; NaN elsewhere."""
-        has_point = np.zeros(self.disparity_px.shape, F)
-        grey = np.zeros_like(has_point)
-        has_point[self.points.v, self.points.u] = 1.0
-        grey[self.points.v, self.points.u] = self.points.intensity
-        if blur_px > 0.0:
-            total = cv2.GaussianBlur(grey, (0, 0), blur_px)
-            coverage = cv2.GaussianBlur(has_point, (0, 0), blur_px)
-            grey = np.asarray(total / np.maximum(coverage, MIN_COVERAGE), F)
-        return np.asarray(np.where(has_point == 0.0, F(np.nan), grey), F)
+    def blurred_grey(self, blur_px: float) -> FloatImage:
+        """Return the grey levels `(H, W)` of the points, blurred over them by a Gaussian; NaN elsewhere."""
+        has_point = np.isfinite(self.images.grey)
+        total = cv2.GaussianBlur(np.where(has_point, self.images.grey, F(0.0)), (0, 0), blur_px)
+        coverage = cv2.GaussianBlur(has_point.astype(F), (0, 0), blur_px)
+        return np.asarray(np.where(has_point, total / np.maximum(coverage, MIN_COVERAGE), F(np.nan)), F)

@@ -27,7 +27,7 @@ def view_of_pair(disparity_map: DisparityMap, rig: StereoRig, T_lm_left: Transfo
     """Return the points of the valid disparities with their images and pose."""
     valid_px = np.where(disparity_map.valid, disparity_map.px, F(np.nan))
     points = points_from_disparity(valid_px, disparity_map.sigma_px, disparity_map.left, rig, T_lm_left)
-    return PairView(points, valid_px, T_lm_left, disparity_map.noise_grey)
+    return PairView.of(points, valid_px, T_lm_left, disparity_map.noise_grey)
 
 
 def points_from_disparity(

@@ -9,7 +9,6 @@ grey levels and the same disparities at the same pixels, although ground there w
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
 
@@ -49,7 +48,7 @@ def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> CleanedV
 
     A region that is fixed in two pairs is removed from both.
     """
-    greys = [_sampled_grey(view) for view in views]
+    greys = [view.images.grey[::STRIDE, ::STRIDE] for view in views]
     regions: dict[int, Mask] = {}
     warnings = []
     for i, j in combinations(range(len(views)), 2):
@@ -69,15 +68,6 @@ def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> CleanedV
     return CleanedViews(kept, Findings(statistics, tuple(warnings)))
 
 
-def _sampled_grey(view: PairView) -> FloatImage:
-    """Return the grey level of each sample `(H/3, W/3)`; NaN without a point."""
-    points = view.points
-    is_sampled = (points.u % STRIDE == 0) & (points.v % STRIDE == 0)
-    grey = np.full_like(view.disparity_px[::STRIDE, ::STRIDE], np.nan)
-    grey[points.v[is_sampled] // STRIDE, points.u[is_sampled] // STRIDE] = points.intensity[is_sampled]
-    return grey
-
-
 def _fixed_region(same_disparity: Mask, first_grey: FloatImage, second_grey: FloatImage, noise: np.float32) -> Mask:
     """Return which samples `(H/3, W/3)` belong to content that is fixed to the image."""
     if same_disparity.mean() < MIN_REGION_FRACTION:
@@ -93,8 +83,8 @@ def _fixed_region(same_disparity: Mask, first_grey: FloatImage, second_grey: Flo
 
 def _same_disparity(first: PairView, second: PairView, rig: StereoRig) -> Mask:
     """Return which samples `(H/3, W/3)` have the same disparity in both images although ground there has moved."""
-    disparity = first.disparity_px[::STRIDE, ::STRIDE]
-    same: Mask = np.abs(disparity - second.disparity_px[::STRIDE, ::STRIDE]) < SAME_DISPARITY_PX
+    disparity = first.images.disparity[::STRIDE, ::STRIDE]
+    same: Mask = np.abs(disparity - second.images.disparity[::STRIDE, ::STRIDE]) < SAME_DISPARITY_PX
     row, column = np.nonzero(same)
     x, y = rig.camera.normalised(np.column_stack((column, row)).astype(np.float64) * STRIDE).T
     inverse_depth = disparity[row, column].astype(np.float64) / (rig.fx * rig.baseline_m)
@@ -132,7 +122,7 @@ def _window_mean(image: FloatImage) -> FloatImage:
 def _without(view: PairView, region: Mask) -> PairView:
     """Return the view without the points of a region of samples `(H/3, W/3)`."""
     kept = ~region[view.points.v // STRIDE, view.points.u // STRIDE]
-    rows, columns = view.disparity_px.shape
+    rows, columns = view.images.disparity.shape
     removed = region.repeat(STRIDE, axis=0).repeat(STRIDE, axis=1)[:rows, :columns]
-    disparity_px = np.where(removed, F(np.nan), view.disparity_px)
-    return replace(view, points=view.points.select(kept), disparity_px=disparity_px)
+    disparity_px = np.where(removed, F(np.nan), view.images.disparity)
+    return PairView.of(view.points.select(kept), disparity_px, view.T_lm_left, view.noise_grey)

@@ -23,14 +23,7 @@ from sfr_loc_map.geometry.arrays import F, FloatArray32, Mask, median
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.multiview.comparison import MIN_OVERLAP, MIN_TEXTURE
-from sfr_loc_map.mapping.multiview.projection import (
-    SHIFT_PX,
-    ObservedPoints,
-    ViewImages,
-    images_of,
-    point_weights,
-    project_into_view,
-)
+from sfr_loc_map.mapping.multiview.projection import SHIFT_PX, ObservedPoints, point_weights, project_into_view
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 from sfr_loc_map.mapping.robust_statistics import mad_sigma, spread
 
@@ -84,13 +77,12 @@ class PoseAgreement(NamedTuple):
 
 def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
     """Return the points of all views on one surface, in LM."""
-    images = [images_of(view) for view in views]
     parts: list[ViewPoints] = []
     agreeing_count = 0
     conflict_count = 0
     agreement = Findings()
     for index, view in enumerate(views):
-        comparison = _compare(index, views, images, rig)
+        comparison = _compare(index, views, rig)
         parts.append(_fused_points(view, comparison))
         agreeing_count += int(comparison.agrees.sum())
         conflict_count += int(comparison.is_conflict.sum())
@@ -108,7 +100,7 @@ def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
     return FusedViews(points, pair, Findings(statistics) + agreement)
 
 
-def _compare(index: int, views: Sequence[PairView], images: Sequence[ViewImages], rig: StereoRig) -> Comparison:
+def _compare(index: int, views: Sequence[PairView], rig: StereoRig) -> Comparison:
     """Return how the other views observe the points of the view of an index.
 
     At each point the preferred one of two views is that with the larger weight, or the first one if both are equal. A
@@ -127,7 +119,7 @@ def _compare(index: int, views: Sequence[PairView], images: Sequence[ViewImages]
     for other_index, other in enumerate(views):
         if other_index == index:
             continue
-        observed = project_into_view(view.points.xyz, other.T_lm_left, images[other_index], rig)
+        observed = project_into_view(view.points.xyz, other.T_lm_left, other.images, rig)
         indices, by_other = observed
         weight_of_points = own_weight[indices]
         is_other_preferred = by_other.weight > weight_of_points

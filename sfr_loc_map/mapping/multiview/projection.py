@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
-from sfr_loc_map.mapping.pair_view import PairView
+from sfr_loc_map.mapping.pair_view import PairView, ViewImages
 
 FEATHER_PX = 48.0
 """Distance from the image's border from which on points have their full weight, pixels: a twentieth of a megapixel
@@ -25,25 +25,9 @@ focal length of 800 pixels."""
 MIN_DEPTH_M = 1e-3  #: Smallest depth of a point that is projected into a camera, metres: it must be before the camera.
 
 
-class ViewImages(NamedTuple):
-    """Images of a view, `(H, W)` float32 each."""
-
-    disparity: FloatImage  #: Pixels; NaN where invalid.
-    sigma: FloatImage  #: Standard deviation of the range, metres; infinite without a point.
-    grey: FloatImage  #: Grey level; NaN without a point.
-
-
-def images_of(view: PairView) -> ViewImages:
-    """Return disparity, sigma and grey level of each pixel of a view."""
-    points = view.points
-    sigma = np.full(view.disparity_px.shape, np.inf, F)
-    sigma[points.v, points.u] = points.fusion_sigma
-    return ViewImages(view.disparity_px, sigma, view.grey_image())
-
-
 def point_weights(view: PairView) -> FloatArray32:
     """Return the weight of each point of a view in the fusion `(N,)`, 1 / m^2."""
-    rows, columns = view.disparity_px.shape
+    rows, columns = view.images.disparity.shape
     points = view.points
     return _point_weights(points.fusion_sigma, points.u, points.v, rows, columns)
 

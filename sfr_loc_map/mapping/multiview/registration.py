@@ -18,8 +18,8 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.multiview.comparison import MIN_OVERLAP
-from sfr_loc_map.mapping.multiview.projection import ViewImages, images_of, project_into_view
-from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
+from sfr_loc_map.mapping.multiview.projection import project_into_view
+from sfr_loc_map.mapping.pair_view import PairView, ViewImages, ViewPoints
 from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
 
 ENOUGH_POINTS = 10_000
@@ -107,17 +107,16 @@ def _estimate_motion(fixed: Sequence[PairView], moved: PairView, rig: StereoRig)
     Ranges and grey levels of the fixed views' points are compared with those of the view where they are projected to.
     None if the views overlap too little.
     """
-    moved_images = images_of(moved)
     compared = []
     for view in fixed:
-        overlapping = project_into_view(view.points.xyz, moved.T_lm_left, moved_images, rig).indices
+        overlapping = project_into_view(view.points.xyz, moved.T_lm_left, moved.images, rig).indices
         stride = max(1, len(overlapping) // ENOUGH_POINTS)
         compared.append(view.points.select(overlapping[::stride]))
     if sum(points.size for points in compared) < MIN_OVERLAP:
         return None
     pose = moved.T_lm_left
     for blur_px in BLURS_PX:
-        images = moved_images._replace(grey=moved.grey_image(blur_px))
+        images = moved.images._replace(grey=moved.blurred_grey(blur_px))
         points = _with_blurred_grey(compared, fixed, blur_px)
         for _ in range(MAX_STEPS_PER_BLUR):
             step = _gauss_newton_step(points, images, pose, moved.T_lm_left, rig)
@@ -133,7 +132,7 @@ def _with_blurred_grey(parts: Sequence[ViewPoints], views: Sequence[PairView], b
     """Return the points of all views with the grey levels of the views' blurred images."""
     blurred = []
     for points, view in zip(parts, views, strict=True):
-        grey = view.grey_image(blur_px)
+        grey = view.blurred_grey(blur_px)
         blurred.append(points._replace(intensity=grey[points.v, points.u]))
     return ViewPoints.concatenated(blurred)
 

@@ -10,7 +10,7 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.multiview.fusion import COMMON_VARIANCE, FusedViews, fuse_views
-from sfr_loc_map.mapping.multiview.projection import FEATHER_PX, images_of, point_weights, project_into_view
+from sfr_loc_map.mapping.multiview.projection import FEATHER_PX, point_weights, project_into_view
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 from sfr_loc_map.mapping.reprojection import points_from_disparity
 
@@ -25,7 +25,7 @@ def plane_view(depth_m: float, sigma_px: float, position: tuple[float, float] = 
     T_lm_left = Transform(np.eye(3), np.array([*position, 0.0]))
     grey = np.random.default_rng(1).integers(0, 255, disparity.shape, dtype=np.uint8)
     points = points_from_disparity(disparity, np.full_like(disparity, sigma_px), grey, RIG, T_lm_left)
-    return PairView(points, disparity, T_lm_left, 1.0)
+    return PairView.of(points, disparity, T_lm_left, 1.0)
 
 
 def inner(points: ViewPoints) -> ViewPoints:
@@ -62,7 +62,7 @@ def test_points_lie_at_the_mean_weighted_by_inverse_variance_in_any_order(order:
 def test_the_feather_reduces_weights_towards_the_border_and_leaves_sigma() -> None:
     """Of a plane in front of the camera sigma is that of the ray's length; a corner has a feather of 1 / 48."""
     view = plane_view(4.0, 0.1)
-    indices, seen = project_into_view(view.points.xyz, view.T_lm_left, images_of(view), RIG)
+    indices, seen = project_into_view(view.points.xyz, view.T_lm_left, view.images, RIG)
     np.testing.assert_array_equal(seen.sigma, view.points.fusion_sigma[indices])
     weights = point_weights(view)
     feather = weights * np.square(view.points.fusion_sigma)
@@ -76,7 +76,7 @@ def test_sigma_near_the_border_is_that_of_the_mean_with_reduced_weights() -> Non
     views = [plane_view(4.0, 0.1, ASIDE[i]) for i in range(2)]
     fused = fuse_views(views, RIG)
     points = fused.points.select(fused.pair == 0)
-    single = images_of(views[0]).sigma[points.v, points.u]
+    single = views[0].images.sigma[points.v, points.u]
     merged = points.fusion_sigma != single
     assert merged.sum() > 0.9 * views[0].points.size
     assert (points.fusion_sigma[merged] < single[merged]).all()
