@@ -18,7 +18,7 @@ from sfr_loc_map.io.layouts.image_folder import is_image_folder, open_image_fold
 from sfr_loc_map.io.layouts.kitti import is_kitti, open_kitti
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig, SyncConfig, source_config
-from sfr_loc_map.io.truth import TruthConfig, resolve_truth, truth_of_file
+from sfr_loc_map.io.truth import RB_ITSELF, TruthConfig, resolve_truth, truth_of_file
 
 _log = logging.getLogger(__name__)
 
@@ -103,10 +103,10 @@ def read_truth(place: Path, config: TruthConfig | None = None, remap: Mapping[st
 
     InputError, in one line, if there is none.
     """
-    config = config or TruthConfig()
-    if config.source or place.is_file() or is_bag(place):
-        return truth_of_file(place, config, remap)
-    found = open_source(place).truth
+    if place.is_file() or is_bag(place) or (config is not None and config.source):
+        return truth_of_file(place, config or TruthConfig(), remap)
+    how = source_config(place)
+    found = open_source(place, how if config is None else replace(how, truth=config)).truth
     if found is None:
         raise InputError(f"'{place}' has no true poses (groundtruth.csv): give a source with truth")
-    return found if isinstance(found, Truth) else config.applied(found, read_from=str(place))
+    return found if isinstance(found, Truth) else RB_ITSELF.applied(found, read_from=str(place))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +20,7 @@ from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_rotate
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S, refusing
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.bag.frames import chain_above, chain_poses, pose_row, read_frames, trajectory_of
@@ -76,13 +77,17 @@ class TrackedBody:
         if abs(float(np.linalg.norm(self.lever_quat_xyzw)) - 1.0) > 1e-2:
             raise ConfigError(f"truth.lever_quat_xyzw is {self.lever_quat_xyzw}: a unit quaternion is required")
 
+    @property
+    def has_lever(self) -> bool:
+        """Whether the tracked body has a pose in RB of its own."""
+        return (self.lever_arm_m, self.lever_quat_xyzw) != (NO_LEVER, NO_TURN)
+
     def applied(self, poses: Trajectory, variances: FloatArray | None = None, read_from: str = "") -> Truth:
         """Return poses of the tracked body as the truth of RB; `variances`: `(N, 6)`, NaN or 0 where not known.
 
-        What is a truth of RB already keeps its place, and takes a standard deviation that is given.
+        The poses are as recorded: those of a `Truth` would be moved a second time.
         """
-        if isinstance(poses, Truth):
-            return replace(poses, sigma_m=self.sigma_m or poses.sigma_m, sigma_deg=self.sigma_deg or poses.sigma_deg)
+        assert not isinstance(poses, Truth)
         if variances is None:
             variances = np.full((len(poses), 6), np.nan)
         kept, poses = possible_truth(poses, read_from, self.attitude, self.unknown, variances)
@@ -94,7 +99,7 @@ class TrackedBody:
             raise InputError(f"truth {read_from} has no attitudes: set truth.attitude to auto or no")
         positions, quats = poses.positions, poses.quats_xyzw if has_attitude else np.zeros((len(poses), 4))
         lever = np.array(self.lever_arm_m)
-        if has_attitude and (self.lever_arm_m, self.lever_quat_xyzw) != (NO_LEVER, NO_TURN):
+        if has_attitude and self.has_lever:
             quats = quat_multiply(quats, quat_conjugate(np.array(self.lever_quat_xyzw)))
             positions, lever = positions - quat_rotate(quats, lever), np.zeros(3)
         sigmas = [sigma_of(variances[:, :3]), np.degrees(sigma_of(variances[:, 3:])) if has_attitude else 0.0]
@@ -143,7 +148,7 @@ def possible_truth(
         names = [name for name, is_known in (("height", has_height), ("roll and pitch", has_tilt)) if not is_known]
         if names:
             text = f"unknown are {', '.join(names)} (constant along a path that turns, or marked by variances)"
-            findings = (*findings, f"{text}: they are not judged, but for truth.unknown=none")
+            findings = (*findings, f"{text}: they are not judged; set truth.unknown=none to judge them")
     for text in findings:
         _log.warning(f"truth {read_from}: {text}")
     if not (has_height and has_tilt):
@@ -166,6 +171,14 @@ def marked_as_unknown(variances: FloatArray) -> tuple[bool, bool]:
 
 
 RB_ITSELF = TrackedBody()  #: The truth is of RB, as exact as its messages say.
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class TrackedPoses(Trajectory):
+    """Poses of a tracked body as a source has them, with the place of the body that the source states."""
+
+    T_rb_body: Transform = field(default_factory=Transform.identity)
+    read_from: str = ""  #: File that the poses were read from.
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,6 +208,13 @@ class TruthConfig(LiveTruth):
         "z, qx, qy, qz, qw (sec and nsec in place of t), or NAME[UNIT] in the order of the columns, _ for others.",
     )
 
+    def at(self, T_rb_body: Transform) -> TruthConfig:
+        """Return the configuration with the place of the body that a source states, unless it has one of its own."""
+        if self.has_lever:
+            return self
+        lever_arm_m, lever_quat_xyzw = (tuple(part.tolist()) for part in (T_rb_body.translation, T_rb_body.quat_xyzw))
+        return replace(self, lever_arm_m=lever_arm_m, lever_quat_xyzw=lever_quat_xyzw)
+
 
 def sigma_of(variances: FloatArray) -> float:
     """Return the standard deviation along an axis of messages with variances `(N, 3)`, their median; 0: not known."""
@@ -210,16 +230,19 @@ def resolve_truth(
 ) -> Trajectory | None:
     """Return the truth of a source of any format: what the configuration names, else its own; None without either.
 
-    `own` reads the true poses that the source itself has, None if it has none.
+    `own` reads the true poses that the source itself has, None if it has none. A `Truth` was read by the configuration
+    already, as that of a bag is.
     """
     if config.source:
         return truth_of_file(place, config, remap)
     poses = own()
-    if poses is None:
-        return None
+    if poses is None or isinstance(poses, Truth):
+        return poses
+    if isinstance(poses, TrackedPoses):
+        return config.at(poses.T_rb_body).applied(poses, read_from=poses.read_from)
     if config != TruthConfig():
         return config.applied(poses, read_from=str(place))
-    return poses if isinstance(poses, Truth) else possible_truth(poses, f"of '{place}'")[1]
+    return possible_truth(poses, f"of '{place}'")[1]
 
 
 def truth_of_file(place: Path, config: TruthConfig = TruthConfig(), remap: Mapping[str, str] | None = None) -> Truth:

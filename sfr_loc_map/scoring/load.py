@@ -16,7 +16,7 @@ from sfr_loc_map import io  # whose `open_source` is loaded late: files of traje
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, load_cloud
@@ -195,11 +195,18 @@ def _drive_of(
 
 
 def _as_declared(true: LoadedTrajectory, place: Path | None, how: SourceConfig) -> LoadedTrajectory:
-    """Return true poses as the configuration declares them; without a declaration those of a file that can be true."""
+    """Return true poses as the configuration declares them; without a declaration those of a file that can be true.
+
+    A `Truth` was read by a configuration already. One in memory takes a standard deviation that is given.
+    """
+    poses = true.trajectory
+    if isinstance(poses, Truth):
+        sigma_m, sigma_deg = how.truth.sigma_m or poses.sigma_m, how.truth.sigma_deg or poses.sigma_deg
+        return replace(true, trajectory=replace(poses, sigma_m=sigma_m, sigma_deg=sigma_deg))
     if how.truth != AS_IT_IS.truth:
-        return replace(true, trajectory=how.truth.applied(true.trajectory, read_from=true.text))
-    if place is not None and place.is_file() and not is_bag(place):
-        return replace(true, trajectory=possible_truth(true.trajectory, f"of '{place}'")[1])
+        return replace(true, trajectory=how.truth.applied(poses, read_from=true.text))
+    if place is not None and place.is_file():
+        return replace(true, trajectory=possible_truth(poses, f"of '{place}'")[1])
     return true
 
 

@@ -28,7 +28,7 @@ from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.stereo_pairs import stereo_pairs
 from sfr_loc_map.io.tables.text_table import check_order, parse_stamp_ns, read_lines
 from sfr_loc_map.io.tables.trajectory_file import TrajectoryFormat, read_trajectory_file, save_trajectory
-from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
+from sfr_loc_map.io.truth import TrackedPoses
 
 CAMERAS = ("cam0", "cam1")
 TRUTH = "state_groundtruth_estimate0"
@@ -55,7 +55,7 @@ def open_euroc(path: Path, config: SourceConfig) -> Source:
 
 
 def _load_truth(folder: Path) -> Trajectory | None:
-    """Return the truth of the first of `TRUTHS` that is there; T_BS places the marker of a tracker in the body."""
+    """Return the truth of the first of `TRUTHS` that is there; a tracker's is of its marker, by T_BS."""
     file = next((file for name in TRUTHS if (file := folder / name / "data.csv").is_file()), None)
     if file is None:
         return None
@@ -64,13 +64,15 @@ def _load_truth(folder: Path) -> Trajectory | None:
     if file.parent.name == TRUTH:
         return loaded.trajectory
     place = file.with_name("sensor.yaml")
-    marker = RB_ITSELF
+    T_rb_marker = Transform.identity()
     if place.is_file():
         with refusing(f"'{place}' is not a sensor.yaml"):
             numbers = np.array(parse_opencv_yaml(read_text(place))["T_BS"]["data"], np.float64)
             T_rb_marker = Transform.from_matrix(numbers.reshape(4, 4))
-            marker = TrackedBody(tuple(T_rb_marker.translation.tolist()), tuple(T_rb_marker.quat_xyzw.tolist()))
-    return marker.applied(loaded.trajectory, read_from=loaded.text)
+    poses = loaded.trajectory
+    return TrackedPoses(
+        poses.stamps_ns, poses.positions, poses.quats_xyzw, T_rb_body=T_rb_marker, read_from=loaded.text
+    )
 
 
 def _load_list(path: Path) -> dict[int, Path]:

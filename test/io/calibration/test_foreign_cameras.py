@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,14 +17,15 @@ from sfr_loc_map.geometry.camera_info import projection
 from sfr_loc_map.geometry.rectification import rectified_rig, rig_of_rectified
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag.messages import camera_info
 from sfr_loc_map.io.calibration.files import read_calibration
 from sfr_loc_map.io.images.codec import encode_png
-from sfr_loc_map.io.layouts.euroc import open_euroc
+from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.trajectory_file import TrajectoryFormat, save_trajectory
+from sfr_loc_map.io.truth import TruthConfig
 
 LENSES = {
     "T265": ([282.0, 280.7, 416.0, 396.7], [-0.0033, 0.0541, -0.0516, 0.0107], (848, 800)),
@@ -219,11 +221,11 @@ def test_a_calibration_of_one_raw_camera_is_none_of_a_stereo_pair(tmp_path: Path
         read_calibration(tmp_path / "c.yaml", (752, 480))
 
 
-@pytest.mark.parametrize("truth", ["state_groundtruth_estimate0", "mocap0", "vicon0"])
-def test_sequences_in_the_layout_of_euroc_by_others(tmp_path: Path, truth: str) -> None:
+def euroc_sequence(path: Path, truth: str, lever: list[float]) -> Trajectory:
+    """Write a sequence in EuRoC's layout whose truth is of a marker on a lever; return the poses of the marker."""
     intrinsics, coefficients, (width, height) = LENSES["TUM-VI"]
     for number, late_ns in ((0, 0), (1, 1000)):
-        folder = tmp_path / "mav0" / f"cam{number}"
+        folder = path / "mav0" / f"cam{number}"
         (folder / "data").mkdir(parents=True)
         pose = T_IMU_CAM0 if number == 0 else T_IMU_CAM1
         (folder / "sensor.yaml").write_text(
@@ -237,15 +239,44 @@ def test_sequences_in_the_layout_of_euroc_by_others(tmp_path: Path, truth: str) 
             rows.append(f"{stamp + late_ns},{stamp}.png")
         (folder / "data.csv").write_text("\n".join(rows) + "\n")
     stamps = START_NS + np.arange(5, dtype=np.int64) * 10**8
-    poses = Trajectory(stamps, np.arange(15.0).reshape(5, 3), np.tile([0.0, 0.0, 0.6, 0.8], (5, 1)))
-    (tmp_path / "mav0" / truth).mkdir()
-    save_trajectory(tmp_path / "mav0" / truth / "data.csv", poses, TrajectoryFormat.EUROC)
-    lever = [0.5, 0.0, 0.0] if truth == "vicon0" else [0.0, 0.0, 0.0]
+    turns = np.array([[0.0, 0.0, np.sin(angle), np.cos(angle)] for angle in 0.3 * np.arange(5)])
+    poses = Trajectory(stamps, np.arange(15.0).reshape(5, 3), turns)
+    (path / "mav0" / truth).mkdir()
+    save_trajectory(path / "mav0" / truth / "data.csv", poses, TrajectoryFormat.EUROC)
     pose = matrix([0.0, 0.0, 0.0], lever)
-    (tmp_path / "mav0" / truth / "sensor.yaml").write_text(f"T_BS:\n  data: {pose.reshape(-1).tolist()}\n")
-    loc = open_euroc(tmp_path, SourceConfig()).loc
+    (path / "mav0" / truth / "sensor.yaml").write_text(f"T_BS:\n  data: {pose.reshape(-1).tolist()}\n")
+    return poses
+
+
+@pytest.mark.parametrize("truth", ["state_groundtruth_estimate0", "mocap0", "vicon0"])
+def test_sequences_in_the_layout_of_euroc_by_others(tmp_path: Path, truth: str) -> None:
+    lever = [0.5, 0.0, 0.0] if truth == "vicon0" else [0.0, 0.0, 0.0]
+    poses = euroc_sequence(tmp_path, truth, lever)
+    loc = open_source(tmp_path, SourceConfig()).loc
     assert loc is not None
     assert len(loc) == 2
     assert loc.ground_truth is not None
     moved = np.linalg.norm(loc.ground_truth.positions - poses.positions, axis=1)
     np.testing.assert_allclose(moved, lever[0], atol=1e-9)
+
+
+@pytest.mark.parametrize("truth", ["state_groundtruth_estimate0", "mocap0", "vicon0", "leica0"])
+def test_the_configuration_applies_to_each_truth_of_euroc(tmp_path: Path, truth: str) -> None:
+    """The marker of `T_BS` keeps its place unless the configuration has one."""
+    poses = euroc_sequence(tmp_path, truth, [0.5, 0.0, 0.0])
+
+    def truth_by(**settings: Any) -> Truth:
+        found = open_source(tmp_path, SourceConfig(truth=TruthConfig(**settings))).truth
+        assert isinstance(found, Truth)
+        return found
+
+    has_marker = truth != "state_groundtruth_estimate0"
+    late = truth_by(clock_offset_s=0.25)
+    assert late.stamps_ns.tolist() == (poses.stamps_ns + 250_000_000).tolist()
+    moved = np.linalg.norm(late.positions - poses.positions, axis=1)
+    np.testing.assert_allclose(moved, 0.5 if has_marker else 0.0, atol=1e-9)
+    assert not truth_by(unknown="height").has_height
+    alone = truth_by(attitude="no")
+    assert not alone.has_attitude
+    assert alone.lever_arm_m == ((0.5, 0.0, 0.0) if has_marker else (0.0, 0.0, 0.0))
+    assert truth_by(attitude="no", lever_arm_m=(0.0, 0.0, 2.0)).lever_arm_m == (0.0, 0.0, 2.0)
