@@ -18,6 +18,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.row_part import Place, RowPart
 
 
@@ -54,7 +55,7 @@ ERRORS_BEYOND = "errors_beyond"
 """Fraction of the frames that are in no judged error and have an error far beyond the judged ones."""
 ALIGNED = ("ape", "rpe")  #: Figures of the estimate as it was aligned with the truth, which cannot be limited.
 TOTAL = "mean_plus_3sigma"  #: The statistic that the specification limits.
-OF_ERRORS = ("mean", "sigma", TOTAL)
+OF_ERRORS = ("mean", "sigma", TOTAL)  #: Statistics that are shown of errors and of the times of API calls.
 OF_CALLS = ("mean", "p50", "p95")
 ONE_NUMBER = ("value",)
 CATALOGUE = (
@@ -145,7 +146,7 @@ DRIVE, MAP, LIVE, SUITE, CALLS, MEMORY = "drive", "map", "live", "suite", "calls
 OTHER_FRAMES = "other frames"  #: Part of the row of the errors of frames that are in no judged error.
 CLAUSES_OF_MEMORY = {CallKind.LOCALISATION: "4.2.2", CallKind.MAPPING_CALL: "4.3.2"}  #: By the kind of call.
 DIRECTIONS = ("x", "y", "z", "along", "cross", "vertical")  #: Parts of the position errors along one direction.
-DEFINED = {Subject.TRAJECTORY: OF_ERRORS, Subject.MAP: ()}
+DEFINED = {Subject.TRAJECTORY: ("mean", "sigma", TOTAL), Subject.MAP: ()}
 """Statistics that the specification defines of a figure. Of the error of a point it defines none, of calls it leaves
 the statistic open."""
 
@@ -182,5 +183,7 @@ def title_of(figure: str) -> str:
 
 
 def statistic_title(statistic: str) -> str:
-    """Return the name of a statistic for people: `mean + 3 sigma` of `mean_plus_3sigma`."""
+    """Return the name of a statistic for people: `mean + 3 sigma` of `mean_plus_3sigma`, `p99.7` of `p997`."""
+    if statistic in QUANTILES:
+        return f"p{QUANTILES[statistic]:g}"
     return statistic.replace("_plus_3sigma", " + 3 sigma").replace("_", " ")

@@ -12,7 +12,7 @@ shortfall of blocks is corrected for overlapping sums, whose correlation falls l
   Its degrees of freedom, (m - 1) times the root of the number of directions that the errors have, at least 1.5, and a
   widening by a tenth (unsigned errors: a quarter, for they are skewed) are set by experiment.
 
-test/metrics/interval_coverage.py measures how often the interval holds the true value. SciPy's special functions are
+test/campaigns/interval_coverage.py measures how often the interval holds the true value. SciPy's special functions are
 imported when the first figure needs them, because nodes must start quickly.
 """
 

@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 
-RB = "rb"  #: Frame of the rover [3.2.2].
+RB = "rb"  #: Frame of the rover [3.2.1].
 RB_OPTICAL = "rb_optical"  #: Origin of RB, optical axes.
 FRAMES = (RB, RB_OPTICAL, "sb", "left", "right", "left_optical", "right_optical")
 """Frames of the rover: RB, RB's origin with optical axes, the stereo rig SB, the cameras with axes of SB or optical."""

@@ -22,8 +22,6 @@ DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5
 """Difference by the digits of the errors of sub-trajectories and of map points that are kept for plots."""
 SIGMAS = 5.0  #: Deviations of a sample from the whole at which a statistic contradicts the sample.
 CORRELATED = 10.0  #: Kept values that are worth an independent one.
-WITH_ERRORS = ("position", "attitude", "heading", "chord")
-"""Figures of the trajectory whose errors a score keeps where they are limited."""
 COUNTED = (
     "lost",
     "degraded",
@@ -53,7 +51,7 @@ def _required(score: Score) -> Iterator[str]:
     for limit in () if score.rules is None or drive is None else score.rules.limits:
         figure, condition = limit.limited.figure, limit.condition
         row = score.judged_row(figure, subject=Subject.TRAJECTORY, condition=condition) if condition else None
-        if row is None or not row.n or figure not in WITH_ERRORS:
+        if row is None or not row.n:
             continue
         if errors_of(score, figure, condition or "") is None:
             yield f"{row.label} is limited, but its errors are absent"

@@ -539,6 +539,16 @@ class PathRows(Columns, frozen=True, kw_only=True):
     sigma_z_m: Values = ()  #: Sigma of z.
 
 
+NAMED_ERRORS = {
+    "position": ("x_m", "y_m", "z_m"),
+    "horizontal": ("x_m", "y_m"),
+    "attitude": ("attitude_deg",),
+    "heading": ("heading_deg",),
+    "chord": ("chord_m",),
+}
+"""Columns of `SubTrajectoryRows` that hold the errors of a figure; other figures are in `others`."""
+
+
 class SubTrajectoryRows(Columns, frozen=True, kw_only=True):
     """Every n-th sub-trajectory of one condition."""
 
@@ -561,14 +571,8 @@ class SubTrajectoryRows(Columns, frozen=True, kw_only=True):
 
     def errors_of(self, figure: str) -> tuple[Values, ...]:
         """Return the errors of a figure, a column for each direction; empty if they are not kept."""
-        named = {
-            "position": (self.x_m, self.y_m, self.z_m),
-            "attitude": (self.attitude_deg,),
-            "heading": (self.heading_deg,),
-            "chord": (self.chord_m,),
-        }
-        if figure in named:
-            return named[figure]
+        if figure in NAMED_ERRORS:
+            return tuple(getattr(self, name) for name in NAMED_ERRORS[figure])
         return (self.others[figure],) if figure in self.others else ()
 
 
@@ -797,7 +801,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     def to_pandas(self, table: str = "figures") -> pandas.DataFrame:
         """Return a pandas table: `figures`, one row per figure, or `sub_trajectories`, thinned.
 
-        Of a condition with many sub-trajectories only every n-th is kept; the column `every` is n. `sfr score --raw`
+        Of a condition with many sub-trajectories only every n-th is kept; the column `every` is n. `sfr score --pieces`
         writes all of them.
         """
         if table == "figures":

@@ -39,6 +39,7 @@ from sfr_loc_map.metrics.intervals import interval95
 from sfr_loc_map.metrics.judging.proof import evidence_rows
 from sfr_loc_map.metrics.judging.shortfall_kinds import BEYOND_MOST
 from sfr_loc_map.metrics.score import (
+    NAMED_ERRORS,
     Association,
     ErrorRows,
     Figure,
@@ -119,9 +120,11 @@ ERRORS_OF_ALL_READINGS = [
 """Errors that are the same by each reading."""
 HORIZONTAL = ErrorFigure("horizontal", lambda pieces: pieces.errors.position_m[:, :2])
 """Errors that a truth without heights has in place of the position errors."""
-KINDS_OF_ERRORS = (*ERRORS, *ERRORS_OF_ALL_READINGS, HORIZONTAL)
-NAMED_COLUMNS = ("position", "attitude", "heading", "chord")
-"""Figures whose errors have columns of their own in `SubTrajectoryRows`."""
+
+
+def kinds_of_errors(*, has_height: bool = False) -> tuple[ErrorFigure, ...]:
+    """Return the figures of sub-trajectories; horizontal errors are a figure only of a truth without heights."""
+    return (*ERRORS, *ERRORS_OF_ALL_READINGS) if has_height else (*ERRORS, *ERRORS_OF_ALL_READINGS, HORIZONTAL)
 
 
 class ScoredTrajectory(NamedTuple):
@@ -436,7 +439,7 @@ def rows_of_other_frames(condition: str, judged: Pieces, placed: PlacedFrames, *
     if not len(judged.starts):
         return
     others, frames = to_other_frames(judged, placed), len(placed.frames.stamps_ns)
-    for kind in KINDS_OF_ERRORS[: -1 if has_height else None]:
+    for kind in kinds_of_errors(has_height=has_height):
         yield error_row(kind, condition, OTHER_FRAMES, others)
         beyond = int(np.count_nonzero(beyond_the_judged(kind, others, judged)))
         yield figure_row(ERRORS_BEYOND, condition, kind.name, n=frames, value=share_of(beyond, frames))
@@ -465,7 +468,7 @@ def beyond_the_judged(kind: ErrorFigure, others: Pieces, judged: Pieces) -> Mask
 def unjudged_frames(condition: str, judged: Pieces, placed: PlacedFrames, rows: Sequence[Figure]) -> Iterator[str]:
     """Yield which frames are in no judged error and have an error far beyond the judged ones, if they are many."""
     many = {row.part for row in rows if row.figure == ERRORS_BEYOND and (row.value or 0.0) > BEYOND_MOST}
-    kinds = [kind for kind in KINDS_OF_ERRORS if kind.name in many]
+    kinds = [kind for kind in kinds_of_errors() if kind.name in many]
     if not kinds:
         return
     others = to_other_frames(judged, placed)
@@ -506,7 +509,7 @@ def evidence_of(
 
 def error_columns(condition: str, pieces: Pieces, kept_errors: Collection[tuple[str, str]]) -> Iterator[ErrorRows]:
     """Yield all errors of the figures whose errors over a condition are kept."""
-    for kind in (*ERRORS, *ERRORS_OF_ALL_READINGS):
+    for kind in kinds_of_errors():
         if (kind.name, condition) in kept_errors:
             columns = tuple(column(values, None) for values in np.atleast_2d(kind.errors_of(pieces).T))
             yield ErrorRows(figure=kind.name, condition=condition, errors=columns)
@@ -620,7 +623,7 @@ def sub_trajectory_rows(condition: str, pieces: Pieces, stamps_ns: IntArray, len
     shown = pieces.every(every)
     starts, ends = shown.starts, shown.ends
     directions = shown.by_direction()
-    others = [kind for kind in (*ERRORS, *ERRORS_OF_ALL_READINGS) if kind.name not in NAMED_COLUMNS]
+    others = [kind for kind in kinds_of_errors() if kind.name not in NAMED_ERRORS]
     return SubTrajectoryRows(
         condition=condition,
         every=every,

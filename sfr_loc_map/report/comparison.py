@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from sfr_loc_map.metrics.catalogue import KINDS, OF_CALLS, TOTAL, Subject, statistic_title, title_of
 from sfr_loc_map.metrics.comparison import SIGNIFICANT, Comparison
@@ -23,8 +24,22 @@ from sfr_loc_map.report.tables import ABSENT, MARKS, NONE, Cell, Column, Row, Ta
 
 NEUTRAL = ("frames",)  #: Columns whose figures are neither good nor bad.
 SYMBOLS = ("circle", "square", "diamond")
-CALLS = (CallKind.LOCALISATION, CallKind.MAPPING)
 Named = Sequence[tuple[str, Score]]
+
+
+class Task(NamedTuple):
+    """A task of the document: its call, and what the errors of its result are about."""
+
+    name: str  #: As external nodes name it.
+    call: CallKind
+    subject: Subject
+
+
+TASKS = (
+    Task("localisation", CallKind.LOCALISATION, Subject.TRAJECTORY),
+    Task("mapping", CallKind.MAPPING_CALL, Subject.MAP),
+)
+"""The tasks whose time and memory the document defines [4.2.1, 4.3.1]; the stages of a mapping call are details."""
 
 
 def comparison_tables(result: Comparison) -> list[Table]:
@@ -133,7 +148,7 @@ def _methods(named: Named) -> Table:
     columns = [_marked(column, [cell_of(score) for _, score in ordered]) for column, cell_of in shown]
     rows_of_all = tuple((Cell.head(name), *cells) for (name, _), *cells in zip(ordered, *columns, strict=True))
     note = (
-        "Errors: mean + 3 sigma, with its 95 % interval. Time per call: localisation / mapping; a latency "
+        "Errors: mean + 3 sigma, with its 95 % interval. Time per call: localisation / mapping call; a latency "
         "is marked, it has transport and waiting in it, and is not a time per call. Memory: largest peak. "
         f"{MARKS['best']} best, {MARKS['worst']} worst of its column."
     )
@@ -179,7 +194,7 @@ def _frames(score: Score, name: str) -> int | None:
 
 
 def _times(score: Score, statistic: str) -> Cell:
-    rows = [score.figure(kind, part=None) for kind in CALLS]
+    rows = [score.figure(task.call, part=None) for task in TASKS]
     latency = None if score.external is None else score.external.latency_s
     if latency is not None and not any(rows):
         seconds = getattr(latency, statistic)
@@ -188,7 +203,7 @@ def _times(score: Score, statistic: str) -> Cell:
 
 
 def _peaks(score: Score) -> Cell:
-    return _joined([score.number("peak", part=kind) for kind in CALLS], Unit("MiB"))
+    return _joined([score.number("peak", part=task.call) for task in TASKS], Unit("MiB"))
 
 
 def _joined(numbers: Sequence[float | None], unit: Unit) -> Cell:
@@ -225,7 +240,7 @@ def methods_figures(scores: Sequence[Score], names: Sequence[str]) -> list[tuple
     named = [(plain(name), score) for name, score in zip(names, scores, strict=True)]
     groups = (
         ("Localisation", [*_paths(named), *growth(named)]),
-        ("Cost against accuracy", [*_cost(named, CallKind.LOCALISATION), *_cost(named, CallKind.MAPPING)]),
+        ("Cost against accuracy", [plot for task in TASKS for plot in _cost(named, task)]),
         ("Maps", _over_range(named)),
     )
     return [(title, figures) for title, figures in groups if figures]
@@ -263,15 +278,14 @@ def _paths(named: Named) -> list[plots.Plot]:
     ]
 
 
-def _cost(named: Named, kind: CallKind) -> list[plots.Plot]:
+def _cost(named: Named, task: Task) -> list[plots.Plot]:
     data, times, errors = [], [], []
     for k, (name, score) in enumerate(named):
-        seconds, node = score.number(kind, "p50", part=None), score.external
-        is_latency = seconds is None and node is not None and node.task == kind
+        seconds, node = score.number(task.call, "p50", part=None), score.external
+        is_latency = seconds is None and node is not None and node.task == task.name
         if is_latency and node is not None and node.latency_s is not None:
             seconds = node.latency_s.p50
-        subject = Subject.TRAJECTORY if kind is CallKind.LOCALISATION else Subject.MAP
-        error = next((row.mean_plus_3sigma for row in compared_rows(score) if row.subject is subject), None)
+        error = next((row.mean_plus_3sigma for row in compared_rows(score) if row.subject is task.subject), None)
         if not seconds or not error:
             continue
         color, symbol = plots.line_style(k)["color"], SYMBOLS[k // len(plots.COLORS) % len(SYMBOLS)]
@@ -281,14 +295,14 @@ def _cost(named: Named, kind: CallKind) -> list[plots.Plot]:
         data.append(plots.marks(label, ([times[-1]], [errors[-1]]), color, symbol=symbol, size=13, showlegend=True))
     if not data:
         return []
-    what = "position error" if kind is CallKind.LOCALISATION else "point error"
+    what = "position error" if task.subject is Subject.TRAJECTORY else "point error"
     layout = {
         "xaxis": plots.log_axis("median time of a call, ms", *plots.span(times)),
         "yaxis": plots.log_axis(f"{what}, mean + 3 sigma, mm", *plots.span(errors)),
     }
     caption = "Lower left is better. Open marks: latency over topics, which has transport and waiting in it."
-    title = f"Cost against accuracy: {kind}"
-    return [plots.Plot(f"cost-{kind}", title, caption, data, layout, width="full", height=440)]
+    title = f"Cost against accuracy: {task.name}"
+    return [plots.Plot(f"cost-{task.name}", title, caption, data, layout, width="full", height=440)]
 
 
 def _over_range(named: Named) -> list[plots.Plot]:

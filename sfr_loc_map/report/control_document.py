@@ -2,14 +2,14 @@
 
 The columns are those of the document that ECSS-E-ST-10-02C asks for (annex B): the requirement, the method and the
 evidence of its verification, whether the item complies, and whether the requirement is closed. Requirements are closed
-by a pass alone.
+by a pass alone, and only if no finding fails the score, such as a crash of the item under test.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from sfr_loc_map.inputs import printable
 from sfr_loc_map.metrics.config import VerdictState
@@ -60,6 +60,7 @@ def control_csv(scores: Mapping[str, Score], report: str = "", no_common_verdict
 
 def _row(view: VerdictView, score: Score, evidence: str, no_common_verdict: str) -> dict[str, object]:
     item = view.item
+    is_closed = item.state is VerdictState.PASS and not no_common_verdict and not score.fatal_findings
     texts = {
         "requirement": item.id or item.name,
         "text": item.text or view.name,
@@ -70,8 +71,8 @@ def _row(view: VerdictView, score: Score, evidence: str, no_common_verdict: str)
         "figure": view.name,
         "unit": view.unit.of_values,
         "compliance": COMPLIANCE.get(item.state, "not verified"),
-        "close_out": "closed" if item.state is VerdictState.PASS and not no_common_verdict else "open",
-        "remarks": " ".join(filter(None, (no_common_verdict, _remarks(view, score)))),
+        "close_out": "closed" if is_closed else "open",
+        "remarks": " ".join(filter(None, (no_common_verdict, *_findings(score), _remarks(view, score)))),
     }
     numbers = {
         name: getattr(item, name) for name in ("limit", "value", "margin", "low95", "high95", "n", "independent")
@@ -82,6 +83,12 @@ def _row(view: VerdictView, score: Score, evidence: str, no_common_verdict: str)
 def _item_of(score: Score) -> str:
     method = score.method
     return "" if method is None else f"{method.name} {method.version or ''}".strip()
+
+
+def _findings(score: Score) -> Iterator[str]:
+    """Yield the findings with which no requirement is closed."""
+    for item in score.fatal_findings:
+        yield f"The item under test failed: {item}."
 
 
 def _remarks(view: VerdictView, score: Score) -> str:

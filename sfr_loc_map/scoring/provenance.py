@@ -10,7 +10,7 @@ from pathlib import Path
 
 from msgspec.structs import replace as struct_replace
 
-from sfr_loc_map import __version__  # whose `open_source` is loaded late: files of trajectories need no images
+from sfr_loc_map import __version__
 from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Truth

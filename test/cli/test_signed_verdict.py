@@ -518,12 +518,14 @@ def test_a_verdict_that_was_edited_is_refused_and_named(judge: Judge, place: str
 def test_a_score_without_its_rows_of_completeness_is_incomplete(judge: Judge) -> None:
     _, score = judge(limits=SUM + "1\n")
     assert score["verdict"] == "pass"
-    score["figures"] = [row for row in score["figures"] if row["subject"] != "completeness"]
+    of_drive = [row for row in score["figures"] if row["subject"] != "completeness"]
+    beyond = [row for row in score["figures"] if row["figure"] == "errors_beyond"]
     path = judge.folder / "edited.json"
-    path.write_text(json.dumps(score))
-    result = judge.sfr("report", path, "--overwrite")
-    assert result.code == 2
-    assert "from its figures and limits follow 2" in result.err
+    for kept, words in ((of_drive, "errors_beyond position is absent"), ([*of_drive, *beyond], "limits follow 2")):
+        path.write_text(json.dumps({**score, "figures": kept}))
+        result = judge.sfr("report", path, "--overwrite")
+        assert result.code == 2
+        assert words in result.err
 
 
 def test_a_report_keeps_the_drive_that_cannot_be_judged(judge: Judge) -> None:

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from sfr_loc_map.metrics.catalogue import CATALOGUE, KINDS, clause_of, defines
+from sfr_loc_map.metrics.catalogue import CATALOGUE, KINDS, TOTAL, clause_of, defines, statistic_title
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS
 from sfr_loc_map.metrics.judging.limited_figure import EXPANSION
 from sfr_loc_map.metrics.score import NUMBERS
@@ -67,6 +67,11 @@ def test_the_catalogue_names_each_figure_once_and_statistics_that_exist() -> Non
     assert len(KINDS) == len(CATALOGUE)
     for kind in CATALOGUE:
         assert {*kind.shown, *kind.compared} <= set(NUMBERS), kind.name
+
+
+def test_a_quantile_is_named_by_its_percentage(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(QUANTILES, "p997", 99.7)
+    assert [statistic_title(name) for name in ("p95", "p997", TOTAL)] == ["p95", "p99.7", "mean + 3 sigma"]
 
 
 def test_the_document_defines_mean_and_sigma_of_its_figures_and_no_bound_or_direction() -> None:

@@ -9,14 +9,17 @@ from msgspec.structs import replace
 from helpers.random_drives import drive, score_of, trajectory
 from helpers.score_rows import complete
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.calls import Calls, score_target
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig, VerdictState
+from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.judging.bound_terms import BOUND
-from sfr_loc_map.metrics.judging.incomplete import Shortfall
+from sfr_loc_map.metrics.judging.incomplete import Shortfall, statistic_of
 from sfr_loc_map.metrics.judging.judge import judged, judged_at_the_end, overall_verdict
 from sfr_loc_map.metrics.judging.limits import PLACES, LimitPart, Limits, Rules, parse_limits
 from sfr_loc_map.metrics.judging.reasons import reasons_not_judged
+from sfr_loc_map.metrics.raw_values import raw_contradiction
 from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Association, Details, FindingKind, FindingRecord, Score, figure_row
 from sfr_loc_map.metrics.score_json import from_json, to_json
@@ -179,6 +182,49 @@ def bounded() -> Limits:
     entry = {"limit": 0.5, "prob": 0.8, "confidence": 0.8}
     bounds = {"position_bound_m": entry, "chord_bound_m": entry}
     return parse_limits({"trajectory": [{"condition": "distance=5", **bounds}]}, "limits")
+
+
+def test_a_bound_on_horizontal_errors_judges_a_truth_without_heights(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The errors are kept, also where plots have few of them; edited statistics of them are refused."""
+    entry = {"limit": 0.5, "prob": 0.8, "confidence": 0.8}
+    content = {"trajectory": [{"condition": "distance=5", "horizontal_bound_m": entry}], "minimum_independent": 1}
+    limits, config = parse_limits(content, "limits"), TrajectoryScoreConfig(conditions=("distance=5",), spacing=1)
+    true, estimate = (trajectory(poses) for poses in drive(1, count=400))
+    truth = Truth(true.stamps_ns, true.positions, true.quats_xyzw, has_height=False)
+    found = []
+    for most in (100_000, 100):
+        monkeypatch.setattr("sfr_loc_map.metrics.trajectory_score.DETAIL_ROWS", most)
+        scored = score_trajectory(Estimates.of(estimate), truth, config, kept_errors=limits.figures_with_all_errors)
+        score = Score(
+            figures=scored.figures,
+            association=scored.association,
+            truth=scored.truth,
+            errors=scored.errors,
+            details=Details(trajectory=scored.details),
+        )
+        found.append(judged(score, limits))
+    bounds = [score.on_limits[0].value for score in found]
+    assert bounds[0] is not None
+    assert bounds[0] == bounds[1]
+    for score in found:
+        assert raw_contradiction(score) is None
+        row = score.judged_row("horizontal")
+        assert row is not None
+        assert row.rmse is not None
+        smaller = replace(row, rmse=0.9 * row.rmse)
+        rows = tuple(smaller if each is row else each for each in score.figures)
+        assert "rmse of horizontal" in (raw_contradiction(replace(score, figures=rows)) or "")
+        assert "its errors are absent" in (raw_contradiction(replace(score, errors=(), details=None)) or "")
+
+
+def test_a_new_quantile_changes_no_verdict_on_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    entry = {"limit": 0.5, "prob": 0.9973, "confidence": 0.8}
+    (limit,) = parse_limits({"trajectory": [{"condition": "distance=5", "position_bound_m": entry}]}, "limits").limits
+    assert statistic_of(limit) == "p99"
+    for quantiles in ({**QUANTILES, "p997": 99.7}, {"p997": 99.7, **QUANTILES}):
+        monkeypatch.setattr("sfr_loc_map.metrics.judging.incomplete.QUANTILES", quantiles)
+        assert statistic_of(limit) == "p99"
+    assert [statistic_of(replace(limit, prob=prob)) for prob in (0.5, 0.94, 0.95)] == ["p50", "p50", "p95"]
 
 
 def test_a_bound_is_made_of_all_errors_with_plots_and_without(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,9 +13,9 @@ from msgspec.structs import replace
 
 from helpers.cli_result import Sfr
 from helpers.made_scores import json_of, of_drive, whole_score
-from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.judging.judge import judged, judged_again
 from sfr_loc_map.metrics.judging.limits import parse_limits
-from sfr_loc_map.metrics.score import MethodKind, MethodRecord, Score
+from sfr_loc_map.metrics.score import FindingKind, FindingRecord, MethodKind, MethodRecord, Score
 from sfr_loc_map.report.control_document import COLUMNS, control_csv
 
 LIMITS: dict[str, Any] = {
@@ -85,6 +85,14 @@ def test_scores_without_a_common_verdict_close_nothing(sfr: Sfr, score: Score, t
     assert found.code == 3
     assert {row["close_out"] for row in rows_of((tmp_path / "vcd.csv").read_text()).values()} == {"open"}
     assert 'errors="1"' in (tmp_path / "junit.xml").read_text()
+
+
+def test_a_score_that_failed_by_a_crash_closes_nothing(score: Score) -> None:
+    crash = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=None, text="signal 11")
+    rows = rows_of(control_csv({"score.json": judged_again(replace(score, findings=(crash,)))}))
+    assert rows["R1"]["compliance"] == "compliant"
+    assert {row["close_out"] for row in rows.values()} == {"open"}
+    assert "signal 11" in rows["R1"]["remarks"]
 
 
 def test_a_pass_with_deviations_names_them(score: Score) -> None:

@@ -13,7 +13,7 @@ from helpers.made_scores import HOSTILE, whole_score, without
 from sfr_loc_map.cli.main import app
 from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.judging.judge import judged_again
-from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, MethodKind, MethodRecord, Score
+from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, MethodKind, MethodRecord, Score, figure_row
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.report.comparison import methods_figures, methods_tables, plain
 
@@ -30,7 +30,12 @@ def scores() -> list[Score]:
         task="localisation", topic="odom", frames="a -> b", answers=AnswerCounts(pairs=9, answered=9), latency_s=LATENCY
     )
     other = replace(without(whole_score(), "timing", "memory"), method=theirs, external=node)
-    return [replace(whole_score(), method=sfr), judged_again(other)]
+    call = (
+        figure_row("mapping_call", n=1, mean=2.5, p50=2.5, p95=2.5),
+        figure_row("peak", part="mapping_call", value=7),
+    )
+    own = replace(whole_score(), method=sfr)
+    return [replace(own, figures=(*own.figures, *call)), judged_again(other)]
 
 
 def test_each_method_has_a_row_and_a_latency_is_no_time_per_call(scores: list[Score]) -> None:
@@ -40,6 +45,7 @@ def test_each_method_has_a_row_and_a_latency_is_no_time_per_call(scores: list[Sc
     assert cells["kind"] == ["built-in", "external"]
     assert cells["time p50"][1] == "latency 50"
     assert "latency" not in cells["time p50"][0]
+    assert cells["time p50"][0].endswith(" / 2500"), "the call of the document, not its stage for one pair"
     assert " / " in cells["memory"][0]
     assert cells["memory"][1] == "-"
     total = scores[0].number("position", "mean_plus_3sigma")

@@ -36,6 +36,8 @@ NO_STATE = "which poses are {figure} is unknown: give the calls of the run (--st
 OF_STATES = ("lost", "degraded")  #: Figures that need the state of each pose.
 NEVER_PARTIAL = ("calls_other", "calls_doubled", "doubled", "poses_of_truth", "errors_of_truth")
 """Figures that are no matter of a part: what is given is of something else, or twice."""
+OF_BOUNDS = ("p50", "p95", "p99")
+"""Quantiles that a tolerance bound is compared with, in ascending order; the fraction of a bound is at least 50 %."""
 STATES = RowPart("states")  #: Part of what is unknown of the states of poses.
 
 
@@ -140,11 +142,14 @@ def _beyond_the_judged(score: Score, limits: Limits) -> Iterator[Shortfall]:
 
 
 def statistic_of(limit: Limit) -> str:
-    """Return the statistic that a limit is on; of a tolerance bound the largest quantile within its fraction."""
+    """Return the statistic that a limit is on; of a tolerance bound the largest quantile within its fraction.
+
+    The quantiles of a bound are fixed, so that a quantile that is added to the table of figures changes no verdict.
+    """
     if limit.prob is None:
         return limit.limited.statistic
-    within = [name for name, percent in QUANTILES.items() if percent <= 100.0 * limit.prob]
-    return max(within, key=QUANTILES.__getitem__, default="p50")
+    within = [name for name in OF_BOUNDS if QUANTILES[name] <= 100.0 * limit.prob]
+    return within[-1]
 
 
 def beyond_text(score: Score, limit: Limit, share: float, value: float) -> str:

@@ -22,7 +22,7 @@ class ShortfallKind(NamedTuple):
 
 BEYOND_MOST = 0.02  #: Fraction of the frames that may be wrong between the judged ones, as a short loss is.
 SHORTFALLS = (
-    ShortfallKind("missing", DRIVE, 0.0),  # in the words of `judge.missing_text`
+    ShortfallKind("missing", DRIVE, 0.0),  # in the words of `incomplete.missing_text`
     ShortfallKind(
         "images_without_truth",
         DRIVE,
