@@ -23,7 +23,8 @@ and matching ones 0.64 or more (measurements/mapper_trials.md)."""
 COARSE_FACTOR = 2
 """Images are reduced by this factor when the cause of a mismatch is searched: a match then costs an eighth, or a
 half if the full match has half of the columns anyway (`semi_global_matching`)."""
-SWAPPED_FACTOR = 1.5  #: Exchanged images that match this many times as many pixels as the images as given are swapped.
+SWAPPED_FACTOR = 1.5
+"""Exchanged images that match this many times as many pixels as the images as given are swapped. Chosen by hand."""
 MIN_SWAPPED_FRACTION = 0.5
 """Fraction of the pixels that exchanged images must match to be swapped. Swapped images of the same data sets match in
 0.75 or more of them, unrelated ones in 0.2 or less."""

@@ -185,9 +185,9 @@ class Mapper:
         disparity_map = within_range(unrolled, self._search.min_disparity_px)
         T_lm_left = T_lm_navsb @ self._rig.T_sb_left
         view = view_of_pair(disparity_map, self._rig, T_lm_left)
-        calibration = calibration_sigma(rotation, self._rig, self._config.calibration)
+        calibration_of_pair = calibration_sigma(rotation, self._rig, self._config.calibration)
         saturation = disparity_map.saturation
-        sigma = sigma_of_view(view, saturation, calibration, self._rig)
+        sigma = sigma_of_view(view, saturation, calibration_of_pair, self._rig)
         findings = findings_of_pair(disparity_map, rotation, self._rig, self._config.calibration)
         pair_in_set = np.full(view.points.size, index, np.uint8)
         cloud = view.points.to_cloud(sigma.total, pair_in_set, fused=False)
@@ -204,7 +204,7 @@ class Mapper:
                 self._rig,
                 view,
                 saturation,
-                calibration,
+                calibration_of_pair,
                 cloud=cloud,
                 random_sigma=random_sigma,
                 disparity_px=disparity_px,
@@ -231,16 +231,16 @@ class Mapper:
             views = registered.views
             findings += registered.findings
         fused = fuse_views(views, self._rig)
-        T_lm_left = tuple(view.T_lm_left for view in views)
+        poses_lm_left = tuple(view.T_lm_left for view in views)
         saturations = [item.saturation for item in inputs]
-        calibration = largest_of(item.calibration for item in inputs)
-        sigma = point_sigma(fused.points, fused.pair, T_lm_left, saturations, calibration, self._rig)
+        largest_calibration = largest_of(item.calibration for item in inputs)
+        sigma = point_sigma(fused.points, fused.pair, poses_lm_left, saturations, largest_calibration, self._rig)
         cloud = fused.points.to_cloud(sigma.total, fused.pair, fused=len(maps) > 1)
         findings += fused.findings
         return FusedMap(
             cloud=replace(cloud, pair_stamps_ns=tuple(item.stamp_ns for item in maps)),
             random_sigma=sigma.random,
-            T_lm_left=T_lm_left,
+            T_lm_left=poses_lm_left,
             statistics=findings.statistics,
             warnings=findings.warnings,
         )

@@ -89,7 +89,7 @@ class PairView:
     points: ViewPoints
     images: ViewImages  #: The disparities, and the sigmas and grey levels of the points at their pixels.
     T_lm_left: Transform  #: Takes points in the left optical frame to LM.
-    noise_grey: float  #: Standard deviation of the difference of two images of the same ground, grey levels.
+    noise_grey: float  #: Standard deviation of a photometric residual, grey levels.
 
     @classmethod
     def of(cls, points: ViewPoints, disparity_px: FloatImage, T_lm_left: Transform, noise_grey: float) -> PairView:

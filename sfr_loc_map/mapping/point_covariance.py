@@ -12,15 +12,15 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.rays import rays_from_cameras
 
 
-def point_covariances(cloud: PointCloud, T_lm_left: Sequence[Transform], focal_px: float) -> FloatArray32:
+def point_covariances(cloud: PointCloud, poses_lm_left: Sequence[Transform], focal_px: float) -> FloatArray32:
     """Return the covariance of each point in LM `(N, 3, 3)`, square metres.
 
     Along the ray it is the point's variance `sigma^2`. Across the ray a point represents its pixel: a uniform
     distribution over a square of side `Z / f`, whose variance is `(Z / f)^2 / 12`. Poses are in the order of the
     points' `pair`.
     """
-    axes = np.stack([pose.rotation[:, 2] for pose in T_lm_left])[cloud.pair]
-    ray = rays_from_cameras(cloud.xyz, cloud.pair, T_lm_left)
+    axes = np.stack([pose.rotation[:, 2] for pose in poses_lm_left])[cloud.pair]
+    ray = rays_from_cameras(cloud.xyz, cloud.pair, poses_lm_left)
     depth = np.einsum("ij,ij->i", ray, axes)
     ray /= np.sqrt(np.einsum("ij,ij->i", ray, ray))[:, None]
     across = np.square(depth / focal_px) / 12.0

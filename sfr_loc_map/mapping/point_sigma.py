@@ -83,7 +83,7 @@ class PointSigma(NamedTuple):
 def point_sigma(
     points: ViewPoints,
     pair: NDArray[np.uint8],
-    poses: Sequence[Transform],
+    poses_lm_left: Sequence[Transform],
     saturations: Sequence[Saturation],
     calibration: CalibrationSigma,
     rig: StereoRig,
@@ -94,7 +94,7 @@ def point_sigma(
     the saturations.
     """
     random = _widened_sigma(points, pair, saturations)
-    return PointSigma(random, total_sigma(points, random, pair, poses, calibration, rig))
+    return PointSigma(random, total_sigma(points, random, pair, poses_lm_left, calibration, rig))
 
 
 def sigma_of_view(view: PairView, saturation: Saturation, calibration: CalibrationSigma, rig: StereoRig) -> PointSigma:
@@ -130,7 +130,7 @@ def total_sigma(
     points: ViewPoints,
     random: FloatArray32,
     pair: NDArray[np.uint8],
-    poses: Sequence[Transform],
+    poses_lm_left: Sequence[Transform],
     calibration: CalibrationSigma,
     rig: StereoRig,
 ) -> FloatArray32:
@@ -141,8 +141,8 @@ def total_sigma(
 
         a^2 = (yaw (1 + xr^2))^2 + (pitch xr y)^2 + (roll y)^2 + distortion^2
     """
-    axes = np.stack([pose.rotation[:, 2] for pose in poses])
-    centres = np.stack([pose.translation for pose in poses])
+    axes = np.stack([pose.rotation[:, 2] for pose in poses_lm_left])
+    centres = np.stack([pose.translation for pose in poses_lm_left])
     return _total_sigma(points.xyz, random, points.u, points.v, pair, axes, centres, rig.camera, calibration)
 
 

@@ -11,10 +11,10 @@ from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
 from sfr_loc_map.geometry.transform import Transform
 
 
-def rays_from_cameras(xyz: FloatArray32, pair: NDArray[np.uint8], poses: Sequence[Transform]) -> FloatArray:
+def rays_from_cameras(xyz: FloatArray32, pair: NDArray[np.uint8], poses_lm_left: Sequence[Transform]) -> FloatArray:
     """Return the vector `(N, 3)` from the left camera of each point's pair to the point, metres, LM.
 
     Poses of the left cameras are in the order of the pairs.
     """
-    centres = np.stack([pose.translation for pose in poses])
+    centres = np.stack([pose.translation for pose in poses_lm_left])
     return np.asarray(xyz - centres.take(pair, axis=0))

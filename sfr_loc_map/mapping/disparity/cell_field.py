@@ -72,7 +72,7 @@ def _cells_from_pixels(disparity: FloatImage) -> FloatImage:
                 if value > nearest - SURFACE_JUMP_PX:
                     total += value
                     count += F(1.0)
-            cells[i, j] = total / count if count > 0 and nearest >= 0 else F(np.nan)
+            cells[i, j] = total / count if count > 0 else F(np.nan)
     return cells
 
 

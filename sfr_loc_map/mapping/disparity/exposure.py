@@ -12,13 +12,15 @@ from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage
 from sfr_loc_map.mapping.disparity.photometric_residual import photometric_residual
 
 EXPOSURE_STRIDE = 4  #: Every fourth pixel of every fourth row is compared in exposure: quantiles need fewer samples.
-MIN_GREY = 2.0  #: Darker pixels may be saturated and are excluded from the exposure, grey levels.
-MAX_GREY = 253.0  #: Brighter pixels may be saturated and are excluded from the exposure, grey levels.
+MIN_GREY = 2.0
+"""Darker pixels may be saturated and are excluded from the exposure, grey levels. Exactly saturated are 0 and 255
+(`saturation`). Chosen by hand."""
+MAX_GREY = 253.0  #: Brighter pixels may be saturated and are excluded from the exposure, grey levels; likewise.
 EXPOSURE_QUANTILES = (0.1, 0.5, 0.9)  #: Quantiles of the grey levels that are compared; outliers are beyond them.
 MIN_GREY_RANGE = 8.0
 """Range between the outer quantiles that a gain requires, grey levels: rounding changes the ratio of smaller ranges by
 several percent."""
-GAIN_LIMITS = (0.25, 4.0)  #: Smallest and largest gain: two stops of exposure.
+GAIN_LIMITS = (0.25, 4.0)  #: Smallest and largest gain: two stops of exposure. Chosen by hand.
 SAME_EXPOSURE_GREY = 8.0
 """Quantiles of equally exposed images differ by less than this, grey levels. A correction of smaller differences does
 not help the matcher (measurements/mapper_trials.md)."""
@@ -53,8 +55,8 @@ def _exposure_of(left_quantiles: FloatArray, right_quantiles: FloatArray) -> Exp
 def with_exposure_of_left(left: GreyImage, right: GreyImage) -> GreyImage:
     """Return the right image with the exposure of the left one; unchanged if both are about equally exposed.
 
-    Without disparities the grey levels of the whole images are compared. The refinement measures the exposure again,
-    from corresponding pixels.
+    Without disparities the grey levels of the whole images are compared. `right_image_correction` measures the
+    exposure again, from corresponding pixels.
     """
     sampled = np.s_[::EXPOSURE_STRIDE, ::EXPOSURE_STRIDE]
     left_quantiles = _grey_quantiles(left[sampled])
@@ -69,7 +71,7 @@ def with_exposure_of_left(left: GreyImage, right: GreyImage) -> GreyImage:
 def exposure_by_disparity(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> Exposure:
     """Return the exposure of the right image `(H, W)` relative to the left one, from corresponding grey levels.
 
-    Saturated pixels are excluded. Without enough usable pixels both exposures are equal.
+    Pixels that may be saturated are excluded. Without enough usable pixels both exposures are equal.
     """
     left_rows, right_rows, disparity_rows = (
         np.ascontiguousarray(image[::EXPOSURE_STRIDE]) for image in (left, right, disparity_px)

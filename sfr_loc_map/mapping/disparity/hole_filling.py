@@ -22,10 +22,10 @@ from numba import prange
 from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage, IntArray, Mask
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
-from sfr_loc_map.mapping.disparity.filters import dilated
 from sfr_loc_map.mapping.disparity.matching_cost import MAX_COST, plane_cost
 from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX, RightSurfaces, depth_ratio, right_surfaces
+from sfr_loc_map.mapping.filters import dilated
 
 PASSES = 2
 """Pixels filled in one pass offer their surface to their neighbours in the next one. A third pass adds less than 0.001

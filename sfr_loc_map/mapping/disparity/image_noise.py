@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, IntArray, median
-from sfr_loc_map.mapping.disparity.filters import downsample_mean
+from sfr_loc_map.mapping.filters import downsample_mean
 from sfr_loc_map.mapping.robust_statistics import mad_sigma, spread
 
 ROUNDING_NOISE = 0.3

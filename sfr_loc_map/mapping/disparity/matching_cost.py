@@ -19,6 +19,7 @@ from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
 from sfr_loc_map.jit import jit_rows_inline
 from sfr_loc_map.mapping.disparity.interpolation import linear
 
+# The network that judges pixels beside jumps was trained with the values of the window's constants (`wrong_surface`).
 WINDOW_RADIUS = 4  #: Half side of the window, pixels: it covers the surface of its centre and little else.
 MAX_DIFFERENCE = F(30.0)  #: Absolute differences are truncated to this, grey levels: more of them are occlusions.
 MAX_COST = F(1e9)  #: Cost where no pixel of the window is inside the right image, grey levels: larger than any other.
@@ -26,8 +27,7 @@ VALID_WEIGHT = F(0.3)
 """Weight of valid pixels in a window: they repeat the disparity that they already have. The optimum is flat
 (measurements/mapper_trials.md)."""
 GREY_SCALE = 8.0
-"""Difference at which the weight has decreased to 1/e, grey levels: a few times the noise. The network that judges
-pixels beside jumps was trained with this value, as with the other constants of the window."""
+"""Difference at which the weight has decreased to 1/e, grey levels: a few times the noise."""
 DISTANCE_SCALE_PX = 3.0  #: Distance at which the weight has decreased to 1/e, pixels; 0.26 at the window's edge.
 
 WEIGHT_BY_GREY = np.exp(-np.arange(256.0) / GREY_SCALE).astype(F)

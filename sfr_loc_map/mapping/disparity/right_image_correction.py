@@ -17,8 +17,8 @@ from sfr_loc_map.mapping.disparity.interpolation import shift_rows
 from sfr_loc_map.mapping.disparity.vertical_disparity import fit_vertical_disparity
 
 MAX_ROW_STEPS = 3
-"""Gauss-Newton steps of the vertical disparity. Each step is limited to `MAX_ROW_STEP_PX`, so that at most 1.5 pixels
-of offset, tilt or stretch are corrected."""
+"""Gauss-Newton steps of the vertical disparity. Each step is limited to `MAX_ROW_STEP_PX`, so that offset, tilt and
+stretch are corrected up to the product of both."""
 MIN_ROW_PIXELS = 1000
 """Pixels that a measurement of the vertical disparity requires: with residuals of 3 grey levels and slopes of 5 grey
 levels per pixel its standard deviation is then 0.02 pixels, as `MIN_VERTICAL_PX`."""

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage, Mask
-from sfr_loc_map.mapping.disparity.filters import square
+from sfr_loc_map.mapping.filters import square
 
 SATURATED_SQUARE_PX = 5
 """A pixel is invalid if the square of this side around it is completely saturated, pixels: its slope, of five columns

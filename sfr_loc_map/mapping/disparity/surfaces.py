@@ -10,7 +10,7 @@ from numba import prange
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
 from sfr_loc_map.jit import jit_rows
-from sfr_loc_map.mapping.disparity.filters import square
+from sfr_loc_map.mapping.filters import square
 
 SURFACE_JUMP_PX = F(1.0)
 """Neighbouring disparities that differ by more belong to two surfaces, pixels: the disparity of ground changes by less

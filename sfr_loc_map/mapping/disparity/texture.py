@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
-from sfr_loc_map.mapping.disparity.filters import local_variance
 from sfr_loc_map.mapping.disparity.image_noise import image_noise
+from sfr_loc_map.mapping.filters import local_variance
 
 MIN_TEXTURED_FRACTION = 0.02  #: Fraction of the image that must be textured, so that its matches can be judged.
 TEXTURE_SIGMAS = 2.0

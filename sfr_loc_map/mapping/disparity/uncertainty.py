@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, median
-from sfr_loc_map.mapping.disparity.filters import box_mean, second_differences, upsample_bilinear
 from sfr_loc_map.mapping.disparity.photometric_residual import SLOPE_NOISE_GAIN
 from sfr_loc_map.mapping.disparity.variational_refinement import WINDOW_CELLS, RefinedDisparity
+from sfr_loc_map.mapping.filters import box_mean, second_differences, upsample_bilinear
 
 NOISE_INFORMATION = F(SLOPE_NOISE_GAIN)
 """Information of one cell that noise alone simulates, 1 / px^2: four pixels times the variance of a slope over that of

@@ -11,13 +11,13 @@ import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
-from sfr_loc_map.mapping.disparity.filters import box_mean, local_variance
 from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus, StatusImage, is_valid, with_reason
 from sfr_loc_map.mapping.disparity.saturation import Saturation
 from sfr_loc_map.mapping.disparity.segments import valid_segments
 from sfr_loc_map.mapping.disparity.surfaces import occlusion_mask, right_surfaces, slope_along_rows
 from sfr_loc_map.mapping.disparity.variational_refinement import RefinedDisparity
 from sfr_loc_map.mapping.disparity.wrong_surface import JumpScene, wrong_surface_mask
+from sfr_loc_map.mapping.filters import box_mean, local_variance
 from sfr_loc_map.mapping.robust_statistics import mad_sigma
 
 MAX_CHI2_PER_DOF = F(4.0)

@@ -21,13 +21,6 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import F, FloatImage, IntArray, median
 from sfr_loc_map.mapping.disparity.cell_field import LEVELS, disparity_from_cells, padded, pixels_from_cells
 from sfr_loc_map.mapping.disparity.conjugate_gradients import conjugate_gradient_step
-from sfr_loc_map.mapping.disparity.filters import (
-    box_mean,
-    downsample_mean,
-    second_differences,
-    upsample_bilinear,
-    upsample_nearest,
-)
 from sfr_loc_map.mapping.disparity.image_noise import (
     SAMPLED_CELLS,
     noise_correlation,
@@ -43,6 +36,13 @@ from sfr_loc_map.mapping.disparity.photometric_residual import (
     slopes,
 )
 from sfr_loc_map.mapping.disparity.smoothness import SmoothnessWeights, smoothness_weight
+from sfr_loc_map.mapping.filters import (
+    box_mean,
+    downsample_mean,
+    second_differences,
+    upsample_bilinear,
+    upsample_nearest,
+)
 
 WARPS = 3
 """Iterations. More of them change the error of rendered ground by less than 5 % (measurements/mapper_trials.md)."""
@@ -51,9 +51,11 @@ EXTRA_WARPS = 2
 (measurements/mapper_trials.md)."""
 NOISY_PX = 1.2
 """Noise is large if the median standard deviation of a cell by its own four pixels exceeds this, pixels: the
-linearisation of a residual holds within about a pixel."""
+linearisation of a residual holds within about a pixel. Half and twice the value are no better on all pairs
+(measurements/mapper_trials.md)."""
 SOLVER_ITERATIONS = (8, 12, 12)
-"""Conjugate gradient steps on each grid, finest first; the coarse grids leave the finest one only short waves."""
+"""Conjugate gradient steps on each grid, finest first; the coarse grids leave the finest one only short waves. Half as
+many suit rendered pairs as well, twice as many suit KITTI 2015 (measurements/mapper_trials.md)."""
 WINDOW_CELLS = 9
 """Side of the square over which quantities of cells are averaged, cells: 324 residuals, whose mean square has a
 relative standard deviation of 8 %. Smaller windows suit real pairs, larger ones smooth ground
@@ -80,7 +82,9 @@ ones none would be."""
 LOCAL_SIZE_WINDOW = 9
 """Side of the square over which the second differences of roughness are averaged, in units of their spacing: the
 mean root of 81 independent ones has a relative standard deviation of 5 %."""
-MIN_ROUGHNESS = 0.1  #: Smallest local roughness over the median of the image, so that flat regions can still bend.
+MIN_ROUGHNESS = 0.1
+"""Smallest local roughness over the median of the image, so that flat regions can still bend. Half and twice the value
+change the mean error of five pairs by less than 1 % (measurements/mapper_trials.md)."""
 MIN_TYPICAL_PX = 1e-3  #: Smallest median of the second differences, pixels; it must not be 0.
 ROUGHNESS_WINDOW = 5
 """Side of the square over which the local roughness is smoothed afterwards, in the same units. The optimum is flat
@@ -101,7 +105,7 @@ class RefinedDisparity:
     weights: SmoothnessWeights  #: Weights of the second differences, those of the field before its last step.
     #: `(H, W)` float32, residual over its standard deviation; NaN outside the right image.
     normalised_residual: FloatImage
-    noise_grey: float  #: Standard deviation of a residual, grey levels.
+    noise_grey: float  #: Standard deviation of a photometric residual, grey levels.
 
 
 class LeftImage(NamedTuple):

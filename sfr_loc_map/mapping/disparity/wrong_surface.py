@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage, IntArray, Mask, median
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
-from sfr_loc_map.mapping.disparity.filters import dilated, square
 from sfr_loc_map.mapping.disparity.matching_cost import (
     MAX_COST,
     WEIGHT_BY_GREY,
@@ -29,6 +28,7 @@ from sfr_loc_map.mapping.disparity.matching_cost import (
     constant_cost,
 )
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX, depth_ratio, slope_along_columns, slope_along_rows
+from sfr_loc_map.mapping.filters import dilated, square
 
 SMALL_JUMP_PX = F(0.7)
 """Disparities that differ by more may belong to two surfaces that the refinement has joined by a ramp, pixels. Jumps
@@ -48,7 +48,7 @@ DEPTH_POWER = F(2.0)
 the square of the depth (measurements/mapper_trials.md)."""
 SIGMA_STRIDE = 16  #: Every sixteenth valid pixel is used for the median sigma: tens of thousands of samples suffice.
 
-# How features become inputs of the network.
+# How features become inputs of the network, which was trained with these values.
 MAX_LOG = 3.0  #: Logarithms of margins and jumps are clipped to this; also the input margin without another surface.
 MIN_TYPICAL_COST = 0.5  #: Smallest typical cost of a pair, grey levels: rounding alone causes such differences.
 MIN_RELATIVE_COST = 0.05  #: Smallest cost over the typical cost whose logarithm is taken.

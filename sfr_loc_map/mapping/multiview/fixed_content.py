@@ -17,23 +17,25 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.mapping.disparity.filters import dilated, square
+from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
+from sfr_loc_map.mapping.filters import dilated, square
 from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.multiview.comparison import MIN_TEXTURE
 from sfr_loc_map.mapping.pair_view import PairView
 
-STRIDE = 3  #: Every third pixel of every third row is compared, a sample: regions are larger than five samples.
+STRIDE = 3
+"""Every third pixel of every third row is compared, a sample: regions are larger than five samples. Images of samples
+are `(h, w)`."""
 WINDOW_SAMPLES = 9  #: Side of the window over which grey levels are compared, samples: 27 pixels.
 MIN_SIMILARITY = F(0.8)
 """Similarity of the grey levels of fixed content: 1 for equal windows, 0.8 if noise has half the standard deviation of
 the content."""
-MIN_WINDOW_FRACTION = F(0.6)  #: Fraction of the window in which both pairs must have points: more than half.
-SAME_DISPARITY_PX = 1.0  #: Largest difference of the disparities of fixed content, pixels: those of one surface.
+MIN_WINDOW_FRACTION = F(0.6)  #: Fraction of the window in which both pairs must have points. Chosen by hand.
 MIN_MOTION_PX = 8.0
 """Smallest motion of ground in the image, pixels: with less motion ground resembles itself over a third of a window."""
 REGION_SAMPLES = 5
 """Side of the smallest region, samples: 15 pixels, about half of the window. Chosen by hand."""
-MIN_REGION_FRACTION = 0.003  #: Smaller fractions of the image are not removed: 3000 of a million pixels.
+MIN_REGION_FRACTION = 0.003  #: Smaller fractions of the image are not removed. Chosen by hand.
 
 
 class CleanedViews(NamedTuple):
@@ -69,7 +71,7 @@ def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> CleanedV
 
 
 def _fixed_region(same_disparity: Mask, first_grey: FloatImage, second_grey: FloatImage, noise: np.float32) -> Mask:
-    """Return which samples `(H/3, W/3)` belong to content that is fixed to the image."""
+    """Return which samples `(h, w)` belong to content that is fixed to the image."""
     if same_disparity.mean() < MIN_REGION_FRACTION:
         return np.zeros(same_disparity.shape, np.bool_)
     is_fixed = same_disparity & (_similarity(first_grey, second_grey, noise) > MIN_SIMILARITY)
@@ -82,9 +84,9 @@ def _fixed_region(same_disparity: Mask, first_grey: FloatImage, second_grey: Flo
 
 
 def _same_disparity(first: PairView, second: PairView, rig: StereoRig) -> Mask:
-    """Return which samples `(H/3, W/3)` have the same disparity in both images although ground there has moved."""
+    """Return which samples `(h, w)` have the same disparity in both images although ground there has moved."""
     disparity = first.images.disparity[::STRIDE, ::STRIDE]
-    same: Mask = np.abs(disparity - second.images.disparity[::STRIDE, ::STRIDE]) < SAME_DISPARITY_PX
+    same: Mask = np.abs(disparity - second.images.disparity[::STRIDE, ::STRIDE]) < SURFACE_JUMP_PX
     row, column = np.nonzero(same)
     x, y = rig.camera.normalised(np.column_stack((column, row)).astype(np.float64) * STRIDE).T
     inverse_depth = disparity[row, column].astype(np.float64) / (rig.fx * rig.baseline_m)
@@ -120,7 +122,7 @@ def _window_mean(image: FloatImage) -> FloatImage:
 
 
 def _without(view: PairView, region: Mask) -> PairView:
-    """Return the view without the points of a region of samples `(H/3, W/3)`."""
+    """Return the view without the points of a region of samples `(h, w)`."""
     kept = ~region[view.points.v // STRIDE, view.points.u // STRIDE]
     rows, columns = view.images.disparity.shape
     removed = region.repeat(STRIDE, axis=0).repeat(STRIDE, axis=1)[:rows, :columns]

@@ -27,7 +27,8 @@ ENOUGH_POINTS = 10_000
 more."""
 BLURS_PX = (12.0, 5.0, 2.0, 0.7)
 """Standard deviations of the Gaussians by which the compared images are blurred, pixels: a degree is a dozen pixels."""
-MAX_STEPS_PER_BLUR = 6  #: Gauss-Newton steps at each blur; the next blur continues what has not converged.
+MAX_STEPS_PER_BLUR = 6
+"""Gauss-Newton steps at each blur; the next blur continues what has not converged. Chosen by hand."""
 ROTATION_STEP_RAD = 2e-4  #: Step of the numerical derivatives: a sixth of a pixel at a focal length of 800 pixels.
 TRANSLATION_STEP_M = 1e-3  #: Step of the numerical derivatives: a sixth of a pixel at 5 m and the same focal length.
 DERIVATIVE_STEPS = np.array([ROTATION_STEP_RAD] * 3 + [TRANSLATION_STEP_M] * 3)

@@ -122,7 +122,7 @@ class ElevationModel:
 def elevation_model(
     cloud: PointCloud,
     grid: CellGrid,
-    poses: Sequence[Transform] | None = None,
+    poses_lm_left: Sequence[Transform] | None = None,
     random_sigma: FloatArray32 | None = None,
 ) -> ElevationModel:
     """Return the elevation model of a cloud over a grid; raises MappingError if no point is on it.
@@ -147,7 +147,7 @@ def elevation_model(
     height = xyz[:, 2].astype(np.float64)
     total = np.square(cloud.sigma[inside], dtype=np.float64)
     random = total if random_sigma is None else np.square(random_sigma[inside], dtype=np.float64)
-    ratio = _height_variance_ratio(xyz, cloud.pair[inside], poses)
+    ratio = _height_variance_ratio(xyz, cloud.pair[inside], poses_lm_left)
     weight = 1.0 / (ratio * random)
     cell_count = grid.rows * grid.columns
 
@@ -173,14 +173,16 @@ def elevation_model(
     )
 
 
-def _height_variance_ratio(xyz: FloatArray32, pair: NDArray[np.uint8], poses: Sequence[Transform] | None) -> FloatArray:
+def _height_variance_ratio(
+    xyz: FloatArray32, pair: NDArray[np.uint8], poses_lm_left: Sequence[Transform] | None
+) -> FloatArray:
     """Return the variance of the height of each point `(N,)` over its variance along the ray.
 
     An error along a ray with the unit vector `(x, y, z)` changes the height by z times the error. The horizontal part
     of the error displaces the point, and displaced ground is higher by the slope: about `TYPICAL_SLOPE` times the
     error. The ratio is `z^2 + TYPICAL_SLOPE^2`. Without poses, z is 1, the largest value.
     """
-    if poses is None:
+    if poses_lm_left is None:
         return np.full(len(xyz), 1.0 + TYPICAL_SLOPE**2)
-    x_squared, y_squared, z_squared = np.square(rays_from_cameras(xyz, pair, poses)).T
+    x_squared, y_squared, z_squared = np.square(rays_from_cameras(xyz, pair, poses_lm_left)).T
     return np.asarray(z_squared / (x_squared + y_squared + z_squared) + TYPICAL_SLOPE**2)

@@ -79,7 +79,7 @@ class TerrainGrid:
 def elevation_grid(
     cloud: PointCloud,
     config: TerrainConfig,
-    T_lm_left: Sequence[Transform] | None = None,
+    poses_lm_left: Sequence[Transform] | None = None,
     random_sigma: FloatArray32 | None = None,
 ) -> TerrainGrid:
     """Return the terrain of a cloud in LM, with z upwards; raises MappingError for no points or too many cells.
@@ -92,7 +92,7 @@ def elevation_grid(
     these planes, and the hazard by the ratios of all three to the rover's limits.
     """
     cell_m = config.cell_m
-    poses = T_lm_left or None  # an empty sequence is no poses
+    poses = poses_lm_left or None  # an empty sequence is no poses
     grid = CellGrid.over(cloud.xyz, cell_m, None if poses is None else _mapped_square(poses, config))
     model = _without_sparse_cells(elevation_model(cloud, grid, poses, random_sigma))
     outer = _outer_heights(grid.cell_of(cloud.xyz), cloud.xyz[:, 2], model.count)
