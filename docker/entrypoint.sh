@@ -1,5 +1,5 @@
 #!/bin/sh
-# Sets up ROS and the workspace, then becomes the command, so that signals reach it.
+# Set up ROS and the workspace, then replace the shell by the command, so that the command receives signals.
 set -e
 . /opt/ros/jazzy/setup.sh
 . /ros_ws/install/setup.sh
