@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatImage
-from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import MAX_CLOUD_BYTES, read_bytes
+from sfr_loc_map.io.clouds.array_file import MAX_HEADER, parse_npy
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.mapping.mapper import FusedMap, PairMap
 from sfr_loc_map.mapping.reprojection import points_from_disparity
@@ -127,11 +131,17 @@ class IsolatedMapper(IsolatedMethod):
         assert self._process is not None
         return Path(f"{self._process.output}.{what}.npy")
 
+    def _array(self, what: str, limit: int, fields: Collection[str] = ()) -> NDArray[Any]:
+        """Return an array of the last answer; the method owns the folder and can write anything there."""
+        try:
+            return parse_npy(read_bytes(self._file(what), limit), fields)
+        except (OSError, ValueError) as error:
+            raise MethodFailureError(FindingKind.INVALID_RESULT, f"the {what} cannot be read: {error}") from error
+
     def _disparity(self, pair: StereoPair) -> FloatImage | None:
-        path = self._file("disparity")
-        if not path.exists():
+        if not self._file("disparity").exists():
             return None
-        found: FloatImage = np.load(path)
+        found: FloatImage = self._array("disparity", 8 * pair.left.size + 2 * MAX_HEADER)
         if found.shape != pair.left.shape:
             text = f"the disparity image is {found.shape}, the left image {pair.left.shape}"
             raise MethodFailureError(FindingKind.INVALID_RESULT, text)
@@ -141,9 +151,10 @@ class IsolatedMapper(IsolatedMethod):
 
     def _cloud(self, pairs: int) -> PointCloud:
         """Return the points of the last answer, which are of so many pairs."""
+        records = self._array("cloud", MAX_CLOUD_BYTES, tuple(FIELD_TYPES))
         try:
-            cloud = PointCloud.from_structured(np.load(self._file("cloud")), fused=False)
-        except (OSError, ValueError, GeometryError) as error:
+            cloud = PointCloud.from_structured(records, fused=False)
+        except GeometryError as error:
             raise MethodFailureError(FindingKind.INVALID_RESULT, f"no cloud: {error}") from error
         if not (np.isfinite(cloud.xyz).all() and np.isfinite(cloud.sigma).all()):
             raise MethodFailureError(FindingKind.NOT_FINITE, "a point or its sigma is not finite")

@@ -29,8 +29,11 @@ from sfr_loc_map.runs.offline import UnderTest, localise, map_pairs, map_pairs_w
 ROOT = Path(__file__).resolve().parents[2]
 TAKEN = {"stated_s", "cpu_s", "cpu_between_s", "threads", "processes"}  #: Seen from outside the process.
 CLASSES = """
+import io, os
 from dataclasses import replace
+from pathlib import Path
 import numpy as np
+from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.mapper import Mapper
 
@@ -71,6 +74,21 @@ class Set:
             return pairs[0].pair.left
         cloud = self.mapper.map(pairs).cloud
         return replace(cloud, pair=cloud.pair + np.uint8(self.kind == "pair"))
+
+class Writing:
+    def __init__(self, rig, config):
+        self.what, kind = config.split()
+        self.path = Path(os.environ["TMPDIR"]).parent / f"result.{self.what}.npy"
+        self.data = {"text": b"no array", "cut": header((120, 160))[:40], "claims": header((120, 10**12)),
+                     "archive": b"PK" + bytes(100), "floats": header((3,)) + bytes(24)}[kind]
+    def process(self, pair, T_lm_navsb, index):
+        self.path.write_bytes(self.data)
+        return PointCloud.empty() if self.what == "disparity" else np.zeros(pair.left.shape, np.float32)
+
+def header(shape):
+    stream = io.BytesIO()
+    np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": shape})
+    return stream.getvalue()
 
 class Nothing:
     def __init__(self, rig, config):
@@ -131,6 +149,18 @@ def test_a_matcher_gives_points_and_a_pair_without_any_is_empty(tmp_path: Path) 
     assert len(second.cloud) == 0
     T_left_lm = (item.T_lm_navsb @ NAV_RIG.T_sb_left).inverse()
     np.testing.assert_allclose(T_left_lm.apply(first.cloud.xyz)[:, 2], NAV_RIG.fx * NAV_RIG.baseline_m / 6.0, rtol=1e-5)
+
+
+@pytest.mark.parametrize("what", ["disparity", "cloud"])
+@pytest.mark.parametrize("kind", ["text", "cut", "claims", "archive", "floats"])
+def test_arrays_that_a_method_writes_itself_are_checked(tmp_path: Path, what: str, kind: str) -> None:
+    (tmp_path / "classes.py").write_text(CLASSES)
+    method = find_method(f"{tmp_path}/classes.py:Writing", Task.MAPPING, f"{what} {kind}")
+    with IsolatedMapper(method, NAV_RIG) as mapper:
+        item = nav_pair(0)
+        made, call = mapper.map_pair(item.pair, item.T_lm_navsb, 0)
+    assert call.finding.startswith("invalid result: the ")
+    assert len(made.cloud) == 0
 
 
 def test_the_example_in_c_localises_and_maps(example: Path) -> None:

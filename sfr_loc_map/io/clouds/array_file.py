@@ -23,8 +23,11 @@ _BROKEN_ARCHIVE = (
 )
 
 
-def parse_npy(data: bytes) -> NDArray[Any]:
-    """Return the array of an NPY file (version 1 or 2): truth values, whole or floating-point numbers, any shape."""
+def parse_npy(data: bytes, fields: Collection[str] = ()) -> NDArray[Any]:
+    """Return the array of an NPY file (version 1 or 2): truth values, whole or floating-point numbers, any shape.
+
+    With `fields` it is a list of records of numbers that have at least these fields.
+    """
     stream = io.BytesIO(data)
     try:
         first = np.lib.format.read_magic(stream) == (1, 0)
@@ -32,7 +35,11 @@ def parse_npy(data: bytes) -> NDArray[Any]:
         shape, fortran, dtype = read(stream, max_header_size=MAX_HEADER)
     except Exception as error:  # whatever Python's tokenizer raises for a broken header
         raise ValueError("it is not an NPY array, or its header is corrupt") from error
-    if dtype.kind not in "biuf" or dtype.itemsize > 8:
+    names = dtype.names or ()
+    if not set(fields) <= set(names) or (fields and len(shape) != 1):
+        raise ValueError(f"it is not a list of records with the fields {', '.join(fields)}")
+    parts = [dtype[name] for name in names] if fields else [dtype]
+    if any(part.kind not in "biuf" or part.itemsize > 8 for part in parts):
         raise ValueError(f"its elements are {str(dtype)[:40]}: real numbers are required")
     if not all(type(n) is int and n >= 0 for n in shape):
         raise ValueError("its header is corrupt: the shape must be whole numbers")
