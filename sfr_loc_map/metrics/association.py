@@ -62,6 +62,14 @@ class Estimates:
         return frozenset(name for name, flags in known.items() if not flags[rows].all())
 
 
+def symmetric(triangle: FloatArray) -> FloatArray:
+    """Return the matrix `(6, 6)` of an upper triangle `(21,)`."""
+    full = np.zeros((6, 6))
+    full[UPPER] = triangle
+    full[UPPER[1], UPPER[0]] = triangle
+    return full
+
+
 def lost_by_covariance(covariance: FloatArray) -> Mask:
     """Return for which covariances `(N, 21)` the pose is unknown: the complete diagonal is 9999."""
     return np.asarray((covariance[:, UPPER[0] == UPPER[1]] >= LOST_VARIANCE).all(axis=1))

@@ -451,10 +451,15 @@ def converted_estimates(
     result = replace(estimates, trajectory=poses, covariance=covariance, steps=estimates.steps if plain else None)
     if convention.world != FIRST_POSE:
         return result
-    T_ds_world = world_at_first_pose(result, truth)
+    return aligned_estimates(result, world_at_first_pose(result, truth))
+
+
+def aligned_estimates(estimates: Estimates, T_ds_world: Transform) -> Estimates:
+    """Return estimates in DS, with their covariances, from estimates in another world frame."""
+    covariance = estimates.covariance
     if covariance is not None:
         covariance = _carried(covariance, np.asarray(np.kron(np.eye(2), T_ds_world.rotation), np.float64))
-    return replace(result, trajectory=aligned(poses, T_ds_world), covariance=covariance)
+    return replace(estimates, trajectory=aligned(estimates.trajectory, T_ds_world), covariance=covariance)
 
 
 def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Transform:

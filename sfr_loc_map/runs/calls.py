@@ -136,16 +136,18 @@ class CallStats:
 def estimates_of(trajectory: Trajectory, stats: CallStats | None, covariance: FloatArray | None = None) -> Estimates:
     """Return poses with what the calls of their stamps and the covariances published with them report.
 
-    `covariance` `(N, 21)` holds the upper triangles that were published with the poses, NaN where there is none; the
-    covariance of the call is taken there. A pose is lost if the state of its call or its covariance reports that.
+    `covariance` `(N, 21)` holds the upper triangles that were published with the poses. The covariance of a pose is the
+    published one, and that of its call where none is published (`is_covariance_reported`). A pose is lost if the state
+    of its call or its covariance reports that.
     """
     states = np.full(len(trajectory), "", object)
-    steps = None
+    steps = of_calls = None
     if stats is not None:
         rows = stats.localised_rows(trajectory.stamps_ns)
         states = np.array([*stats.calls.states, ""], object)[rows]
         steps = _steps_between(trajectory.stamps_ns, stats, rows)
-        covariance = _first_known(covariance, _values_at(stats.covariance, rows))
+        of_calls = _values_at(stats.covariance, rows)
+    covariance = _first_reported(covariance, of_calls)
     lost, degraded = states == TrackingState.LOST, states == TrackingState.DEGRADED
     is_known = np.asarray(states != "", np.bool_)
     is_lost_known = is_known
@@ -161,11 +163,31 @@ def _values_at(values: FloatArray | None, rows: NDArray[np.intp]) -> FloatArray 
     return None if values is None else np.vstack((values, np.full(values.shape[1], np.nan)))[rows]
 
 
-def _first_known(first: FloatArray | None, second: FloatArray | None) -> FloatArray | None:
-    """Return the rows of the first array, and those of the second where the first has NaN."""
-    if first is None or second is None:
-        return second if first is None else first
-    return np.where(np.isnan(first), second, first)
+def is_covariance_reported(covariance: FloatArray) -> NDArray[np.bool_]:
+    """Return which covariances `(N, 21)` are reported: zeros, as ROS fills messages with, and NaN report nothing."""
+    return np.asarray((np.nan_to_num(covariance) != 0.0).any(axis=1))
+
+
+def published_or_of_call(published: FloatArray | None, call: CallRecord) -> FloatArray | None:
+    """Return the covariance `(6, 6)` of a pose as `estimates_of` has it: the published one, otherwise that of its call.
+
+    None if neither is reported.
+    """
+    for covariance in (published, call.covariance):
+        if covariance is not None and is_covariance_reported(covariance[None, *UPPER])[0]:
+            return covariance
+    return None
+
+
+def _first_reported(first: FloatArray | None, second: FloatArray | None) -> FloatArray | None:
+    """Return the first reported covariance of each row, NaN in rows without one; None if none is reported."""
+    found: FloatArray | None = None
+    for covariance in (second, first):
+        if covariance is None or not (is_reported := is_covariance_reported(covariance)).any():
+            continue
+        otherwise = np.full_like(covariance, np.nan) if found is None else found
+        found = np.where(is_reported[:, None], covariance, otherwise)
+    return found
 
 
 def _steps_between(stamps_ns: IntArray, stats: CallStats, rows: NDArray[np.intp]) -> FloatArray | None:

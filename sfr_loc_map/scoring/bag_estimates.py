@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from sfr_loc_map.errors import InputError, naming
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.bag.bag import Bag, Topic, read_odometry
@@ -29,10 +27,8 @@ def bag_estimates(path: Path) -> Estimates:
             "with estimates, or a TUM or csv file"
         )
     trajectory, covariances = read_odometry(bag, topic)
-    covariance = covariances[:, *UPPER]
-    known = np.where(covariance.any(axis=1, keepdims=True), covariance, np.nan) if covariance.any() else None
     calls = _calls_of(bag, topic)
-    return estimates_of(trajectory, stats_of(calls) if calls else None, known)
+    return estimates_of(trajectory, stats_of(calls) if calls else None, covariances[:, *UPPER])
 
 
 def _calls_of(bag: Bag, odometry: Topic) -> list[CallRecord]:

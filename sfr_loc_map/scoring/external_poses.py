@@ -10,7 +10,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.sequence import LocSequence, Source
 from sfr_loc_map.localisation.estimate import TrackingState
-from sfr_loc_map.metrics.association import UPPER, Estimates
+from sfr_loc_map.metrics.association import Estimates, symmetric
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.convention import converted_estimates
 from sfr_loc_map.metrics.score import ConventionRecord
@@ -72,7 +72,4 @@ def _full_covariance(estimates: Estimates, row: int) -> FloatArray | None:
     """Return the covariance `(6, 6)` of a pose, None where it is unknown."""
     if estimates.covariance is None or not np.isfinite(estimates.covariance[row]).all():
         return None
-    full = np.zeros((6, 6))
-    full[UPPER] = estimates.covariance[row]
-    full[UPPER[1], UPPER[0]] = estimates.covariance[row]
-    return full
+    return symmetric(estimates.covariance[row])

@@ -31,7 +31,7 @@ from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.consistency import STEP_SIZE
 from sfr_loc_map.metrics.judging.limits import Limits
 from sfr_loc_map.metrics.score import Provenance, Score
-from sfr_loc_map.runs.calls import CallRecord, CallStats, estimates_of
+from sfr_loc_map.runs.calls import CallRecord, CallStats, estimates_of, is_covariance_reported
 from sfr_loc_map.scoring.live_score import LiveRun, score_so_far
 from sfr_loc_map.scoring.run import DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.score_run import convention_mismatch
@@ -45,6 +45,7 @@ ESTIMATE = [*POSE, ("covariance", np.float64, COVARIANCE_SIZE)]
 STEP = [("row", np.int64), ("step", np.float64, STEP_SIZE)]
 CALL: list[Any] = [("stamp_ns", np.int64), ("seconds", np.float64), ("state", "U16"), ("peak", np.float64)]
 CALL += [("above_idle", np.float64), ("stages", np.float64, MAX_STAGES)]
+COVARIANCE = [("row", np.int64), ("covariance", np.float64, COVARIANCE_SIZE)]
 UNKNOWN_COVARIANCE = np.full(COVARIANCE_SIZE, np.nan)
 
 
@@ -78,6 +79,7 @@ class _CallRows(_Rows):
         super().__init__(CALL)
         self._stages = dict[str, int]()
         self._steps = _Rows(STEP)  # of the calls that report one, by the row of the call
+        self._covariances = _Rows(COVARIANCE)  # likewise
 
     def add_call(self, record: CallRecord) -> None:
         stages = np.full(MAX_STAGES, np.nan)
@@ -88,17 +90,24 @@ class _CallRows(_Rows):
         peaks = (np.nan if value is None else value for value in sizes)
         if record.step is not None:
             self._steps.add(len(self), record.step)
+        if record.covariance is not None:
+            self._covariances.add(len(self), record.covariance[UPPER])
         self.add(record.stamp_ns, record.processing_time_s, record.state, *peaks, stages)
 
     def stats(self) -> CallStats | None:
-        """Return the calls as columns, None without a call; covariances come with the poses."""
+        """Return the calls as columns, None without a call."""
         if not len(self):
             return None
-        steps = None
-        if len(self._steps):
-            steps = np.full((len(self), STEP_SIZE), np.nan)
-            steps[self._steps.all()["row"]] = self._steps.all()["step"]
-        return CallStats(self._calls(), None, steps)
+        covariance = self._column(self._covariances.all(), "covariance", COVARIANCE_SIZE)
+        return CallStats(self._calls(), covariance, self._column(self._steps.all(), "step", STEP_SIZE))
+
+    def _column(self, reported: NDArray[Any], name: str, width: int) -> FloatArray | None:
+        """Return values `(N, width)` that some calls report, NaN for the others; None if no call reports one."""
+        if not len(reported):
+            return None
+        values = np.full((len(self), width), np.nan)
+        values[reported["row"]] = reported[name]
+        return values
 
     def _calls(self) -> Calls:
         rows = self.all()
@@ -178,6 +187,7 @@ class MonitorScore:
         self._estimates = _Rows(ESTIMATE)
         self._truth = _Rows(TRUE_POSE)
         self._calls = _CallRows()
+        self._covariance_ns = -1  # stamp of the last estimate that was published with a covariance
         self.map_score: ScoredMap | None = None
 
     def is_late(self, kind: str, stamp_ns: int) -> bool:
@@ -202,6 +212,8 @@ class MonitorScore:
         if not any(quat_xyzw):
             raise InputError(f"the estimate of stamp {stamp_ns} has no attitude: its quaternion is zero")
         triangle = UNKNOWN_COVARIANCE if covariance is None else covariance[UPPER]
+        if is_covariance_reported(triangle[None])[0]:
+            self._covariance_ns = stamp_ns
         self._estimates.add(stamp_ns, position, quat_xyzw, triangle)
 
     def add_truth(
@@ -215,6 +227,8 @@ class MonitorScore:
 
     def add_call(self, record: CallRecord) -> None:
         """Add a call, before or after its pose; that of a fusion names the pairs of its cloud."""
+        if record.stamp_ns == self._covariance_ns:  # the published covariance counts, and that of the call takes memory
+            record = replace(record, covariance=None)
         self._calls.add_call(record)
         self.map_inputs.add_call(record)
 
@@ -288,8 +302,7 @@ class MonitorScore:
             return None
         rows = self._estimates.all()
         trajectory = Trajectory(rows["stamp_ns"], rows["position"], rows["quat"])
-        covariance = None if np.isnan(rows["covariance"]).all() else rows["covariance"]
-        estimates = estimates_of(trajectory, stats, covariance)
+        estimates = estimates_of(trajectory, stats, rows["covariance"])
         if stats is None or not is_under_way or not len(stats.localised_ns):
             return estimates
         is_awaited = rows["stamp_ns"] > stats.localised_ns.max()

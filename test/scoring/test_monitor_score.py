@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,26 +10,35 @@ from typing import Any
 import numpy as np
 import pytest
 from msgspec.structs import replace as struct_replace
+from rosbags.rosbag2 import StoragePlugin, Writer
 
 from sfr_loc_map.errors import InputError, MetricsError
-from sfr_loc_map.geometry.arrays import IntArray
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import LOST_VARIANCE
+from sfr_loc_map.inputs import LOST_VARIANCE, Task
+from sfr_loc_map.io.bag.bag import TYPESTORE
+from sfr_loc_map.io.bag.messages import odometry
 from sfr_loc_map.io.truth import TrackedBody
-from sfr_loc_map.metrics.association import UPPER, Estimates
+from sfr_loc_map.message_types import ODOMETRY, STRING
+from sfr_loc_map.metrics.association import UPPER, Estimates, symmetric
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits import parse_limits
 from sfr_loc_map.metrics.score import Details, Score
 from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
+from sfr_loc_map.nodes.replay.external_answers import AnswerBook
+from sfr_loc_map.nodes.replay.received import Received
 from sfr_loc_map.nodes.report_file import ReportFile
-from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.runs.calls import CallRecord, encode_call, estimates_of, stats_of
+from sfr_loc_map.scoring.bag_estimates import bag_estimates
 from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.topics import ESTIMATE, call_topic
 
 CONFIG = TrajectoryScoreConfig(conditions=("distance=0.5",), spacing=3)
 COUNT = 14
 OF_CALLS = ("calls_", "judged calls", "judged memory")
 Drive = tuple[Estimates, Trajectory]
+OdometryRow = tuple[int, FloatArray, FloatArray, FloatArray]
 
 
 def small_drive(seed: int) -> Drive:
@@ -139,6 +148,68 @@ def test_a_thousand_orders_of_messages_give_the_score_of_the_file() -> None:
             else:
                 assert in_order(monitor.result(details=False)) == without_path(offline), (seed, number)
     assert flags > 12
+
+
+def in_bag(path: Path, rows: Sequence[OdometryRow], calls: Sequence[CallRecord]) -> Estimates:
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        poses = writer.add_connection(ESTIMATE, ODOMETRY, typestore=TYPESTORE)
+        called = writer.add_connection(call_topic(Task.LOCALISATION), STRING, typestore=TYPESTORE)
+        for stamp_ns, position, quat, covariance in rows:
+            message = odometry(stamp_ns, position, quat)
+            message.pose.covariance[:] = covariance.reshape(36)
+            writer.write(poses, stamp_ns, TYPESTORE.serialize_cdr(message, ODOMETRY))
+        for call in calls:
+            text = TYPESTORE.types[STRING](encode_call(call))
+            writer.write(called, call.stamp_ns, TYPESTORE.serialize_cdr(text, STRING))
+    return bag_estimates(path)
+
+
+def in_replay(rows: Sequence[OdometryRow], calls: Sequence[CallRecord], *, is_external: bool) -> Estimates:
+    received = Received(answers=AnswerBook("loc", 1.0, "") if is_external else None)
+    for stamp_ns, position, quat, covariance in rows:
+        received.rows.append((stamp_ns, tuple(position), tuple(quat)))
+        received.covariances[stamp_ns] = covariance
+    received.calls[Task.LOCALISATION] = {("", call.stamp_ns): call for call in calls}
+    return estimates_of(received.trajectory, stats_of(received.records))
+
+
+@pytest.mark.parametrize("is_external", [False, True])
+def test_bag_replay_and_monitor_have_one_rule_for_the_covariance_of_a_pose(tmp_path: Path, is_external: bool) -> None:
+    """The published covariance counts; zeros report nothing, so that the covariance of the call counts there."""
+    estimates, truth = small_drive(5)
+    poses, covariances = estimates.trajectory, [symmetric(triangle) for triangle in estimates.covariance]
+    given = zip(poses.stamps_ns.tolist(), poses.positions, poses.quats_xyzw, covariances, strict=True)
+    rows, calls = [], []
+    for number, (stamp_ns, position, quat, covariance) in enumerate(given):
+        in_odometry, in_call = [(1.0, None), (0.0, 1.0), (1.0, 4.0), (0.0, None), (0.0, 0.0)][number % 5]
+        rows.append((stamp_ns, position, quat, in_odometry * covariance))
+        of_call = None if in_call is None else in_call * covariance
+        call = CallRecord(stamp_ns, 0.1, "tracking", covariance=of_call)
+        if not is_external or number % 3:  # an external node need not report its calls
+            calls.append(call)
+    expected = [[1.0, 1.0, 1.0, np.nan, np.nan][k % 5] * covariances[k][UPPER] for k in range(COUNT)]
+    called_ns = {call.stamp_ns for call in calls}
+    for k in range(COUNT):
+        if k % 5 == 1 and rows[k][0] not in called_ns:
+            expected[k][:] = np.nan
+    found = in_bag(tmp_path / "bag", rows, calls), in_replay(rows, calls, is_external=is_external)
+    figures = [in_order(of_file(score_trajectory(item, truth, CONFIG))) for item in found]
+    for item in found:
+        np.testing.assert_array_equal(item.covariance, expected)
+        for flags in ("lost", "degraded", "is_lost_known", "is_degraded_known"):
+            np.testing.assert_array_equal(getattr(item, flags), getattr(found[0], flags))
+    for calls_come_first in (False, True):
+        monitor = MonitorScore(ScoreConfig(CONFIG), None)
+        messages = [("add_estimate", row) for row in rows]
+        messages += [("add_call", (call,)) for call in calls]
+        messages.sort(key=lambda item: item[1][0] if item[0] == "add_estimate" else item[1][0].stamp_ns)
+        for name, arguments in reversed(messages) if calls_come_first else messages:
+            getattr(monitor, name)(*arguments)
+        for stamp, position, quat in zip(truth.stamps_ns.tolist(), truth.positions, truth.quats_xyzw, strict=True):
+            monitor.add_truth(stamp, position, quat)
+        figures.append(in_order(monitor.result()))
+    assert any(row.subject == "consistency" or "nees" in row.figure for row in figures[0].figures)
+    assert all(score == figures[0] for score in figures)
 
 
 def test_of_poses_with_one_stamp_the_last_that_came_counts_as_in_a_file() -> None:

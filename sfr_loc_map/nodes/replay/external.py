@@ -22,9 +22,9 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
-from sfr_loc_map.metrics.association import Estimates
-from sfr_loc_map.metrics.convention import world_at_first_pose
-from sfr_loc_map.metrics.pose_convention import FIRST_POSE, PoseConvention, aligned, converted
+from sfr_loc_map.metrics.association import UPPER, Estimates, symmetric
+from sfr_loc_map.metrics.convention import aligned_estimates, converted_estimates, world_at_first_pose
+from sfr_loc_map.metrics.pose_convention import FIRST_POSE, PoseConvention
 from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, MethodKind, MethodRecord
 from sfr_loc_map.nodes.launch.processes import ChildProcess
 from sfr_loc_map.nodes.replay.external_answers import ProcessWatch, processes_named
@@ -196,6 +196,7 @@ class ExternalLocaliser(ExternalNode):
         """Advertise the converted poses; their frame may follow from the rig, and their world from the truth."""
         super().__init__(node, options, command, received)
         self._convention, self._truth = options.convention, loc.ground_truth
+        self._in_own_world = replace(options.convention, world="ds")
         self._T_rb_child = options.convention.T_rb_child(loc.rig)
         self._T_ds_world: Transform | None = None
         self._publisher = node.node.create_publisher(Odometry, options.converted_topic, QoSProfile(depth=DEPTH))
@@ -207,20 +208,22 @@ class ExternalLocaliser(ExternalNode):
     def keep(self, message: Odometry, row: messages.OdometryRow, results: Received) -> None:
         """Keep a pose as it was published, and publish it converted."""
         results.rows.append(row)
-        covariance = messages.covariance_of(message)
-        if np.isfinite(covariance).all() and covariance.any():
-            results.covariances[row[0]] = covariance
+        results.covariances[row[0]] = covariance = messages.covariance_of(message)
         try:
             poses = Trajectory(np.array([row[0]], np.int64), np.array([row[1]]), np.array([row[2]]))
-            poses = converted(poses, self._convention, self._T_rb_child)
+            published = Estimates.of(poses, covariance=covariance[None, *UPPER])
+            estimates = converted_estimates(published, self._in_own_world, self._T_rb_child, None)
             if self._convention.world == FIRST_POSE:
                 if self._T_ds_world is None:
-                    self._T_ds_world = world_at_first_pose(Estimates.of(poses), self._truth)
-                poses = aligned(poses, self._T_ds_world)
+                    self._T_ds_world = world_at_first_pose(estimates, self._truth)
+                estimates = aligned_estimates(estimates, self._T_ds_world)
         except (GeometryError, MetricsError):
             return  # nothing for the monitor; the score tells why
+        poses = estimates.trajectory
         out = Odometry(header=messages.header_msg(max(int(poses.stamps_ns[0]), 0), WORLD), child_frame_id=BODY)
         out.pose.pose = messages.pose_msg(poses.pose(0), poses.quats_xyzw[0])
+        if estimates.covariance is not None:
+            out.pose.covariance = symmetric(estimates.covariance[0]).reshape(36)
         self._publisher.publish(out)
 
 

@@ -10,10 +10,9 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import Task
-from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes.replay.external_answers import AnswerBook
-from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.runs.calls import CallRecord, published_or_of_call
 from sfr_loc_map.scoring.replay_result import CollectedRun, ExternalRun
 
 
@@ -23,7 +22,7 @@ class Received:
 
     #: Stamp, position (m) and quaternion (x, y, z, w) of each odometry message, numbers as received.
     rows: list[tuple[int, tuple[float, ...], tuple[float, ...]]] = field(default_factory=list)
-    covariances: dict[int, FloatArray] = field(default_factory=dict)  #: Covariance `(6, 6)` of the pose by stamp.
+    covariances: dict[int, FloatArray] = field(default_factory=dict)  #: Covariance `(6, 6)` of each odometry by stamp.
     #: Calls by state (of the mapper) and stamp.
     calls: dict[Task, dict[tuple[str, int], CallRecord]] = field(default_factory=lambda: {task: {} for task in Task})
     clouds: list[tuple[int, PointCloud]] = field(default_factory=list)  #: Stamp and points of each published cloud.
@@ -45,15 +44,18 @@ class Received:
 
     @property
     def records(self) -> list[CallRecord]:
-        """All calls: those of the localiser, with the covariances of the odometry, then those of the mapper.
+        """All calls: those of the localiser, with the covariances of their poses, then those of the mapper.
 
-        An external localiser has one for each covariance, reported or not.
+        An external localiser has one for each pose, whether or not it reports its calls.
         """
         calls = {stamp_ns: call for (_, stamp_ns), call in self.calls[Task.LOCALISATION].items()}
         if self.answers is not None and self.answers.rig == Task.LOCALISATION.rig:
-            unreported = {s: CallRecord(s, float("nan"), TrackingState.TRACKING) for s in self.covariances}
+            unreported = {stamp_ns: CallRecord(stamp_ns, float("nan")) for stamp_ns in self.covariances}
             calls = unreported | calls
-        localised = [replace(call, covariance=self.covariances.get(s)) for s, call in calls.items()]
+        localised = [
+            replace(call, covariance=published_or_of_call(self.covariances.get(stamp_ns), call))
+            for stamp_ns, call in calls.items()
+        ]
         return [*localised, *self.calls[Task.MAPPING].values()]
 
     @property
