@@ -395,7 +395,7 @@ MUTATIONS = (
     Mutation("metrics/judging/several_scores.py", "if len(items) > 1:", "if len(items) > 2:"),
     Mutation("metrics/judging/several_scores.py", "if None in items:", "if items == {None, 0}:"),
     Mutation(JUDGE, "(figure.independent or 0.0) >= limits", "(figure.independent or 0.0) > limits"),
-    Mutation("metrics/score.py", "<= self.truth_error", "<= 0.1 * self.truth_error"),
+    Mutation("metrics/verdict.py", "<= self.truth_error", "<= 0.1 * self.truth_error"),
     Mutation("metrics/judging/limited_figure.py", '"mean_plus_3sigma": 3.0, "max"', '"mean_plus_3sigma": 1.0, "max"'),
     Mutation("metrics/stored.py", "expected = abs(row.mean) + 3.0 * row.sigma", "expected = row.mean_plus_3sigma"),
     Mutation("metrics/stored.py", "if mine != theirs and not _is_near(mine, theirs):", "if False:"),

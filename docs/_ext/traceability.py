@@ -183,7 +183,7 @@ CLAUSES = (
         "4.2.1",
         "Timing performance, localisation",
         "Wall-clock seconds on the target from the call of the API to its return, by the mechanism of its kit.",
-        ("metrics/calls.py", "runs/calls.py", "metrics/score.py"),
+        ("metrics/calls.py", "runs/calls.py", "metrics/records.py"),
         "table of times per call, under the clock's name; calls on a target in a table of their own",
         "A host time is never one of the target: times measured there are read in (a harness's folder, "
         "`--target-timing`), belong to the estimates of their stamps, and keep the name of their clock.",

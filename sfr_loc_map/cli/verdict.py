@@ -12,7 +12,8 @@ from sfr_loc_map.metrics.config import Condition, VerdictState
 
 if TYPE_CHECKING:
     from sfr_loc_map.geometry.trajectory import Trajectory
-    from sfr_loc_map.metrics.score import MethodRecord, Score
+    from sfr_loc_map.metrics.records import MethodRecord
+    from sfr_loc_map.metrics.score import Score
     from sfr_loc_map.runs.calls import CallRecord
 
 

@@ -32,7 +32,7 @@ from sfr_loc_map.metrics.consistency import (
     sums_of_steps,
 )
 from sfr_loc_map.metrics.intervals import chi2_interval95, student_quantile
-from sfr_loc_map.metrics.score import Figure, figure_row
+from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.trajectory_score import select
 
 SIGNIFICANCE = 0.05  #: Probability of a false finding, over all comparisons of a recording.

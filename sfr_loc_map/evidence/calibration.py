@@ -16,7 +16,7 @@ from sfr_loc_map.evidence.variants import Run
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.intervals import student_quantile
-from sfr_loc_map.metrics.score import Figure, figure_row
+from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.report.tables import Cell, Column, Table, Unit
 
 ANGLES = {"pitch": "vertical_offset_px", "roll": "roll_offset_px", "yaw": "disparity_offset_px"}

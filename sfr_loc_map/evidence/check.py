@@ -21,7 +21,7 @@ from sfr_loc_map.evidence.variants import PairsInMemory, Run, Variant, run_varia
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import Condition, label_of
-from sfr_loc_map.metrics.score import Figure, figure_row
+from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.report.tables import Cell, Column, Table, Unit, fitting
 
 MIN_PAIRS = 20

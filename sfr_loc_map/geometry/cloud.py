@@ -22,7 +22,7 @@ from sfr_loc_map.geometry.arrays import FloatArray32, Mask
 if TYPE_CHECKING:
     import pandas
 
-    from sfr_loc_map.metrics.score import MethodRecord
+    from sfr_loc_map.metrics.records import MethodRecord
     from sfr_loc_map.runs.calls import CallRecord
 
 FIELD_TYPES: dict[str, type[np.generic]] = {

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
     from sfr_loc_map.localisation.estimate import PoseEstimate
-    from sfr_loc_map.metrics.score import MethodRecord
+    from sfr_loc_map.metrics.records import MethodRecord
     from sfr_loc_map.runs.calls import CallRecord
 
 

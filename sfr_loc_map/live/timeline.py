@@ -11,7 +11,7 @@ from sfr_loc_map.inputs import NS_PER_S, jumped_back
 from sfr_loc_map.live import updates
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.metrics.score import Verdict
+from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.runs.calls import CallRecord
 
 MAX_EVENTS, MAX_TEXT = 400, 200

@@ -17,7 +17,7 @@ from sfr_loc_map.methods.adapters.loop import OrderedPair, Pose
 from sfr_loc_map.methods.isolated_method import IsolatedMethod, check_stamp
 from sfr_loc_map.methods.method_process import MethodCall, MethodFailureError
 from sfr_loc_map.methods.registry import Method, MethodLimits
-from sfr_loc_map.metrics.score import FindingKind
+from sfr_loc_map.metrics.records import FindingKind
 
 SYMMETRY = 1e-6  #: Largest asymmetry of a covariance, over its largest element.
 STEP_NUMBERS = 48  #: Length of the uncertainty of a step.

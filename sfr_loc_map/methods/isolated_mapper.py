@@ -24,7 +24,7 @@ from sfr_loc_map.methods.adapters.loop import Answer, OrderedPair
 from sfr_loc_map.methods.isolated_method import IsolatedMethod, check_stamp
 from sfr_loc_map.methods.method_process import MethodCall, MethodFailureError, numbers_of
 from sfr_loc_map.methods.registry import Method, MethodLimits
-from sfr_loc_map.metrics.score import FindingKind
+from sfr_loc_map.metrics.records import FindingKind
 
 F = np.float32
 DISPARITY_SIGMA_PX = F(0.5)  #: Standard deviation that is assumed of a disparity of a matcher, which states none.

@@ -12,7 +12,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.methods.adapters.loop import Answer
 from sfr_loc_map.methods.method_process import MethodCall, MethodFailureError, MethodProcess
 from sfr_loc_map.methods.registry import Method, MethodLimits
-from sfr_loc_map.metrics.score import FindingKind, MethodRecord
+from sfr_loc_map.metrics.records import FindingKind, MethodRecord
 
 
 class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):

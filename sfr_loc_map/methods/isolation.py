@@ -16,7 +16,7 @@ from pathlib import Path
 
 from sfr_loc_map.child_process import LIBRARY_PATH, child_environment, inherited_environment
 from sfr_loc_map.methods.registry import Method
-from sfr_loc_map.metrics.score import MethodKind
+from sfr_loc_map.metrics.records import MethodKind
 
 OWN_FILES = "SFR_METHOD_FILES"  #: Variable with more paths that methods may read, as of PATH.
 SYSTEM = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/sbin", "/etc", "/opt", "/nix", "/snap", "/sys")

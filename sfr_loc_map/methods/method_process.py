@@ -32,7 +32,7 @@ from sfr_loc_map.methods.isolation import environment_of, rules_of
 from sfr_loc_map.methods.process_tree import ProcessTree, TreeUsage, peak_of, reset_peak
 from sfr_loc_map.methods.registry import ADAPTERS, Method, MethodLimits
 from sfr_loc_map.metrics.calls import CallUsage
-from sfr_loc_map.metrics.score import FindingKind
+from sfr_loc_map.metrics.records import FindingKind
 
 EXIT_TIMEOUT_S = 10.0
 POLL_S = 0.05  #: Period of the checks of memory while a call runs.

@@ -5,12 +5,12 @@ from .config import Condition as Condition
 from .config import ConditionKind as ConditionKind
 from .config import Rebase as Rebase
 from .config import VerdictState as VerdictState
-from .score import Figure as Figure
-from .score import Provenance as Provenance
+from .records import Provenance as Provenance
 from .score import Score as Score
-from .score import Verdict as Verdict
 from .score_json import from_dict as from_dict
 from .score_json import from_json as from_json
 from .score_json import load_score as load_score
 from .score_json import to_dict as to_dict
 from .score_json import to_json as to_json
+from .table import Figure as Figure
+from .verdict import Verdict as Verdict

@@ -27,7 +27,8 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.association import nearest_stamps, unique_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ConditionKind
 from sfr_loc_map.metrics.formulas import statistics
-from sfr_loc_map.metrics.score import Alignment, Figure, figure_row
+from sfr_loc_map.metrics.records import Alignment
+from sfr_loc_map.metrics.table import Figure, figure_row
 
 
 class Similarity(NamedTuple):

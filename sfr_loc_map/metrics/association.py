@@ -17,7 +17,7 @@ from sfr_loc_map.geometry.rotation import slerp, unit_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
 from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
-from sfr_loc_map.metrics.score import Association
+from sfr_loc_map.metrics.records import Association
 
 Rows = NDArray[np.intp]
 Number = TypeVar("Number", bound=np.generic)

@@ -28,18 +28,10 @@ from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.catalogue import CALLS, MEMORY, Subject, clause_of
 from sfr_loc_map.metrics.completeness import calls_completeness, expected_row, share_of
 from sfr_loc_map.metrics.config import CallKind, MappingState
+from sfr_loc_map.metrics.details import CallHistogram, CallPlots, CallSeries, column
+from sfr_loc_map.metrics.records import CallRecords, ExternalScore, TargetRun
 from sfr_loc_map.metrics.row_part import Place, RowPart
-from sfr_loc_map.metrics.score import (
-    CallHistogram,
-    CallPlots,
-    CallRecords,
-    CallSeries,
-    ExternalScore,
-    Figure,
-    TargetRun,
-    column,
-    figure_row,
-)
+from sfr_loc_map.metrics.table import Figure, figure_row
 
 UNKNOWN = "unknown"
 HOST_CLOCK = "host monotonic"

@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from sfr_loc_map.metrics.config import label_of
-from sfr_loc_map.metrics.score import Score, TruthRecord
+from sfr_loc_map.metrics.records import TruthRecord
+from sfr_loc_map.metrics.score import Score
 
 MAX_EXCESS = 0.05  #: Largest fraction of the path of a truth that may be noise without a warning.
 

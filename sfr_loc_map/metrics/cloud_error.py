@@ -17,17 +17,10 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.completeness import map_completeness
 from sfr_loc_map.metrics.config import CloudKind, MapScoreConfig
+from sfr_loc_map.metrics.details import ErrorImage, MapDetails, PointRows, Triangulation, column
 from sfr_loc_map.metrics.intervals import chi2_interval95
-from sfr_loc_map.metrics.score import (
-    CloudRecord,
-    ErrorImage,
-    Figure,
-    MapDetails,
-    PointRows,
-    Triangulation,
-    column,
-    figure_row,
-)
+from sfr_loc_map.metrics.records import CloudRecord
+from sfr_loc_map.metrics.table import Figure, figure_row
 
 FOOTPRINTS = 2.0  #: A true point is covered by a point of a fused cloud nearer than so many pixel footprints, Z / f.
 BATCH = 262144

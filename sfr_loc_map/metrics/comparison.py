@@ -19,11 +19,14 @@ from scipy.special import stdtr
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.catalogue import KINDS, TOTAL, Subject
+from sfr_loc_map.metrics.details import SubTrajectoryRows
 from sfr_loc_map.metrics.formulas import statistics
 from sfr_loc_map.metrics.intervals import Interval, holm, scatter_of_difference
 from sfr_loc_map.metrics.record import Record
-from sfr_loc_map.metrics.score import Figure, MethodRecord, Score, SubTrajectoryRows
+from sfr_loc_map.metrics.records import MethodRecord
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.metrics.table import Figure
 
 SCHEMA = "sfr-compare/1"
 SIGNIFICANT = 0.05  #: A corrected probability of chance above it shows no difference.

@@ -20,8 +20,9 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, LIVE, MAP
 from sfr_loc_map.metrics.config import AssociationMode, CallKind, Condition, ConditionKind
+from sfr_loc_map.metrics.records import Association
 from sfr_loc_map.metrics.row_part import Place, RowPart
-from sfr_loc_map.metrics.score import Association, Figure, figure_row
+from sfr_loc_map.metrics.table import Figure, figure_row
 
 MISSING_SHARE = 0.01  #: An estimate that misses more is reported as incomplete where no limit judges it.
 GAP_PERIODS = 5  #: Neighbouring poses that are more of their usual periods apart cover nothing between them.

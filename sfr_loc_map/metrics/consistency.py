@@ -27,7 +27,7 @@ from sfr_loc_map.geometry.transform import propagated_covariance, propagation
 from sfr_loc_map.inputs import LOST_VARIANCE
 from sfr_loc_map.metrics.association import UPPER, Estimates, Frames, unique_rows
 from sfr_loc_map.metrics.intervals import chi2_interval95
-from sfr_loc_map.metrics.score import Figure, figure_row
+from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.truth_error import truth_noise
 
 PARTS = {"pose": slice(0, 6), "position": slice(0, 3), "attitude": slice(3, 6)}

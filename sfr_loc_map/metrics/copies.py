@@ -17,7 +17,7 @@ from sfr_loc_map.geometry.rotation import quat_conjugate, quat_rotate
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Frames
 from sfr_loc_map.metrics.completeness import share_of, share_rows
-from sfr_loc_map.metrics.score import Figure, figure_row
+from sfr_loc_map.metrics.table import Figure, figure_row
 
 NOISES = 5.0  #: Multiple of the truth's own scatter from which its displacement is a motion.
 MOVING_SHARE = 0.1  #: Multiple of the median true step from which a step is a motion.

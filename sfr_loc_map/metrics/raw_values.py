@@ -13,9 +13,11 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND, OTHER_FRAMES, Subject
+from sfr_loc_map.metrics.details import CallPlots, SubTrajectoryRows
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS, statistics
 from sfr_loc_map.metrics.judging.proof import errors_of
-from sfr_loc_map.metrics.score import CallPlots, Figure, Score, SubTrajectoryRows
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.table import Figure
 
 EXACT = 1e-9  #: Relative difference of a statistic that was computed again.
 DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5

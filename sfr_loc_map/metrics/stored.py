@@ -7,7 +7,9 @@ from typing import Any
 
 from sfr_loc_map.metrics.judging.judge import judged_again
 from sfr_loc_map.metrics.raw_values import raw_contradiction
-from sfr_loc_map.metrics.score import Figure, Score, Verdict
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.metrics.verdict import Verdict
 
 ROUNDING = 1e-9  #: Relative difference up to which a stored number is the derived one.
 

@@ -34,23 +34,21 @@ from sfr_loc_map.metrics.config import (
 )
 from sfr_loc_map.metrics.consistency import StepSums, nees_rows, sums_of_steps
 from sfr_loc_map.metrics.copies import copy_rows, judged_of_truth
+from sfr_loc_map.metrics.details import (
+    NAMED_ERRORS,
+    ErrorRows,
+    PathRows,
+    SubTrajectoryRows,
+    TrajectoryDetails,
+    Values,
+    column,
+)
 from sfr_loc_map.metrics.formulas import Lengths, Poses, SubTrajectoryErrors
 from sfr_loc_map.metrics.intervals import interval95
 from sfr_loc_map.metrics.judging.proof import evidence_rows
 from sfr_loc_map.metrics.judging.shortfall_kinds import BEYOND_MOST
-from sfr_loc_map.metrics.score import (
-    NAMED_ERRORS,
-    Association,
-    ErrorRows,
-    Figure,
-    PathRows,
-    SubTrajectoryRows,
-    TrajectoryDetails,
-    TruthRecord,
-    Values,
-    column,
-    figure_row,
-)
+from sfr_loc_map.metrics.records import Association, TruthRecord
+from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.truth_error import known_of, truth_error_rows, turn_rows
 
 READINGS: dict[Rebase, Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors]] = {

@@ -13,7 +13,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.geometry.transform import propagated_covariance
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.metrics.score import Figure, figure_row
+from sfr_loc_map.metrics.table import Figure, figure_row
 
 ATTITUDE = "attitude"  #: Part of the row of the attitude.
 TURN = "attitude at the start"  #: Part of the rows of what the true attitude at N moves N+x by.

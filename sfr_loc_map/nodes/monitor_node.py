@@ -36,7 +36,8 @@ from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.catalogue import KINDS
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
 from sfr_loc_map.metrics.judging.limits import load_limits
-from sfr_loc_map.metrics.score import Provenance, Score
+from sfr_loc_map.metrics.records import Provenance
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.nodes.input.run_order import AnyOrder
 from sfr_loc_map.nodes.input.stereo_input import StereoInputConfig

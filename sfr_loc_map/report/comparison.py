@@ -15,7 +15,8 @@ from typing import NamedTuple
 from sfr_loc_map.metrics.catalogue import KINDS, OF_CALLS, TOTAL, Subject, statistic_title, title_of
 from sfr_loc_map.metrics.comparison import SIGNIFICANT, Comparison
 from sfr_loc_map.metrics.config import CallKind, label_of
-from sfr_loc_map.metrics.score import Figure, Score
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.report import plots
 from sfr_loc_map.report.page import overall_of
 from sfr_loc_map.report.score_figures import growth, path_errors, path_of, range_rows

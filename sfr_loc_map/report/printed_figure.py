@@ -7,7 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from sfr_loc_map.metrics.score import Figure, Score
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.report.plots import error_scale, largest
 from sfr_loc_map.report.score_figures import error_sizes, map_of, plotted_conditions
 from sfr_loc_map.report.score_tables import limits_on

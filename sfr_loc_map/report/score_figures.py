@@ -11,7 +11,9 @@ import numpy as np
 
 from sfr_loc_map.metrics.catalogue import Subject, statistic_title
 from sfr_loc_map.metrics.config import CallKind, label_of
-from sfr_loc_map.metrics.score import ErrorImage, Figure, MapDetails, PathRows, PointRows, Score, SubTrajectoryRows
+from sfr_loc_map.metrics.details import ErrorImage, MapDetails, PathRows, PointRows, SubTrajectoryRows
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.report.plots import (
     COLORS,
     TRAVELLED,

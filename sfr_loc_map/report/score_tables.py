@@ -16,7 +16,9 @@ from sfr_loc_map.metrics.catalogue import ALIGNED, KINDS, Subject, statistic_tit
 from sfr_loc_map.metrics.config import CallKind, Rebase, label_of
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.row_part import Place
-from sfr_loc_map.metrics.score import NUMBERS, Figure, Score, Verdict
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.table import NUMBERS, Figure
+from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.report.tables import (
     ABSENT,
     NOT_ENOUGH,

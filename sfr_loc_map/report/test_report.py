@@ -21,7 +21,9 @@ from sfr_loc_map.metrics.config import CallKind, MapScoreConfig, Rebase, Verdict
 from sfr_loc_map.metrics.judging.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.judging.several_scores import Common, common_verdict
 from sfr_loc_map.metrics.judging.shortfall_kinds import SHORTFALLS
-from sfr_loc_map.metrics.score import Score, TargetRecord, Verdict
+from sfr_loc_map.metrics.records import TargetRecord
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.report.page import NO_VERDICT, Overall, from_template, overall_of
 from sfr_loc_map.report.printed_figure import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, printed_figures
 from sfr_loc_map.report.score_tables import NO_INTERVAL, table_of

@@ -17,7 +17,8 @@ from sfr_loc_map.metrics.judging.limits import PART_OF_MEMORY
 from sfr_loc_map.metrics.judging.proof import words_of
 from sfr_loc_map.metrics.judging.reasons import why_open
 from sfr_loc_map.metrics.row_part import RowPart
-from sfr_loc_map.metrics.score import Score, Verdict
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.report.tables import (
     ABSENT,
     NOT_ENOUGH,

@@ -27,7 +27,7 @@ from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
 from sfr_loc_map.metrics.calls import METHOD, Calls, CallUsage, concatenated, stacked, stage_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.consistency import STEP_SIZE, WITHOUT_NOISE
-from sfr_loc_map.metrics.score import FindingKind, FindingRecord, MethodKind, MethodRecord, ProcessUsage
+from sfr_loc_map.metrics.records import FindingKind, FindingRecord, MethodKind, MethodRecord, ProcessUsage
 
 if TYPE_CHECKING:
     from sfr_loc_map.mapping.mapper import FusedMap

@@ -32,7 +32,7 @@ from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.registry import Method, MethodLimits, record_of_ours
 from sfr_loc_map.metrics.calls import CallMeter
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.metrics.score import MethodRecord
+from sfr_loc_map.metrics.records import MethodRecord
 from sfr_loc_map.runs.calls import CallRecord, call_of_estimate, call_of_fusion, call_of_stages
 from sfr_loc_map.runs.track_video import FrameObserver
 from sfr_loc_map.signals import stopping

@@ -12,7 +12,8 @@ from sfr_loc_map.metrics.cloud_error import ScoredMap
 from sfr_loc_map.metrics.completeness import live_completeness, settled
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits import Limits
-from sfr_loc_map.metrics.score import Provenance, Score
+from sfr_loc_map.metrics.records import Provenance
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.scoring.run import Run
 from sfr_loc_map.scoring.score_parts import CallsPart, DrivePart, MapPart, calls_part, drive_part, expected_calls
 from sfr_loc_map.scoring.score_run import all_kept, assembled, judged_with_warnings, with_conditions

@@ -26,7 +26,7 @@ from sfr_loc_map.io.tables.trajectory_file import LoadedTrajectory, read_traject
 from sfr_loc_map.io.truth import possible_truth, truth_of_file
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.cloud_error import PairTruth, truths_of
-from sfr_loc_map.metrics.score import MethodKind, MethodRecord, TargetRecord
+from sfr_loc_map.metrics.records import MethodKind, MethodRecord, TargetRecord
 from sfr_loc_map.runs.calls import CallStats, estimates_of, load_call_stats, united
 from sfr_loc_map.scoring.run import IN_MEMORY, CloudToScore, DriveToScore, Run, ScoreInputs
 

@@ -30,7 +30,8 @@ from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.consistency import STEP_SIZE
 from sfr_loc_map.metrics.judging.limits import Limits
-from sfr_loc_map.metrics.score import Provenance, Score
+from sfr_loc_map.metrics.records import Provenance
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.runs.calls import CallRecord, CallStats, estimates_of, is_covariance_reported
 from sfr_loc_map.scoring.live_score import LiveRun, score_so_far
 from sfr_loc_map.scoring.run import DriveToScore, Run, ScoreInputs

@@ -22,7 +22,8 @@ from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits import Limits
-from sfr_loc_map.metrics.score import ConventionRecord, ExternalScore, FindingRecord, MethodRecord, Score
+from sfr_loc_map.metrics.records import ConventionRecord, ExternalScore, FindingRecord, MethodRecord
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.runs.calls import CallRecord, save_stats, stats_of
 from sfr_loc_map.scoring.load import estimates_of_calls, with_read_files
 from sfr_loc_map.scoring.run import CloudToScore, DriveToScore, Run, ScoreInputs

@@ -30,20 +30,10 @@ from sfr_loc_map.metrics.caveats import truth_caveats
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest, typical_pixel_offset
 from sfr_loc_map.metrics.completeness import expected_row, share_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, MapScoreConfig, TrajectoryScoreConfig
+from sfr_loc_map.metrics.details import CallPlots, ErrorRows, MapDetails, TrajectoryDetails
+from sfr_loc_map.metrics.records import Alignment, Association, CallRecords, CloudRecord, TargetRun, TruthRecord
 from sfr_loc_map.metrics.row_part import Place, RowPart
-from sfr_loc_map.metrics.score import (
-    Alignment,
-    Association,
-    CallPlots,
-    CallRecords,
-    CloudRecord,
-    ErrorRows,
-    Figure,
-    MapDetails,
-    TargetRun,
-    TrajectoryDetails,
-    TruthRecord,
-)
+from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.runs.calls import CallStats
 from sfr_loc_map.scoring.run import CloudToScore, DriveToScore, Run

@@ -14,21 +14,13 @@ from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND
 from sfr_loc_map.metrics.caveats import reading_caveats
 from sfr_loc_map.metrics.config import AlignedErrorConfig, Condition, ScoreConfig
 from sfr_loc_map.metrics.convention import Diagnosis, diagnose
+from sfr_loc_map.metrics.details import CallPlots, Details, MapDetails, TrajectoryDetails
 from sfr_loc_map.metrics.judging.incomplete import why_not_whole
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits import Limits
 from sfr_loc_map.metrics.pose_convention import PoseConvention
-from sfr_loc_map.metrics.score import (
-    CallPlots,
-    ConventionRecord,
-    Details,
-    MapDetails,
-    MethodKind,
-    MethodRecord,
-    Provenance,
-    Score,
-    TrajectoryDetails,
-)
+from sfr_loc_map.metrics.records import ConventionRecord, MethodKind, MethodRecord, Provenance
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.runs.calls import CallStats
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.provenance import provenance_of

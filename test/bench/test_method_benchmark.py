@@ -22,7 +22,7 @@ from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import OURS_IN_TABLES, Method
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.score import MethodKind
+from sfr_loc_map.metrics.records import MethodKind
 from sfr_loc_map.runs.offline import start_pose
 
 SCORING = TrajectoryScoreConfig(conditions=("frames=3",), spacing=2)

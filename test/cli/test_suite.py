@@ -20,7 +20,7 @@ from helpers.cli_result import Sfr
 from helpers.made_suites import SFR, made_suite, results
 from helpers.score_rows import row
 from sfr_loc_map.localisation.estimate import TrackingState
-from sfr_loc_map.metrics.score import MethodKind, MethodRecord
+from sfr_loc_map.metrics.records import MethodKind, MethodRecord
 from sfr_loc_map.runs.calls import CallRecord, save_stats, stats_beside
 
 DRIVES = 3

@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.score import Details, Score
+from sfr_loc_map.metrics.details import Details
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
 
 Poses = tuple[Any, Any, Any]

@@ -5,7 +5,7 @@ from typing import Any
 from sfr_loc_map.metrics.completeness import expected_row
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.row_part import RowPart
-from sfr_loc_map.metrics.score import Figure
+from sfr_loc_map.metrics.table import Figure
 
 
 def row(score: Any, figure: str, **where: Any) -> dict[str, Any]:

@@ -13,7 +13,8 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.path import LivePath
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import PoseSample, Report, Track
-from sfr_loc_map.metrics.score import Association, Score
+from sfr_loc_map.metrics.records import Association
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
 
 

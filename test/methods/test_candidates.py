@@ -23,7 +23,7 @@ from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import find_method
-from sfr_loc_map.metrics.score import MethodKind, MethodRecord
+from sfr_loc_map.metrics.records import MethodKind, MethodRecord
 from sfr_loc_map.runs.offline import UnderTest, localise, map_pairs, map_pairs_with
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Frames, associate, unique_rows
 from sfr_loc_map.metrics.config import AssociationConfig, AssociationMode
-from sfr_loc_map.metrics.score import Association
+from sfr_loc_map.metrics.records import Association
 
 STAMPS = st.lists(st.integers(0, 60), max_size=25, unique=True).map(lambda s: np.array(sorted(s), np.int64))
 

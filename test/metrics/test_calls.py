@@ -22,7 +22,8 @@ from sfr_loc_map.metrics.catalogue import CALLS
 from sfr_loc_map.metrics.completeness import calls_completeness
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.formulas import Statistics
-from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, Score
+from sfr_loc_map.metrics.records import AnswerCounts, ExternalScore
+from sfr_loc_map.metrics.score import Score
 
 SIZE = 200 * 1024 * 1024
 

@@ -7,7 +7,7 @@ import pytest
 from sfr_loc_map.metrics.catalogue import CATALOGUE, KINDS, TOTAL, clause_of, defines, statistic_title
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS
 from sfr_loc_map.metrics.judging.limited_figure import EXPANSION
-from sfr_loc_map.metrics.score import NUMBERS
+from sfr_loc_map.metrics.table import NUMBERS
 from sfr_loc_map.suite.search.specification import CHOICES
 
 CLAUSES = {

@@ -10,7 +10,8 @@ from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.comparison import Comparison, compare_scores
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.score import Score, figure_row
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.table import figure_row
 
 
 def scores(seed: int, noises: tuple[float, ...], count: int = 800, over: str = "distance=5") -> list[Score]:

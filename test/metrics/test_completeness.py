@@ -20,7 +20,8 @@ from sfr_loc_map.metrics.completeness import (
     single_run_stamps,
 )
 from sfr_loc_map.metrics.config import CallKind, TrajectoryScoreConfig
-from sfr_loc_map.metrics.score import Figure, Score
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
 SECOND = 1_000_000_000

@@ -13,6 +13,7 @@ from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.calls import Calls, score_target
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig, VerdictState
+from sfr_loc_map.metrics.details import Details
 from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.judging.bound_terms import BOUND
 from sfr_loc_map.metrics.judging.incomplete import Shortfall, statistic_of
@@ -20,10 +21,12 @@ from sfr_loc_map.metrics.judging.judge import judged, judged_at_the_end, overall
 from sfr_loc_map.metrics.judging.limits import PLACES, LimitPart, Limits, Rules, parse_limits
 from sfr_loc_map.metrics.judging.reasons import reasons_not_judged
 from sfr_loc_map.metrics.raw_values import raw_contradiction
+from sfr_loc_map.metrics.records import Association, FindingKind, FindingRecord
 from sfr_loc_map.metrics.row_part import RowPart
-from sfr_loc_map.metrics.score import Association, Details, FindingKind, FindingRecord, Score, figure_row
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.metrics.stored import stored_contradiction
+from sfr_loc_map.metrics.table import figure_row
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.report.verdict_view import unit_of
 

@@ -6,7 +6,7 @@ import pytest
 
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.row_part import Place, RowPart
-from sfr_loc_map.metrics.score import figure_row
+from sfr_loc_map.metrics.table import figure_row
 
 PARTS = {
     None: RowPart(),

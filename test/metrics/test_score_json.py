@@ -15,9 +15,12 @@ from msgspec.structs import replace
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.details import CallHistogram, Columns
 from sfr_loc_map.metrics.judging.limits import PLACES, Limit, LimitPart
-from sfr_loc_map.metrics.score import COLUMNS, CallHistogram, Columns, InputFile, Provenance, Score, figure_row
+from sfr_loc_map.metrics.records import InputFile, Provenance
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import decoded, from_dict, from_json, from_plain, to_dict, to_json
+from sfr_loc_map.metrics.table import COLUMNS, figure_row
 
 NUMBERS = st.floats(-1e100, 1e100)
 WORDS = st.text(max_size=5)

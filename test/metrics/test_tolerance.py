@@ -13,8 +13,9 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging import judge, limit_scope, limits, reasons, tolerance
 from sfr_loc_map.metrics.judging.tolerance import Sample
-from sfr_loc_map.metrics.score import Score, figure_row
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.stored import stored_contradiction
+from sfr_loc_map.metrics.table import figure_row
 
 SHAPES = (1.0, 1.0, 1.0), (1.0, 0.3, 0.3), (1.0, 0.0, 0.0)
 RANDOM = np.random.default_rng(1)

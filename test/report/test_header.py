@@ -6,7 +6,9 @@ from msgspec.structs import replace
 
 from helpers.made_scores import whole_score
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.score import InputFile, MethodKind, MethodRecord, Provenance, Score, Verdict
+from sfr_loc_map.metrics.records import InputFile, MethodKind, MethodRecord, Provenance
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.report.page import look_first
 
 FAIL, PASS = VerdictState.FAIL, VerdictState.PASS

@@ -13,8 +13,10 @@ from helpers.made_scores import HOSTILE, whole_score, without
 from sfr_loc_map.cli.main import app
 from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.judging.judge import judged_again
-from sfr_loc_map.metrics.score import AnswerCounts, ExternalScore, MethodKind, MethodRecord, Score, figure_row
+from sfr_loc_map.metrics.records import AnswerCounts, ExternalScore, MethodKind, MethodRecord
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.metrics.table import figure_row
 from sfr_loc_map.report.comparison import methods_figures, methods_tables, plain
 
 LATENCY = Statistics(n=9, mean=0.05, sigma=0.01, mean_plus_3sigma=0.08, p50=0.05, p95=0.07, max=0.08)

@@ -22,9 +22,11 @@ from sfr_loc_map.metrics import catalogue, trajectory_score
 from sfr_loc_map.metrics.catalogue import OF_ERRORS, TOTAL, FigureKind, Subject
 from sfr_loc_map.metrics.comparison import compare_scores
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
+from sfr_loc_map.metrics.details import Details
 from sfr_loc_map.metrics.judging import judge, limits
-from sfr_loc_map.metrics.score import Details, Score, figure_row
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict
+from sfr_loc_map.metrics.table import figure_row
 from sfr_loc_map.nodes.monitor_node import figure_topics, score_statuses
 from sfr_loc_map.report.comparison import comparison_tables, methods_tables
 from sfr_loc_map.report.page import render_page

@@ -7,7 +7,10 @@ from helpers.made_scores import calls, dig, json_of, place_of, whole_score, with
 from sfr_loc_map.metrics.calls import score_target
 from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.score import Association, Figure, Score, Verdict, figure_row
+from sfr_loc_map.metrics.records import Association
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.table import Figure, figure_row
+from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.report.score_tables import score_markdown, score_tables
 from sfr_loc_map.report.tables import Table, to_csv
 

@@ -18,8 +18,10 @@ from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.judge import judged, judged_again
 from sfr_loc_map.metrics.judging.limits import parse_limits
 from sfr_loc_map.metrics.judging.several_scores import common_verdict, each_by_its_limits
-from sfr_loc_map.metrics.score import MethodKind, MethodRecord, Score, TruthRecord, Verdict
+from sfr_loc_map.metrics.records import MethodKind, MethodRecord, TruthRecord
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import load_score
+from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.report.page import overall_of
 from sfr_loc_map.report.printed_figure import printed_figures
 from sfr_loc_map.report.score_figures import error_sizes

@@ -22,9 +22,10 @@ from sfr_loc_map.io.truth import TrackedBody
 from sfr_loc_map.message_types import ODOMETRY, STRING
 from sfr_loc_map.metrics.association import UPPER, Estimates, symmetric
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
+from sfr_loc_map.metrics.details import Details
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits import parse_limits
-from sfr_loc_map.metrics.score import Details, Score
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
 from sfr_loc_map.nodes.replay.external_answers import AnswerBook
 from sfr_loc_map.nodes.replay.received import Received

@@ -26,7 +26,9 @@ from sfr_loc_map.metrics.judging.limit_scope import limits_of, parts_of
 from sfr_loc_map.metrics.judging.limits import COVERAGE_MIN, Limit, LimitPart, Limits, Rules, margin_of, meets
 from sfr_loc_map.metrics.judging.shortfall_kinds import BEYOND_MOST, SHORTFALLS
 from sfr_loc_map.metrics.row_part import Place, RowPart
-from sfr_loc_map.metrics.score import Figure, Score, Verdict
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.metrics.verdict import Verdict
 
 NOT_DUE = "nothing of the {part} is due yet"
 UNKNOWN = "what was expected of the {part} is unknown: score against the source"

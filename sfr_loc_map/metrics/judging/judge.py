@@ -21,7 +21,9 @@ from sfr_loc_map.metrics.judging.limited_figure import LimitedFigure, figure_of,
 from sfr_loc_map.metrics.judging.limits import Limit, LimitPart, Limits, Rules, margin_of, meets
 from sfr_loc_map.metrics.judging.proof import Proof, bound_row, prove, sample_of
 from sfr_loc_map.metrics.row_part import RowPart
-from sfr_loc_map.metrics.score import Figure, Score, Verdict
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.metrics.verdict import Verdict
 
 
 def judged(score: Score, limits: Limits | None, *, partial: bool = False) -> Score:

@@ -13,7 +13,8 @@ from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS
 from sfr_loc_map.metrics.intervals import Interval, normal_quantile
 from sfr_loc_map.metrics.judging.limits import Limit, LimitPart
 from sfr_loc_map.metrics.row_part import RowPart
-from sfr_loc_map.metrics.score import Figure, Score
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.truth_error import ATTITUDE, TURN
 
 EXPANSION = {

@@ -28,7 +28,9 @@ from sfr_loc_map.metrics.judging.tolerance import (
     moments,
     tolerance_bound,
 )
-from sfr_loc_map.metrics.score import Figure, ProofRecord, Score, figure_row
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.table import Figure, figure_row
+from sfr_loc_map.metrics.verdict import ProofRecord
 
 SHARES = (THREE_SIGMA, 0.95)  #: Shares for which a report states what mean + 3 sigma proves.
 SEQUENTIAL = "sequential"  #: Method of a verdict by a sequential test.

@@ -15,7 +15,7 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S
 from sfr_loc_map.methods.process_tree import ProcessTree
 from sfr_loc_map.metrics.formulas import Statistics, statistics
-from sfr_loc_map.metrics.score import AnswerCounts, FindingKind, FindingRecord, ProcessUsage
+from sfr_loc_map.metrics.records import AnswerCounts, FindingKind, FindingRecord, ProcessUsage
 
 MAX_IN_A_ROW = 10
 """After so many pairs in a row without an answer the node is not waited for any more, until it answers."""

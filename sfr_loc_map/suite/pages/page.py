@@ -7,8 +7,8 @@ from operator import itemgetter
 
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.score import Figure, find_rows
 from sfr_loc_map.metrics.score_json import json_line
+from sfr_loc_map.metrics.table import Figure, find_rows
 from sfr_loc_map.report.page import render_overview, render_page
 from sfr_loc_map.report.plots import Plot, Values, axis, error_scale, largest, log_axis, marks, scaled, span
 from sfr_loc_map.suite.pages.export import write_parquet

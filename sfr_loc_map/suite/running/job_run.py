@@ -29,7 +29,8 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.score import Provenance, Score
+from sfr_loc_map.metrics.records import Provenance
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.runs.calls import load_call_stats, save_stats
 from sfr_loc_map.runs.offline import DriveRun, UnderTest, drive, panorama, start_pose

@@ -36,8 +36,10 @@ from sfr_loc_map.metrics.judging.limits import Limit, Limits, meets
 from sfr_loc_map.metrics.judging.proof import SEQUENTIAL, prove, sample_of
 from sfr_loc_map.metrics.judging.tolerance import Sample
 from sfr_loc_map.metrics.row_part import RowPart
-from sfr_loc_map.metrics.score import POOLED, Figure, Score, Verdict, figure_row
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.metrics.table import POOLED, Figure, figure_row
+from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.suite.running.cluster import WorkerRecord
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.specification import Refusal

@@ -9,7 +9,8 @@ import pytest
 
 from helpers.made_suites import JOB
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.metrics.score import Provenance, Score
+from sfr_loc_map.metrics.records import Provenance
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.suite.running.cluster import FailureCause, JobOutcome
 from sfr_loc_map.suite.running.job import Job

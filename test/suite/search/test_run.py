@@ -9,8 +9,10 @@ import pytest
 import yaml
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.metrics.score import Association, Provenance, Score, figure_row
+from sfr_loc_map.metrics.records import Association, Provenance
+from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.metrics.table import figure_row
 from sfr_loc_map.suite.running.cluster import FailureCause, JobOutcome
 from sfr_loc_map.suite.running.job import Job
 from sfr_loc_map.suite.running.specification import load_specification

@@ -12,7 +12,8 @@ from helpers.random_drives import drive, score_of
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.limits import parse_limits
 from sfr_loc_map.metrics.judging.proof import sample_of
-from sfr_loc_map.metrics.score import Figure, Score, figure_row
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.suite.statistics.summary import GroupVerdict, pool, pooled_row, verdicts_over
 
 

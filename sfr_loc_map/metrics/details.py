@@ -1,0 +1,188 @@
+"""Details of a score: the series that plots are drawn from, as columns, thinned to bounded size."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from sfr_loc_map.metrics.record import Record
+
+Values = tuple[float | None, ...]  #: One entry a row; None where a value is undefined.
+Integers = tuple[int, ...]
+
+
+def column(values: NDArray[np.floating], digits: int | None = 9) -> Values:
+    """Return numbers for plots, rounded (figures are not) unless digits is None; None where not finite."""
+    numbers = np.asarray(values, np.float64)
+    rounded = numbers if digits is None else np.round(numbers, digits)
+    return tuple(number if math.isfinite(number) else None for number in rounded.tolist())
+
+
+class Columns(Record, frozen=True, kw_only=True):
+    """Record whose tuples are the columns of one table; an empty column is unknown."""
+
+    def __post_init__(self) -> None:
+        """Check that all known columns have one length; ValueError if they differ."""
+        columns = [value for value in msgspec.structs.asdict(self).values() if isinstance(value, tuple)]
+        for value in msgspec.structs.asdict(self).values():
+            columns += value.values() if isinstance(value, dict) else ()
+        if len({len(column) for column in columns if column}) > 1:
+            raise ValueError("its columns differ in length")
+
+
+class CallHistogram(Record, frozen=True, kw_only=True):
+    """A histogram of the times of calls with logarithmic bins."""
+
+    edges_s: tuple[float, ...]  #: Edges of the bins, one more than counts; empty if there was no call.
+    counts: Integers  #: Calls in each bin.
+
+    def __post_init__(self) -> None:
+        """Check that there is one more edge than there are bins; ValueError if not."""
+        if self.counts and len(self.edges_s) != len(self.counts) + 1:
+            raise ValueError(f"{len(self.counts)} counts with {len(self.edges_s)} edges: one edge more is required")
+
+
+class CallSeries(Columns, frozen=True, kw_only=True):
+    """The calls in order; of many the slowest of each block."""
+
+    slowest_of: int  #: Calls of a block.
+    stamp_ns: Integers  #: Stamp of the pair.
+    processing_time_s: Values  #: Wall-clock time.
+    peak_rss_bytes: Values  #: Peak resident memory.
+    state: tuple[str, ...]  #: What the call reported.
+
+
+class CallPlots(Record, frozen=True, kw_only=True):
+    """What the plots of the calls of one kind are drawn from."""
+
+    histogram: CallHistogram  #: Of the times.
+    series: CallSeries  #: Times and memory by call.
+
+
+class PathRows(Columns, frozen=True, kw_only=True):
+    """Every n-th frame of the trajectory; metres, DS."""
+
+    every: int  #: n.
+    stamp_ns: Integers  #: Stamps.
+    travelled_m: Values  #: Length of the true path up to the frame.
+    truth_x_m: Values  #: True position.
+    truth_y_m: Values  #: True position.
+    truth_z_m: Values  #: True position.
+    estimate_x_m: Values  #: Estimated position.
+    estimate_y_m: Values  #: Estimated position.
+    estimate_z_m: Values  #: Estimated position.
+    lost: tuple[bool, ...]  #: Whether the localiser was lost.
+    degraded: tuple[bool, ...] = ()  #: Whether the pose was reported as degraded.
+    sigma_x_m: Values = ()  #: Sigma of x by the covariance published; empty where none was.
+    sigma_y_m: Values = ()  #: Sigma of y.
+    sigma_z_m: Values = ()  #: Sigma of z.
+
+
+NAMED_ERRORS = {
+    "position": ("x_m", "y_m", "z_m"),
+    "horizontal": ("x_m", "y_m"),
+    "attitude": ("attitude_deg",),
+    "heading": ("heading_deg",),
+    "chord": ("chord_m",),
+}
+"""Columns of `SubTrajectoryRows` that hold the errors of a figure; other figures are in `others`."""
+
+
+class SubTrajectoryRows(Columns, frozen=True, kw_only=True):
+    """Every n-th sub-trajectory of one condition."""
+
+    condition: str  #: What ends them.
+    every: int  #: n.
+    start_frame: Integers  #: Number of the first frame.
+    end_frame: Integers  #: Number of the last frame.
+    start_stamp_ns: Integers  #: Stamp of the first frame.
+    end_stamp_ns: Integers  #: Stamp of the last frame.
+    x_m: Values  #: Position error, DS.
+    y_m: Values  #: Position error, DS.
+    z_m: Values  #: Position error, DS.
+    attitude_deg: Values  #: Attitude error.
+    heading_deg: Values  #: Heading error, with its sign.
+    chord_m: Values  #: Straight distance, estimate less truth.
+    along_m: Values  #: Position error along the true displacement.
+    cross_m: Values  #: Position error across it, positive to the left.
+    travelled_m: Values  #: Length of the true path from start to end.
+    others: dict[str, Values] = {}  #: Errors of all other figures of sub-trajectories, by figure, in its unit.
+
+    def errors_of(self, figure: str) -> tuple[Values, ...]:
+        """Return the errors of a figure, a column for each direction; empty if they are not kept."""
+        if figure in NAMED_ERRORS:
+            return tuple(getattr(self, name) for name in NAMED_ERRORS[figure])
+        return (self.others[figure],) if figure in self.others else ()
+
+
+def columns_of(conditions: Iterable[SubTrajectoryRows]) -> dict[str, list[Any]]:
+    """Return the sub-trajectories of all conditions as columns of one table."""
+    columns: dict[str, list[Any]] = {}
+    for rows in conditions:
+        count = len(rows.start_frame)
+        for name, values in (msgspec.structs.asdict(rows) | rows.others).items():
+            if name != "others":
+                of_all = name in ("condition", "every")
+                columns.setdefault(name, []).extend([values] * count if of_all else values)
+    return columns
+
+
+class ErrorRows(Record, frozen=True, kw_only=True):
+    """All errors of one figure over one condition, not thinned and not rounded: tolerance bounds are made of them."""
+
+    figure: str  #: Figure.
+    condition: str  #: Condition that ends the sub-trajectories.
+    errors: tuple[Values, ...]  #: A column for each direction, in the unit of the figure.
+
+
+class TrajectoryDetails(Record, frozen=True, kw_only=True):
+    """What the plots of the trajectory are drawn from."""
+
+    path: PathRows | None = None  #: Frames; null in the report of a run in progress, which has them as messages.
+    sub_trajectories: tuple[SubTrajectoryRows, ...]  #: One for each condition.
+
+
+class PointRows(Columns, frozen=True, kw_only=True):
+    """Every n-th point of the cloud that has a ground truth."""
+
+    x_m: Values  #: Position in LM.
+    y_m: Values  #: Position in LM.
+    z_m: Values  #: Position in LM.
+    error_m: Values  #: Distance from the truth.
+    range_m: Values  #: Distance of the truth from the left optical centre.
+
+
+class ErrorImage(Record, frozen=True, kw_only=True):
+    """The mean point error of blocks of pixels of one pair."""
+
+    pair: int  #: Number of the pair.
+    block_px: int  #: Pixels of a block each way.
+    error_0p1mm: tuple[Integers, ...]  #: Rows of blocks, -1 where there is no point.
+
+
+class Triangulation(Record, frozen=True, kw_only=True):
+    """The numbers of the law of triangulation, error = Z^2 d / (f b) for a disparity error d."""
+
+    focal_px: float  #: Focal length f.
+    baseline_m: float  #: Baseline b.
+
+
+class MapDetails(Record, frozen=True, kw_only=True):
+    """What the plots of the map are drawn from."""
+
+    cloud: PointRows  #: Points.
+    error_images: tuple[ErrorImage, ...]  #: One for each pair.
+    triangulation: Triangulation  #: Of the first pair's rig.
+
+
+class Details(Record, frozen=True, kw_only=True):
+    """What plots are drawn from, as far as it is known."""
+
+    calls: dict[str, CallPlots] = {}  #: Times and memory, by kind of call.
+    trajectory: TrajectoryDetails | None = None  #: Trajectory.
+    map: MapDetails | None = None  #: Map.
