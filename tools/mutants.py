@@ -65,7 +65,7 @@ class Mutation(NamedTuple):
     instead: str
 
 
-ANSWERS, STORE = "nodes/replay/external_answers.py", "suite/running/store.py"
+ANSWERS, STORE = "scoring/answer_book.py", "suite/running/store.py"
 JUDGE = "metrics/judging/judge.py"
 FORMULAS, SCORE, SHORTFALLS = "metrics/formulas.py", "metrics/trajectory_score.py", "metrics/judging/shortfall_kinds.py"
 DRIVES = "suite/running/drives.py"

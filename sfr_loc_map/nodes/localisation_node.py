@@ -21,7 +21,9 @@ from std_msgs.msg import Header
 
 from sfr_loc_map.config import param
 from sfr_loc_map.geometry.extrinsics import RB_FRAME
+from sfr_loc_map.geometry.odometry_buffer import OdometryBuffer
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.geometry.thinned_path import ThinnedPath
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, Task, stamp_of
 from sfr_loc_map.io.source_config import ExtrinsicsConfig
@@ -32,13 +34,11 @@ from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.input.extrinsics import Extrinsics
-from sfr_loc_map.nodes.input.motion_prior import MotionPriorConfig, OdometryBuffer
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
 from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
 from sfr_loc_map.nodes.ros import messages
 from sfr_loc_map.nodes.ros.qos import profile
-from sfr_loc_map.nodes.thinned_path import ThinnedPath
 from sfr_loc_map.runs.calls import call_of_estimate
 from sfr_loc_map.runs.localisation_session import LocalisationSession, PoseFile
 from sfr_loc_map.topics import (
@@ -60,6 +60,19 @@ LEVELS = {
     TrackingState.DEGRADED: Level.WARN,
     TrackingState.LOST: Level.ERROR,
 }
+
+
+@dataclass(frozen=True, slots=True)
+class MotionPriorConfig:
+    """How wheel odometry on the topic motion_prior is used."""
+
+    wait_s: float = param(
+        0.0,
+        unit="s",
+        doc="How long a pair waits for a message at or after its stamp, once such messages come; 0: not at all.",
+        low=0.0,
+        high=10.0,
+    )
 
 
 @dataclass(frozen=True, slots=True)

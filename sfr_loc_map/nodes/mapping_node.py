@@ -19,17 +19,17 @@ from stereo_msgs.msg import DisparityImage
 
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, SfrError
+from sfr_loc_map.geometry.run_order import AGREEING
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
+from sfr_loc_map.mapping.pose_matching import PoseMatching
 from sfr_loc_map.mapping.terrain.grid import elevation_grid
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.metrics.config import MappingState
-from sfr_loc_map.nodes.input.pose_matching import PoseMatching
-from sfr_loc_map.nodes.input.run_order import AGREEING
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
 from sfr_loc_map.nodes.input.waiting import Input
 from sfr_loc_map.nodes.lifecycle.runner import run

@@ -27,6 +27,7 @@ from sfr_loc_map.config import param
 from sfr_loc_map.doctor.silence import Reliability, silence_of
 from sfr_loc_map.errors import ConfigError, InputError, MetricsError, SfrError
 from sfr_loc_map.geometry.rectification import rig_of_rectified
+from sfr_loc_map.geometry.run_order import AnyOrder
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, Side, Task, parse_json, stamp_of
 from sfr_loc_map.io.bag.true_poses import TYPES, TruePoses, TrueRow
 from sfr_loc_map.io.images.codec import points_image
@@ -39,7 +40,6 @@ from sfr_loc_map.metrics.judging.limits import load_limits
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
-from sfr_loc_map.nodes.input.run_order import AnyOrder
 from sfr_loc_map.nodes.input.stereo_input import StereoInputConfig
 from sfr_loc_map.nodes.input.truth_input import TruthFrame, TruthTopic
 from sfr_loc_map.nodes.lifecycle.diagnostics import Value, status_msg
@@ -47,7 +47,6 @@ from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.lifecycle.worker import Overload
-from sfr_loc_map.nodes.report_file import ReportFile
 from sfr_loc_map.nodes.ros.messages import (
     cloud_from_msg,
     covariance_of,
@@ -62,6 +61,7 @@ from sfr_loc_map.nodes.ros.qos import LATCHED, RELIABILITIES, TF_STATIC_QOS, pro
 from sfr_loc_map.nodes.ros.transport import TransportGaps
 from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.scoring.monitor_score import MonitorScore
+from sfr_loc_map.scoring.report_file import ReportFile
 from sfr_loc_map.topics import (
     CLOUD,
     ESTIMATE,

@@ -6,10 +6,7 @@ from pathlib import Path
 
 import pytest
 
-WITHOUT_ROS = (
-    *("test_environment.py", "test_launch_parts.py", "test_motion_prior.py"),
-    *("test_pose_matching.py", "test_reception.py", "test_worker.py"),
-)
+WITHOUT_ROS = (*("test_environment.py", "test_launch_parts.py", "test_worker.py"),)
 
 
 class Skipped(pytest.Module):

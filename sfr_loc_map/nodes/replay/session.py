@@ -21,7 +21,6 @@ from sfr_loc_map.nodes.input.extrinsics import publish_extrinsics
 from sfr_loc_map.nodes.launch.processes import Supervisor, user_command
 from sfr_loc_map.nodes.replay.collector import ResultCollector
 from sfr_loc_map.nodes.replay.external import external_node
-from sfr_loc_map.nodes.replay.external_answers import AnswerBook
 from sfr_loc_map.nodes.replay.graph_node import ReplayNode
 from sfr_loc_map.nodes.replay.options import ReplayOptions, node_arguments
 from sfr_loc_map.nodes.replay.pacing import PairTracker
@@ -29,6 +28,7 @@ from sfr_loc_map.nodes.replay.player import Player
 from sfr_loc_map.nodes.replay.received import Received
 from sfr_loc_map.nodes.ros import environment
 from sfr_loc_map.runs.offline import check_count
+from sfr_loc_map.scoring.answer_book import AnswerBook
 from sfr_loc_map.topics import RECTIFIED, Role, names
 
 Say = Callable[[str], None]

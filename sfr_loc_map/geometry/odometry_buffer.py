@@ -1,31 +1,17 @@
-"""Wheel odometry as an initial guess of the motion: a buffer that is interpolated between its messages."""
+"""Wheel odometry as an initial guess of the motion, interpolated between its messages."""
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from threading import Condition
 
-from sfr_loc_map.config import param
+from sfr_loc_map.geometry.run_order import RunOrder
 from sfr_loc_map.geometry.stamped_poses import pose_at
 from sfr_loc_map.geometry.transform import Transform
 
 CAPACITY = 5000  #: Number of stored messages: 100 s at 50 Hz.
 MAX_GAP_NS = 500_000_000
 """Neighbouring messages further apart are not interpolated: wheels and ground do much in half a second."""
-
-
-@dataclass(frozen=True, slots=True)
-class MotionPriorConfig:
-    """How wheel odometry on the topic motion_prior is used."""
-
-    wait_s: float = param(
-        0.0,
-        unit="s",
-        doc="How long a pair waits for a message at or after its stamp, once such messages come; 0: not at all.",
-        low=0.0,
-        high=10.0,
-    )
 
 
 class OdometryBuffer:
@@ -36,14 +22,16 @@ class OdometryBuffer:
 
     def __init__(self) -> None:
         self._poses: deque[tuple[int, Transform]] = deque(maxlen=CAPACITY)
+        self._order = RunOrder[tuple[int, Transform]]()
         self._changed = Condition()
 
     def add(self, stamp_ns: int, T_odom_rb: Transform) -> None:
-        """Take a message; one that is not later than the last one clears the buffer (a recording that loops)."""
+        """Add a message. A new run clears the buffer (a recording that loops), and late messages are dropped."""
         with self._changed:
-            if self._poses and stamp_ns <= self._poses[-1][0]:
+            accepted, begins_run = self._order.add(stamp_ns, (stamp_ns, T_odom_rb))
+            if begins_run:
                 self._poses.clear()
-            self._poses.append((stamp_ns, T_odom_rb))
+            self._poses.extend(accepted)
             self._changed.notify_all()
 
     def between(self, before_ns: int, now_ns: int, wait_s: float) -> Transform | None:

@@ -1,29 +1,21 @@
-"""An external node in a replay: what it answered to the pairs, and what its process used. Knows nothing of ROS."""
+"""What an external node in a replay answered to the pairs."""
 
 from __future__ import annotations
 
-import contextlib
-import threading
 import time
-from collections.abc import Sequence
 
 import numpy as np
-import psutil
 from msgspec.structs import asdict, replace
 
-from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S
-from sfr_loc_map.methods.process_tree import ProcessTree
 from sfr_loc_map.metrics.formulas import Statistics, statistics
-from sfr_loc_map.metrics.records import AnswerCounts, FindingKind, FindingRecord, ProcessUsage
+from sfr_loc_map.metrics.records import AnswerCounts, FindingKind, FindingRecord
 
 MAX_IN_A_ROW = 10
 """After so many pairs in a row without an answer the node is not waited for any more, until it answers."""
 EARLY_S = 2.0 * STAMP_TOLERANCE_S
 """An answer that precedes the last image of its pair by more, s, was made without that image. The images of a pair may
 be published `STAMP_TOLERANCE_S` apart, and a node that uses one of them may answer between them."""
-PERIOD_S = 0.05
-METHOD = f"sum over the process tree, sampled {1 / PERIOD_S:.0f} times a second (psutil)"
 
 
 class AnswerBook:
@@ -145,62 +137,3 @@ class AnswerBook:
         self._counts = replace(self._counts, **{count: counts[count] + 1})
         before = self._findings.get(kind) or FindingRecord(kind=kind, count=0, first_stamp_ns=stamp_ns, text=text)
         self._findings[kind] = replace(before, count=before.count + 1)
-
-
-def processes_named(text: str) -> list[int]:
-    """Return the process ids that `--watch` means: one by its number, or all whose name or command line has a text.
-
-    Those that another one of them has started are watched with it.
-    """
-    found: dict[int, list[psutil.Process]] = {}
-    for process in psutil.process_iter():
-        with contextlib.suppress(psutil.Error):
-            words = process.cmdline()
-            named = "--watch" not in words and (text == process.name() or text in " ".join(words))
-            if str(process.pid) == text if text.isdigit() else named:
-                found[process.pid] = process.parents()
-    if not found:
-        raise ConfigError(f"'--watch {text}': there is no such process; give its number or a part of its command line")
-    return [pid for pid, parents in found.items() if not any(parent.pid in found for parent in parents)]
-
-
-class ProcessWatch:
-    """Samples CPU and memory of processes and their descendants, from outside, in a thread of its own.
-
-    A process that ends keeps the processor time of its last sample. A peak between two samples is missed.
-    """
-
-    def __init__(self, pids: Sequence[int]) -> None:
-        """Begin to sample; the processes are the roots of the trees."""
-        self._trees = [ProcessTree(pid) for pid in pids if psutil.pid_exists(pid)]
-        self._begin_s = self._cpu_s = [tree.usage().cpu_s for tree in self._trees]
-        self._peak_bytes = self._most = 0
-        self._stop = threading.Event()
-        self._sample()
-        self._thread = threading.Thread(target=self._run, name="process-watch", daemon=True)
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Take the last sample; once is enough."""
-        if not self._stop.is_set():
-            self._stop.set()
-            self._thread.join()
-            self._sample()
-
-    @property
-    def usage(self) -> ProcessUsage | None:
-        """What was used since the watch began; None if nothing could be seen."""
-        if not self._peak_bytes:
-            return None
-        spent_s = sum(self._cpu_s) - sum(self._begin_s)
-        return ProcessUsage(cpu_s=spent_s, peak_rss_bytes=self._peak_bytes, processes=self._most, method=METHOD)
-
-    def _run(self) -> None:
-        while not self._stop.wait(PERIOD_S):
-            self._sample()
-
-    def _sample(self) -> None:
-        now = [tree.usage() for tree in self._trees]
-        self._cpu_s = [max(before_s, item.cpu_s) for before_s, item in zip(self._cpu_s, now, strict=True)]
-        self._peak_bytes = max(self._peak_bytes, sum(item.rss_bytes for item in now))
-        self._most = max(self._most, sum(item.processes for item in now))
