@@ -10,7 +10,7 @@ import psutil
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.methods.process_tree import ProcessTree
-from sfr_loc_map.metrics.score import ProcessUsage
+from sfr_loc_map.metrics.records import ProcessUsage
 
 PERIOD_S = 0.05
 METHOD = f"sum over the process tree, sampled {1 / PERIOD_S:.0f} times a second (psutil)"

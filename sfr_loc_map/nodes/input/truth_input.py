@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.run_order import RunOrder
 from sfr_loc_map.inputs import jumped_back, refusing
 from sfr_loc_map.io.bag.frames import FrameSeries, PoseRow, chain_above, chain_poses, pose_row
 from sfr_loc_map.io.bag.true_poses import TYPES, UNKNOWN, TrueRow
 from sfr_loc_map.message_types import ODOMETRY
-from sfr_loc_map.geometry.run_order import RunOrder
 
 MAX_WAITING = 1000  #: Transforms of a frame that wait for those of the other frames; the oldest are dropped.
 
