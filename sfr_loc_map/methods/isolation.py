@@ -1,8 +1,9 @@
 """What the process of a method may read and write; docs/decisions/0010-isolation.md.
 
-It may read programs, libraries, the interpreter with its packages, the folder of its own code, and what the variable
-SFR_METHOD_FILES names; of these no path that may hold the truth (`Source.truth_paths`). It may write a scratch folder
-of its own.
+It may read programs, libraries, the interpreter with its packages, its own code, and what the variables
+SFR_METHOD_FILES and PYTHONPATH name; of these no path that may hold the truth (`Source.truth_paths`). Its own code is a
+package, or the folder of a file or library. The working directory is not readable as such, because converted or
+recorded copies of the truth can be there. It may write a scratch folder of its own.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from glob import glob
+from importlib.machinery import PathFinder
+from importlib.util import find_spec
 from pathlib import Path
 
 from sfr_loc_map.child_process import LIBRARY_PATH, child_environment, inherited_environment
@@ -22,26 +25,24 @@ OWN_FILES = "SFR_METHOD_FILES"  #: Variable with more paths that methods may rea
 SYSTEM = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/sbin", "/etc", "/opt", "/nix", "/snap", "/sys")
 FACTS = ("cpuinfo", "meminfo", "stat", "version", "filesystems", "loadavg", "sys/kernel", "sys/vm", "driver")
 DEVICES = ("null", "zero", "full", "random", "urandom", "tty", "dri", "kfd", "nvidia*")
+PACKAGE = Path(__file__).parents[1]
+PACKAGES = ("site-packages", "dist-packages")  #: Names of the folders of installed packages.
 KERNELS = "sfr_loc_map.methods.adapters.numba_cache"
 
 
 def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> dict[str, list[str]]:
     """Return what a method may list, read and write, its scratch folder included and hidden paths excluded."""
-    code = [Path(method.adapter).parent] if Path(method.adapter).is_absolute() else []
-    if method.kind is MethodKind.LIBRARY:
-        code += [Path(method.target).parent]
-    elif method.kind is MethodKind.PYTHON:
-        place = Path(method.target.rpartition(":")[0])
-        code += [place.parent if place.suffix == ".py" else Path.cwd()]
+    code = code_of(method)
     pythons = [method.python, method.python.resolve()]
     prefixes = [Path(sys.prefix), Path(sys.base_prefix), *(path.parent.parent for path in pythons)]
     variables = (os.environ.get(name, "") for name in (OWN_FILES, "PYTHONPATH", LIBRARY_PATH))
-    named = [text for value in (*variables, os.pathsep.join(sys.path)) for text in value.split(os.pathsep) if text]
+    named = [text for value in variables for text in value.split(os.pathsep) if text]
+    named += [text for text in sys.path if Path(text).name in PACKAGES]
     named += [method.vocabulary] if method.vocabulary else []
-    own = [Path(__file__).parents[1], Path.home() / ".cache" / "numba", *code]
+    own = [PACKAGE, Path.home() / ".cache" / "numba", *code]
     wanted: list[str | Path] = [*SYSTEM, *(f"/proc/{name}" for name in FACTS), *prefixes, *named, *own]
     hidden = [path.resolve() for path in hidden]
-    names: list[Path] = []
+    names = [path.resolve().parent for path in (PACKAGE, *code)]  # which the interpreter lists to find a package
     read: list[Path] = []
     for path in dict.fromkeys(Path(item).resolve() for item in wanted):
         parts = list(_without(path, hidden))
@@ -52,6 +53,24 @@ def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> dict[str, 
     devices = [path for name in DEVICES for path in glob(f"/dev/{name}")]
     write = [folder, *(part for path in devices for part in _without(Path(path), hidden))]
     return {"names": list(map(str, names)), "read": list(map(str, read)), "write": list(map(str, write))}
+
+
+def code_of(method: Method) -> list[Path]:
+    """Return the files and folders of a method's own code; of a class of a package, the package or module alone."""
+    code = [Path(method.adapter).parent] if Path(method.adapter).is_absolute() else []
+    if method.kind is MethodKind.LIBRARY:
+        return [*code, Path(method.target).parent]
+    if method.kind is not MethodKind.PYTHON:
+        return code
+    place = method.target.rpartition(":")[0]
+    if place.endswith(".py"):
+        return [*code, Path(place).parent]
+    package = place.partition(".")[0]
+    found = PathFinder.find_spec(package, [str(Path.cwd())]) or find_spec(package)
+    if found is None:
+        return code
+    folders = found.submodule_search_locations
+    return [*code, *map(Path, folders if folders is not None else [found.origin or ""])]
 
 
 def environment_of(method: Method, folder: Path) -> dict[str, str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -60,17 +61,18 @@ def run_job(job: Job, scratch: Path, cache: Path) -> Score:
         score = score_run(run, config, kept_errors=job.kept_errors)
     else:
         source = faulty(open_source(path), _faults(job), job.fault_seed)
-        run = (_localise if job.kind is JobKind.LOCALISE else _map)(job, source, path, scratch)
+        hidden = (*source.truth_paths(), cache)  # simulations of an error budget have the same true path
+        run = (_localise if job.kind is JobKind.LOCALISE else _map)(job, source, path, scratch, hidden)
         score = score_run(run, config, kept_errors=job.kept_errors)
     return struct_replace(score, provenance=_provenance(job, score.provenance, scratch))
 
 
-def _localise(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
+def _localise(job: Job, source: Source, truth: Path, scratch: Path, hidden: Sequence[Path]) -> Run:
     if source.loc is None:
         raise InputError(f"no drive in '{job.source.path}': give a source that has one")
     section, start = _section(job, "localisation"), start_pose(source.loc, job.start)
     method = chosen_method(section, Task.LOCALISATION)
-    how = build(LocalisationConfig, section) if method is None else UnderTest(method, hidden=source.truth_paths())
+    how = build(LocalisationConfig, section) if method is None else UnderTest(method, hidden=hidden)
     done = DriveRun(list(drive(source.loc, how, start)))
     estimate, stats = scratch / "estimate.csv", scratch / "stats.csv"
     save_trajectory(estimate, done.trajectory)
@@ -81,12 +83,12 @@ def _localise(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
     return replace(run, drive=replace(run.drive, image_stamps_ns=expected_ns))
 
 
-def _map(job: Job, source: Source, truth: Path, scratch: Path) -> Run:
+def _map(job: Job, source: Source, truth: Path, scratch: Path, hidden: Sequence[Path]) -> Run:
     if source.nav is None:
         raise InputError(f"no mapping pairs in '{job.source.path}': give a source that has them")
     section = _section(job, "mapping")
     method = chosen_method(section, Task.MAPPING)
-    how = build(MappingConfig, section) if method is None else UnderTest(method, hidden=source.truth_paths())
+    how = build(MappingConfig, section) if method is None else UnderTest(method, hidden=hidden)
     run = panorama(source.nav, how)
     cloud, stats = scratch / "cloud.npz", scratch / "stats.csv"
     save_cloud(cloud, run.fused.cloud)
