@@ -227,7 +227,7 @@ MUTATIONS = (
     Mutation("metrics/comparison.py", "difference = other - first", "difference = first - other"),
     Mutation("metrics/catalogue.py", 'return kind.clause if part == Place.TARGET else ""', "return kind.clause"),
     Mutation("metrics/catalogue.py", 'CallKind.MAPPING_CALL: "4.3.2"}', 'CallKind.MAPPING: "4.3.2"}'),
-    Mutation("report/test_report.py", "item.figure in STAGES or VerdictView", "VerdictView"),
+    Mutation("report/deviations.py", "item.figure in STAGES or VerdictView", "VerdictView"),
     Mutation("metrics/raw_values.py", "(stored is None and name in STATISTICS)", "stored is None"),
     Mutation("metrics/score.py", "if row.part in ((reading, POOLED) if is_of_pieces else (None,)):", "if True:"),
     Mutation("metrics/association.py", "is_enough = MATCHES_PER_STAMP *", "is_enough = 1 *"),
@@ -330,7 +330,7 @@ MUTATIONS = (
     Mutation("metrics/pose_convention.py", "rtol=0.0, atol=1e-9", "rtol=0.0, atol=1e-3"),
     Mutation("metrics/completeness.py", "(stamps < true_ns[0] - reach_ns) | ", ""),
     Mutation("metrics/completeness.py", " | (stamps > true_ns[-1] + reach_ns)", ""),
-    Mutation("report/test_report.py", "None not in used and used != [", "None not in used and used == ["),
+    Mutation("report/deviations.py", "None not in used and used != [", "None not in used and used == ["),
     # true poses at starts and ends
     Mutation(
         SHORTFALLS,

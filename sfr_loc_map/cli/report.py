@@ -175,7 +175,7 @@ def _write_test_report(
     no_common_verdict: str,
 ) -> None:
     """Write the test report of scores, and their verdicts as JUnit XML, as far as they are asked for."""
-    from sfr_loc_map.report.test_report import junit as junit_of
+    from sfr_loc_map.report.junit import junit as junit_of
     from sfr_loc_map.report.test_report import render_test_report
 
     if junit is not None:

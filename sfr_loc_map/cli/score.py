@@ -284,7 +284,7 @@ def _write_beside(
     from sfr_loc_map.io.tables.table_file import save_table
     from sfr_loc_map.metrics.cloud_error import points_table
     from sfr_loc_map.metrics.trajectory_score import pieces_table
-    from sfr_loc_map.report.test_report import junit as junit_of
+    from sfr_loc_map.report.junit import junit as junit_of
 
     if junit is not None:
         with beside():

@@ -10,6 +10,7 @@ from sfr_loc_map.config import build, param
 from sfr_loc_map.errors import ConfigError, MetricsError
 
 MAX_VALUE = 1e9  #: Metres, seconds or frames of a condition; as many seconds fit 64 bits of nanoseconds.
+SPACING_FRAMES = 10  #: Frames from one start of a sub-trajectory to the next that the document recommends [4.1.1].
 
 
 class AssociationMode(StrEnum):
@@ -206,7 +207,11 @@ class TrajectoryScoreConfig:
         ("distance=5",), doc="Ends of a sub-trajectory (distance=METRES, time=SECONDS, frames=NUMBER, ..), each scored."
     )
     spacing: int = param(
-        10, unit="frames", doc="Frames from one start of a sub-trajectory to the next.", low=1, high=1_000_000
+        SPACING_FRAMES,
+        unit="frames",
+        doc="Frames from one start of a sub-trajectory to the next.",
+        low=1,
+        high=1_000_000,
     )
     rebase: str = param(
         "pose",

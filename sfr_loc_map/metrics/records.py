@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Any
 
-from sfr_loc_map.metrics.config import AssociationMode, CloudKind, Rebase
+from sfr_loc_map.metrics.config import SPACING_FRAMES, AssociationMode, CloudKind, Rebase
 from sfr_loc_map.metrics.formulas import Statistics
 from sfr_loc_map.metrics.record import Record
 
@@ -35,7 +35,7 @@ class Association(Record, frozen=True, kw_only=True, omit_defaults=False):
     mode: AssociationMode = AssociationMode.MATCH  #: `match` or `interpolate`.
     tolerance_s: float = 0.0  #: Stamps this close are the same.
     max_gap_s: float = 0.0  #: Longest gap of the ground truth that is interpolated.
-    spacing_frames: int = 10  #: Frames from one start of a sub-trajectory to the next [4.1.1].
+    spacing_frames: int = SPACING_FRAMES  #: Frames from one start of a sub-trajectory to the next [4.1.1].
     #: How error from before N is removed [4.1.2]: `T_gt(N) inv(T_est(N)) T_est(N+x)` is compared with `T_gt(N+x)`
     #: (pose); displacements in DS, and changes of attitude and heading since N, are compared (displacement); or the
     #: position at N alone is subtracted (position). Where the ground truth has no attitudes, the yaw (yaw_aligned) or

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from sfr_loc_map.inputs import printable
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.report.test_report import deviations_of
+from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 
 COLUMNS = (

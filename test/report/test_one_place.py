@@ -29,10 +29,11 @@ from sfr_loc_map.metrics.score_json import from_dict
 from sfr_loc_map.metrics.table import figure_row
 from sfr_loc_map.nodes.monitor_node import figure_topics, score_statuses
 from sfr_loc_map.report.comparison import comparison_tables, methods_tables
+from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.score_tables import score_markdown, score_tables, summary_tables, undefined_of
 from sfr_loc_map.report.tables import Table, to_csv, to_rich
-from sfr_loc_map.report.test_report import junit, render_test_report
+from sfr_loc_map.report.test_report import render_test_report
 from sfr_loc_map.suite.pages.tables import result_table
 from sfr_loc_map.suite.search.specification import CHOICES
 from sfr_loc_map.suite.statistics.figures import figures_of

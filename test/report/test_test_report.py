@@ -22,11 +22,13 @@ from sfr_loc_map.metrics.records import MethodKind, MethodRecord, TruthRecord
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import load_score
 from sfr_loc_map.metrics.verdict import Verdict
+from sfr_loc_map.report.deviations import is_of_stage
+from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.page import overall_of
 from sfr_loc_map.report.printed_figure import printed_figures
 from sfr_loc_map.report.score_figures import error_sizes
 from sfr_loc_map.report.score_tables import score_tables, table_of
-from sfr_loc_map.report.test_report import CLAUSES, clauses_used, is_of_stage, junit, render_test_report
+from sfr_loc_map.report.test_report import CLAUSES, clauses_used, render_test_report
 from sfr_loc_map.report.verdict_view import VerdictView
 
 COMMANDS = ("sfr score estimate.csv data", "sfr score cloud.ply data", "sfr score target data")

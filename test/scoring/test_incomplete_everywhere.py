@@ -27,8 +27,9 @@ from sfr_loc_map.metrics.config import MappingState, ScoreConfig, TrajectoryScor
 from sfr_loc_map.metrics.judging.limits import parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_json
+from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.page import overall_of, render_page
-from sfr_loc_map.report.test_report import junit, render_test_report
+from sfr_loc_map.report.test_report import render_test_report
 from sfr_loc_map.runs.calls import CallRecord, stats_of
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.scoring.replay_result import CollectedRun, score_replay

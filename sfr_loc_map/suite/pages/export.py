@@ -14,7 +14,7 @@ from sfr_loc_map.inputs import one_line
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import COLUMNS
-from sfr_loc_map.report.test_report import junit
+from sfr_loc_map.report.junit import junit
 from sfr_loc_map.suite.statistics.figures import figures_of
 from sfr_loc_map.suite.statistics.summary import Summary
 

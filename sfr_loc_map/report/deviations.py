@@ -1,0 +1,145 @@
+"""Deviations of a score: where it departs from the document, and what of its data is not judged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.metrics.catalogue import TOTAL, Subject
+from sfr_loc_map.metrics.caveats import reading_caveats, truth_caveats
+from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, MapScoreConfig, Rebase, label_of
+from sfr_loc_map.metrics.judging.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
+from sfr_loc_map.metrics.judging.shortfall_kinds import SHORTFALLS
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.verdict import Verdict
+from sfr_loc_map.report.tables import METRE, fitting, number
+from sfr_loc_map.report.verdict_view import VerdictView
+
+STAGES = (CallKind.MAPPING, CallKind.FUSION)  #: Calls that are stages of the mapping call of the document.
+
+
+def deviations_of(score: Score) -> Iterator[str]:
+    """Yield what a score deviates from the document in, and what of its data is not judged."""
+    yield from _from_the_document(score)
+    yield from _allowed(score)
+    if score.incomplete:
+        yield f"What was expected is not complete: {score.incomplete}."
+    if (drive := score.association) is not None:
+        for count, what in ((drive.lost, "lost"), (drive.degraded, "degraded")):
+            if count:
+                yield f"{count} of {drive.matched} frames are {what}. They are judged like the others."
+        if unmatched := score.number("unmatched", part="count"):
+            yield f"{unmatched:.0f} estimates have no truth and are not judged."
+        if drive.estimate_duplicates:
+            yield f"{drive.estimate_duplicates} estimates were ignored because a later one has the same stamp."
+    if without_cloud := score.number("pairs_without_cloud", part="count"):
+        yield f"{without_cloud:.0f} of {score.number('pairs'):.0f} mapping pairs have no point in the cloud."
+    if without_truth := score.number("points_without_truth", part="count"):
+        yield f"{without_truth:.0f} points are where the truth has no surface, and are not judged."
+    if score.calls is None and score.association is not None and score.verdicts:
+        yield "The calls of the run are unknown, and with them its findings and the states of its poses."
+    if score.convention is not None:
+        yield f"The poses were converted before: {', '.join(score.convention.declared) or 'as diagnosed'}."
+
+
+def _from_the_document(score: Score) -> Iterator[str]:
+    """Yield where the settings and the measurements are not what the document requires."""
+    yield from _of_the_spacing(score)
+    yield from _of_the_reading(score)
+    drive = score.association
+    if drive is not None and drive.interpolated:
+        gap_s = drive.largest_gap_ns / NS_PER_S
+        yield f"{drive.interpolated} frames have an interpolated truth, over gaps of up to {gap_s:.3g} s."
+    yield from (f"{text[0].upper()}{text[1:]}." for text in caveats_of(score))
+    yield from _of_the_range(score)
+    for item in score.verdicts:
+        yield from _of_calls(item)
+
+
+def _of_the_spacing(score: Score) -> Iterator[str]:
+    """Yield that sub-trajectories do not start as often as the document recommends."""
+    drive = score.association
+    if drive is not None and drive.spacing_frames != SPACING_FRAMES:
+        yield (
+            f"Sub-trajectories start every {drive.spacing_frames} frames; the document says {SPACING_FRAMES} [4.1.1]."
+        )
+
+
+def _of_the_reading(score: Score) -> Iterator[str]:
+    """Yield that another reading than the letter of the document is judged, with the errors by both."""
+    drive = score.association
+    if drive is None or drive.rebase is Rebase.DISPLACEMENT:
+        return
+    compared = []
+    for condition in score.conditions:
+        used = score.number("position", TOTAL, condition=condition, part=str(drive.rebase))
+        literal = score.number("position", TOTAL, condition=condition, part=str(Rebase.DISPLACEMENT))
+        if used is None or literal is None:
+            continue
+        unit = fitting(METRE, used, literal)
+        used_text = f"{number(used, unit=unit)} {unit.symbol}"
+        literal_text = f"{number(literal, unit=unit)} {unit.symbol}"
+        compared.append(f"mean + 3 sigma over {label_of(condition)} {used_text}, by displacements {literal_text}")
+    yield (
+        f"Errors are compared by the reading '{drive.rebase}'; to the letter the document compares displacements "
+        f"[4.2.3.1]{': ' if compared else ''}{'; '.join(compared)}."
+    )
+
+
+def _of_calls(item: Verdict) -> Iterator[str]:
+    """Yield that a limit is on calls that were not measured on the target, or on a stage of a mapping call."""
+    is_on_calls = item.subject in (Subject.TIMING, Subject.MEMORY)
+    if is_on_calls and not item.is_of_target:
+        clauses = "4.2.1, 4.3.1" if item.subject is Subject.TIMING else "4.2.2, 4.3.2"
+        yield f"{_name(item)} was measured on the host; the document requires the target [{clauses}]."
+    if is_of_stage(item):
+        yield f"{_name(item)} is of a stage; the call of the document makes one cloud of all pairs [4.3.1]."
+
+
+def _of_the_range(score: Score) -> Iterator[str]:
+    """Yield that a verdict on a map counts other ranges than those of the default."""
+    if score.provenance is None or not any(item.subject is Subject.MAP for item in score.verdicts):
+        return
+    usual = MapScoreConfig()
+    used = [score.provenance.configuration.get(f"map.{name}") for name in ("scored_from_m", "scored_to_m")]
+    if None not in used and used != [usual.scored_from_m, usual.scored_to_m]:
+        yield (
+            f"Coverage counts true points from {used[0]:g} m to {used[1]:g} m (--range); the default is "
+            f"{usual.scored_from_m:g} m to {usual.scored_to_m:g} m."
+        )
+
+
+def caveats_of(score: Score) -> Iterator[str]:
+    """Yield what restricts the meaning of a score, in the words of its warnings."""
+    if score.truth is not None:
+        yield from truth_caveats(score.truth)
+    yield from reading_caveats(score)
+
+
+def is_of_stage(item: Verdict) -> bool:
+    """Return whether a verdict is on the time or the memory of a stage; the kind of call of memory is the part."""
+    return item.figure in STAGES or VerdictView.of(item).part.call in STAGES
+
+
+def _allowed(score: Score) -> Iterator[str]:
+    """Yield what the limits allow that is not allowed without them."""
+    rules = score.rules
+    if rules is None:
+        return
+    if rules.partial:
+        yield "A part of what was expected is judged as if it were the whole (--partial)."
+    strict = {kind.figure: kind.most for kind in SHORTFALLS if kind.most is not None}
+    for item in rules.limits:
+        name = item.name.removesuffix("_max_share")
+        if name in strict and item.limit > strict[name]:
+            yield f"{item.name} {item.limit:g} is allowed by the limits; without it {strict[name]:g} is."
+        if item.name == COVERAGE_MIN and item.limit < 1.0 - strict["pixels_without_point"]:
+            yield f"{item.name} {item.limit:g} is less than the {1.0 - strict['pixels_without_point']:g} of other maps."
+    if rules.minimum_independent < MINIMUM_INDEPENDENT:
+        least = f"{rules.minimum_independent:g}"
+        usual = f"{MINIMUM_INDEPENDENT:g}"
+        yield f"{least} independent sub-trajectories are enough by the limits; without them {usual} are."
+
+
+def _name(item: Verdict) -> str:
+    return VerdictView.of(item).title

@@ -1,0 +1,73 @@
+"""The verdicts of scores as JUnit XML, for a pipeline."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+
+from sfr_loc_map.inputs import printable
+from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
+
+NO_CLAUSE = "no_clause"  #: Class of a test case whose figure the document does not define.
+ELEMENTS = {
+    VerdictState.FAIL: ("failure", "failures"),
+    VerdictState.NOT_ENOUGH_DATA: ("error", "errors"),
+    VerdictState.INCOMPLETE: ("error", "errors"),
+    VerdictState.NOT_JUDGED: ("error", "errors"),
+}
+"""By what is no pass: the element of a test case, and the attribute of a suite that counts them. What is not judged is
+an error, so that a pipeline is not green where the command ends with exit code 3."""
+
+
+def junit(scores: Mapping[str, Score], without: Mapping[str, str] | None = None) -> str:
+    """Return the verdicts as JUnit XML, a test case for each limit.
+
+    Names that have no score, with the reason in `without`, and scores without any verdict have one failed test case.
+    """
+    unjudged = dict(without or {})
+    for name, score in scores.items():
+        reason = score.contradiction or score.incomplete
+        if not score.verdicts and reason:
+            unjudged[name] = reason
+    root = ET.Element("testsuites", name="sfr_loc_map")
+    for name, reason in unjudged.items():
+        _add_unjudged(root, name, reason)
+    for name, score in scores.items():
+        if name not in unjudged:
+            _add_score(root, name, score)
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _add_unjudged(root: ET.Element, name: str, reason: str) -> None:
+    suite = ET.SubElement(root, "testsuite", name=printable(name), tests="1", failures="0", errors="1", skipped="0")
+    case = ET.SubElement(suite, "testcase", classname="sfr.result", name="has a result")
+    ET.SubElement(case, "error", message=printable(reason))
+
+
+def _add_score(root: ET.Element, name: str, score: Score) -> None:
+    states = [item.state for item in score.verdicts]
+    suite = ET.SubElement(root, "testsuite", name=printable(name), tests=str(len(states)), skipped="0")
+    for counted in ("failures", "errors"):
+        suite.set(counted, str(sum(ELEMENTS.get(state, ("", ""))[1] == counted for state in states)))
+    if score.provenance is not None and score.provenance.time:
+        suite.set("timestamp", score.provenance.time[:19])
+    for view in verdict_views(score):
+        _add_verdict(suite, view, score)
+
+
+def _add_verdict(suite: ET.Element, view: VerdictView, score: Score) -> None:
+    item = view.item
+    clause = view.clause if view.is_defined else NO_CLAUSE
+    case = ET.SubElement(suite, "testcase", classname=f"sfr.{clause}", name=view.title)
+    properties = ET.SubElement(case, "properties")
+    for name in ("id", "text", "limit", "value", "margin", "certain"):
+        value = getattr(item, name)
+        if value is not None:
+            ET.SubElement(properties, "property", name=name, value=printable(str(value)))
+    if item.state in ELEMENTS:
+        element, _ = ELEMENTS[item.state]
+        why = "" if item.state is VerdictState.FAIL else score.contradiction or score.incomplete
+        ET.SubElement(case, element, message=printable(f"{item.state}: {view.reason or why or view.comparison}"))
