@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """A localiser as a ROS node, written without sfr_loc_map: stereo odometry of OpenCV's building blocks.
 
-It subscribes to loc/{left,right}/image_rect and loc/right/camera_info and publishes nav_msgs/Odometry on
-localisation/odometry: the pose of the left optical frame (x right, y down, z forward) in its own first one, with the
-stamp of the images. An example, not for quality. Test it beside the suite's own node:
+The node subscribes to loc/{left,right}/image_rect and loc/right/camera_info and publishes nav_msgs/Odometry on
+localisation/odometry: the pose of the left optical frame (x right, y down, z forward) in the first left optical frame,
+with the stamp of the images. It is an example and not tuned for accuracy. Test it beside the node of the suite:
 
     sfr replay data/ --external localisation --command "python3 examples/external_node.py" \
         --convention frame=left_optical --convention world=first_pose --out out/
@@ -25,10 +25,10 @@ CORNERS, MIN_INLIERS = 800, 8
 
 
 class ExternalOdometry(Node):
-    """Pairs images by their stamps, and moves on from pair to pair."""
+    """Pairs images by their stamps, and accumulates the motion from pair to pair."""
 
     def __init__(self) -> None:
-        """Subscribe to the images and to the right camera's calibration, which has the baseline."""
+        """Subscribe to the images and to the calibration of the right camera, which contains the baseline."""
         super().__init__("external_odometry")
         depth = QoSProfile(depth=10)
         self.images: dict[str, Image] = {}
@@ -42,12 +42,12 @@ class ExternalOdometry(Node):
         self.calls = self.create_publisher(String, "localisation_node/call", depth)
 
     def on_calibration(self, message: CameraInfo) -> None:
-        """Keep the camera matrix and focal length times baseline."""
+        """Store the camera matrix, and the focal length times the baseline."""
         p = np.array(message.p).reshape(3, 4)
         self.calibration = p[:, :3], -p[0, 3]
 
     def on_image(self, side: str, message: Image) -> None:
-        """Go on once both images of a stamp are there."""
+        """Process a pair as soon as both images of a stamp were received."""
         self.images[side] = message
         stamps = {(image.header.stamp.sec, image.header.stamp.nanosec) for image in self.images.values()}
         if self.calibration is None or len(self.images) < 2 or len(stamps) > 1:
@@ -61,7 +61,7 @@ class ExternalOdometry(Node):
         self.publish(message.header.stamp, time.perf_counter() - begin)
 
     def step(self, left: np.ndarray, right: np.ndarray) -> None:
-        """Move the pose by the motion since the pair before, where it is found."""
+        """Update the pose by the motion since the previous pair, if the motion can be estimated."""
         matrix, focal_baseline = self.calibration
         if self.previous is not None and len(self.previous[1]) >= MIN_INLIERS:
             image, corners, points = self.previous
@@ -88,7 +88,7 @@ class ExternalOdometry(Node):
         self.previous = (left, corners, rays * depth[:, None])
 
     def publish(self, stamp: object, seconds: float) -> None:
-        """Publish the pose, and what the call took (which is optional)."""
+        """Publish the pose, and the duration of the call (which is optional)."""
         message = Odometry()
         message.header.stamp, message.header.frame_id, message.child_frame_id = stamp, "start", "camera"
         w, x, y, z = quaternion(self.pose[:3, :3])
@@ -102,7 +102,7 @@ class ExternalOdometry(Node):
 
 
 def quaternion(rotation: np.ndarray) -> tuple[float, float, float, float]:
-    """Return w, x, y, z of a rotation matrix."""
+    """Return the quaternion w, x, y, z of a rotation matrix."""
     vector = cv2.Rodrigues(rotation)[0][:, 0]
     angle = float(np.linalg.norm(vector))
     axis = vector / angle if angle > 0 else vector

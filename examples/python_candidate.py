@@ -4,13 +4,13 @@ import numpy as np
 
 
 class StandStill:
-    """Says that the rover stands still."""
+    """Reports a stationary rover."""
 
     version = "1.0"
 
     def __init__(self, rig, config):
-        """Take the rig (`StereoRig`) and the text of the file that `--config` names."""
+        """Receive the rig (`StereoRig`) and the text of the file that `--config` names."""
 
     def process(self, pair):
-        """Return the pose of RB in RB at the first pair `(4, 4)`; `pair.left` and `pair.right` are the images."""
+        """Return the pose `(4, 4)` of RB relative to the first RB, from the images `pair.left` and `pair.right`."""
         return np.eye(4)

@@ -60,9 +60,9 @@ class ExtrinsicsConfig:
     )
     quat_xyzw: tuple[float, ...] = param(
         (0.0, 0.0, 0.0, 0.0),
-        doc="Orientation of LOCSB in RB: x, y, z, w; takes components in LOCSB to RB. All zero: not given, the "
-        "extrinsics are then taken from /tf_static where tf2_msgs is installed: of locsb_frame, or of the frame that "
-        "the left camera_info names, in rb_frame (or base_link, base_footprint, ... while that is rb).",
+        doc="Orientation of LOCSB in RB: x, y, z, w; converts components in LOCSB to RB. All zero: not given. The "
+        "extrinsics are then read from /tf_static if tf2_msgs is installed: the pose of locsb_frame, or of the frame "
+        "that the left camera_info names, in rb_frame (or base_link, base_footprint, ... while rb_frame is rb).",
         low=-10.0,
         high=10.0,
     )

@@ -50,24 +50,26 @@ class TrackedBody:
     lever_quat_xyzw: tuple[float, ...] = param(
         NO_TURN, doc="Orientation of the tracked body in RB, as in ROS messages.", low=-1.01, high=1.01
     )
-    clock_offset_s: float = param(0.0, unit="s", doc="Added to the stamps of the truth.", low=-4e9, high=4e9)
+    clock_offset_s: float = param(
+        0.0, unit="s", doc="Offset that is added to the stamps of the truth.", low=-4e9, high=4e9
+    )
     sigma_m: float = param(
         0.0,
         unit="m",
-        doc="Standard deviation of a true position along each axis; 0: as the messages say, else exact.",
+        doc="Standard deviation of a true position along each axis. 0: from the messages, otherwise exact.",
         low=0.0,
         high=1000.0,
     )
     sigma_deg: float = param(
-        0.0, unit="deg", doc="Standard deviation of a true attitude about each axis; likewise.", low=0.0, high=180.0
+        0.0, unit="deg", doc="Standard deviation of a true attitude about each axis, like sigma_m.", low=0.0, high=180.0
     )
     attitude: str = param(
-        "auto", doc="Whether the truth has attitudes: as it says (auto), yes or no.", choices=("auto", "yes", "no")
+        "auto", doc="Whether the truth has attitudes: inferred (auto), yes or no.", choices=("auto", "yes", "no")
     )
     unknown: str = param(
         "auto",
-        doc="Unknown components of the truth: none, its height, its roll and pitch (tilt), or both (planar). auto: "
-        "what its variances mark as unknown, or what never changes along its path.",
+        doc="Unknown components of the truth: none, the height, roll and pitch (tilt), or both (planar). auto: "
+        "components that its variances mark as unknown, or that never change along its path.",
         choices=("auto", "none", "height", "tilt", "planar"),
     )
 
@@ -187,8 +189,8 @@ class LiveTruth(TrackedBody):
 
     frame: str = param(
         "",
-        doc="Frame whose poses on /tf are the truth, as PARENT:CHILD, of a recording also as CHILD (in the root of its "
-        "tree); empty: the truth is a topic or file.",
+        doc="Frame whose poses on /tf are the truth, as PARENT:CHILD; in a recording also as CHILD (in the root of its "
+        "tree). Empty: the truth is a topic or file.",
     )
 
 

@@ -14,15 +14,23 @@ class MotionBounds:
     unseen_speed_m_s: float = param(
         1.0,
         unit="m/s",
-        doc="Standard deviation of the rover's speed while no image shows its motion; at least its last speed.",
+        doc="Standard deviation of the speed of the rover while its motion is unobserved, but at least its last speed.",
         low=0.0,
         high=1000.0,
     )
-    unseen_turn_rad_s: float = param(0.5, unit="rad/s", doc="The same of its turn rate.", low=0.0, high=100.0)
-    max_speed_m_s: float = param(
-        50.0, unit="m/s", doc="A pose that needs a faster motion is refused: lost.", low=0.01, high=1e4
+    unseen_turn_rad_s: float = param(
+        0.5,
+        unit="rad/s",
+        doc="Standard deviation of the turn rate while the motion is unobserved, but at least the last turn rate.",
+        low=0.0,
+        high=100.0,
     )
-    max_turn_rad_s: float = param(6.0, unit="rad/s", doc="The same for a turn.", low=0.01, high=1000.0)
+    max_speed_m_s: float = param(
+        50.0, unit="m/s", doc="Largest speed. A pose that requires a faster motion is rejected.", low=0.01, high=1e4
+    )
+    max_turn_rad_s: float = param(
+        6.0, unit="rad/s", doc="Largest turn rate. A pose that requires a faster turn is rejected.", low=0.01, high=1e3
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,12 +38,13 @@ class LocalisationConfig:
     """Parameters of the localiser; ROS parameters and configuration files have the same names."""
 
     max_features: int = param(
-        2250, doc="Landmarks tracked in a keyframe; there are twice as many at 1024 x 1024 pixels.", low=50, high=20_000
+        2250, doc="Number of landmarks tracked in a keyframe; doubled at 1024 x 1024 pixels.", low=50, high=20_000
     )
-    window_keyframes: int = param(7, doc="Keyframes adjusted together.", low=2, high=20)
-    min_tracked: int = param(25, doc="Minimum number of inliers of a trusted pose.", low=8, high=1000)
+    window_keyframes: int = param(7, doc="Number of keyframes in the window.", low=2, high=20)
+    min_tracked: int = param(25, doc="Minimum number of inliers of an accepted pose.", low=8, high=1000)
     motion: MotionBounds = field(default_factory=MotionBounds)
     left_mask: str = param(
-        "", doc="PNG file, 0 where the left camera sees the rover itself: no feature is detected there. Empty: none."
+        "",
+        doc="PNG file that is 0 where the left camera sees the rover: features are not detected there. Empty: no mask.",
     )
-    right_mask: str = param("", doc="The same for the right camera.")
+    right_mask: str = param("", doc="Mask of the right camera, like left_mask.")

@@ -31,8 +31,8 @@ class CalibrationUncertainty:
     distortion_px: float = param(
         0.3,
         unit="px",
-        doc="Residual distortion: root mean square over an image of the error of a point's column or row. It is the "
-        "standard deviation of the disparities unless the vertical disparity of a pair shows another one. It also sets "
+        doc="Residual distortion: root mean square over an image of the error of a column or row. It is the standard "
+        "deviation of the disparities unless the vertical disparity of a pair indicates another value. It also sets "
         "the vertical disparity that is reported (docs/mapping.md). 0: no residual distortion.",
         low=0.0,
         high=10.0,
@@ -62,17 +62,17 @@ class TerrainConfig:
     footprint_radius_m: float = param(
         0.5,
         unit="m",
-        doc="Radius of the rover's footprint: slope and roughness are those of the ground within it, and a step "
-        "anywhere within it is a hazard.",
+        doc="Radius of the rover's footprint. Slope and roughness are computed within the footprint, and a step "
+        "anywhere within the footprint is a hazard.",
         low=0.0,
         high=10.0,
     )
-    max_slope_deg: float = param(20.0, unit="deg", doc="Slope from which on a cell is a hazard.", low=0.1, high=89.0)
+    max_slope_deg: float = param(20.0, unit="deg", doc="Slope at which a cell becomes a hazard.", low=0.1, high=89.0)
     max_roughness_m: float = param(
-        0.05, unit="m", doc="Roughness from which on a cell is a hazard.", low=0.001, high=10.0
+        0.05, unit="m", doc="Roughness at which a cell becomes a hazard.", low=0.001, high=10.0
     )
     max_step_m: float = param(
-        0.18, unit="m", doc="Step from which on a cell is a hazard; about the radius of a wheel.", low=0.001, high=10.0
+        0.18, unit="m", doc="Step at which a cell becomes a hazard; about the radius of a wheel.", low=0.001, high=10.0
     )
 
 

@@ -191,11 +191,13 @@ class AssociationConfig:
 
     truth: str = param(
         "auto",
-        doc="Truth of an estimate: of the same stamp (match), between two true poses (interpolate), or whichever the "
-        "first stamps suit (auto).",
+        doc="Truth of an estimate: the pose with the same stamp (match), interpolated between two true poses "
+        "(interpolate), or chosen by the first stamps (auto).",
         choices=("auto", "match", "interpolate"),
     )
-    tolerance_s: float = param(1e-6, unit="s", doc="Stamps this close are the same.", low=0.0, high=1.0)
+    tolerance_s: float = param(
+        1e-6, unit="s", doc="Largest difference between stamps that are considered equal.", low=0.0, high=1.0
+    )
     max_gap_s: float = param(1.0, unit="s", doc="Longest gap of the truth that is interpolated.", low=0.0, high=3600.0)
 
 
@@ -204,23 +206,19 @@ class TrajectoryScoreConfig:
     """Settings of the trajectory score."""
 
     conditions: tuple[str, ...] = param(
-        ("distance=5",), doc="Ends of a sub-trajectory (distance=METRES, time=SECONDS, frames=NUMBER, ..), each scored."
+        ("distance=5",), doc="Conditions that end a sub-trajectory: distance=METRES, time=SECONDS, frames=NUMBER, .."
     )
     spacing: int = param(
-        SPACING_FRAMES,
-        unit="frames",
-        doc="Frames from one start of a sub-trajectory to the next.",
-        low=1,
-        high=1_000_000,
+        SPACING_FRAMES, unit="frames", doc="Number of frames from one start to the next.", low=1, high=1_000_000
     )
     rebase: str = param(
         "pose",
-        doc="How error from before the start is removed: re-basing by the complete pose, differences of displacements "
-        "and of changes of attitude (the document to the letter), or re-basing by the position alone.",
+        doc="Removal of the error from before the start: re-basing by the complete pose, differences of displacements "
+        "and of changes of attitude (the literal reading of the document), or re-basing by the position only.",
         choices=("pose", "displacement", "position"),
     )
     partial: bool = param(
-        False, doc="Judge an estimate of a part of the drive as if it were the complete drive, and report that."
+        False, doc="Judge an estimate of a part of the drive like an estimate of the complete drive, and report this."
     )
     association: AssociationConfig = field(default_factory=AssociationConfig)
 

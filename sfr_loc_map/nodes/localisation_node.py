@@ -69,7 +69,7 @@ class MotionPriorConfig:
     wait_s: float = param(
         0.0,
         unit="s",
-        doc="How long a pair waits for a message at or after its stamp, once such messages come; 0: not at all.",
+        doc="Maximum time that a pair waits for a message at or after its stamp, once messages arrive. 0: no wait.",
         low=0.0,
         high=10.0,
     )
@@ -82,16 +82,16 @@ class LocalisationNodeConfig(PairNodeConfig):
     ds_frame: str = param("ds", doc="Name of the world frame DS: parent of the odometry.")
     rb_frame: str = param(RB_FRAME, doc="Name of the frame RB of the rover: child of the odometry.")
     locsb_frame: str = param("locsb", doc="Name of the frame LOCSB of the stereo rig in /tf_static.")
-    publish_tf: bool = param(True, doc="Publish ds to rb on /tf, where tf2_msgs is installed.")
+    publish_tf: bool = param(True, doc="Publish ds to rb on /tf if tf2_msgs is installed.")
     resume_file: str = param(
         "",
-        doc="File that keeps the last known pose of a rig, at which a node that was killed resumes. "
-        "Empty: none is kept.",
+        doc="File with the last known pose of a rig, at which a node that was killed resumes. Empty: the pose is not "
+        "saved.",
     )
     resume_max_age_s: float = param(
         60.0,
         unit="s",
-        doc="A kept pose older than this, by the stamp of the first pair, is not resumed from.",
+        doc="Maximum age of a saved pose, by the stamp of the first pair, at which localisation resumes.",
         low=0.1,
         high=1e6,
     )

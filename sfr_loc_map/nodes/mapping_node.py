@@ -50,10 +50,10 @@ class MappingNodeConfig(PairNodeConfig):
 
     lm_frame: str = param("lm", doc="Name of the local map frame LM: frame of the cloud.")
     pairs_per_map: int = param(
-        3, unit="pairs", doc="Stereo pairs after which a cloud is made; a map has 3 at most.", low=1, high=MAX_PAIRS
+        3, unit="pairs", doc="Number of stereo pairs of a map, at most 3.", low=1, high=MAX_PAIRS
     )
     pose_wait_s: float = param(
-        5.0, unit="s", doc="How long a pair waits for the nav/pose of its stamp.", low=0.0, high=600.0
+        5.0, unit="s", doc="Maximum time that a pair waits for the nav/pose with its stamp.", low=0.0, high=600.0
     )
     mapping: MappingConfig = field(default_factory=MappingConfig)
 

@@ -108,20 +108,20 @@ class MonitorNodeConfig(NodeConfig):
     publish_period_s: float = param(
         1.0,
         unit="s",
-        doc="Period at which figures are published, if anything was received; longer in a "
-        "long run, so that at most a tenth of the time is spent on scoring.",
+        doc="Period at which figures are published if messages were received. The period is longer in a long run, so "
+        "that at most a tenth of the time is spent on scoring.",
         low=0.05,
         high=3600.0,
     )
-    limits_file: str = param("", doc="YAML file with limits to judge by; empty for none.")
+    limits_file: str = param("", doc="YAML file with limits. Empty: no limits.")
     save_file: str = param(
-        "", doc="JSON file that ~/save writes the report to. What is there must be a report; nothing else is replaced."
+        "", doc="JSON file to which ~/save writes the report. An existing file must be a report; other files are kept."
     )
     save_period_s: float = param(
         0.0,
         unit="s",
-        doc="Period at which the report is saved, if anything was received, so that little is lost with the process; "
-        "one that exists at the start is kept as *.before.json. 0: only by ~/save.",
+        doc="Period at which the report is saved if messages were received, so that a crash loses little. A report "
+        "that exists at the start is kept as *.before.json. 0: only by ~/save.",
         low=0.0,
         high=3600.0,
     )

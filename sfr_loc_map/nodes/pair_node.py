@@ -35,15 +35,15 @@ class PairNodeConfig(NodeConfig):
 
     overload: str = param(
         Overload.ALL.value,
-        doc="What is processed under overload: every_pair in order, as far as queue_size allows, or newest_first, "
-        "which drops all waiting pairs when a newer one comes.",
+        doc="Policy under overload: every_pair processes all pairs in order, as far as queue_size allows; newest_first "
+        "drops all waiting pairs when a newer pair arrives.",
         choices=tuple(mode.value for mode in Overload),
     )
     queue_size: int = param(
-        30, doc="Most pairs that wait to be processed (every_pair); the oldest are dropped.", low=1, high=1000
+        30, doc="Maximum number of waiting pairs (every_pair); the oldest pairs are dropped.", low=1, high=1000
     )
     frame_prefix: str = param(
-        "", doc="Put before the name of each frame, as rover1/: several rovers then share one tree of frames."
+        "", doc="Prefix of each frame name, such as rover1/, so that several rovers can share one tf tree."
     )
     input: StereoInputConfig = field(default_factory=StereoInputConfig)
 

@@ -42,20 +42,20 @@ class StereoInputConfig:
 
     image_transport: str = param(
         "auto",
-        doc="Topics of images: image_rect (raw), image_rect/compressed (compressed), or both (auto); of image_raw "
-        "likewise.",
+        doc="Image topics: image_rect (raw), image_rect/compressed (compressed), or both (auto); likewise for "
+        "image_raw.",
         choices=("raw", "compressed", "auto"),
     )
     rectify: bool = param(
         False,
-        doc="Take image_raw instead of image_rect, and rectify it by the D, K, R and P of camera_info: models "
+        doc="Use image_raw instead of image_rect, and rectify the images by D, K, R and P of camera_info. Models: "
         "plumb_bob, rational_polynomial, equidistant (fisheye).",
     )
     sample_bits: int = param(
         0,
         unit="bits",
-        doc="Depth of images of 16 bits (mono16) whose sensor uses the lower bits, as 10 or 12; 0: the smallest of 8, "
-        "10, 12, 14 and 16 that holds all samples so far.",
+        doc="Bit depth of 16-bit images (mono16) whose sensor uses only the lower bits, such as 10 or 12. 0: the "
+        "smallest of 8, 10, 12, 14 and 16 that holds all samples so far.",
         low=0,
         high=16,
     )
@@ -66,12 +66,12 @@ class StereoInputConfig:
         choices=RELIABILITIES,
     )
     queue_depth: int = param(
-        30, unit="images", doc="Most images that wait on each side; older ones are dropped.", low=1, high=1000
+        30, unit="images", doc="Maximum number of waiting images per side; older images are dropped.", low=1, high=1000
     )
     stamp_tolerance_s: float = param(
         STAMP_TOLERANCE_S,
         unit="s",
-        doc="Largest difference between the stamps of left and right, always below half a period; 0: equal.",
+        doc="Largest difference between the stamps of left and right, always below half a period. 0: equal stamps.",
         low=0.0,
         high=0.5,
     )

@@ -20,7 +20,7 @@ SWITCH = ["true", "false"]
 LEVELS = ["debug", "info", "warn", "error", "fatal"]
 ARGUMENTS: dict[str, tuple[str, list[str] | None, str]] = {
     "namespace": ("", None, "Namespace of nodes and topics."),
-    "frame_prefix": ("", None, "Put before the name of each frame, as rover1/, for several rovers in one tree."),
+    "frame_prefix": ("", None, "Prefix of each frame name, such as rover1/, for several rovers in one tf tree."),
     "autostart": ("true", SWITCH, "false: the nodes wait for a lifecycle manager."),
     "log_level": ("info", LEVELS, "Severity from which lines are logged."),
     "remaps": ("", None, "Remappings FROM:=TO, separated by blanks, as loc/left/image_rect:=/eye/left."),

@@ -89,16 +89,16 @@ class HealthConfig:
     """When a node warns."""
 
     period_s: float = param(
-        1.0, unit="s", doc="Period of the health, which is also published at once when it changes.", low=0.1, high=60.0
+        1.0, unit="s", doc="Period of the health status, which is also published when it changes.", low=0.1, high=60.0
     )
     window_s: float = param(
-        5.0, unit="s", doc="Rates are taken over it; a drop or a problem shows for so long.", low=0.5, high=600.0
+        5.0, unit="s", doc="Averaging window for rates; drops and problems stay visible this long.", low=0.5, high=600.0
     )
     stale_after_s: float = param(
-        5.0, unit="s", doc="An active node that received no input for so long is stale.", low=0.1, high=3600.0
+        5.0, unit="s", doc="Time without input after which an active node is stale.", low=0.1, high=3600.0
     )
     memory_warn_mb: int = param(
-        4000, unit="MB", doc="Resident memory of the process above which a warning is given.", low=1, high=10_000_000
+        4000, unit="MB", doc="Resident memory of the process above which a warning is issued.", low=1, high=10_000_000
     )
 
 

@@ -30,7 +30,7 @@ class NodeConfig(ABC):
     """Parameters that each node has."""
 
     autostart: bool = param(
-        True, doc="Become active at start; false: wait for a lifecycle manager or `ros2 lifecycle set`."
+        True, doc="Become active at the start. false: wait for a lifecycle manager or `ros2 lifecycle set`."
     )
     output_reliability: str = param(
         "reliable", doc="Reliability offered to the subscribers of results.", choices=RELIABILITIES
