@@ -24,8 +24,7 @@ from sfr_loc_map.metrics.score_json import json_line
 
 if TYPE_CHECKING:
     from sfr_loc_map.suite.run import Progress
-    from sfr_loc_map.suite.running.cluster import JobOutcome
-    from sfr_loc_map.suite.running.job import Job
+    from sfr_loc_map.suite.running.job import Job, JobOutcome
     from sfr_loc_map.suite.running.specification import SuiteSpecification
     from sfr_loc_map.suite.running.store import Store
     from sfr_loc_map.suite.statistics.summary import Summary

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from sfr_loc_map.errors import InterruptedRunError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.signals import hold
-from sfr_loc_map.suite.running.cluster import JobOutcome, SuiteWorkers, connected, run_jobs
-from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.cluster import SuiteWorkers, connected, run_jobs
+from sfr_loc_map.suite.running.job import Job, JobOutcome
 from sfr_loc_map.suite.running.plan import make_plan
 from sfr_loc_map.suite.running.specification import Refusal, SuiteSettings, SuiteSpecification
 from sfr_loc_map.suite.running.store import Store

@@ -2,6 +2,9 @@
 
 Dask starts the processes, ends one that needs too much memory and starts another in its place. This module adds what
 Dask does not know: the time limit of a job, which workers have the code of the client, and why a job failed.
+
+A plugin of Dask compares the digest of the code once, when a worker joins. A worker that has the code of the client
+offers a resource that the tasks require, so that Dask gives tasks to no other worker.
 """
 
 from __future__ import annotations
@@ -14,9 +17,7 @@ import tempfile
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterator, Sequence
-from dataclasses import dataclass
-from enum import StrEnum
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
@@ -24,40 +25,21 @@ from typing import TYPE_CHECKING, Any
 from sfr_loc_map.errors import InputError, MissingExtraError, SfrError
 from sfr_loc_map.inputs import one_line, refusing
 from sfr_loc_map.signals import deferred_signals
-from sfr_loc_map.suite.running.digests import JOINED, code_facts, code_fingerprint, proof_plugin
-from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.digests import code_facts, code_fingerprint
+from sfr_loc_map.suite.running.job import FailureCause, Job, JobOutcome, WorkerRecord
 from sfr_loc_map.suite.running.specification import SuiteSettings
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Client, Future, WorkerPlugin
 
 TRIES = 3  #: How often a job is run at most, if it raises an error or ends its worker.
+JOINED = "sfr-joined"  #: Topic of the event by which a worker reports its code.
 OVER_TIME = "sfr-over-time"  #: Topic of the event by which a task reports that it exceeds its time limit.
 OVER_MEMORY = "worker-restart-memory"  #: Topic of the event by which Dask's nanny reports the same of memory.
 ASK_EVERY_S = 1.0  #: How often the scheduler is asked for its workers.
 SAY_AFTER_S = 2.0  #: Time without a worker after which it is reported.
 SHOWN = 10  #: Workers whose missing code is reported.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-
-
-class FailureCause(StrEnum):
-    """Why a job failed."""
-
-    BAD_INPUT = "bad input"
-    FAULT = "fault of the program"
-    DIED = "its process ended"
-    MEMORY = "over the memory limit"
-    TIME = "over the time limit"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JobOutcome:
-    """What came of a job."""
-
-    result: str | None = None  #: The score as JSON; None if it failed.
-    cause: FailureCause | None = None  #: Why it failed.
-    message: str = ""  #: The error, or the limit.
-    worker: str = ""  #: Address of the worker that ran it.
 
 
 @contextlib.contextmanager
@@ -114,17 +96,33 @@ def _end(cluster: Any) -> None:  # noqa: ANN401 - distributed is typed in part
         cluster.close(timeout=5)
 
 
-@dataclass(slots=True, kw_only=True)
-class WorkerRecord:
-    """A worker of a suite, as suite.json names it."""
+def proof_plugin(resource: str, expected: Mapping[str, str]) -> WorkerPlugin:
+    """Return the plugin by which a worker compares its code, and then offers a resource.
 
-    worker: str  #: Its address.
-    host: str = ""
-    version: str = ""  #: Of sfr_loc_map.
-    python: str = ""
-    code: str = ""  #: Fingerprint of its code.
-    done: int = 0  #: Tasks.
-    set_aside: str = ""  #: How its code differs, so that it gets no task; empty if it may run tasks.
+    It goes to each worker as a whole, whatever is installed there.
+    """
+    from distributed import Status, WorkerPlugin
+
+    topic = JOINED
+
+    class Proof(WorkerPlugin):
+        name = resource
+
+        async def setup(self, worker: Any) -> None:  # noqa: ANN401 - distributed is typed in part
+            try:
+                from sfr_loc_map.suite.running.digests import about_here
+
+                about = about_here(expected)
+            except Exception as error:  # whatever is installed there
+                about = {"lacks": f"sfr_loc_map of another version, or none ({type(error).__name__}: {error})"}
+            worker.log_event(topic, {**about, "worker": worker.address, "resource": resource})
+            if not about["lacks"]:
+                # Dask looks for workers of waiting tasks only when one starts to run, with what it offers then
+                worker.status = Status.paused
+                await worker.set_resources(**{resource: worker.state.nthreads})
+                worker.status = Status.running
+
+    return Proof()
 
 
 class SuiteWorkers:

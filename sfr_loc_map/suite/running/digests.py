@@ -1,8 +1,4 @@
-"""Digests of code, methods and data, which name results; and the refusal of workers with other code.
-
-A plugin of Dask compares the digest of the code once, when a worker joins. A worker that has the code of the client
-offers a resource that the tasks require, so that Dask gives tasks to no other worker.
-"""
+"""Digests of code, methods and data, which name results."""
 
 from __future__ import annotations
 
@@ -15,7 +11,7 @@ import platform
 import socket
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TypeVar, cast
 
 from sfr_loc_map import __version__
 from sfr_loc_map.errors import InputError
@@ -25,9 +21,6 @@ from sfr_loc_map.methods.registry import find_method
 from sfr_loc_map.scoring.run import ScoreInputs
 from sfr_loc_map.suite.running.job import JobSource, SourceKind, digest
 
-if TYPE_CHECKING:
-    from distributed import WorkerPlugin
-
 T = TypeVar("T")
 PACKAGE = Path(__file__).parents[2]
 LIBRARIES = ("numpy", "numba", "scipy", "opencv-python-headless", "simplejpeg", "embreex")
@@ -36,7 +29,6 @@ WITHOUT_EFFECT = ("report/", "suite/pages/", "suite/statistics/", "live/", "benc
 """Folders of the package that a result does not depend on: they show results, or compute from them. All other code
 counts, because a replay runs the command line and the nodes."""
 HASHED = (".py", ".json", ".xml")  #: Endings of code and of the files that it reads; the last are profiles of DDS.
-JOINED = "sfr-joined"  #: Topic of the event by which a worker reports its code.
 
 
 def file_state(path: Path) -> str:
@@ -134,35 +126,6 @@ def files_hash(*paths: str) -> str:
     configurations = [path for path in map(config_beside, places) if path is not None]
     hashes = [known(path, hash_path) for path in (*places, *configurations)]
     return hashes[0] if len(hashes) == 1 else digest(hashes)
-
-
-def proof_plugin(resource: str, expected: Mapping[str, str]) -> WorkerPlugin:
-    """Return the plugin by which a worker compares its code, and then offers a resource.
-
-    It goes to each worker as a whole, whatever is installed there.
-    """
-    from distributed import Status, WorkerPlugin
-
-    topic = JOINED
-
-    class Proof(WorkerPlugin):
-        name = resource
-
-        async def setup(self, worker: Any) -> None:  # noqa: ANN401 - distributed is typed in part
-            try:
-                from sfr_loc_map.suite.running.digests import about_here
-
-                about = about_here(expected)
-            except Exception as error:  # whatever is installed there
-                about = {"lacks": f"sfr_loc_map of another version, or none ({type(error).__name__}: {error})"}
-            worker.log_event(topic, {**about, "worker": worker.address, "resource": resource})
-            if not about["lacks"]:
-                # Dask looks for workers of waiting tasks only when one starts to run, with what it offers then
-                worker.status = Status.paused
-                await worker.set_resources(**{resource: worker.state.nthreads})
-                worker.status = Status.running
-
-    return Proof()
 
 
 def about_here(expected: Mapping[str, str]) -> dict[str, str]:

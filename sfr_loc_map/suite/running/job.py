@@ -1,4 +1,4 @@
-"""One run of a suite: what it depends on, and the key that names its result."""
+"""One run of a suite: what it depends on, the key that names its result, and what came of it where."""
 
 from __future__ import annotations
 
@@ -101,6 +101,39 @@ class Job:
         """What jobs of two suites have in common that are compared: the same work on the same data."""
         data = [self.kind, self.source.kind, self.source.sha256, self.faults, self.fault_seed, self.repeat]
         return digest([*data, self.start, self.scoring])
+
+
+class FailureCause(StrEnum):
+    """Why a job failed."""
+
+    BAD_INPUT = "bad input"
+    FAULT = "fault of the program"
+    DIED = "its process ended"
+    MEMORY = "over the memory limit"
+    TIME = "over the time limit"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JobOutcome:
+    """What came of a job."""
+
+    result: str | None = None  #: The score as JSON; None if it failed.
+    cause: FailureCause | None = None  #: Why it failed.
+    message: str = ""  #: The error, or the limit.
+    worker: str = ""  #: Address of the worker that ran it.
+
+
+@dataclass(slots=True, kw_only=True)
+class WorkerRecord:
+    """A worker of a suite, as suite.json names it."""
+
+    worker: str  #: Its address.
+    host: str = ""
+    version: str = ""  #: Of sfr_loc_map.
+    python: str = ""
+    code: str = ""  #: Fingerprint of its code.
+    done: int = 0  #: Tasks.
+    set_aside: str = ""  #: How its code differs, so that it gets no task; empty if it may run tasks.
 
 
 def digest(value: object) -> str:

@@ -24,9 +24,8 @@ from sfr_loc_map.inputs import hash_path, refusing
 from sfr_loc_map.metrics.judging.limits import Limits, parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict, from_plain, json_line, to_plain
-from sfr_loc_map.suite.running.cluster import FailureCause, JobOutcome, WorkerRecord
 from sfr_loc_map.suite.running.digests import file_state
-from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.job import FailureCause, Job, JobOutcome, WorkerRecord
 from sfr_loc_map.suite.running.plan import SourceFacts, about_run, inspect_source
 from sfr_loc_map.suite.running.specification import Refusal, limits_in
 

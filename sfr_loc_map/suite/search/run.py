@@ -12,8 +12,7 @@ from sfr_loc_map import __version__
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.metrics.score_json import to_plain
-from sfr_loc_map.suite.running.cluster import FailureCause
-from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.job import FailureCause, Job
 from sfr_loc_map.suite.running.store import Store
 from sfr_loc_map.suite.search.specification import Point, SearchSpecification
 from sfr_loc_map.suite.search.worst_case import (

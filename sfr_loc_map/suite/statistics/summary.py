@@ -40,8 +40,7 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.table import POOLED, Figure, figure_row
 from sfr_loc_map.metrics.verdict import Verdict
-from sfr_loc_map.suite.running.cluster import WorkerRecord
-from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.job import Job, WorkerRecord
 from sfr_loc_map.suite.running.specification import Refusal
 from sfr_loc_map.suite.running.store import JobFailure, Store
 from sfr_loc_map.suite.running.variants import error_sources_of

@@ -10,7 +10,8 @@ import pytest
 pytest.importorskip("distributed", reason="needs the extra [suite]")
 from helpers.made_suites import JOB
 from sfr_loc_map.suite.running import cluster
-from sfr_loc_map.suite.running.cluster import FailureCause, SuiteWorkers, connected, run_jobs
+from sfr_loc_map.suite.running.cluster import SuiteWorkers, connected, run_jobs
+from sfr_loc_map.suite.running.job import FailureCause
 from sfr_loc_map.suite.running.specification import SuiteSettings
 
 TRIES = 2

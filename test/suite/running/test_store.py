@@ -12,8 +12,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
-from sfr_loc_map.suite.running.cluster import FailureCause, JobOutcome
-from sfr_loc_map.suite.running.job import Job
+from sfr_loc_map.suite.running.job import FailureCause, Job, JobOutcome
 from sfr_loc_map.suite.running.store import Store
 
 
