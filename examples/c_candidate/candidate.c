@@ -1,9 +1,9 @@
-/* An example of a candidate in C: a localiser and a mapper behind sfr_candidate.h. For example, not for quality.
+/* An example of a candidate in C: a localiser and a mapper with the interface sfr_candidate.h. Not tuned for accuracy.
  *
- * Localiser: corners on a grid, their depth by block matching along the row, their places in the next left image by
- * block matching around the place where the motion of the pair before puts them, and the motion by Gauss-Newton on
- * the reprojection error with Tukey weights.
- * Mapper: block matching along the row with a check of the neighbours' disparities.
+ * Localiser: corners are detected on a grid, and their depth is measured by block matching along the row. In the next
+ * left image they are searched by block matching around the position that the last motion predicts. The motion is
+ * estimated by Gauss-Newton on the reprojection error with Tukey weights.
+ * Mapper: block matching along the row, with a check of the disparities of neighbouring pixels.
  * Build: cc -std=c99 -O2 -fPIC -shared -I../../include -o libcandidate.so candidate.c -lm
  */
 #include "sfr_candidate.h"
@@ -14,9 +14,9 @@
 #include <string.h>
 
 #define BLOCK 4       /* half the side of a block, pixels */
-#define CELL 16       /* side of the cells of which each gives one corner, pixels */
+#define CELL 16       /* side of a cell, with one corner per cell, pixels */
 #define MARGIN 12     /* border without corners, pixels */
-#define SEARCH 14     /* how far a corner is looked for from where it is expected, pixels */
+#define SEARCH 14     /* search radius around the predicted position of a corner, pixels */
 #define MAX_CORNERS 4096
 #define MIN_CORNERS 12
 #define ITERATIONS 12
@@ -32,9 +32,9 @@ struct sfr_candidate {
     int started;
     int count;
     corner corners[MAX_CORNERS];
-    uint8_t *previous; /* left image of the pair before */
-    double motion[12]; /* left camera now in the one before, last known */
-    double pose[12];   /* left camera now in the first one */
+    uint8_t *previous; /* left image of the previous pair */
+    double motion[12]; /* last known pose of the left camera relative to the previous pair */
+    double pose[12];   /* pose of the left camera relative to the first pair */
 };
 
 /* ---- Transforms: 12 doubles, the upper three rows ---------------------------------------------------------------- */
@@ -131,7 +131,7 @@ static double vertex(int before, int best, int after)
     return curvature > 0 ? 0.5 * (before - after) / curvature : 0.0;
 }
 
-/* Return the disparity of a left pixel, negative if there is none that is clearly the best. */
+/* Return the disparity of a left pixel, or a negative value if the best disparity is ambiguous. */
 static double disparity_at(const uint8_t *left, const uint8_t *right, int width, int x, int y, int largest)
 {
     int costs[1024], best = -1, limit = x - BLOCK < largest ? x - BLOCK : largest;
@@ -144,7 +144,7 @@ static double disparity_at(const uint8_t *left, const uint8_t *right, int width,
     }
     for (int d = 0; d <= limit; d++)
         if (abs(d - best) > 1 && costs[d] * 10 < costs[best] * 11)
-            return -1.0; /* another one is nearly as good */
+            return -1.0; /* another disparity is nearly as good */
     if (best < 1 || best >= limit)
         return -1.0;
     return best + vertex(costs[best - 1], costs[best], costs[best + 1]);
@@ -152,7 +152,7 @@ static double disparity_at(const uint8_t *left, const uint8_t *right, int width,
 
 /* ---- Localiser --------------------------------------------------------------------------------------------------- */
 
-/* Take the pixel with the largest gradient of each cell and its point. */
+/* Select the pixel with the largest gradient in each cell, and triangulate its point. */
 static void find_corners(sfr_candidate *self, const uint8_t *left, const uint8_t *right)
 {
     const sfr_rig *rig = &self->rig;
@@ -192,7 +192,7 @@ static int project(const sfr_rig *rig, const double *point, double *x, double *y
     return *x > MARGIN && *y > MARGIN && *x < rig->width - MARGIN && *y < rig->height - MARGIN;
 }
 
-/* Find a corner in the new left image near (x, y); return whether it is there. */
+/* Search a corner in the new left image near (x, y); return whether it was found. */
 static int track(const sfr_candidate *self, const corner *old, const uint8_t *left, double x, double y, double *found)
 {
     int width = self->rig.width, height = self->rig.height, reach = SEARCH, best = -1, at_x = 0, at_y = 0;
@@ -214,7 +214,7 @@ static int track(const sfr_candidate *self, const corner *old, const uint8_t *le
     return 1;
 }
 
-/* Solve the symmetric system a x = b of 6 unknowns by elimination; return 0 if it is singular. */
+/* Solve the symmetric system a x = b of 6 unknowns by elimination; return 0 if the system is singular. */
 static int solve(double a[6][7])
 {
     for (int i = 0; i < 6; i++) {
@@ -238,7 +238,7 @@ static int solve(double a[6][7])
     return 1;
 }
 
-/* Improve T_now_before from pixels; return the number of corners that agree. */
+/* Refine T_now_before by the pixels; return the number of inliers. */
 static int fit(const sfr_rig *rig, const corner *corners, double (*pixels)[2], int count, double *T_now_before)
 {
     int agreeing = 0;
@@ -259,7 +259,7 @@ static int fit(const sfr_rig *rig, const corner *corners, double (*pixels)[2], i
             double rows[2][6] = {
                 {rig->fx / z, 0, -rig->fx * p[0] / (z * z), 0, 0, 0},
                 {0, rig->fy / z, -rig->fy * p[1] / (z * z), 0, 0, 0}};
-            for (int r = 0; r < 2; r++) { /* a turn w moves the point by w x p */
+            for (int r = 0; r < 2; r++) { /* a rotation w moves the point by w x p */
                 double *j = rows[r];
                 j[3] = j[2] * p[1] - j[1] * p[2];
                 j[4] = j[0] * p[2] - j[2] * p[0];
@@ -282,7 +282,7 @@ static int fit(const sfr_rig *rig, const corner *corners, double (*pixels)[2], i
     return agreeing;
 }
 
-/* Estimate the motion since the pair before; return whether it is known. */
+/* Estimate the motion since the previous pair; return whether the estimate succeeded. */
 static int move(sfr_candidate *self, const uint8_t *left)
 {
     static double pixels[MAX_CORNERS][2];
@@ -311,7 +311,7 @@ int32_t sfr_candidate_process(sfr_candidate *self, int64_t stamp_ns, const uint8
     self->started = 1;
     find_corners(self, left, right);
     memcpy(self->previous, left, size);
-    /* the camera's motion as that of the rover: T_rb_left T_first_now T_left_rb */
+    /* convert the motion of the camera to the motion of the rover: T_rb_left T_first_now T_left_rb */
     invert(self->rig.T_rb_left, T_left_rb);
     compose(self->rig.T_rb_left, self->pose, T_start_rb);
     compose(T_start_rb, T_left_rb, T_start_rb);
@@ -325,7 +325,7 @@ int32_t sfr_candidate_process(sfr_candidate *self, int64_t stamp_ns, const uint8
 
 /* ---- Mapper ------------------------------------------------------------------------------------------------------ */
 
-/* Write the points that one pair sees from `written` on; return how many there are then. */
+/* Append the points of one pair after the first `written` points; return the new number of points. */
 static size_t map_pair(const sfr_candidate *self, const sfr_pair *pair, const double *T_lm_navsb, sfr_map_point *points,
                        size_t capacity, size_t written)
 {
@@ -357,7 +357,7 @@ static size_t map_pair(const sfr_candidate *self, const sfr_pair *pair, const do
 int32_t sfr_candidate_map_pairs(sfr_candidate *self, const sfr_pair *pairs, size_t pair_count, const double *T_lm_navsb,
                                 sfr_map_point *points, size_t capacity, size_t *count, int32_t *fused)
 {
-    *count = 0, *fused = 0; /* the points of every pair stand */
+    *count = 0, *fused = 0; /* the points of all pairs are kept */
     for (size_t i = 0; i < pair_count; i++)
         *count = map_pair(self, &pairs[i], T_lm_navsb + 12 * i, points, capacity, *count);
     return SFR_OK;

@@ -6,9 +6,10 @@
  *   ./harness pairs.sfrp results
  *   sfr score results SRC
  *
- * It writes estimate.csv (poses), stats.csv (time, memory and state of each call), cloud_N.ply and target.json, all of
- * one run. docs/howto/target.md has the format of pairs.sfrp, boards without files (-DSFR_IN_MEMORY, -DSFR_TO_STDOUT),
- * RTEMS, and what the memory is. A board replaces the functions below `the target's own` where it has no POSIX clock.
+ * The harness writes estimate.csv (poses), stats.csv (time, memory and state of each call), cloud_N.ply and target.json
+ * of one run. docs/howto/target.md describes the format of pairs.sfrp, boards without files (-DSFR_IN_MEMORY,
+ * -DSFR_TO_STDOUT), RTEMS, and the measurement of memory. A board without a POSIX clock replaces the functions below
+ * `Target-specific functions`.
  */
 #ifndef _POSIX_C_SOURCE
 #define _POSIX_C_SOURCE 200112L /* of clock_gettime, mkdir */
@@ -23,7 +24,7 @@
 #include <sys/stat.h>
 #include <time.h>
 
-/* What nobody states is unknown, and null in target.json. */
+/* Properties that are not defined are unknown, and null in target.json. */
 #ifndef SFR_BOARD
 #define SFR_BOARD NULL
 #endif
@@ -37,7 +38,7 @@
 #define SFR_CLOCK "clock_gettime(CLOCK_MONOTONIC)"
 #endif
 #ifndef SFR_STACK_BYTES
-#define SFR_STACK_BYTES 65536 /* of the stack that is painted before each call; less than the task's stack has left */
+#define SFR_STACK_BYTES 65536 /* painted before each call; must be less than the free stack of the task */
 #endif
 #define MAX_PAIRS 3
 #define UNKNOWN (-1)
@@ -48,7 +49,7 @@ static void fail(const char *what, const char *detail)
     exit(2);
 }
 
-/* ---- The target's own -------------------------------------------------------------------------------------------- */
+/* ---- Target-specific functions ----------------------------------------------------------------------------------- */
 
 /* Time, seconds; name the clock by -DSFR_CLOCK. The clock of a development kit goes here. */
 static double now_s(void)
@@ -66,7 +67,7 @@ static double clock_resolution_s(void)
     return (double)time.tv_sec + 1e-9 * (double)time.tv_nsec;
 }
 
-/* Resident memory of the process from Linux' /proc, bytes; UNKNOWN where there is none. */
+/* Resident memory of the process from /proc of Linux, bytes; UNKNOWN if /proc does not exist. */
 static long resident_bytes(const char *key)
 {
     long kib = UNKNOWN;
@@ -85,7 +86,7 @@ static long resident_bytes(const char *key)
     return kib > 0 ? 1024 * kib : UNKNOWN;
 }
 
-/* Set the high-water mark of resident memory back to what is resident now; return whether that was done. */
+/* Reset the high-water mark of resident memory to the present value; return whether the reset succeeded. */
 static int reset_resident_peak(void)
 {
     int done = 0;
@@ -99,11 +100,11 @@ static int reset_resident_peak(void)
     return done;
 }
 
-/* ---- Heap: every block that is asked for, by the linker's --wrap --------------------------------------------------- */
+/* ---- Heap: every requested block, by --wrap of the linker ---------------------------------------------------------- */
 
 static size_t heap_now, heap_peak, heap_of_harness;
-static int heap_is_counted; /* set by the first block, so that a build without --wrap says unknown */
-#define HEAD 16             /* in front of each block, holds its size; keeps the alignment of malloc */
+static int heap_is_counted; /* set by the first block, so that a build without --wrap reports unknown */
+#define HEAD 16             /* header of each block with its size; keeps the alignment of malloc */
 
 void *__real_malloc(size_t size);
 void __real_free(void *block);
@@ -157,7 +158,7 @@ void *__wrap_realloc(void *block, size_t size)
 /* ---- Stack: painted below the present frame before a call, read after it ------------------------------------------- */
 
 #define PAINT 0xA5
-#define STACK_MARGIN 512 /* by which the frames of the two functions may be apart */
+#define STACK_MARGIN 512 /* largest offset between the stack frames of the two functions */
 #if defined(__GNUC__)
 __attribute__((noinline)) static void paint_stack(void)
 {
@@ -166,10 +167,10 @@ __attribute__((noinline)) static void paint_stack(void)
         area[i] = PAINT;
 }
 
-/* Return how much of the painted stack was written, bytes; UNKNOWN if all of it was. */
+/* Return the number of bytes of the painted stack that were written; UNKNOWN if all bytes were written. */
 __attribute__((noinline)) static long painted_stack_used(void)
 {
-    volatile uint8_t area[SFR_STACK_BYTES]; /* the same place but for some bytes; it grows from the end down */
+    volatile uint8_t area[SFR_STACK_BYTES]; /* same location except for some bytes; the stack grows down from the end */
     size_t kept = STACK_MARGIN;
 #if defined(__GNUC__) && !defined(__clang__)
 #pragma GCC diagnostic push
@@ -217,7 +218,7 @@ static void end_call(usage *call)
     call->resident = call->resettable ? resident_bytes("VmHWM") : UNKNOWN;
 }
 
-/* ---- Pairs: little-endian whatever the board is -------------------------------------------------------------------- */
+/* ---- Pairs: little-endian on every board --------------------------------------------------------------------------- */
 
 #ifdef SFR_IN_MEMORY
 extern const uint8_t sfr_pairs[], sfr_pairs_end[]; /* linked in, see docs/howto/target.md */
@@ -276,7 +277,7 @@ static void take_doubles(double *into, size_t count)
 
 static const char *folder = ".";
 
-/* Open a result; without files it goes to the console, begun by a line `@@ NAME`. */
+/* Open a result; without files it is written to the console after a line `@@ NAME`. */
 static FILE *result(const char *name)
 {
 #ifdef SFR_TO_STDOUT
@@ -302,7 +303,7 @@ static void finish(FILE *file)
 #endif
 }
 
-/* Rows that are kept until the end, so that one file is written at a time and no writing is between two calls. */
+/* Rows that are kept until the end, so that files are written one after the other and not between two calls. */
 typedef struct {
     int64_t stamp_ns;
     double pose[7], seconds;
@@ -426,7 +427,7 @@ static void write_cloud(size_t number, const sfr_pair *pairs, size_t pair_count,
 
 /* ---- Localisation and mapping -------------------------------------------------------------------------------------- */
 
-/* Turn a pose of RB in RB at the first pair into one in DS: both as position and quaternion x y z w. */
+/* Convert a pose of RB relative to RB at the first pair to DS; both are position and quaternion x y z w. */
 static void in_ds(const double *start, const double *pose, double *out)
 {
     const double *p = pose, *a = start + 3, *b = pose + 3;
@@ -542,7 +543,7 @@ int main(int argc, char **argv)
         uint8_t *images = malloc(2 * size * (is_mapping ? MAX_PAIRS : 1));
         if (rows == NULL || images == NULL || (is_mapping && pair_count > MAX_PAIRS))
             fail("out of memory", "the pairs");
-        long idle = resident_bytes("VmRSS"); /* before the candidate is made: its own memory is all above */
+        long idle = resident_bytes("VmRSS"); /* before the candidate is created, so that all of its memory is above idle */
         heap_of_harness = heap_now;
         sfr_candidate *candidate = sfr_candidate_create(&rig, "", message, sizeof message);
         if (candidate == NULL)
