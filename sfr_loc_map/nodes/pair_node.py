@@ -195,7 +195,7 @@ class PairNode(ManagedNode[P], ABC):
         """Publish a call with the counts since the start: for programs on `~/call`, for people on /diagnostics."""
         call = replace(call, counts=self.counts())
         self._calls.publish(String(data=encode_call(call)))
-        self.status.call(call, level)
+        self.status.report_call(call, level)
 
     def times(self, received: ReceivedPair, conversion_s: float) -> dict[str, float]:
         """Return the latencies of a result that was just published, and what decoding took, seconds."""

@@ -32,13 +32,13 @@ class AnswerBook:
         self._in_a_row = 0
         self._findings: dict[FindingKind, FindingRecord] = {}
 
-    def published(self, stamp_ns: int, sent_s: float) -> None:
+    def note_sent(self, stamp_ns: int, sent_s: float) -> None:
         """Note a pair whose last image was published at a time of the clock."""
         self._sent[stamp_ns] = sent_s
         for received_s in self._early.pop(stamp_ns, ()):
             self._answered(stamp_ns, received_s)
 
-    def received(self, stamp_ns: int, frames: str, problem: str) -> bool:
+    def note_answer(self, stamp_ns: int, frames: str, problem: str) -> bool:
         """Note an answer, its frames (`parent -> child` of a pose, `parent` of a cloud) and why it is no result.
 
         Returns whether it is to be used.

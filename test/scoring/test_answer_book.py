@@ -26,8 +26,8 @@ def findings_of(book: AnswerBook) -> list[FindingKind]:
 
 @pytest.mark.parametrize(("ahead_s", "is_early"), [(0.08, True), (EARLY_S + 0.001, True), (EARLY_S - 0.001, False)])
 def test_an_answer_before_its_pair_is_early(book: AnswerBook, ahead_s: float, is_early: bool) -> None:
-    assert book.received(PAIR_NS, "ds -> rb", "")
-    book.published(PAIR_NS, 10.0 + ahead_s)
+    assert book.note_answer(PAIR_NS, "ds -> rb", "")
+    book.note_sent(PAIR_NS, 10.0 + ahead_s)
     assert findings_of(book) == ([FindingKind.EARLY] if is_early else [])
     assert FindingKind.EARLY.fails
     assert book.counts.early == is_early
@@ -37,8 +37,8 @@ def test_an_answer_before_its_pair_is_early(book: AnswerBook, ahead_s: float, is
 
 @pytest.mark.parametrize(("latency_s", "is_late"), [(0.999, False), (1.001, True)])
 def test_an_answer_after_its_time_is_none(book: AnswerBook, latency_s: float, is_late: bool) -> None:
-    book.published(PAIR_NS, 10.0 - latency_s)
-    assert book.received(PAIR_NS, "ds -> rb", "") is not is_late
+    book.note_sent(PAIR_NS, 10.0 - latency_s)
+    assert book.note_answer(PAIR_NS, "ds -> rb", "") is not is_late
     assert findings_of(book) == ([FindingKind.LATE, FindingKind.MISSING] if is_late else [])
     assert (book.counts.answered, book.counts.missing, book.counts.late) == (not is_late, is_late, is_late)
     assert book.latency_s is not None
@@ -46,7 +46,7 @@ def test_an_answer_after_its_time_is_none(book: AnswerBook, latency_s: float, is
 
 
 def test_a_node_that_was_started_again_has_crashed(book: AnswerBook) -> None:
-    book.published(PAIR_NS, 9.9)
+    book.note_sent(PAIR_NS, 9.9)
     book.node_restarted("the publisher has left")
     book.node_restarted("the publisher has left")
     (finding,) = [item for item in book.findings if item.kind is FindingKind.CRASHED]

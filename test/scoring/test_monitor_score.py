@@ -27,7 +27,7 @@ from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits import parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
-from sfr_loc_map.nodes.replay.received import Received
+from sfr_loc_map.nodes.replay.results import Results
 from sfr_loc_map.runs.calls import CallRecord, encode_call, estimates_of, stats_of
 from sfr_loc_map.scoring.answer_book import AnswerBook
 from sfr_loc_map.scoring.bag_estimates import bag_estimates
@@ -166,12 +166,12 @@ def in_bag(path: Path, rows: Sequence[OdometryRow], calls: Sequence[CallRecord])
 
 
 def in_replay(rows: Sequence[OdometryRow], calls: Sequence[CallRecord], *, is_external: bool) -> Estimates:
-    received = Received(answers=AnswerBook("loc", 1.0, "") if is_external else None)
+    results = Results(answers=AnswerBook("loc", 1.0, "") if is_external else None)
     for stamp_ns, position, quat, covariance in rows:
-        received.rows.append((stamp_ns, tuple(position), tuple(quat)))
-        received.covariances[stamp_ns] = covariance
-    received.calls[Task.LOCALISATION] = {("", call.stamp_ns): call for call in calls}
-    return estimates_of(received.trajectory, stats_of(received.records))
+        results.rows.append((stamp_ns, tuple(position), tuple(quat)))
+        results.covariances[stamp_ns] = covariance
+    results.calls[Task.LOCALISATION] = {("", call.stamp_ns): call for call in calls}
+    return estimates_of(results.trajectory, stats_of(results.records))
 
 
 @pytest.mark.parametrize("is_external", [False, True])

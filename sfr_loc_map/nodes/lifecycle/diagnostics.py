@@ -233,7 +233,7 @@ class StatusReporter:
         span = min(self._config.window_s, max(now - self._since, 1.0))
         return sum(now - moment <= span for moment in moments) / span
 
-    def call(self, call: CallRecord, level: Level) -> None:
+    def report_call(self, call: CallRecord, level: Level) -> None:
         """Publish state, time and memory of a call, and note them in the health."""
         self.calls += 1
         memory = {"peak_rss_bytes": call.peak_rss_bytes, "above_idle_bytes": call.above_idle_bytes}

@@ -18,7 +18,7 @@ from sfr_loc_map.nodes.lifecycle import diagnostics
 from sfr_loc_map.nodes.lifecycle.diagnostics import level_of
 from sfr_loc_map.nodes.replay.external import ExternalNode
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
-from sfr_loc_map.nodes.replay.received import Received
+from sfr_loc_map.nodes.replay.results import Results
 from sfr_loc_map.nodes.ros.messages import cloud_from_msg, covariance_of, odometry_row
 from sfr_loc_map.nodes.ros.peer import POLL_S
 from sfr_loc_map.runs.calls import decode_call
@@ -34,14 +34,14 @@ class ResultCollector:
     def __init__(
         self,
         node: ReplayNode,
-        received: Received,
+        results: Results,
         external: ExternalNode | None,
         *,
         pairs_per_map: int,
         is_lock_step: bool,
     ) -> None:
-        """Subscribe; an external node in place of one of ours puts the results of its task into `received` itself."""
-        self.received = received
+        """Subscribe; an external node in place of one of ours puts the results of its task into `results` itself."""
+        self.results = results
         self._external = external
         self._pairs_per_map = pairs_per_map
         self._is_lock_step = is_lock_step
@@ -58,12 +58,12 @@ class ResultCollector:
             subscribe(String, call_topic(task), partial(self._on_call, task), deep)
         subscribe(DiagnosticArray, diagnostics.TOPIC, self._on_diagnostics, deep)
 
-    def note_published(self, rig: str, stamp_ns: int, sent_s: float) -> None:
+    def note_sent(self, rig: str, stamp_ns: int, sent_s: float) -> None:
         """Note that a pair was published, its last image at a time of the monotonic clock; in lock step wait for it."""
         external = self._external
-        self.received.published.add((rig, stamp_ns))
+        self.results.sent_pairs.add((rig, stamp_ns))
         if external is not None and rig == external.options.task.rig:
-            external.published(stamp_ns, sent_s)
+            external.note_sent(stamp_ns, sent_s)
         if self._is_lock_step:
             self.wait_for_pair(rig, stamp_ns)
             return
@@ -77,50 +77,50 @@ class ResultCollector:
             self._external.wait_for(stamp_ns)
             return
 
-        def received() -> bool:
+        def is_complete() -> bool:
             if self._input_error:
                 raise InputError(self._input_error)
-            return self.received.has_pair(rig, stamp_ns)
+            return self.results.has_pair(rig, stamp_ns)
 
         def problem() -> str:
             name = Task.of_rig(rig).node
             line = self._node.supervisor.processes[name].last_log_line
             return f"{name} gave no result for the pair of stamp {stamp_ns} (its last log line: {line})"
 
-        self._node.wait_for(received, ANSWER_TIMEOUT_S, problem)
+        self._node.wait_for(is_complete, ANSWER_TIMEOUT_S, problem)
 
     def finish(self) -> None:
         """Finish a map begun, wait for the results of all published pairs, and observe an external node at its end."""
         self._wait_for_rest(self._finish_map())
         if self._external is not None:
-            self.received.external = self._external.observe()
+            self.results.external = self._external.observe()
 
     def _finish_map(self) -> int:
         """Let the mapper finish a map begun; return how many maps of ours are expected."""
         if self._external is not None and self._external.options.task is Task.MAPPING:
             return 0
-        mapped = self.received.published_stamps(Task.MAPPING.rig)
+        mapped = self.results.sent_stamps(Task.MAPPING.rig)
         maps, left = divmod(len(mapped), max(self._pairs_per_map, 1))
         if not left:
             return maps
         for stamp_ns in mapped:
             self.wait_for_pair(Task.MAPPING.rig, stamp_ns)
-        self._node.call(f"{Task.MAPPING.node}/finish", f"{Task.MAPPING.node} did not finish its map")
+        self._node.call_trigger(f"{Task.MAPPING.node}/finish", f"{Task.MAPPING.node} did not finish its map")
         return maps + 1
 
     def _wait_for_rest(self, maps: int) -> None:
         """Wait for the results of all published pairs and for a number of maps, as long as results are received."""
-        received, count, deadline = self.received, -1, 0.0
-        while count != received.count or time.monotonic() < deadline:
-            if received.map_count >= maps and all(received.has_pair(*pair) for pair in received.published):
+        results, count, deadline = self.results, -1, 0.0
+        while count != results.count or time.monotonic() < deadline:
+            if results.map_count >= maps and all(results.has_pair(*pair) for pair in results.sent_pairs):
                 return
-            if count != received.count:
-                count, deadline = received.count, time.monotonic() + QUIET_S
+            if count != results.count:
+                count, deadline = results.count, time.monotonic() + QUIET_S
             self._node.spin_for(POLL_S)
 
     def _on_odometry(self, message: Odometry) -> None:
-        self.received.rows.append(odometry_row(message))
-        self.received.covariances[stamp_of(message)] = covariance_of(message)
+        self.results.rows.append(odometry_row(message))
+        self.results.covariances[stamp_of(message)] = covariance_of(message)
 
     def _on_call(self, task: Task, message: String) -> None:
         external = self._external
@@ -133,10 +133,10 @@ class ResultCollector:
             raise
         if external is not None and is_external:
             external.version = call.version or external.version
-        self.received.calls[task][call.state if task is Task.MAPPING else "", call.stamp_ns] = call
+        self.results.calls[task][call.state if task is Task.MAPPING else "", call.stamp_ns] = call
 
     def _on_cloud(self, message: PointCloud2) -> None:
-        self.received.clouds.append((stamp_of(message), cloud_from_msg(message)))
+        self.results.clouds.append((stamp_of(message), cloud_from_msg(message)))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         """Note what one of our nodes reports of input that it cannot use."""

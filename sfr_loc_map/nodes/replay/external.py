@@ -30,7 +30,7 @@ from sfr_loc_map.metrics.records import ConventionRecord, ExternalScore, MethodK
 from sfr_loc_map.nodes.launch.processes import ChildProcess
 from sfr_loc_map.nodes.replay.graph_node import ReplayNode
 from sfr_loc_map.nodes.replay.options import ExternalOptions
-from sfr_loc_map.nodes.replay.received import Received
+from sfr_loc_map.nodes.replay.results import Results
 from sfr_loc_map.nodes.ros import messages
 from sfr_loc_map.nodes.ros.qos import LATCHED
 from sfr_loc_map.scoring.replay_result import ExternalRun
@@ -49,20 +49,20 @@ class ExternalNode(ABC):
     kind: type[Any]
 
     def __init__(
-        self, node: ReplayNode, options: ExternalOptions, command: ChildProcess | None, received: Received
+        self, node: ReplayNode, options: ExternalOptions, command: ChildProcess | None, results: Results
     ) -> None:
         """Subscribe to nothing yet; the command is its process, None where it was not started here.
 
-        Its published messages are stored in `received`, which also counts its answers.
+        Its published messages are stored in `results`, which also counts its answers.
         """
-        assert received.answers is not None  # a replay with an external node has a book
+        assert results.answers is not None  # a replay with an external node has a book
         self.options = options
         self.version: str | None = None
         self._node, self._command = node, command
         self._name = "external"
         self._watch: ProcessWatch | None = None
-        self._results = received
-        self._book = received.answers
+        self._results = results
+        self._book = results.answers
         self._publishers: set[tuple[int, ...]] | None = None  # when its first answer came, by their global ids
         self._looked_s = 0.0
 
@@ -71,12 +71,12 @@ class ExternalNode(ABC):
         """Return what a message holds; raises an InputError where it is no result."""
 
     @abstractmethod
-    def keep(self, message: Any, content: Any, results: Received) -> None:  # noqa: ANN401 - of `kind`
+    def keep(self, message: Any, content: Any, results: Results) -> None:  # noqa: ANN401 - of `kind`
         """Store a message of the node, and publish the converted message."""
 
-    def published(self, stamp_ns: int, sent_s: float) -> None:
+    def note_sent(self, stamp_ns: int, sent_s: float) -> None:
         """Note that a pair was published, its last image at a time of the monotonic clock."""
-        self._book.published(stamp_ns, sent_s)
+        self._book.note_sent(stamp_ns, sent_s)
 
     def wait_until_ready(self, topics: list[str]) -> None:
         """Wait until the node subscribes to images, and subscribe to its answers with the offered reliability."""
@@ -176,7 +176,7 @@ class ExternalNode(ABC):
         frames = message.header.frame_id
         if self.kind is Odometry:
             frames += f" -> {message.child_frame_id}"
-        if self._book.received(stamp_of(message), frames, problem):
+        if self._book.note_answer(stamp_of(message), frames, problem):
             self.keep(message, content, self._results)
 
 
@@ -190,11 +190,11 @@ class ExternalLocaliser(ExternalNode):
         node: ReplayNode,
         options: ExternalOptions,
         command: ChildProcess | None,
-        received: Received,
+        results: Results,
         loc: LocSequence,
     ) -> None:
         """Advertise the converted poses; their frame may follow from the rig, and their world from the truth."""
-        super().__init__(node, options, command, received)
+        super().__init__(node, options, command, results)
         self._convention, self._truth = options.convention, loc.ground_truth
         self._in_own_world = replace(options.convention, world="ds")
         self._T_rb_child = options.convention.T_rb_child(loc.rig)
@@ -205,7 +205,7 @@ class ExternalLocaliser(ExternalNode):
         """Return stamp and pose."""
         return messages.odometry_row(message)
 
-    def keep(self, message: Odometry, row: messages.OdometryRow, results: Received) -> None:
+    def keep(self, message: Odometry, row: messages.OdometryRow, results: Results) -> None:
         """Keep a pose as it was published, and publish it converted."""
         results.rows.append(row)
         results.covariances[row[0]] = covariance = messages.covariance_of(message)
@@ -237,11 +237,11 @@ class ExternalMapper(ExternalNode):
         node: ReplayNode,
         options: ExternalOptions,
         command: ChildProcess | None,
-        received: Received,
+        results: Results,
         nav: NavSequence,
     ) -> None:
         """Advertise the converted clouds; the poses of the pairs take their points to LM."""
-        super().__init__(node, options, command, received)
+        super().__init__(node, options, command, results)
         convention, here = options.convention, replace(nav.rig, T_rb_sb=Transform.identity())
         self._in_lm = convention == PoseConvention(metres_per_unit=convention.metres_per_unit)
         self._unit, self._T_sb_child = convention.metres_per_unit, convention.T_rb_child(here)
@@ -257,7 +257,7 @@ class ExternalMapper(ExternalNode):
             raise InputError("its stamp belongs to no pair, so that its points cannot be transformed to LM")
         return (self._poses[stamp_ns] @ self._T_sb_child).apply(points)
 
-    def keep(self, message: PointCloud2, points: FloatArray, results: Received) -> None:
+    def keep(self, message: PointCloud2, points: FloatArray, results: Results) -> None:
         """Keep a cloud in LM, and publish it if it has all fields."""
         stamp_ns = stamp_of(message)
         results.points.append((stamp_ns, points[np.isfinite(points).all(axis=1)]))
@@ -275,11 +275,11 @@ def _ended(command: ChildProcess) -> str:
 
 
 def external_node(
-    node: ReplayNode, source: Source, options: ExternalOptions, command: ChildProcess | None, received: Received
+    node: ReplayNode, source: Source, options: ExternalOptions, command: ChildProcess | None, results: Results
 ) -> ExternalNode:
     """Return the external node of a replay."""
     if options.task is Task.LOCALISATION and source.loc is not None:
-        return ExternalLocaliser(node, options, command, received, source.loc)
+        return ExternalLocaliser(node, options, command, results, source.loc)
     if options.task is Task.MAPPING and source.nav is not None:
-        return ExternalMapper(node, options, command, received, source.nav)
+        return ExternalMapper(node, options, command, results, source.nav)
     raise ConfigError(f"'--external {options.task}': the source has no pairs for it; give one that has them")

@@ -62,7 +62,7 @@ class ReplayNode(Peer):
         self.spin(seconds)
         self.supervisor.check()
 
-    def call(self, service: str, problem: str) -> str:
+    def call_trigger(self, service: str, problem: str) -> str:
         """Call a Trigger service, wait for its answer and return its text; NodeError if the service reports failure."""
         answer = self.request(Trigger, service, Trigger.Request(), problem)
         if not answer.success:

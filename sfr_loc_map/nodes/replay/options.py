@@ -73,7 +73,11 @@ class ReplayOptions:
 
 
 def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict[str, list[str]]:
-    """Write the parameter files of the nodes into a folder; return the command line of each node by its name."""
+    """Write the parameter files of the nodes into a folder; return the command line of each node by its name.
+
+    The monitor runs in each replay, with or without a page, because a replay tests the three nodes together. The score
+    of the replay is that of its collected results. The report of the monitor is shown on the page alone.
+    """
     pairs = len(source.nav) if source.nav is not None else MAX_PAIRS
     localisation = changed(options.localisation, "localisation.")
     mapping = changed(options.mapping, "mapping.") | {"pairs_per_map": pairs}

@@ -71,10 +71,10 @@ class Player:
         problem = "localisation_node did not receive initialpose"
         self._node.wait_for(lambda: bool(self._poses_set), ANSWER_TIMEOUT_S, lambda: problem)
 
-    def play(self, messages: Iterator[Message], published: Callable[[Message], None]) -> None:
+    def play(self, messages: Iterator[Message], on_sent: Callable[[Message], None]) -> None:
         """Publish messages of the advertised topics when they are due.
 
-        `published` is called after each and may wait for results.
+        `on_sent` is called after each and may wait for results.
         """
         for message in messages:
             if message.topic not in self._publishers:
@@ -85,7 +85,7 @@ class Player:
                 return
             self._node.executor.spin_once(timeout_sec=0.0)
             self._publishers[message.topic].publish(message.raw)
-            published(message)
+            on_sent(message)
 
     def _wait_s(self, message: Message) -> float:
         if self._paused:

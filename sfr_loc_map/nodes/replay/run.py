@@ -12,7 +12,7 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.judging.limits import Limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.nodes.replay.options import ReplayOptions
-from sfr_loc_map.nodes.replay.received import Received
+from sfr_loc_map.nodes.replay.results import Results
 from sfr_loc_map.nodes.replay.session import replay
 from sfr_loc_map.runs.offline import states_text, tracking_warning
 from sfr_loc_map.scoring.external_poses import with_converted_poses
@@ -49,11 +49,11 @@ def replay_and_score(
     KeyboardInterrupt if that is nothing.
     """
     with naming(source.path):
-        received, was_interrupted = replay(source, options, progress, say)
-        if was_interrupted and not received.count:
+        results, was_interrupted = replay(source, options, progress, say)
+        if was_interrupted and not results.count:
             raise KeyboardInterrupt
-        remarks = tuple(_remarks(received, options))
-        result = with_converted_poses(received.collected_run(), source, options.score, correction)
+        remarks = tuple(_remarks(results, options))
+        result = with_converted_poses(results.collected_run(), source, options.score, correction)
     if files is not None:
         files.remove()  # of an earlier run, which may have written more of them
         save_replay(result, files)
@@ -70,7 +70,7 @@ def replay_and_score(
     localised = [record for record in result.records if record.task is Task.LOCALISATION]
     states = f"{len(result.estimate)} poses, {states_text(result.records)}"
     total = sum(len(part) for part in (source.loc, source.nav) if part is not None)
-    interrupted = f"interrupted: {len(received.published)} of {total} pairs were played, and scored"
+    interrupted = f"interrupted: {len(results.sent_pairs)} of {total} pairs were played, and scored"
     return ScoredReplay(
         result,
         score,
@@ -80,14 +80,14 @@ def replay_and_score(
     )
 
 
-def _remarks(received: Received, options: ReplayOptions) -> Iterator[str]:
+def _remarks(results: Results, options: ReplayOptions) -> Iterator[str]:
     """Yield what is missing of the results, and what an external node has answered; NodeError without any cloud."""
     theirs = None if options.external is None else options.external.task  # its answers are counted in the score
-    played = len(received.published_stamps(Task.LOCALISATION.rig))
-    if (missing := played - len(received.rows)) > 0 and theirs is not Task.LOCALISATION:
+    played = len(results.sent_stamps(Task.LOCALISATION.rig))
+    if (missing := played - len(results.rows)) > 0 and theirs is not Task.LOCALISATION:
         yield f"{missing} of {played} pairs have no odometry: the nodes could not keep up"
-    if received.published_stamps(Task.MAPPING.rig) and not received.clouds and theirs is not Task.MAPPING:
+    if results.sent_stamps(Task.MAPPING.rig) and not results.clouds and theirs is not Task.MAPPING:
         raise NodeError("mapping_node published no cloud: play slower (--rate) or in lock step (--rate 0)")
-    if (node := received.external) is not None:
+    if (node := results.external) is not None:
         answers = node.score.answers
         yield f"external node {node.method.name}: {answers.answered} of {answers.pairs} pairs answered"

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from sfr_loc_map import signals
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.host_clock import checked_clock
-from sfr_loc_map.inputs import Task
+from sfr_loc_map.inputs import MONITOR_NODE, Task
 from sfr_loc_map.io.bag import message_stream
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.completeness import MISSING_SHARE
@@ -25,7 +25,7 @@ from sfr_loc_map.nodes.replay.graph_node import ReplayNode
 from sfr_loc_map.nodes.replay.options import ReplayOptions, node_arguments
 from sfr_loc_map.nodes.replay.pacing import PairTracker
 from sfr_loc_map.nodes.replay.player import Player
-from sfr_loc_map.nodes.replay.received import Received
+from sfr_loc_map.nodes.replay.results import Results
 from sfr_loc_map.nodes.ros import environment
 from sfr_loc_map.runs.offline import check_count
 from sfr_loc_map.scoring.answer_book import AnswerBook
@@ -43,7 +43,7 @@ class Running(NamedTuple):
     collector: ResultCollector
 
 
-def replay(source: Source, options: ReplayOptions, progress: Progress, say: Say) -> tuple[Received, bool]:
+def replay(source: Source, options: ReplayOptions, progress: Progress, say: Say) -> tuple[Results, bool]:
     """Replay a source through the nodes; return what they published, and whether a signal ended it early.
 
     `progress` is called with the rig of each pair that was played.
@@ -54,11 +54,11 @@ def replay(source: Source, options: ReplayOptions, progress: Progress, say: Say)
             play(source, options, parts, progress)
             was_interrupted = interrupted()
             signals.hold()  # what was played is there to be scored
-        received = parts.collector.received
+        results = parts.collector.results
         if options.page is not None:
-            parts.node.call("monitor_node/finish", "monitor_node did not publish its figures")
-            options.page.run_is_over(missing=_missing_poses(source, received))
-        return received, was_interrupted
+            parts.node.call_trigger(f"{MONITOR_NODE}/finish", f"{MONITOR_NODE} did not publish its figures")
+            options.page.run_is_over(missing=_missing_poses(source, results))
+        return results, was_interrupted
 
 
 def play(source: Source, options: ReplayOptions, parts: Running, progress: Progress) -> None:
@@ -67,16 +67,16 @@ def play(source: Source, options: ReplayOptions, parts: Running, progress: Progr
     if options.start is not None:
         parts.player.set_pose(options.start)
 
-    def published(message: message_stream.Message) -> None:
+    def on_sent(message: message_stream.Message) -> None:
         sent_s = time.monotonic()
         for rig, stamp_ns in pairs.add(message):
-            parts.collector.note_published(rig, stamp_ns, sent_s)
+            parts.collector.note_sent(rig, stamp_ns, sent_s)
             progress(rig)
 
     messages = message_stream.messages_of(source)
     end_s = options.offset_s + options.duration_s
     with checked_clock():
-        parts.player.play(message_stream.between(messages, options.offset_s, end_s), published)
+        parts.player.play(message_stream.between(messages, options.offset_s, end_s), on_sent)
         parts.collector.finish()
 
 
@@ -99,15 +99,15 @@ def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[Runnin
         if options.external is not None and options.external.command:
             command = stack.enter_context(user_command(options.external.command, folder))
         node = stack.enter_context(ReplayNode(supervisor))
-        received = Received()
+        results = Results()
         external = None
         if (other := options.external) is not None:
-            received.answers = AnswerBook(other.task.rig, other.timeout_s, other.frames)
-            external = external_node(node, source, other, command, received)
+            results.answers = AnswerBook(other.task.rig, other.timeout_s, other.frames)
+            external = external_node(node, source, other, command, results)
         player = Player(node, topics, options.rate, paused=options.paused)
         pairs_per_map = 0 if source.nav is None else len(source.nav)
         is_lock_step = options.rate <= 0.0
-        collector = ResultCollector(node, received, external, pairs_per_map=pairs_per_map, is_lock_step=is_lock_step)
+        collector = ResultCollector(node, results, external, pairs_per_map=pairs_per_map, is_lock_step=is_lock_step)
         if source.loc is not None and source.loc.rig.T_rb_sb is not None:
             publish_extrinsics(node.node, source.loc.rig.T_rb_sb)
         say("waiting for the nodes")
@@ -120,10 +120,10 @@ def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[Runnin
         yield Running(node, player, collector)
 
 
-def _missing_poses(source: Source, received: Received) -> str:
+def _missing_poses(source: Source, results: Results) -> str:
     """Return what the estimate lacks for the page; empty if nearly every image has a pose."""
     images = 0 if source.loc is None else len(source.loc)
-    posed = len({stamp_ns for stamp_ns, _, _ in received.rows})
+    posed = len({stamp_ns for stamp_ns, _, _ in results.rows})
     return "" if images - posed <= MISSING_SHARE * images else "not every image of the source has a pose"
 
 

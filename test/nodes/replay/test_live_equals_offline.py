@@ -41,7 +41,7 @@ def final_report(parts: Running, reports: list[str]) -> dict[str, Any]:
     """Return the monitor's report once everything that was published is in it."""
 
     def is_complete() -> bool:
-        parts.node.call("monitor_node/finish", "monitor_node did not publish its figures")
+        parts.node.call_trigger("monitor_node/finish", "monitor_node did not publish its figures")
         report = json.loads(reports[-1]) if reports else {}
         posed = (report.get("association") or {}).get("matched") == POSES
         timed = posed and number(report, "localisation", "n") == POSES
@@ -73,8 +73,8 @@ def test_live_equals_offline(tmp_path: Path, own_domain: None) -> None:
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         parts.node.node.create_subscription(String, "metrics/report", lambda m: reports.append(m.data), latched)
         play(source, options, parts, lambda rig: None)
-        live, received = final_report(parts, reports), parts.collector.received
-    offline = to_dict(score_replay(source, received.collected_run(), config, None))
+        live, results = final_report(parts, reports), parts.collector.results
+    offline = to_dict(score_replay(source, results.collected_run(), config, None))
     found, expected = dict(numbers(live)), dict(numbers(offline))
     # how much of the drive has no estimate follows from the images, which the monitor does not know
     known = {name for name in expected if not name.startswith("completeness/None/None/")}

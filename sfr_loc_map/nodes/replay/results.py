@@ -17,7 +17,7 @@ from sfr_loc_map.scoring.replay_result import CollectedRun, ExternalRun
 
 
 @dataclass(slots=True)
-class Received:
+class Results:
     """What was published to the nodes, and what they have published so far."""
 
     #: Stamp, position (m) and quaternion (x, y, z, w) of each odometry message, numbers as received.
@@ -27,7 +27,7 @@ class Received:
     calls: dict[Task, dict[tuple[str, int], CallRecord]] = field(default_factory=lambda: {task: {} for task in Task})
     clouds: list[tuple[int, PointCloud]] = field(default_factory=list)  #: Stamp and points of each published cloud.
     #: Rig (`loc`, `nav`) and stamp of each pair that was published to the nodes.
-    published: set[tuple[str, int]] = field(default_factory=set)
+    sent_pairs: set[tuple[str, int]] = field(default_factory=set)
     #: What an external node answered, None without one; its poses are in `rows` as it published them.
     answers: AnswerBook | None = None
     #: Stamp and points `(N, 3)` in LM of each cloud of an external node.
@@ -83,7 +83,7 @@ class Received:
         Clouds of each played pair are taken together, each with the points of its pair; otherwise the last one is
         taken for the map of all of them.
         """
-        pairs = tuple(self.published_stamps(Task.MAPPING.rig))
+        pairs = tuple(self.sent_stamps(Task.MAPPING.rig))
         points, clouds = dict(self.points), dict(self.clouds)
         if not points:
             return None, None, ()
@@ -105,9 +105,9 @@ class Received:
                 return replace(cloud, fused=call.is_fused, pair_stamps_ns=call.pair_stamps_ns), call.pair_stamps_ns
         return None, ()
 
-    def published_stamps(self, rig: str) -> list[int]:
+    def sent_stamps(self, rig: str) -> list[int]:
         """Return the stamps of the pairs of a rig (`loc` or `nav`) that were published."""
-        return sorted(stamp_ns for each, stamp_ns in self.published if each == rig)
+        return sorted(stamp_ns for each, stamp_ns in self.sent_pairs if each == rig)
 
     def has_pair(self, rig: str, stamp_ns: int) -> bool:
         """Return whether the results of a pair are complete; those of an external node are once nothing is awaited."""
