@@ -122,19 +122,11 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         super().setup()
         config, add_publisher = self.config, self.endpoints.add_publisher
         self.load_kernels("localisation")
-        pose_file = PoseFile(Path(config.resume_file), config.resume_max_age_s) if config.resume_file else None
-        if pose_file is not None:
-            pose_file.check()
-        self._session = LocalisationSession(config.localisation, pose_file, self.status.warn)
-        self._rb_frame = config.frame(config.rb_frame)
-        base = "" if config.rb_frame == RB_FRAME else self._rb_frame
-        self._extrinsics = Extrinsics(config.T_rb_locsb, base, config.frame(config.locsb_frame))
-        self._motion_prior = OdometryBuffer()
+        if self._pose_file is not None:
+            self._pose_file.check()
         self.status.meter.mark_idle()
         self._odometry = add_publisher(Odometry, ESTIMATE, OUTPUT_DEPTH)
         self._path_publisher = add_publisher(PathMsg, ESTIMATED_PATH, 1, latched=True)
-        self._path: ThinnedPath[PoseStamped] = ThinnedPath()
-        self._path_ns: int | None = None  # stamp at which it was published last
         self._pose_set = add_publisher(PoseWithCovarianceStamped, INITIAL_POSE_SET, 1, latched=True)
         self._tracks = add_publisher(PointCloud2, TRACKS, 2)
         self._image = add_publisher(Image, DEBUG_IMAGE, 2)
@@ -164,7 +156,15 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
     def reset_state(self) -> None:
         """Create the state of a run, without results."""
         super().reset_state()
-        self._session = LocalisationSession(self.config.localisation)
+        config = self.config
+        self._pose_file = PoseFile(Path(config.resume_file), config.resume_max_age_s) if config.resume_file else None
+        self._session = LocalisationSession(config.localisation, self._pose_file, self.status.warn)
+        self._rb_frame = config.frame(config.rb_frame)
+        base = "" if config.rb_frame == RB_FRAME else self._rb_frame
+        self._extrinsics = Extrinsics(config.T_rb_locsb, base, config.frame(config.locsb_frame))
+        self._motion_prior = OdometryBuffer()
+        self._path: ThinnedPath[PoseStamped] = ThinnedPath()
+        self._path_ns: int | None = None  # stamp at which it was published last
 
     def apply_config(self, config: LocalisationNodeConfig) -> None:
         """Continue at the last pose with other parameters."""

@@ -146,11 +146,10 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def setup(self) -> None:
         """Read the limits, create publishers."""
         config = self.config
-        limits = load_limits(Path(config.limits_file)) if config.limits_file else None
-        self._score = MonitorScore(config.score, limits, config.truth)
+        if config.limits_file:
+            self._score.limits = load_limits(Path(config.limits_file))
         if config.truth.frame:
             self._truth_frame = TruthFrame(config.truth.frame)
-        self._report_file = ReportFile(Path(config.save_file)) if config.save_file else None
         if self._report_file is not None:
             self._report_file.check()
         add_publisher = self.endpoints.add_publisher
@@ -186,7 +185,9 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
 
     def reset_state(self) -> None:
         """Create the state of a run, without results."""
-        self._score = MonitorScore(self.config.score, None)
+        config = self.config
+        self._score = MonitorScore(config.score, None, config.truth)
+        self._report_file = ReportFile(Path(config.save_file)) if config.save_file else None
         self._gaps: list[TransportGaps] = []
         self._camera_infos: dict[Side, CameraInfo] = {}
         self._orders: dict[str, AnyOrder[tuple[int, Callable[[], None]]]] = {

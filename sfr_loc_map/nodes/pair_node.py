@@ -128,7 +128,7 @@ class PairNode(ManagedNode[P], ABC):
         )
 
     def subscribe(self) -> None:
-        """Subscribe to the images of the rig."""
+        """Subscribe to the images of the rig, which their camera_info describes anew."""
         self.rig = None
         self._stereo.subscribe(self.endpoints)
 

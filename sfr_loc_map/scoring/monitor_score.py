@@ -173,7 +173,8 @@ class MonitorScore:
     def __init__(self, config: ScoreConfig, limits: Limits | None, body: TrackedBody = RB_ITSELF) -> None:
         """Start a run, judged by limits if there are any; `body` is what the true poses are of."""
         self.map_inputs = MapInputs()
-        self._config, self._limits, self._body = config, limits, body
+        self.limits = limits
+        self._config, self._body = config, body
         self._latest_ns: dict[str, int] = {}
         self.restarts = 0  #: How often another time began a new run since the operator's reset.
         self.dropped = 0  #: Messages that were lost in transport or dropped.
@@ -273,7 +274,7 @@ class MonitorScore:
         )
         pairs = np.array(sorted(self.map_inputs.pair_stamps_ns), np.int64)
         run = Run(ScoreInputs(), [] if stats is None else [stats], drive=drive, nav_stamps_ns=pairs)
-        return score_so_far(run, live, self._config, self._limits)
+        return score_so_far(run, live, self._config, self.limits)
 
     def contradiction(self) -> str | None:
         """Return the convention mismatch of estimate and truth so far, None without one; takes 0.1 s and more."""

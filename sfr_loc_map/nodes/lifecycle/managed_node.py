@@ -100,7 +100,10 @@ class ManagedNode(LifecycleNode, Generic[C]):
         """Receive: subscriptions, timers, services."""
 
     def reset_state(self) -> None:
-        """Create the attributes of the state: called by `__init__`, before each `setup` and at each clean-up."""
+        """Create the state: called by `__init__`, before each `setup` and at each clean-up.
+
+        `setup` adds publishers, and what it reads from files.
+        """
 
     def clock_jumped_back(self) -> None:
         """Start a new run."""
