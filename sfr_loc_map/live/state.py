@@ -14,6 +14,7 @@ from typing import Any
 from sfr_loc_map.errors import InputError, SfrError
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live import updates
+from sfr_loc_map.live.headline import headline
 from sfr_loc_map.live.path import ROW_FIELDS, LivePath
 from sfr_loc_map.live.timeline import LOCALISATION_NODE, NODE_FRESHNESS, EventKind, Timeline, TopicView
 from sfr_loc_map.message_types import Level
@@ -75,6 +76,11 @@ class NodeView:
         period = statistics.median(self.periods) if len(self.periods) > 2 else 0.0
         return NODE_FRESHNESS.is_stale(now_s - self.heard_s, period)
 
+    def _drops(self) -> dict[str, int]:
+        """Return the number of dropped messages by cause, in words."""
+        counts = {name: text for name, text in self.values.items() if name.startswith("dropped_") and text.isdecimal()}
+        return {name.removeprefix("dropped_").replace("_", " "): int(text) for name, text in counts.items()}
+
     def to_plain(self, now_s: float) -> dict[str, Any]:
         """Return the node as JSON values."""
         stale = self.is_stale(now_s)
@@ -89,6 +95,7 @@ class NodeView:
             "in_graph": self.in_graph,
             "problem": self.problem,
             "values": self.values,
+            "drops": self._drops(),
         }
 
 
@@ -256,13 +263,24 @@ class LiveState:
                 localisation = dict(zip(ROW_FIELDS, rows[-1].to_plain(), strict=True))
                 localisation |= _state_to_plain(None if node is None else node.call)
                 localisation["distance_m"] += self.path.before_m
+            age_s = None if report is None else round(now_s - min(report.received_s, self._result_s), 3)
             topics = {name: view.to_plain(now_s, self.lost.get(name, 0)) for name, view in sorted(self.topics.items())}
+            stale_reasons = self._stale_reasons(topics, silent, now_s)
+            shown = headline(
+                None if report is None else report.overall,
+                () if report is None else report.bars,
+                age_s=age_s,
+                stale_reasons=stale_reasons,
+                ended_s=self.ended_s,
+                aborted=self.aborted,
+            )
             return {
                 "schema": "sfr-live/1",
                 "time_s": now_s,
                 "stale": ESTIMATE in topics and topics[ESTIMATE]["stale"],
-                "age_s": None if report is None else round(now_s - min(report.received_s, self._result_s), 3),
-                "stale_reasons": self._stale_reasons(topics, silent, now_s),
+                "headline": asdict(shown),
+                "age_s": age_s,
+                "stale_reasons": stale_reasons,
                 "ended": self.ended,
                 "ended_at": self.ended_s,
                 "aborted": self.aborted,

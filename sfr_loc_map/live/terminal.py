@@ -18,6 +18,7 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from sfr_loc_map.inputs import one_line, printable
+from sfr_loc_map.live.headline import clock_time
 from sfr_loc_map.live.keyboard import Keyboard
 from sfr_loc_map.live.state import LiveState, ReportView
 from sfr_loc_map.message_types import Level
@@ -33,8 +34,9 @@ STYLES = {
 }
 """Sign and style of a level."""
 LEVELS = {level.word: style for level, style in STYLES.items()}
-BAD, WIDE = "bold red", 80  #: Style of a failure; columns from which on all figures of a node are shown.
-WAITING = "no figures yet: waiting for metrics/report of the monitor"
+COLOURS = {style.css: style.colour for style in (*VERDICTS.values(), OPEN)} | {"stale": "bold yellow"}
+"""Colour of each style of a headline."""
+WIDE = 80  #: Columns from which on all figures of a node are shown.
 
 
 class Terminal:
@@ -92,9 +94,9 @@ def one_line_of(state: LiveState, now_s: float) -> str:
     """Return one line: verdict with its age or end, headline figures, state, nodes."""
     with state.lock:
         live, report = state.live_to_plain(now_s), state.report
-        word, text, _ = _verdict(state, live)
-        parts = [_clock(now_s), f"{word}: {text.rstrip('.')}"]
-        for table in _headline(report):
+        shown = live["headline"]
+        parts = [clock_time(now_s), f"{_word(shown)}: {shown['text'].rstrip('.')}"]
+        for table in _figures(report):
             for title, unit, *cells in table.rows:
                 numbers = zip(table.columns[2:], cells, strict=True)
                 known = [f"{column.title} {cell.text}" for column, cell in numbers if cell.text != ABSENT]
@@ -105,33 +107,12 @@ def one_line_of(state: LiveState, now_s: float) -> str:
     return printable(" ".join("; ".join(parts).split()))
 
 
-def _verdict(state: LiveState, live: dict[str, Any]) -> tuple[str, str, str]:
-    """Return the verdict with its sign, age or end; its explanation; its style."""
-    report, aborted = state.report, live["aborted"]
-    style, word, text = OPEN.colour, "waiting", WAITING
-    if report is not None:
-        style = VERDICTS.get(report.overall.state, OPEN).colour
-        word, text = f"{report.overall.icon} {report.overall.state}", report.overall.text
-        if report.bars and report.bars[0].margin:
-            bar = report.bars[0]
-            text += f" {'Worst' if bar.state == 'fail' else 'Least margin'}: {bar.text}."
-    if aborted is not None:
-        text = f"{aborted['by']} at {_clock(aborted['at'])}. Verdict on what there was: {word}. {text}"
-        return "■ aborted", text, BAD
-    if live["ended"]:
-        return f"{word}, ended at {_clock(live['ended_at'])}", text, style
-    if live["stale_reasons"]:
-        age = "" if live["age_s"] is None else f", {live['age_s']:.0f} s old"
-        return f"STALE {word}{age}", f"{', '.join(live['stale_reasons'])}. {text}", "bold yellow"
-    return word, text, style
-
-
 def _parts(state: LiveState, live: dict[str, Any], now_s: float, title: str, width: int) -> Iterator[RenderableType]:
     head = Grid.grid(Column(ratio=1, no_wrap=True), Column(justify="right", no_wrap=True), expand=True)
-    head.add_row(Text(f"sfr live  {one_line(title)}", "bold"), _clock(now_s))
+    head.add_row(Text(f"sfr live  {one_line(title)}", "bold"), clock_time(now_s))
     yield head
-    word, text, style = _verdict(state, live)
-    yield Text.assemble((f" {word} ", f"reverse {style}"), f" {one_line(text)}")
+    shown = live["headline"]
+    yield Text.assemble((f" {_word(shown)} ", f"reverse {COLOURS[shown['style']]}"), f" {one_line(shown['text'])}")
     yield from map(Text, _now(live))
     if live["nodes"]:
         wide = width >= WIDE
@@ -150,13 +131,17 @@ def _parts(state: LiveState, live: dict[str, Any], now_s: float, title: str, wid
             limits.add_row(Text(f"{bar.icon} {bar.state}", style), bar.name, bar.value, bar.limit, bar.margin)
         yield limits
     yield from map(Text, _notes(state, live))
-    for grid in map(to_rich, _headline(state.report)):
+    for grid in map(to_rich, _figures(state.report)):
         grid.title = grid.caption = grid.box = None
         grid.padding = (0, 1, 0, 0)
         yield grid
 
 
-def _headline(report: ReportView | None) -> list[Table]:
+def _word(shown: dict[str, str]) -> str:
+    return ", ".join(filter(None, (f"{shown['icon']} {shown['word']}", shown["age"])))
+
+
+def _figures(report: ReportView | None) -> list[Table]:
     return [] if report is None else [table for table in report.tables if table.name == "headline"]
 
 
@@ -167,7 +152,7 @@ def _node_words(node: dict[str, Any], live: dict[str, Any]) -> list[Text | str]:
         health.append(f", {one_line(node['lifecycle'])}")
     heard = "never" if node["age_s"] is None else f"{node['age_s']:.1f} s"
     name = one_line(node["name"]).removesuffix("_node")
-    return [name, health, _state_text(node), *_costs(node, live), str(sum(_drops(node).values())), heard]
+    return [name, health, _state_text(node), *_costs(node, live), str(sum(node["drops"].values())), heard]
 
 
 def _state_text(found: dict[str, Any]) -> str:
@@ -200,7 +185,7 @@ def _notes(state: LiveState, live: dict[str, Any]) -> Iterator[str]:
         name = one_line(node["name"])
         if node["level"] in (Level.WARN.word, Level.ERROR.word):
             yield f"{name}: {one_line(node['message'])}"
-        if drops := [f"{count} {cause}" for cause, count in _drops(node).items() if count]:
+        if drops := [f"{count} {cause}" for cause, count in node["drops"].items() if count]:
             yield f"{name} dropped: {', '.join(drops)}"
     if lost := [f"{count} of {topic}" for topic, count in state.lost.items() if count]:
         yield "not received here: " + ", ".join(lost)
@@ -208,12 +193,3 @@ def _notes(state: LiveState, live: dict[str, Any]) -> Iterator[str]:
         yield from (f"warning: {one_line(text)}" for text in state.report.score.warnings)
     if state.problems:
         yield f"not readable: {state.problems[-1]}"
-
-
-def _drops(node: dict[str, Any]) -> dict[str, int]:
-    dropped = [(name, text) for name, text in node["values"].items() if name.startswith("dropped_")]
-    return {name.removeprefix("dropped_").replace("_", " "): int(text) for name, text in dropped if text.isdecimal()}
-
-
-def _clock(now_s: float) -> str:
-    return time.strftime("%H:%M:%S", time.localtime(now_s))

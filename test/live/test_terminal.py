@@ -82,15 +82,15 @@ def test_small_terminals_show_verdict_state_nodes_and_the_worst_limit(
 
 
 def test_what_is_stale_lost_or_hostile_is_said_in_words(recorded: list[Any]) -> None:
-    assert "STALE" not in drawn(recorded, END_S + 0.5)
+    assert "○" not in drawn(recorded, END_S + 0.5)
     later = drawn(recorded, END_S + 7.0)
-    assert re.search(r"STALE . [\w ]+, 7 s old  no pose for 7.1 s", later)
+    assert re.search(r"○ [\w ]+, 7 s old  no pose for 7.1 s", later)
     assert len(re.findall(r"\? stale", later)) == 3
     silent = [*recorded, *(health(node, END_S + 7.0) for node in NODES)]
     silent.append(health("localisation_node", END_S + 7.0, Level.ERROR, "lost: no_features"))
     silent += [pose_pair(COUNT + 20, END_S + 7.0, lost=True)[1], report(COUNT, END_S + 7.0)]
     back = drawn(silent, END_S + 7.1)
-    assert "STALE" not in back
+    assert "○" not in back
     assert "pose 201: lost" in back
     assert "localisation_node: lost: no_features" in back
     hostile = Report('{"schema": "sfr-score/2", "verdicts": [], "warnings": ["[red]\\u001b]0;own\\u0007[/] x"]}', END_S)

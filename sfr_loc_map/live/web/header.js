@@ -2,6 +2,7 @@
 
 import { byId, clockTime, dateTime, setPill, setText } from "./dom.js";
 
+const NO_HEADLINE = { icon: "–", style: "open", word: "waiting", age: "", text: "" };
 const shortName = (node) => node.name.replace("_node", "");
 
 /** Show the header. `connection` has isOpen, lostMs (0 while it is open) and nowMs. */
@@ -20,41 +21,25 @@ export function showHeader(run, connection) {
   document.body.classList.toggle("cut", isCut);
 }
 
+/** Show the headline of the server; without a connection, what is known since when. */
 function showVerdict(run, isCut, connection) {
   const pill = byId("verdict");
-  const overall = run.report?.overall;
-  const verdict = overall?.state ?? "waiting";
-  const reasons = isCut ? [`no connection since ${clockTime(connection.lostMs / 1000)}`] : (run.nodes?.stale_reasons ?? []);
-  const age = ageOf(run.nodes, isCut, connection);
-  const sentences = [overall?.text ?? "No figures yet.", worstText(run.report)];
-  let ageText = "";
-  if (run.nodes?.aborted) {
-    const { by, at } = run.nodes.aborted;
-    setPill(pill, "fail", "■", "aborted");
-    sentences.unshift(`${by} at ${dateTime(at)}.`, `Verdict on the data until then: ${verdict}.`);
-  } else if (run.ended) {
-    setPill(pill, overall?.style ?? "open", overall?.icon ?? "–", `${verdict}, ended`);
-  } else if (reasons.length) {
-    setPill(pill, "stale", "○", overall && age !== null ? `${verdict}, ${age.toFixed(0)} s old` : verdict);
-    sentences.unshift(`${reasons.join(", ")}.`);
+  const { icon, style, word, age, text } = run.nodes?.headline ?? NO_HEADLINE;
+  if (isCut) {
+    const verdict = run.report?.overall.state ?? "waiting";
+    const seconds = ageWithoutConnection(run.nodes, connection);
+    setPill(pill, "stale", "○", seconds === null ? verdict : `${verdict}, ${seconds.toFixed(0)} s old`);
   } else {
-    setPill(pill, overall?.style ?? "open", overall?.icon ?? "–", verdict);
-    ageText = overall && age !== null ? `${age.toFixed(0)} s old` : "";
+    setPill(pill, style, icon, word);
   }
-  setText(byId("age"), ageText);
-  setText(byId("overall"), sentences.filter(Boolean).join(" "));
+  setText(byId("age"), isCut ? "" : age);
+  setText(byId("overall"), isCut ? `no connection since ${clockTime(connection.lostMs / 1000)}. ${text}` : text);
   document.title = [pill.textContent.trim(), run.title, "sfr live"].filter(Boolean).join(" · ");
 }
 
-function worstText(report) {
-  const worst = report?.limits[0];
-  if (!worst?.margin) return "";
-  return `${worst.state === "fail" ? "Worst" : "Least margin"}: ${worst.text}.`;
-}
-
-function ageOf(nodes, isCut, connection) {
+function ageWithoutConnection(nodes, connection) {
   if (!Number.isFinite(nodes?.age_s)) return null;
-  return nodes.age_s + (isCut ? (connection.nowMs - connection.lostMs) / 1000 : 0);
+  return nodes.age_s + (connection.nowMs - connection.lostMs) / 1000;
 }
 
 function showState(run, isCut) {

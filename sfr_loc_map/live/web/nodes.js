@@ -28,12 +28,9 @@ function showTopics(topics, ended) {
 }
 
 function showDrops(nodes) {
-  const causes = new Set(nodes.flatMap((node) => Object.keys(node.values).filter((name) => name.startsWith("dropped_"))));
+  const causes = new Set(nodes.flatMap((node) => Object.keys(node.drops)));
   const headings = ["dropped", ...nodes.map((node) => node.name.replace("_node", ""))];
-  const rows = [...causes].map((cause) => [
-    cause.replace("dropped_", "").replaceAll("_", " "),
-    ...nodes.map((node) => node.values[cause] ?? "–"),
-  ]);
+  const rows = [...causes].map((cause) => [cause, ...nodes.map((node) => String(node.drops[cause] ?? "–"))]);
   showRows(byId("drops"), headings, rows);
 }
 

@@ -31,10 +31,8 @@ def test_a_service_that_reports_failure_fails_the_replay() -> None:
     with ReplayNode(supervisor) as replay:
         service = replay.node.create_service(Trigger, "mapping_node/finish", answer)
         is_good = True
-        assert (
-            replay.call_trigger("mapping_node/finish", "mapping_node did not finish its map")
-            == "failed: no pair is complete"
-        )
+        text = replay.call_trigger("mapping_node/finish", "mapping_node did not finish its map")
+        assert text == "failed: no pair is complete"
         is_good = False
         with pytest.raises(NodeError, match=r"mapping_node did not finish its map: failed: no pair is complete"):
             replay.call_trigger("mapping_node/finish", "mapping_node did not finish its map")

@@ -1,0 +1,55 @@
+"""The headline of a run in progress: its verdict with age, staleness or end, worded once for page and terminal."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sfr_loc_map.report.limit_bars import LimitBar
+from sfr_loc_map.report.page import NO_VERDICT_ICON, Overall
+
+NO_FIGURES = Overall("waiting", "No figures yet: waiting for metrics/report of the monitor.", "open", NO_VERDICT_ICON)
+
+
+@dataclass(frozen=True, slots=True)
+class Headline:
+    """What page and terminal show of a verdict."""
+
+    icon: str  #: Sign.
+    style: str  #: Class of the style sheet: pass, fail, open, stale.
+    word: str  #: Verdict, with its age if it is stale.
+    age: str  #: Age of a verdict that is up to date; empty otherwise.
+    text: str  #: Sentences: end or reasons of staleness, the verdict over all limits, the worst limit.
+
+
+def headline(
+    overall: Overall | None,
+    bars: Sequence[LimitBar],
+    *,
+    age_s: float | None,
+    stale_reasons: Sequence[str],
+    ended_s: float | None,
+    aborted: dict[str, Any] | None,
+) -> Headline:
+    """Return the headline of a run. The order of precedence is aborted, ended, stale, up to date."""
+    shown = overall or NO_FIGURES
+    judged = [shown.text]
+    if bars and bars[0].margin:
+        judged.append(f"{'Worst' if bars[0].state == 'fail' else 'Least margin'}: {bars[0].text}.")
+    age = "" if overall is None or age_s is None else f"{age_s:.0f} s old"
+    if aborted is not None:
+        how = f"{aborted['by']} at {clock_time(aborted['at'])}."
+        return Headline("■", "fail", "aborted", "", " ".join([how, f"Verdict until then: {shown.state}.", *judged]))
+    if ended_s is not None:
+        return Headline(shown.icon, shown.style, f"{shown.state}, ended at {clock_time(ended_s)}", "", " ".join(judged))
+    if stale_reasons:
+        word = f"{shown.state}, {age}" if age else shown.state
+        return Headline("○", "stale", word, "", " ".join([f"{', '.join(stale_reasons)}.", *judged]))
+    return Headline(shown.icon, shown.style, shown.state, age, " ".join(judged))
+
+
+def clock_time(at_s: float) -> str:
+    """Return the local time of day, as `20:41:03`."""
+    return time.strftime("%H:%M:%S", time.localtime(at_s))
