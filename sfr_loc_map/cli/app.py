@@ -21,7 +21,8 @@ import typer
 from typer.core import TyperGroup
 
 from sfr_loc_map import __version__
-from sfr_loc_map.errors import ConfigError, ExitCode
+from sfr_loc_map.cli import former
+from sfr_loc_map.errors import ExitCode
 
 EXIT_CODES = (
     "Exit codes: 0 all well; 1 a limit was missed, or the doctor found something; 2 bad input or usage; "
@@ -36,16 +37,6 @@ PANELS = {
     "Data": ("convert", "simulate"),
 }
 """Subcommands in the order of the help, that of a user's day, below their titles."""
-MOVED = {
-    "sfr compare": "sfr report A.json B.json",
-    "sfr plot": "sfr report T.csv --truth TRUTH -o paths.html",
-    "sfr perturb": "sfr simulate DST --from SRC --fault KIND",
-    "sfr history": "sfr suite history DIR...",
-    "sfr methods": "sfr bench methods",
-    "sfr monitor": "sfr run monitor",
-    "sfr suite compare": "sfr report A B",
-}
-"""Former subcommands and what replaces each."""
 HINTS = "SFR_HINTS"
 
 
@@ -100,10 +91,8 @@ def propose(*words: str | Path, why: str = "") -> None:
 
 class _Group(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - click's, or the copy within typer
-        """Return a subcommand and its arguments; raise ConfigError for the name of a former one."""
-        former = " ".join(("sfr", *([] if ctx.parent is None else [ctx.info_name]), args[0]))
-        if former in MOVED:
-            raise ConfigError(f"'{former}' was removed: use {MOVED[former]}")
+        """Return a subcommand and its arguments; ConfigError for a former one."""
+        former.check_command(" ".join(("sfr", *([] if ctx.parent is None else [ctx.info_name]), args[0])))
         return super().resolve_command(ctx, args)
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401 - as above

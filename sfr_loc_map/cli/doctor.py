@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Option
+from typer import Option
 
 from sfr_loc_map.cli.app import app, examples
 from sfr_loc_map.cli.findings import FindingsReport
+from sfr_loc_map.cli.former import FormerArgument, check_doctor
 from sfr_loc_map.cli.options import (
     CalibrationOption,
     ConfigOption,
@@ -21,12 +21,11 @@ from sfr_loc_map.cli.options import (
     sections_of,
 )
 from sfr_loc_map.cli.output import check_outputs
-from sfr_loc_map.errors import ConfigError
 
 
 @app.command(epilog=examples("sfr doctor", "sfr doctor --namespace rover1 --seconds 5"))
 def doctor(
-    former: Annotated[list[Path] | None, Argument(hidden=True)] = None,
+    files: FormerArgument = None,
     namespace: NamespaceOption = "",
     seconds: Annotated[
         float, Option(min=0.1, max=600.0, metavar="S", help="Duration of the observation after the first message.")
@@ -39,9 +38,7 @@ def doctor(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Name the blocking issues of the running ROS graph, each with its fix; exit 1 for any."""
-    if former:
-        what = "sfr score EST TRUTH --diagnose" if len(former) > 1 else f"sfr info {former[0]}"
-        raise ConfigError(f"'{former[0]}': sfr doctor examines the running graph: use {what}")
+    check_doctor(files)
     check_outputs(json_path, inputs=(config, calibration), overwrite=overwrite)
     require_ros("doctor")
     from sfr_loc_map.doctor.examination import examine

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import asyncio
 from contextlib import ExitStack
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument, Option
+from typer import Option
 
 from sfr_loc_map.cli.app import app, examples, propose
+from sfr_loc_map.cli.former import FormerArgument, check_live
 from sfr_loc_map.cli.live_option import require_live
 from sfr_loc_map.cli.options import ConfigOption, NamespaceOption, require_ros
 from sfr_loc_map.config import build, read_sections
-from sfr_loc_map.errors import ConfigError, InterruptedRunError, MissingExtraError
+from sfr_loc_map.errors import InterruptedRunError, MissingExtraError
 from sfr_loc_map.io.source_config import SourceConfig
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     )
 )
 def live(
-    former: Annotated[list[Path] | None, Argument(hidden=True)] = None,
+    files: FormerArgument = None,
     namespace: NamespaceOption = "",
     remap: Annotated[
         list[str] | None, Option("-r", metavar="FROM:=TO", help="ROS remapping for the nodes; repeatable.")
@@ -59,8 +59,7 @@ def live(
     """
     from sfr_loc_map.live.state import LiveState
 
-    if former:
-        raise ConfigError(f"'{former[0]}': sfr live shows running nodes; sfr replay SRC --live plays a recording")
+    check_live(files)
     require_ros("live")
     propose("sfr replay SRC --live --out DIR", why="a run that is scored while the page shows it")
     view_of = _foxglove_view() if foxglove else None
