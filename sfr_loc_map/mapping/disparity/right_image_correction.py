@@ -54,7 +54,7 @@ class RightImageCorrection:
 
     gain: float  #: Contrast of the right image over that of the left image.
     offset_grey: float  #: Grey level of the right image where that of the left image is 0.
-    vertical: VerticalDisparity  #: Vertical disparity of the right image.
+    vertical: VerticalDisparity  #: Vertical disparity of the right image; 0 if it is too small to be corrected.
 
 
 class CorrectedImage(NamedTuple):
@@ -67,21 +67,25 @@ class CorrectedImage(NamedTuple):
 def correct_right_image(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> CorrectedImage:
     """Measure gain, offset and vertical disparity of the right image `(H, W)`, and return the image without them.
 
-    The disparity is defined at every pixel and correct to about a pixel.
+    A vertical disparity below `MIN_VERTICAL_PX` stays in the image and is not part of the correction. The disparity is
+    defined at every pixel and correct to about a pixel.
     """
     exposure = exposure_by_disparity(left, right, disparity_px)
     equalised = (right - F(exposure.offset_grey)) * F(1.0 / exposure.gain)
     corrected = equalised
-    coefficients_px = np.zeros(3)
+    removed_px = np.zeros(3)
     for _ in range(MAX_ROW_STEPS):
         step_px = _vertical_step(left, corrected, disparity_px)
-        coefficients_px = coefficients_px + step_px
-        if np.abs(coefficients_px).sum() < MIN_VERTICAL_PX:
+        vertical_px = removed_px + step_px
+        if np.abs(vertical_px).sum() < MIN_VERTICAL_PX:
+            corrected = equalised
+            removed_px = np.zeros(3)
             break
-        corrected = _without_vertical_disparity(equalised, VerticalDisparity(*coefficients_px.tolist()))
+        corrected = _without_vertical_disparity(equalised, VerticalDisparity(*vertical_px.tolist()))
+        removed_px = vertical_px
         if np.abs(step_px).sum() < MIN_VERTICAL_PX:
             break
-    vertical = VerticalDisparity(*coefficients_px.tolist())
+    vertical = VerticalDisparity(*removed_px.tolist())
     return CorrectedImage(corrected, RightImageCorrection(exposure.gain, exposure.offset_grey, vertical))
 
 
