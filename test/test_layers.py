@@ -10,7 +10,7 @@ NAME = PACKAGE.name
 FLOORS = (
     {
         *("__init__", "atomic", "display", "errors", "inputs", "config", "jit", "kernels", "child_process", "signals"),
-        *("host_clock", "message_types", "topics"),
+        *("host_clock", "memory_mark", "message_types", "topics"),
     },
     {"geometry"},
     {"io", "localisation", "mapping", "metrics"},

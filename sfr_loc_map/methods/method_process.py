@@ -27,9 +27,10 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.mapping.config import MAX_PAIRS
+from sfr_loc_map.memory_mark import peak_of, reset_peak
 from sfr_loc_map.methods.adapters.loop import Answer, Camera, Hello, Order, OrderedPair, Pose, Reply, Setup
 from sfr_loc_map.methods.isolation import environment_of, rules_of
-from sfr_loc_map.methods.process_tree import ProcessTree, TreeUsage, peak_of, reset_peak
+from sfr_loc_map.methods.process_tree import ProcessTree, TreeUsage
 from sfr_loc_map.methods.registry import ADAPTERS, Method, MethodLimits
 from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.metrics.records import FindingKind

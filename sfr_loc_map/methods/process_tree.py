@@ -41,28 +41,3 @@ class ProcessTree:
                 rss_bytes += member.memory_info().rss
                 threads += member.num_threads()
         return TreeUsage(cpu_s, rss_bytes, threads, len(members))
-
-
-def reset_peak(process: int) -> int | None:
-    """Reset the high-water mark of a process's resident memory; return what is resident, bytes.
-
-    None if the kernel has no mark that can be reset.
-    """
-    try:
-        with open(f"/proc/{process}/clear_refs", "wb", buffering=0) as marks:
-            marks.write(b"5")
-    except OSError:
-        return None
-    return _status_bytes(process, b"VmRSS:")
-
-
-def peak_of(process: int) -> int | None:
-    """Return the high-water mark of a process's resident memory, bytes; None if it is unknown."""
-    return _status_bytes(process, b"VmHWM:")
-
-
-def _status_bytes(process: int, key: bytes) -> int | None:
-    with suppress(OSError), open(f"/proc/{process}/status", "rb", buffering=0) as status:
-        found = status.read(8192).partition(b"\n" + key)[2].split(None, 1)
-        return int(found[0]) * 1024 if found else None
-    return None

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.inputs import NS_PER_S, Task
+from sfr_loc_map.memory_mark import peak_of, reset_peak
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.catalogue import CALLS, MEMORY, Subject, clause_of
 from sfr_loc_map.metrics.completeness import calls_completeness, expected_row, share_of
@@ -75,44 +76,28 @@ class CallMeter:
         """Take the present resident memory as that of the idle process."""
         self.clock = clock
         self._clock_ns = clock_ns
-        try:
-            _reset_peak()
-            self._available = _status_bytes(b"VmHWM:") > 0
-        except OSError:
-            self._available = False
+        self._available = reset_peak("self") is not None and peak_of("self") is not None
         self.method = METHOD if self._available else METHOD_UNAVAILABLE
         self.mark_idle()
 
     def mark_idle(self) -> None:
         """Take the present resident memory as that of the idle process (after start and warm-up)."""
-        self._idle = _status_bytes(b"VmRSS:") if self._available else 0
+        self._idle_bytes = (reset_peak("self") or 0) if self._available else 0
 
     @contextmanager
     def measure(self) -> Iterator[CallUsage]:
         """Measure what is done in the `with` block; the usage is filled in at its end, an error passes through."""
         usage = CallUsage()
         if self._available:
-            _reset_peak()
+            reset_peak("self")
         begin = self._clock_ns()
         try:
             yield usage
         finally:
             usage.processing_time_s = (self._clock_ns() - begin) * 1e-9
-            if self._available:
-                usage.peak_rss_bytes = _status_bytes(b"VmHWM:")
-                usage.above_idle_bytes = max(usage.peak_rss_bytes - self._idle, 0)
-
-
-def _reset_peak() -> None:
-    with open("/proc/self/clear_refs", "wb", buffering=0) as stream:
-        stream.write(b"5")
-
-
-def _status_bytes(key: bytes) -> int:
-    with open("/proc/self/status", "rb", buffering=0) as stream:
-        text = stream.read(8192)
-    at = text.find(key)
-    return 0 if at < 0 else int(text[at + len(key) : text.index(b"kB", at)]) * 1024
+            if self._available and (peak_bytes := peak_of("self")) is not None:
+                usage.peak_rss_bytes = peak_bytes
+                usage.above_idle_bytes = max(peak_bytes - self._idle_bytes, 0)
 
 
 # ---- scoring

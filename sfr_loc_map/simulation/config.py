@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Collection
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from sfr_loc_map.config import param
@@ -171,3 +172,8 @@ class SimulationConfig:
     panorama: PanoramaConfig = field(default_factory=PanoramaConfig)
     nav: NavCamerasConfig = field(default_factory=NavCamerasConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig)
+
+
+def settings_in(group: Any, names: Collection[str]) -> dict[str, float]:  # noqa: ANN401 - any group of settings
+    """Return the settings of a group that are among some names, as kernels take them."""
+    return {item.name: float(getattr(group, item.name)) for item in fields(group) if item.name in names}

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.jit import jit, jit_inline
-from sfr_loc_map.simulation.config import SimulationConfig
+from sfr_loc_map.simulation.config import SimulationConfig, settings_in
 from sfr_loc_map.simulation.noise import hash2, mix, unit, value2, value3
 from sfr_loc_map.simulation.pebbles import PebbleCache, PebbleField, pebble_cache, pebbles
 from sfr_loc_map.simulation.renderer import GROUND, SKY, Hits
@@ -125,14 +125,8 @@ def plates(x: float, y: float, footprint: float, seed: np.uint32) -> tuple[float
     return crack, 0.16 * (unit(tilt) - 0.5), 0.16 * (unit(mix(tilt)) - 0.5)
 
 
-APPEARANCE = ("albedo", "contrast", "bump", "lunar")
-"""Settings of `GroundConfig` that kernels take as they are."""
-AIR = ("sky", "sky_grey", "haze_m")
-"""Settings of `LightConfig` that kernels take as they are."""
-
-
 class ShadingParameters(NamedTuple):
-    """Appearance of ground and rocks, sun, sky and air."""
+    """Appearance of ground and rocks, sun, sky and air; a field has the name of the setting that it is."""
 
     albedo: float  #: Mean reflectance of the ground.
     contrast: float  #: Strength of the changes of reflectance.
@@ -155,8 +149,8 @@ def shading_parameters(config: SimulationConfig, sun: FloatArray, terrain: Terra
     """Return the parameters of the shading, for a unit vector `(3,)` towards the sun."""
     ground, sky = config.ground, config.light
     return ShadingParameters(
-        **{name: float(getattr(ground, name)) for name in APPEARANCE},
-        **{name: float(getattr(sky, name)) for name in AIR},
+        **settings_in(ground, ShadingParameters._fields),
+        **settings_in(sky, ShadingParameters._fields),
         **dict(zip(("sun_x", "sun_y", "sun_z"), map(float, sun), strict=True)),
         rock_albedo=float(config.rocks.albedo),
         gain=float(1.0 / (ground.albedo * (reflect(sun[2], 0.5, ground.lunar) * sun[2] + sky.sky))),

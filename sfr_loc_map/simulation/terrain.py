@@ -10,7 +10,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.jit import jit, jit_inline
-from sfr_loc_map.simulation.config import GroundConfig, ReliefConfig
+from sfr_loc_map.simulation.config import GroundConfig, ReliefConfig, settings_in
 from sfr_loc_map.simulation.noise import gradient2, hash2, mix, sub_seed, unit, value2
 
 SHORTEST_M = 0.02  #: Shortest wave of the relief that is geometry; finer waves show in shading only.
@@ -20,25 +20,8 @@ OCTAVE_ANGLE = 0.6435
 _HILL, _RELIEF, _RIPPLE, _CRATER, _SAND, _ROCK = (np.uint32(k) for k in (11, 22, 33, 44, 55, 66))
 
 
-RELIEF = (
-    "relief_m",
-    "relief_length_m",
-    "hurst",
-    "hills_m",
-    "hills_length_m",
-    "ripple_height_m",
-    "crater_density",
-    "rim_radius_m",
-    "rim_x_m",
-    "rim_y_m",
-)
-"""Settings of `ReliefConfig` that kernels take as they are."""
-MATERIALS = ("gravel", "bedrock")
-"""Settings of `GroundConfig` that kernels take as they are."""
-
-
 class TerrainParameters(NamedTuple):
-    """The ground as kernels take it."""
+    """The ground as kernels take it; a field has the name of the setting that it is."""
 
     relief_m: float  #: Standard deviation of the rolling relief.
     relief_length_m: float  #: Longest wavelength of the relief.
@@ -70,8 +53,8 @@ class Terrain:
         """Return the ground of a configuration."""
         azimuth, number = math.radians(terrain.ripple_azimuth_deg), 2.0 * math.pi
         parameters = TerrainParameters(
-            **{name: float(getattr(terrain, name)) for name in RELIEF},
-            **{name: float(getattr(ground, name)) for name in MATERIALS},
+            **settings_in(terrain, TerrainParameters._fields),
+            **settings_in(ground, TerrainParameters._fields),
             gradient=math.tan(math.radians(terrain.slope_deg)),
             ripple_wave_x=number * math.cos(azimuth) / terrain.ripple_length_m,
             ripple_wave_y=number * math.sin(azimuth) / terrain.ripple_length_m,

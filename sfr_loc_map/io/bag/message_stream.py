@@ -1,7 +1,7 @@
 """A source as a stream of serialised messages in the order of their publication.
 
-Messages of a bag that is played as recorded are passed on byte by byte. Those of other sources are made as for a bag
-that is written.
+Messages of a bag that is played as recorded are passed on byte by byte. Those of other sources are those of a bag that
+is written, but camera_info and true points come before the images, because nodes that start to listen need them first.
 """
 
 from __future__ import annotations

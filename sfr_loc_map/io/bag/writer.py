@@ -29,7 +29,7 @@ from sfr_loc_map.inputs import SIDES, Task
 from sfr_loc_map.io.bag import messages
 from sfr_loc_map.io.bag.bag import TYPESTORE
 from sfr_loc_map.io.bag.files import MCAP_MAGIC
-from sfr_loc_map.topics import COMPRESSED_END
+from sfr_loc_map.topics import COMPRESSED_END, NAV_POSE, RECTIFIED, TRUE_POINTS, TRUE_POSES
 
 Storage = Literal["mcap", "sqlite3"]
 STORAGE_BY_SUFFIX: dict[str, Storage] = {".mcap": "mcap", ".bag": "mcap", ".db3": "sqlite3"}
@@ -122,19 +122,19 @@ class BagWriter:
     def write_nav_pair(self, nav: PosedStereoPair) -> None:
         """Write a mapping pair with its pose, camera_info and truth."""
         stamp = nav.pair.stamp_ns
-        self._write("/nav/pose", stamp, messages.pose(stamp, nav.T_lm_navsb))
+        self._write(f"/{NAV_POSE}", stamp, messages.pose(stamp, nav.T_lm_navsb))
         self._write_pair(Task.MAPPING, nav.pair)
         if nav.truth is not None:
-            self._write("/ground_truth/points", stamp, messages.points(stamp, nav.truth, self._truth_grid_m))
+            self._write(f"/{TRUE_POINTS}", stamp, messages.points(stamp, nav.truth, self._truth_grid_m))
 
     def write_truth(self, stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> None:
         """Write one true pose of RB in DS."""
-        self._write("/ground_truth/odometry", stamp_ns, messages.odometry(stamp_ns, position, quat_xyzw))
+        self._write(f"/{TRUE_POSES}", stamp_ns, messages.odometry(stamp_ns, position, quat_xyzw))
 
     def _write_pair(self, task: Task, pair: StereoPair) -> None:
         stamp, name = pair.stamp_ns, task.rig
         for side, image in zip(SIDES, (pair.left, pair.right), strict=True):
-            topic = f"/{name}/{side}/image_rect"
+            topic = f"/{name}/{side}/{RECTIFIED}"
             if self._jpeg_quality is None:
                 self._write(topic, stamp, messages.image(stamp, image, name, side))
             else:
