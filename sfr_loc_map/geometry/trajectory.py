@@ -209,3 +209,4 @@ class Truth(Trajectory):
     has_height: bool = True  #: Whether z is known; otherwise z is a placeholder and horizontal errors alone are known.
     has_tilt: bool = True  #: Whether roll and pitch are known; otherwise only the heading is known.
     read_from: str = ""  #: File or topic that the trajectory was read from.
+    declared: tuple[str, ...] = ()  #: Settings `truth.NAME=VALUE` by which it was read and that change its poses.

@@ -24,6 +24,7 @@ MAX_STRAY = 0.1  #: Largest fraction of poses that are ignored as stray; more of
 STRAY_S = 86_400.0  #: A stamp is stray if it is a day or more from the median stamp, s, and twice the drive's duration.
 SAME_ATTITUDE = 1e-6  #: Largest change of a component of a quaternion that never changes; files round to 1e-6.
 HELD_ATTITUDE = 5e-4  #: The same of a placeholder with rounding or noise: 0.06 deg, below the motion of any vehicle.
+MOVING_STEP = 0.1  #: A pose moves if the step to it is longer than this fraction of the mean step.
 TURN_DEG = 20.0  #: A path turns if the lines along two of its parts differ by more than this, deg.
 PARTS = 12  #: Parts of equal length by which a path is compared: long enough that noise of positions hardly turns them.
 SAME_HEIGHT_M = 1e-6  #: Largest change of a height that never changes, m; a floor that was measured varies by more.
@@ -72,14 +73,16 @@ def jumping_positions(stamps_ns: IntArray, positions: FloatArray) -> Mask:
 
 
 def has_constant_attitude(poses: Trajectory) -> bool:
-    """Return whether the attitudes, except for a fraction of `MAX_STRAY`, are the same although the path turns."""
+    """Return whether the attitudes of moving poses are the same, but for `MAX_STRAY`, although the path turns."""
     if len(poses) < 3 or not poses.has_attitude:
         return False
     quats = poses.quats_xyzw
     largest = int(np.argmax(np.abs(quats[len(quats) // 2])))
     upright = quats * np.where(quats[:, largest] < 0.0, -1.0, 1.0)[:, None]  # both signs are one attitude
     is_held = (np.abs(upright - np.median(upright, axis=0)) <= HELD_ATTITUDE).all(axis=1)
-    return bool(is_held.mean() >= 1.0 - MAX_STRAY) and path_turns(poses.positions)
+    steps_m = np.linalg.norm(np.diff(poses.positions, axis=0), axis=1)
+    moves = np.append(False, steps_m > MOVING_STEP * steps_m.mean())  # a rover that stands keeps its attitude
+    return bool(moves.any() and is_held[moves].mean() >= 1.0 - MAX_STRAY) and path_turns(poses.positions)
 
 
 def has_constant_height(poses: Trajectory) -> bool:

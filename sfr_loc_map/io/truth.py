@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfr_loc_map.config import param
+from sfr_loc_map.config import changed, param
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_rotate
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 NO_LEVER = (0.0, 0.0, 0.0)
 NO_TURN = (0.0, 0.0, 0.0, 1.0)
+PLACE_SETTINGS = ("truth.source", "truth.frame")  #: Where the truth is to be found.
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +116,14 @@ class TrackedBody:
             has_height=getattr(poses, "has_height", True),
             has_tilt=getattr(poses, "has_tilt", True) or not has_attitude,
             read_from=read_from,
+            declared=self.declared,
         )
+
+    @property
+    def declared(self) -> tuple[str, ...]:
+        """The settings `truth.NAME=VALUE` that change poses; where the truth is to be found is none of them."""
+        values = changed(self, "truth.").items()
+        return tuple(f"{name}={value}" for name, value in values if name not in PLACE_SETTINGS)
 
 
 def possible_truth(

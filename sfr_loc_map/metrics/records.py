@@ -54,6 +54,7 @@ class TruthRecord(Record, frozen=True, kw_only=True, omit_defaults=False):
     sigma_deg: float | None = None  #: Standard deviation of its attitudes about each axis; null: taken as exact.
     path_excess: float | None = None  #: Fraction by which its noise lengthens its path, `2 (sigma / step)^2`.
     lever_arm_m: tuple[float, ...] = ()  #: Point in RB that its positions are of; the estimate was taken there.
+    declared: tuple[str, ...] = ()  #: Settings `truth.NAME=VALUE` by which it was read and that change its poses.
     yaw_deg: float | None = None  #: Yaw that was fitted: rotates the estimate.
     tilt_deg: float | None = None  #: Angle by which z was tilted with it; null where only the yaw was fitted.
     translation_m: tuple[float, ...] = ()  #: Translation that was fitted, after the rotation.

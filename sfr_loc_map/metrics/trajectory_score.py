@@ -556,6 +556,7 @@ def truth_record(truth: Trajectory, frames: Frames, placement: Placement | None)
         sigma_deg=known.sigma_deg or None,
         path_excess=2.0 * (known.sigma_m / step) ** 2 if known.sigma_m and step else None,
         lever_arm_m=known.lever_arm_m if any(known.lever_arm_m) else (),
+        declared=known.declared,
         yaw_deg=None if placement is None else placement.yaw_deg,
         tilt_deg=None if placement is None else placement.tilt_deg,
         translation_m=() if placement is None else placement.translation_m,

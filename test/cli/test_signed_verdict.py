@@ -426,7 +426,8 @@ def test_several_conditions_hold_at_once(judge: Judge) -> None:
         ("completeness:\n  missing_max_shre: 0.6\n", "did you mean 'missing_max_share'"),
         ("completeness:\n  missing_max_share: 60\n", "a share from 0 to 1 is required"),
         ("completeness:\n  - 5\n", "a mapping of names to limits is required, found int"),
-        ("completeness:\n  id: A\n", "no limit in it"),
+        ("completeness:\n  id: A\n", "id 'A' has no limit"),
+        (SUM + "1\nmap:\n  id: R3\n  text: The map is dense.\n", "id 'R3', text 'The map is dense.' has no limit"),
         ("timing:\n  mapping_total_s: 5\n", "did you mean 'mapping_call_s'"),
     ],
 )

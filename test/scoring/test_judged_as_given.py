@@ -13,6 +13,7 @@ from helpers.made_scene import nav_pair, write_folder
 from helpers.straight_drive import COUNT, PERIOD_NS, POSITION, limits, straight
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.runs.calls import CallRecord, save_stats
@@ -101,6 +102,21 @@ def test_other_ranges_of_coverage_are_a_deviation(tmp_path: Path, sfr: Sfr) -> N
         assert done.code == 0, done.err
         sfr("report", score, "--test-report", page, "--overwrite")
         assert ("Coverage counts true points from 0.5 m to 9 m" in page.read_text()) == is_deviation
+
+
+def test_settings_that_change_the_truth_are_a_deviation(tmp_path: Path, sfr: Sfr) -> None:
+    """The truth is a second late; the setting that corrects it is listed and stands in the control document."""
+    late, truth, score = straight(), straight(scale=1.001), tmp_path / "s.json"
+    late = Trajectory(late.stamps_ns + NS_PER_S, late.positions, late.quats_xyzw)
+    paths = tmp_path / "e.csv", tmp_path / "t.csv"
+    for path, poses in zip(paths, (late, truth), strict=True):
+        save_trajectory(path, poses)
+    setting = "truth.clock_offset_s=1.0"
+    done = sfr("score", *paths, "--limits", limits(tmp_path, POSITION), "--json", score, "--set", setting)
+    assert done.code == 0, done.err
+    page, table = tmp_path / "r.html", tmp_path / "c.csv"
+    sfr("report", score, "--test-report", page, "--control", table)
+    assert all(f"The ground truth was read with {setting}" in path.read_text() for path in (page, table))
 
 
 def test_nothing_that_is_signed_is_green_without_limits(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:

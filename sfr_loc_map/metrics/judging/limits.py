@@ -321,6 +321,9 @@ def _limits_of(part: LimitPart, block: object, origin: str, condition: str | Non
         where, over = (LimitPart.COMPLETENESS, None) if key in shares else (part, condition)
         stated = {} if terms is None else terms._asdict()
         made.append(Limit(part=where, name=key, limit=float(bound), condition=over, **stated, **entry))
+    if of_all and not made:
+        named = ", ".join(f"{key} {value!r}" for key, value in of_all.items())
+        raise ConfigError(f"{origin}: {named} has no limit, so that nothing would be judged: give one or omit it")
     return made
 
 

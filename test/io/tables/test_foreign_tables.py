@@ -292,6 +292,18 @@ def test_an_attitude_that_never_changes_along_a_turning_path_is_none(
     assert "the truth has only positions" not in kept.err
 
 
+def test_a_rover_that_mostly_stands_keeps_its_attitudes(
+    tmp_path: Path, sfr: Sfr, caplog: pytest.LogCaptureFixture
+) -> None:
+    poses = drive()
+    kept = np.append(np.arange(COUNT), np.full(20 * COUNT, COUNT - 1))
+    stamps_ns = poses.stamps_ns[0] + np.arange(len(kept)) * (poses.stamps_ns[1] - poses.stamps_ns[0])
+    save_trajectory(tmp_path / "t.csv", Trajectory(stamps_ns, poses.positions[kept], poses.quats_xyzw[kept]))
+    done = sfr("score", tmp_path / "t.csv", tmp_path / "t.csv", "--condition", "distance=2")
+    assert "the truth has only positions" not in done.err
+    assert not caplog.text
+
+
 def test_an_attitude_that_never_changes_along_a_line_is_one(
     tmp_path: Path, sfr: Sfr, caplog: pytest.LogCaptureFixture
 ) -> None:
