@@ -79,9 +79,10 @@ def has_constant_attitude(poses: Trajectory) -> bool:
     quats = poses.quats_xyzw
     largest = int(np.argmax(np.abs(quats[len(quats) // 2])))
     upright = quats * np.where(quats[:, largest] < 0.0, -1.0, 1.0)[:, None]  # both signs are one attitude
-    is_held = (np.abs(upright - np.median(upright, axis=0)) <= HELD_ATTITUDE).all(axis=1)
+    is_held: Mask = np.all(np.abs(upright - np.median(upright, axis=0)) <= HELD_ATTITUDE, axis=1)
     steps_m = np.linalg.norm(np.diff(poses.positions, axis=0), axis=1)
-    moves = np.append(False, steps_m > MOVING_STEP * steps_m.mean())  # a rover that stands keeps its attitude
+    # a rover that stands keeps its attitude
+    moves: Mask = np.append(False, steps_m > MOVING_STEP * steps_m.mean())
     return bool(moves.any() and is_held[moves].mean() >= 1.0 - MAX_STRAY) and path_turns(poses.positions)
 
 

@@ -38,6 +38,8 @@ def deviations_of(score: Score) -> Iterator[str]:
         yield f"{without_truth:.0f} points are where the truth has no surface, and are not judged."
     if score.calls is None and score.association is not None and score.verdicts:
         yield "The calls of the run are unknown, and with them its findings and the states of its poses."
+    if score.truth is not None and score.truth.declared:
+        yield f"The ground truth was read with {', '.join(score.truth.declared)}; the recording does not state this."
     if score.convention is not None:
         yield f"The poses were converted before: {', '.join(score.convention.declared) or 'as diagnosed'}."
 
