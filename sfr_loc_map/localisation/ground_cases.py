@@ -13,7 +13,7 @@ from typing import Final
 
 from sfr_loc_map.localisation.findings import Finding
 from sfr_loc_map.localisation.ground_evidence import Evidence
-from sfr_loc_map.localisation.ground_memory import Effect, GroundMemory, Transfers
+from sfr_loc_map.localisation.ground_memory import Effect, GroundMemory, Recovery, Transfers
 
 
 class Case(Enum):
@@ -84,21 +84,34 @@ def decide(evidence: Evidence) -> Case:
     return next(case for case, applies in cases if applies(evidence))
 
 
+TRANSFER: Final = Effect({Finding.PARTIAL_TRANSFER}, transfers=Transfers.ONE_MORE, recovery=Recovery.AFTER_TRANSFERS)
+"""What follows from partially transferred images, whatever motion the tracks follow."""
+
 EFFECTS: Final = {
-    Case.OWN_BODY_TRANSFER: Effect({Finding.PARTIAL_TRANSFER}, transfers=Transfers.ONE_MORE),
+    Case.OWN_BODY_TRANSFER: TRANSFER,
     Case.OWN_BODY: Effect(),
     Case.UNTRUSTED: Effect(),
-    Case.CONTRADICTED: Effect({Finding.CONTRADICTED}, leaves_doubt=True, outlasts_refusal=True),
-    Case.PARTIAL_TRANSFER: Effect({Finding.PARTIAL_TRANSFER}, transfers=Transfers.ONE_MORE),
-    Case.DOUBLE_EXPOSURE: Effect({Finding.DOUBLE_EXPOSURE}),
-    Case.AMBIGUOUS: Effect({Finding.AMBIGUOUS}, leaves_doubt=True),
-    Case.RIVAL_TRANSFER: Effect({Finding.PARTIAL_TRANSFER}, transfers=Transfers.ONE_MORE),
+    Case.CONTRADICTED: Effect(
+        {Finding.CONTRADICTED}, leaves_doubt=True, recovery=Recovery.STARTS, outlasts_refusal=True
+    ),
+    Case.PARTIAL_TRANSFER: TRANSFER,
+    # a fault of the images: which motion is the ground's is not in doubt
+    Case.DOUBLE_EXPOSURE: Effect({Finding.DOUBLE_EXPOSURE}, recovery=Recovery.STARTS),
+    Case.AMBIGUOUS: Effect({Finding.AMBIGUOUS}, leaves_doubt=True, recovery=Recovery.STARTS),
+    Case.RIVAL_TRANSFER: TRANSFER,
     Case.RIVAL: Effect(),
     Case.MAIN: Effect(),
-    Case.UNCONVINCING: Effect({Finding.GROUND_IN_DOUBT}, leaves_doubt=True, transfers=Transfers.NONE),
-    Case.HALF_UNEXPLAINED: Effect({Finding.GROUND_IN_DOUBT, Finding.UNEXPLAINED}, transfers=Transfers.NONE),
+    Case.UNCONVINCING: Effect(
+        {Finding.GROUND_IN_DOUBT}, leaves_doubt=True, transfers=Transfers.NONE, recovery=Recovery.STARTS
+    ),
+    Case.HALF_UNEXPLAINED: Effect(
+        {Finding.GROUND_IN_DOUBT, Finding.UNEXPLAINED}, transfers=Transfers.NONE, recovery=Recovery.STARTS
+    ),
     Case.UNEXPLAINED: Effect({Finding.UNEXPLAINED}, transfers=Transfers.NONE),
-    Case.STILL_IN_DOUBT: Effect({Finding.GROUND_IN_DOUBT}, transfers=Transfers.NONE, confirms=True),
+    # earlier pairs left the doubt, and this pair may end it
+    Case.STILL_IN_DOUBT: Effect(
+        {Finding.GROUND_IN_DOUBT}, transfers=Transfers.NONE, recovery=Recovery.STARTS, confirms=True
+    ),
     Case.ONE_MOTION: Effect(transfers=Transfers.NONE, confirms=True),
 }
 """What follows from each case. `GroundMemory.after` applies what the memory learns."""

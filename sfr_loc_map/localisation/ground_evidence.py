@@ -1,4 +1,4 @@
-"""What a pair shows about the ground's motion: the questions that the table of cases asks (`ground_motion.decide`).
+"""What a pair shows about the ground's motion: the questions that the table of cases asks (`ground_cases.decide`).
 
 The *main* motion is that of the tracks that are given; they may follow any motion, trusted or not. A *rival* is another
 rigid motion of landmarks that the main one does not explain. Each question is a property. Those that search for a
@@ -27,8 +27,7 @@ from sfr_loc_map.localisation.ground_memory import (
     MAX_MOVING,
     MAX_TRANSFERS,
     MAX_UNEXPLAINED,
-    Confidence,
-    Effect,
+    Agreement,
     GroundMemory,
     Phase,
 )
@@ -190,26 +189,19 @@ class Evidence:
         return self.tools.cells(self.explained.cell_index[self.explained.unexplained])
 
     @cached_property
-    def confidence_of_one_motion(self) -> Confidence:
-        """Confidence after the pair if its main motion is the only one; a stationary image shows nothing."""
-        confidence = self.memory.confidence
-        if self.is_known or self.explained.motion_px <= MOVED_PX:
-            return confidence
-        agrees = self.memory.excluded.moving_fraction < MAX_MOVING and self.covers_doubt
-        return confidence.after_one_motion(
-            agrees=agrees, is_unusual=self.is_unusual, unexplained=self.unexplained_cells
+    def agreement(self) -> Agreement:
+        """How far the main motion agrees with that of the ground."""
+        return Agreement(
+            has_moved=self.explained.motion_px > MOVED_PX,
+            agrees=self.memory.excluded.moving_fraction < MAX_MOVING and self.covers_doubt,
+            is_unusual=self.is_unusual,
+            unexplained_cells=self.unexplained_cells,
         )
 
     @property
     def stays_in_doubt(self) -> bool:
         """Whether the ground is in doubt before and after the pair if its main motion is the only one."""
-        return self.confidence_of_one_motion.phase is Phase.IN_DOUBT
-
-    def confidence_after(self, effect: Effect) -> Confidence:
-        """Return the confidence in the ground's motion after the pair, by the effect of its case."""
-        if effect.leaves_doubt:
-            return self.memory.confidence.after_contradiction(self.unexplained_cells)
-        return self.confidence_of_one_motion if effect.confirms else self.memory.confidence
+        return self.memory.confidence.after_one_motion(self.agreement).phase is Phase.IN_DOUBT
 
     @property
     def covers_doubt(self) -> bool:

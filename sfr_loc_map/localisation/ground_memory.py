@@ -17,12 +17,8 @@ Three values remember that an earlier pair was bad. They are separate because th
 | value | question | set by | ends |
 |---|---|---|---|
 | `confidence` | is the motion that is followed the ground's? | a case with `leaves_doubt` | pairs that agree |
-| `recovering_pairs` | may the next images be bad? | `DOUBTFUL`, `PARTIAL_TRANSFER`; stale rows | moving pairs |
+| `recovering_pairs` | may the next images be bad? | a case with a `recovery`; stale rows | moving pairs |
 | `transfers` | is the pair before partially transferred? | `Transfers.ONE_MORE`; stale rows | a pair of one motion |
-
-Two findings of `DOUBTFUL` may come from a case without `leaves_doubt`. `DOUBLE_EXPOSURE` is a fault of the images: it
-does not question which motion is the ground's. `GROUND_IN_DOUBT` of one motion reports doubt of earlier pairs
-(`STILL_IN_DOUBT`), or that nearly half of the landmarks are unexplained (`HALF_UNEXPLAINED`).
 """
 
 from __future__ import annotations
@@ -30,7 +26,7 @@ from __future__ import annotations
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from enum import Enum, auto
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.camera import Pose
@@ -68,6 +64,15 @@ class Phase(Enum):
     IN_DOUBT = auto()
 
 
+class Agreement(NamedTuple):
+    """How far the main motion of a pair agrees with that of the ground."""
+
+    has_moved: bool  #: Whether the main motion moves the image.
+    agrees: bool  #: Whether the main motion explains the pair, also in the cells that were unexplained before.
+    is_unusual: bool  #: Whether more landmarks than usual do not follow the main motion.
+    unexplained_cells: Mask  #: `(R, C)` cells of these landmarks.
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Confidence:
     """The phase, and how many pairs end it."""
@@ -86,18 +91,14 @@ class Confidence:
             return replace(self, agreed_pairs=agreed_pairs)
         return Confidence(Phase.KNOWN) if self.phase is Phase.LEARNING else Confidence()
 
-    def after_one_motion(self, *, agrees: bool, is_unusual: bool, unexplained: Mask) -> Confidence:
-        """Return the confidence after a moving pair of one motion.
-
-        Args:
-            agrees: Whether the motion explains the pair, also in the cells that were unexplained before.
-            is_unusual: Whether more landmarks than usual do not follow it.
-            unexplained: `(R, C)` cells of these landmarks.
-        """
-        if agrees:
+    def after_one_motion(self, agreement: Agreement) -> Confidence:
+        """Return the confidence after a pair of one motion; a stationary image shows nothing."""
+        if self.phase is Phase.KNOWN or not agreement.has_moved:
+            return self
+        if agreement.agrees:
             return self.after_agreement()
-        if self.phase is Phase.IN_DOUBT and is_unusual:
-            return self.after_contradiction(unexplained)
+        if self.phase is Phase.IN_DOUBT and agreement.is_unusual:
+            return self.after_contradiction(agreement.unexplained_cells)
         return self.after_interruption()
 
     def after_interruption(self) -> Confidence:
@@ -122,10 +123,6 @@ class Confidence:
         return Confidence(Phase.IN_DOUBT, 0, required_pairs, cells)
 
 
-DOUBTFUL: Final = frozenset({Finding.CONTRADICTED, Finding.AMBIGUOUS, Finding.GROUND_IN_DOUBT, Finding.DOUBLE_EXPOSURE})
-"""Findings after which the ground's motion must be observed again in several moving pairs."""
-
-
 class Transfers(Enum):
     """What a case means for the number of consecutive partially transferred pairs."""
 
@@ -134,12 +131,21 @@ class Transfers(Enum):
     NONE = auto()
 
 
+class Recovery(Enum):
+    """What a case means for the number of moving pairs that stay degraded."""
+
+    CONTINUES = auto()  #: A moving pair takes one off the number.
+    AFTER_TRANSFERS = auto()  #: At least as many as consecutive partial transfers, and at most `AGREEING_PAIRS`.
+    STARTS = auto()  #: At least `AGREEING_PAIRS`: the ground's motion must be observed again in several moving pairs.
+
+
 class Effect(NamedTuple):
     """What a case reports by itself, and what it teaches about the ground."""
 
     findings: AbstractSet[Finding] = frozenset()
     leaves_doubt: bool = False  #: Whether the ground's motion is in doubt after the pair.
     transfers: Transfers = Transfers.UNCHANGED
+    recovery: Recovery = Recovery.CONTINUES
     #: Whether the pair can confirm the ground's motion, and changes what is typical for it.
     confirms: bool = False
     outlasts_refusal: bool = False  #: Whether the memory learns from the pair although its pose is refused.
@@ -166,8 +172,7 @@ class LearntPair(NamedTuple):
     excluded: ExcludedCells  #: Cells excluded from the next pair on.
     compared: ComparedImage  #: Image that the pair was compared with.
     image: FloatImage  #: Pyramid level `MIXTURE_LEVEL` of its left image.
-    confidence: Confidence  #: Confidence after it.
-    findings: frozenset[Finding]  #: Its findings.
+    agreement: Agreement  #: How far its main motion agrees with that of the ground.
     unexplained_fraction: float  #: Fraction of the landmarks that do not follow the main motion.
     is_moving: bool  #: Whether the pose is trusted and the image moved.
 
@@ -193,7 +198,7 @@ class GroundMemory:
 
     @property
     def is_clear(self) -> bool:
-        """Whether no pair before was contradicted, ambiguous or partially transferred."""
+        """Whether no earlier pair still has an effect: none is recovered from, and the ground is not in doubt."""
         return self.recovering_pairs == 0 and self.transfers == 0 and self.confidence.phase is not Phase.IN_DOUBT
 
     def after(self, effect: Effect, pair: LearntPair) -> GroundMemory:
@@ -203,11 +208,17 @@ class GroundMemory:
             excluded=pair.excluded,
             compared=pair.compared,
             previous=pair.image,
-            confidence=pair.confidence,
+            confidence=self.confidence_after(effect, pair.agreement),
             transfers=transfers,
-            recovering_pairs=self.recovering_after(pair.findings, transfers, is_moving=pair.is_moving),
+            recovering_pairs=self.recovering_after(effect.recovery, transfers, is_moving=pair.is_moving),
             typical=self.typical_after(pair.unexplained_fraction) if effect.confirms else self.typical,
         )
+
+    def confidence_after(self, effect: Effect, agreement: Agreement) -> Confidence:
+        """Return the confidence in the ground's motion after a pair, by the effect of its case."""
+        if effect.leaves_doubt:
+            return self.confidence.after_contradiction(agreement.unexplained_cells)
+        return self.confidence.after_one_motion(agreement) if effect.confirms else self.confidence
 
     def is_usual(self, unexplained: float) -> bool:
         """Return whether a fraction of unexplained landmarks is usual for the ground."""
@@ -244,16 +255,18 @@ class GroundMemory:
             case Transfers.UNCHANGED:
                 return self.transfers
 
-    def recovering_after(self, findings: frozenset[Finding], transfers: int, *, is_moving: bool) -> int:
-        """Return the number of moving pairs that stay degraded after a pair with findings.
+    def recovering_after(self, recovery: Recovery, transfers: int, *, is_moving: bool) -> int:
+        """Return the number of moving pairs that stay degraded after a pair.
 
         `transfers` is the number of consecutive partially transferred pairs, with this one.
         """
-        if not findings.isdisjoint(DOUBTFUL):
-            return max(self.recovering_pairs, AGREEING_PAIRS)
-        if Finding.PARTIAL_TRANSFER in findings:
-            return max(self.recovering_pairs, min(transfers, AGREEING_PAIRS))
-        return self.still_recovering(is_moving=is_moving)
+        match recovery:
+            case Recovery.STARTS:
+                return max(self.recovering_pairs, AGREEING_PAIRS)
+            case Recovery.AFTER_TRANSFERS:
+                return max(self.recovering_pairs, min(transfers, AGREEING_PAIRS))
+            case Recovery.CONTINUES:
+                return self.still_recovering(is_moving=is_moving)
 
     def still_recovering(self, *, is_moving: bool) -> int:
         """Return the number of moving pairs that earlier ones still degrade; a stationary image does not count."""

@@ -139,8 +139,7 @@ class GroundSelector:
             excluded=excluded,
             compared=compared,
             image=frame.left[MIXTURE_LEVEL].image,
-            confidence=evidence.confidence_after(effect),
-            findings=findings,
+            agreement=evidence.agreement,
             unexplained_fraction=evidence.explained.unexplained_fraction,
             is_moving=selection.is_moving,
         )
@@ -187,7 +186,7 @@ class GroundSelector:
                 return self._main_of_two(evidence)
             case Case.UNTRUSTED | Case.CONTRADICTED | Case.PARTIAL_TRANSFER | Case.DOUBLE_EXPOSURE:
                 return Selection(evidence.main, evidence.explained.motion_px)
-            case _:  # one motion
+            case Case.UNCONVINCING | Case.HALF_UNEXPLAINED | Case.UNEXPLAINED | Case.STILL_IN_DOUBT | Case.ONE_MOTION:
                 explained = evidence.explained
                 not_ground = evidence.main.landmarks.rows[explained.on_fixed]
                 return Selection(evidence.main, explained.motion_px, not_ground=not_ground, fixed=explained.fixed_cells)

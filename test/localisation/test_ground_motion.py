@@ -32,6 +32,7 @@ from sfr_loc_map.localisation.ground_memory import (
     AGREEING_PAIRS,
     LONG_DOUBT_PAIRS,
     MAX_TRANSFERS,
+    Agreement,
     ComparedImage,
     Confidence,
     GroundMemory,
@@ -88,8 +89,7 @@ def test_each_transfer_counts_so_that_a_row_of_them_ends() -> None:
         memory.excluded,
         ComparedImage(np.zeros((16, 16), np.float32), Pose(np.eye(3), np.zeros(3))),
         np.zeros((16, 16), np.float32),
-        memory.confidence,
-        frozenset(),
+        Agreement(has_moved=True, agrees=True, is_unusual=False, unexplained_cells=np.zeros((2, 2), np.bool_)),
         0.0,
         is_moving=True,
     )
