@@ -11,7 +11,8 @@ pair and returns one `PoseEstimate`:
 4. A second rigid motion in the image is excluded (`ground_motion.py`); guards judge images and pose (`guards.py`).
 5. Keyframes are adjusted together; those that leave the window are marginalised (OKVIS: Leutenegger et al. 2015;
    `keyframes.py`, `backend/`). A rotation of the right camera is estimated online (`backend/online_calibration.py`).
-6. The covariance of each pose and each step is composed of named error sources (`uncertainty.py`).
+6. The covariance of each pose and each step is composed of named error sources (`error_sources.py`,
+   `covariance.py`).
 """
 
 import lazy_loader

@@ -81,14 +81,14 @@ class Finding(Enum):
 
 
 class Inflation(Flag):
-    """What a finding adds to the covariance of a pose (`uncertainty.inflation_of`)."""
+    """What a finding adds to the covariance of a pose (`covariance.inflation_of`)."""
 
     NONE = 0
     #: The motion since the last pose as if no image had shown it, because the images may partly be older. The next
     #: accepted pose no longer contains it.
     SUSPECTED = auto()
-    #: The distance to the pose of the other motion, at least the motion since the last pose. All later poses contain
-    #: it.
+    #: The largest of three sizes: the distance to the pose of the other motion, the motion since the last pose as it
+    #: was estimated, and that motion as if no image had shown it. All later poses contain it.
     AMBIGUITY = auto()
 
 

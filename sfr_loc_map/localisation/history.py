@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.localisation.uncertainty import DirectedError, DisparityBias, LocatedCovariance
+from sfr_loc_map.localisation.path_errors import DirectedError, DisparityBias, LocatedCovariance
 
 HISTORY_PAIRS = 1000  #: Number of past pairs to which a pose from outside can be applied: 100 s at 10 Hz.
 
@@ -20,7 +20,7 @@ class PastPose(NamedTuple):
     was_known: bool  #: Whether the pose before was not lost.
     window: int  #: Number of its window.
     in_window: LocatedCovariance  #: Covariance of the pose in its window.
-    accumulated: LocatedCovariance  #: What all windows up to it added (`uncertainty.accumulated_covariance`).
+    accumulated: LocatedCovariance  #: What all windows up to it added (`covariance.accumulated_covariance`).
     bias: DisparityBias  #: Path integrals up to it.
     directed: DirectedError  #: Sum of the directed errors up to it.
 

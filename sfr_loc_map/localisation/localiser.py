@@ -13,7 +13,7 @@ A sparse, keyframe-based stereo odometry with a sliding window. Stages 1 to 9 ar
 8. Complete: if few landmarks are left or they moved far, the pair becomes a keyframe, and its pose is solved for once
    more, by all landmarks.
 9. Accept: the new path with its accumulated errors, and the motion since the last pose with its covariance
-   (`trajectory`, `uncertainty`).
+   (`trajectory`, `covariance`).
 
 Before and after these stages, `Localiser.process`
 
@@ -62,6 +62,8 @@ from sfr_loc_map.localisation import guards, stale_images, trajectory
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.localisation.covariance import pose_covariance
+from sfr_loc_map.localisation.error_sources import RoverModel
 from sfr_loc_map.localisation.estimate import (
     PoseEstimate,
     StartPose,
@@ -87,7 +89,7 @@ from sfr_loc_map.localisation.relocalisation import RESTART_AFTER, RecoveryImage
 from sfr_loc_map.localisation.stage_clock import StageClock
 from sfr_loc_map.localisation.stale_images import ImageComparison
 from sfr_loc_map.localisation.state import Outcome, State
-from sfr_loc_map.localisation.uncertainty import RoverModel, pose_covariance, symmetric
+from sfr_loc_map.localisation.symmetric_matrices import symmetric
 
 
 class CorrectedTracks(NamedTuple):

@@ -9,9 +9,9 @@ from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.config import MotionBounds
+from sfr_loc_map.localisation.error_sources import RoverModel
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.motion_size import MotionSize, Speed, size_between, size_of
-from sfr_loc_map.localisation.uncertainty import RoverModel
 
 MAX_MISSED_PAIRS = 4
 """Number of missing pairs over which a constant velocity is still extrapolated; later the motion may have changed."""

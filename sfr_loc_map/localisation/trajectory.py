@@ -17,7 +17,7 @@ A pose from outside is taken by `given` when it arrives, and applied by `with_pe
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -28,40 +28,50 @@ from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
+from sfr_loc_map.localisation.covariance import (
+    MIN_VARIANCE,
+    AddedError,
+    StepMotion,
+    accumulated_covariance,
+    blur_of,
+    inflation_of,
+    lens_turn_per_m,
+    pose_noise,
+    start_and_drift,
+    step_covariance,
+    systematic_step,
+    unseen_motion,
+    updated_variance_factor,
+)
 from sfr_loc_map.localisation.datum import MAX_AHEAD_NS, MAX_START_AHEAD_NS, Datum, PendingPose
+from sfr_loc_map.localisation.error_sources import RoverModel
 from sfr_loc_map.localisation.estimate import StartPose, StepEstimate
 from sfr_loc_map.localisation.findings import Inflation
 from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.history import History, PastPose
 from sfr_loc_map.localisation.motion_model import LastPose, MotionSince
 from sfr_loc_map.localisation.motion_size import MotionSize, size_of
-from sfr_loc_map.localisation.uncertainty import (
-    MIN_VARIANCE,
-    ZERO,
-    AddedError,
-    DirectedError,
-    DisparityBias,
-    LocatedCovariance,
-    PathErrors,
-    PublishedPose,
-    RoverModel,
-    StepMotion,
-    accumulated_covariance,
-    inflation_of,
-    lens_turn_per_m,
-    pose_noise,
-    positive_part,
-    start_and_drift,
-    step_covariance,
-    symmetric,
-    systematic_step,
-    unseen_motion,
-    updated_variance_factor,
-)
+from sfr_loc_map.localisation.path_errors import ZERO, DirectedError, DisparityBias, LocatedCovariance, PathErrors
+from sfr_loc_map.localisation.symmetric_matrices import positive_part, symmetric
 
 #: Motion of the newest pose by a bundle adjustment, m and rad, above which the adjustment diverged. It is millimetres,
 #: or some centimetres with a correction of the yaw.
 MAX_ADJUSTMENT = MotionSize(1.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PublishedPose:
+    """The pose published last that was not lost, from which the next step counts."""
+
+    stamp_ns: int | None = None  #: Its stamp; None before the first.
+    T_world_left: Transform | None = None  #: The pose as it was published; adjustments do not move it.
+    #: `(6, 6)` in RB: uncertainty of the step to this pose that the next step shares, because that step may take it
+    #: back: what findings added, and the motion of the pose by a correction of the yaw.
+    shared: FloatArray = field(default_factory=lambda: ZERO)
+    #: `(6, 6)` in RB: motion since the last accepted pose while it was published again.
+    unseen_rb: FloatArray = field(default_factory=lambda: ZERO)
+    noise: FloatArray = field(default_factory=lambda: ZERO)  #: White noise `(6, 6)` of it, in RB.
+    variance_factor: float | None = None  #: Ratio of residuals found to residuals stated; None before the first.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -212,7 +222,7 @@ def _step_to(
     return StepEstimate(
         seconds=seconds,
         motion=step.vector,
-        covariance=of_images + before.shared + before.unseen + pose.added.of_step,
+        covariance=of_images + before.shared + before.unseen_rb + pose.added.of_step,
         systematic=systematic_step(step, depth_m, calibration, model),
         noise=published.noise,
         noise_before=before.noise,
@@ -234,12 +244,11 @@ def restarted(
     position = path.last.T_world_left.translation
     depth_m = landmark_map.landmarks.median_depth
     until_now = path.errors.kept(_unseen_of_left(path, stamp_ns, model))
-    blur_rad = model.sources.blur_px / model.fx
     errors = until_now.restarted(
         position,
         drift=start_and_drift(path.errors, position, model),
         accumulated=accumulated_covariance(path.errors, position, model),
-        first_image=MotionSize(blur_rad * depth_m, blur_rad).covariance,
+        first_image=blur_of(depth_m, model).covariance,
         in_window=landmark_map.window.covariance,
     )
     published, step = _step_to_last_pose(path, stamp_ns, model)
@@ -310,10 +319,10 @@ def _step_to_last_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tup
     seconds = 0.0 if before.stamp_ns is None else (stamp_ns - before.stamp_ns) / NS_PER_S
     speed = path.last.speed
     unseen = unseen_motion(speed, path.last.unseen_s(stamp_ns), model)
-    growth = np.maximum(unseen - before.unseen, unseen_motion(speed, seconds, model))
+    growth = np.maximum(unseen - before.unseen_rb, unseen_motion(speed, seconds, model))
     covariance = growth + MIN_VARIANCE * np.eye(6)
     now = path.last.T_world_left
-    published = replace(before, stamp_ns=stamp_ns, T_world_left=now, unseen=unseen)
+    published = replace(before, stamp_ns=stamp_ns, T_world_left=now, unseen_rb=unseen)
     motion = np.zeros(6)
     if before.T_world_left is not None:
         motion = StepMotion.between(before.T_world_left, now, model).vector

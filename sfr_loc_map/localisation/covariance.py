@@ -1,0 +1,309 @@
+"""The covariances of the estimates: how they are composed of the named error sources.
+
+The formulas name the fields of `error_sources.ErrorSources`. They contain what the localiser estimates itself:
+`yaw_sigma`, `yaw_target` and `yaw_remaining` are the standard deviation of the right camera's yaw, the yaw to be
+corrected, and the part of it that is not corrected yet (`OnlineCalibration`), px. The *variance factor* v is the ratio
+of the residuals found to those stated (Foerstner and Wrobel, Photogrammetric Computer Vision, chapter 4). Z is the
+median depth, m, of the landmarks of the map (in P) or of those that were tracked (in Q and S). f is the focal length,
+px, b the baseline, m.
+
+**Pose** (`pose_covariance`): left camera in the world, since the pose that placed the world in DS.
+
+    P = start + adjustment_inflation D + A + blur + (disparity_px^2 + yaw_sigma^2 + (unsettled_yaw_ratio
+        yaw_remaining)^2) B B' + U U' + attitude + unimaged
+
+- start: covariance of that pose, propagated to the present position.
+- D: drift within the window, from the bundle adjustment.
+- A: directed errors (ambiguous motions; bending of the path by the lens), which add up along the path, propagated.
+- blur: (blur_px / f) rad on each axis, and that angle times Z in position (`blur_of`).
+- B: path integral of the position over a constant disparity error, m/px. U: position error of the path that was
+  travelled before the yaw was corrected, m.
+- attitude: (bent_attitude_ratio hypot(yaw_sigma, yaw_target))^2 + (followed_attitude_ratio followed drift)^2, over f^2.
+- unimaged: the motion up to the last accepted pose as if no image had shown it, for findings that ask for it
+  (`findings.RULES`), and the motion since that pose while it is kept (`PathErrors.suspected`, `PathErrors.unseen`).
+
+Two poses share most of P, and P shrinks when the yaw is learnt. P therefore does not give the uncertainty of the motion
+between two poses, which is composed of steps.
+
+**Step** (`step_covariance` without `added`, which `trajectory` adds): RB in RB at the pose before, independent from
+step to step.
+
+    Q = step_inflation max(v, min_variance_factor) r (adjustment_inflation K + (keyframe_px Z / f)^2) + added
+    r = max(step / max(keyframe interval, min_interval_ratio usual interval), min_step_ratio)
+
+- K: covariance of the newest keyframe given the one before. The sizes of step and interval are optical flow, rad.
+- added: what findings add to the two poses of the step (`inflation_of`), the motion of the pose before by a correction
+  of the yaw (`PublishedPose.shared`), and the motion while that pose was kept (`PublishedPose.unseen_rb`). The factor
+  in front is 1 before the first residuals.
+
+**Noise** (`pose_noise`): white noise of a pose itself, which cancels between consecutive steps.
+
+    N = white_ratio max(v, min_variance_factor) max(shear_chi2, 1) C + exposure_rad^2 (attitude)
+
+- C: covariance of the pose given the landmarks.
+
+**Systematic** (`systematic_step`): errors common to all steps, which add up with their sign.
+
+    position = hypot(disparity_px, yaw_sigma, yaw_remaining) Z / (f b) displacement
+    attitude = hypot(lens_px, lens_ratio residual disparity) / (f b) length
+
+A yaw that is still to be corrected counts in full in a step and by half in the pose, which contains U as well.
+
+**Twist** (`StepEstimate.motion_covariance`): the motion of a step over its duration. Its covariance is Q, N of both
+poses, the squared systematic part, and a speed that may have changed while no image showed it.
+
+**Unseen motion** (`unseen_motion`): in a time t at the speed (s, w), at least the configured one:
+
+    diag(s t, s t, climb_ratio s t, tilt_ratio w t, tilt_ratio w t, w t)^2
+
+Each angle is at most `MAX_ANGLE_RAD`, about which nothing is known then.
+
+A new error source is a field of `ErrorSources` and a term in one of these formulas. If it accumulates along the path,
+it is also a field of `path_errors.PathErrors`, which only its methods change: `with_pose` or `with_directed` adds to
+it, `placed` and `rebased` reset it, and `restarted` decides what of it a new window inherits. It is a field of
+`history.PastPose` as well, from which `rebased` takes what arose before a past pose.
+
+Positions are `(3,)`, m, in the world. A covariance `(6, 6)` is of position and rotation about fixed axes, of the left
+camera in the world unless stated otherwise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import rotvec_from_matrix
+from sfr_loc_map.geometry.transform import Transform, propagated_covariance
+from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
+from sfr_loc_map.localisation.backend.sliding_window import KeyframeMotion
+from sfr_loc_map.localisation.error_sources import ErrorSources, RoverModel
+from sfr_loc_map.localisation.findings import Inflation
+from sfr_loc_map.localisation.motion_size import MotionSize, Speed, size_of
+from sfr_loc_map.localisation.path_errors import ZERO, DirectedError, PathErrors
+from sfr_loc_map.localisation.symmetric_matrices import positive_part, symmetric
+
+MAX_ANGLE_RAD = np.pi / np.sqrt(3.0)  #: Standard deviation of an angle about which nothing is known (uniform), rad.
+EXPECTED_CHI_MEDIAN = 0.839  #: Median of chi-square with four degrees of freedom, divided by four.
+MIN_VARIANCE = 1e-12  #: Keeps each covariance of a step positive definite, m^2 and rad^2.
+
+
+# ---- the pose
+
+
+def pose_covariance(
+    errors: PathErrors, position: FloatArray, depth_m: float, calibration: OnlineCalibration, model: RoverModel
+) -> FloatArray:
+    """Return the covariance P of the left camera at a position, with landmarks at a median depth."""
+    sources = model.sources
+    blur = blur_of(depth_m, model).covariance
+    # errors that all disparities share: a constant one, the yaw as far as it is unknown, and the path travelled
+    # before the yaw was corrected
+    bias = errors.bias.total - errors.bias_at_start.total
+    corrected = errors.bias.corrected - errors.bias_at_start.corrected
+    uncorrected = calibration.yaw.target_px * bias - corrected
+    unsettled_px = sources.unsettled_yaw_ratio * calibration.remaining_px
+    variance_px2 = sources.disparity_px**2 + calibration.yaw_sigma_px**2 + unsettled_px**2
+    disparity = np.zeros((6, 6))
+    disparity[:3, :3] = variance_px2 * np.outer(bias, bias) + np.outer(uncorrected, uncorrected)
+    # the attitude, which an uncorrected yaw bends, and which the drift of the right camera leaves
+    bent_px = sources.bent_attitude_ratio * np.hypot(calibration.yaw_sigma_px, calibration.yaw.target_px)
+    attitude_px = np.hypot(bent_px, sources.followed_attitude_ratio * calibration.followed_px)
+    attitude = np.zeros((6, 6))
+    attitude[3:, 3:] = np.eye(3) * (attitude_px / model.fx) ** 2
+    drift = start_and_drift(errors, position, model)
+    directed = errors.directed_covariance.at(position)
+    return np.asarray(drift + directed + blur + disparity + attitude + errors.unimaged)
+
+
+def blur_of(depth_m: float, model: RoverModel) -> MotionSize:
+    """Return the standard deviations of a pose by the error of a whole image, with landmarks at a median depth."""
+    blur_rad = model.sources.blur_px / model.fx
+    return MotionSize(blur_rad * depth_m, blur_rad)
+
+
+def start_and_drift(errors: PathErrors, position: FloatArray, model: RoverModel) -> FloatArray:
+    """Return the parts start and D of the pose covariance, which come from the start pose and the drift since."""
+    drift = errors.in_window
+    if errors.drift_origin is not None:
+        drift = positive_part(drift - errors.drift_origin.at(position))
+    return np.asarray(drift * model.sources.adjustment_inflation + errors.start.at(position))
+
+
+def accumulated_covariance(errors: PathErrors, position: FloatArray, model: RoverModel) -> FloatArray:
+    """Return what the windows and the motions between them added since the map was placed, for a pose of this window.
+
+    Poses from outside do not reset it, so that the difference of two such covariances is what arose between two poses.
+    """
+    drift = errors.in_window * model.sources.adjustment_inflation
+    return np.asarray(errors.before_window.at(position) + drift)
+
+
+def lens_turn_per_m(calibration: OnlineCalibration, model: RoverModel) -> float:
+    """Return the rotation per metre, rad/m, by which residual disparities of the lens bend the path.
+
+    Landmarks that are too near on one side and too far on the other turn each step by metres / (fx baseline) per px.
+    """
+    sources = model.sources
+    return float(np.hypot(sources.lens_px, sources.lens_ratio * calibration.lens.rms_px) / model.focal_baseline)
+
+
+# ---- what findings add
+
+
+def unseen_motion(speed: Speed, seconds: float, model: RoverModel) -> FloatArray:
+    """Return the covariance `(6, 6)` of a motion that no image showed, in RB where it began.
+
+    The rover may have continued at its last speed.
+    """
+    metres = max(model.bounds.unseen_speed_m_s, speed.m_s) * seconds
+    heading = max(model.bounds.unseen_turn_rad_s, speed.rad_s) * seconds
+    tilt = min(model.sources.tilt_ratio * heading, MAX_ANGLE_RAD)
+    climb = model.sources.climb_ratio * metres
+    return np.diag(np.square([metres, metres, climb, tilt, tilt, min(heading, MAX_ANGLE_RAD)]))
+
+
+class AddedError(NamedTuple):
+    """What findings add to the covariance of a pose, and of the steps to it and from it."""
+
+    #: `(6, 6)` motion since the last pose, in RB there; None without such a finding.
+    suspected_rb: FloatArray | None
+    ambiguity: DirectedError | None  #: Distance to another possible pose; None without such a finding.
+
+    @property
+    def of_step(self) -> FloatArray:
+        """Covariance `(6, 6)` added to a step."""
+        suspected = ZERO if self.suspected_rb is None else self.suspected_rb
+        return suspected if self.ambiguity is None else suspected + self.ambiguity.covariance
+
+
+def inflation_of(
+    inflation: Inflation, *, unseen_rb: FloatArray, moved: MotionSize, rival_distance: MotionSize
+) -> AddedError:
+    """Return what findings add, by the kind of their inflation (`findings.RULES`).
+
+    Args:
+        inflation: What the findings of the pair ask for.
+        unseen_rb: `(6, 6)` covariance of the motion since the last pose if no image had shown it, in RB there.
+        moved: Length and angle of the motion since the last pose, as it was estimated.
+        rival_distance: Distance between the poses of two possible motions; zero if only one was found.
+    """
+    ambiguity = None
+    if Inflation.AMBIGUITY in inflation:  # any of the motions, and standstill, may be the true one
+        forwards_m, *_, heading_rad = np.sqrt(unseen_rb.diagonal())
+        ambiguity = DirectedError(
+            max(rival_distance.metres, moved.metres, forwards_m),
+            max(rival_distance.radians, moved.radians, heading_rad),
+        )
+    return AddedError(unseen_rb if Inflation.SUSPECTED in inflation else None, ambiguity)
+
+
+# ---- a step
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepMotion:
+    """Motion between the pose published last and the present pose."""
+
+    of_rb: Transform  #: `T_rb_before_now`.
+    vector: FloatArray  #: `(6,)` the same as metres and rotation vector, rad.
+    displacement: FloatArray  #: `(3,)` of the left camera in the world, m.
+    size: MotionSize  #: Size of the motion of the left camera.
+    R_rb_world: FloatArray  #: `(3, 3)` takes components in the world to RB at the pose before.
+
+    @classmethod
+    def between(cls, before: Transform, now: Transform, model: RoverModel) -> StepMotion:
+        """Return the motion between two poses of the left camera in the world."""
+        T_before_world = before.inverse()
+        of_left = T_before_world @ now
+        of_rb = model.T_rb_left @ T_before_world @ now @ model.T_left_rb
+        return cls(
+            of_rb=of_rb,
+            vector=np.concatenate((of_rb.translation, rotvec_from_matrix(of_rb.rotation))),
+            displacement=now.translation - before.translation,
+            size=size_of(of_left),
+            R_rb_world=model.T_rb_left.rotation @ before.rotation.T,
+        )
+
+
+def updated_variance_factor(before: float | None, chi_median: float, sources: ErrorSources) -> float | None:
+    """Return the variance factor after a pair; its median chi-square per degree of freedom is NaN without residuals."""
+    found = chi_median / EXPECTED_CHI_MEDIAN
+    if not np.isfinite(found):
+        return before
+    return found if before is None else before + sources.variance_gain * (found - before)
+
+
+def step_covariance(
+    step: StepMotion,
+    keyframes: KeyframeMotion | None,
+    given_landmarks: FloatArray,
+    depth_m: float,
+    variance_factor: float | None,
+    model: RoverModel,
+) -> FloatArray:
+    """Return the covariance Q `(6, 6)` of a motion of the left camera, of RB in RB at the pose before.
+
+    Args:
+        step: The motion.
+        keyframes: Motion between the two newest keyframes.
+        given_landmarks: `(6, 6)` covariance of the pose if the landmarks were exact; it stands in without
+            a second keyframe.
+        depth_m: Median depth of the landmarks.
+        variance_factor: Ratio of residuals found to residuals stated.
+        model: Mount, geometry and error sources.
+    """
+    sources = model.sources
+    size = step.size.metres / depth_m + step.size.radians
+    if keyframes is None:
+        covariance = given_landmarks
+        interval = model.keyframe_rad
+    else:
+        covariance = keyframes.covariance
+        shortest = sources.min_interval_ratio * model.keyframe_rad
+        interval = max(keyframes.size.metres / depth_m + keyframes.size.radians, shortest)
+    shared = np.zeros(6)
+    shared[:3] = (sources.keyframe_px * depth_m / model.fx) ** 2
+    ratio = max(size / interval, sources.min_step_ratio)
+    factor = 1.0
+    if variance_factor is not None:
+        factor = sources.step_inflation * max(variance_factor, sources.min_variance_factor)
+    covariance = factor * np.asarray(ratio * (sources.adjustment_inflation * covariance + np.diag(shared)))
+    lever = -step.of_rb.rotation @ model.T_rb_left.translation
+    covariance = propagated_covariance(covariance, lever, step.R_rb_world)
+    return symmetric(covariance) + MIN_VARIANCE * np.eye(6)
+
+
+def pose_noise(
+    given_landmarks: FloatArray,
+    *,
+    R_world_left: FloatArray,
+    variance_factor: float | None,
+    shear_chi2: float,
+    model: RoverModel,
+) -> FloatArray:
+    """Return the white noise N `(6, 6)` of a pose, of RB in RB.
+
+    `given_landmarks` is the covariance if the landmarks were exact. A shear of the rows, as a squared ratio to its
+    standard deviation, counts as noise if it exceeds 1.
+    """
+    sources = model.sources
+    factor = 1.0 if variance_factor is None else max(variance_factor, sources.min_variance_factor)
+    noise = sources.white_ratio * factor * max(shear_chi2, 1.0) * given_landmarks
+    T_rb_left = model.T_rb_left
+    noise = propagated_covariance(noise, -T_rb_left.translation, T_rb_left.rotation @ R_world_left.T)
+    noise[3:, 3:] += sources.exposure_rad**2 * np.eye(3)
+    return symmetric(noise)
+
+
+def systematic_step(step: StepMotion, depth_m: float, calibration: OnlineCalibration, model: RoverModel) -> FloatArray:
+    """Return the signed one-sigma effects `(6,)` of errors common to all steps on one step, in RB.
+
+    The depth is the median depth of the landmarks, m.
+    """
+    disparity_px = np.sqrt(model.sources.disparity_px**2 + calibration.yaw_sigma_px**2 + calibration.remaining_px**2)
+    scaled = disparity_px * depth_m / model.focal_baseline * step.displacement
+    turned = lens_turn_per_m(calibration, model) * np.copysign(step.size.metres, step.vector[0])
+    return np.concatenate((step.R_rb_world @ scaled, np.full(3, turned)))
