@@ -11,13 +11,13 @@ not always that of the largest inflation.
 |---|---|
 | `REPEATED_PAIR`, `FROZEN_IMAGE`, `STALE_ROWS` | `guards.check_images`, after the comparison in `stale_images` |
 | `IDENTICAL_IMAGES` | `guards.check_wiring` |
-| `UNTEXTURED`, `FEW_LANDMARKS` | `guards.check_landmarks` |
+| `UNTEXTURED`, `FEW_LANDMARKS` | `guards.check_landmarks`, `guards.check_tracks` |
 | `CONTRADICTED`, `PARTIAL_TRANSFER`, `DOUBLE_EXPOSURE`, `UNEXPLAINED`, `RECOVERING` | `ground_cases.findings_of` |
 | `GROUND_IN_DOUBT`, `AMBIGUOUS` | `ground_cases.findings_of` |
 | `SINGULAR`, `TOO_FAST` | `guards.check_pose` |
 | `SWAPPED`, `ONE_SIDED` | `guards.check_sides` |
 | `AFTER_GAP` | `guards.check_gap` |
-| `DIVERGED` | `Localiser._with_finished_keyframe` |
+| `DIVERGED` | `guards.check_adjustment` |
 | `CALIBRATION`, `SHEARED_ROWS` | `guards.check_calibration`, `guards.check_shear` |
 
 A new guard adds a `Finding`, a row in `RULES`, a function in `guards.py`, and its call in the localiser:

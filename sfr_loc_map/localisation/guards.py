@@ -13,16 +13,26 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.findings import Finding
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks, is_textured
-from sfr_loc_map.localisation.motion_model import LastPose, is_plausible
+from sfr_loc_map.localisation.motion_model import LastPose
+from sfr_loc_map.localisation.motion_size import MotionSize, size_between, size_of
 from sfr_loc_map.localisation.stale_images import ImageComparison, are_equal
 
 Findings = frozenset[Finding]
+
+SLACK: Final = MotionSize(1.0, 1.0)
+"""Motion, m and rad, that is plausible whatever the stamps are: stamps may jitter."""
+MAX_ADJUSTMENT: Final = MotionSize(1.0, 1.0)
+"""Motion of the newest pose by a bundle adjustment, m and rad, above which the adjustment diverged. It is millimetres,
+or some centimetres with a correction of the yaw."""
 
 MIN_CONTRAST: Final = 1.0
 """Minimum standard deviation of a textured image in full resolution, grey levels: rounding to whole grey levels gives
@@ -65,19 +75,26 @@ def check_wiring(pair: StereoPair) -> Findings:
 # ---- the pose
 
 
-def check_landmarks(frame: StereoFrame, *, are_enough: bool) -> Findings:
-    """Report too few landmarks, and whether the images are the cause.
+def check_landmarks(frame: StereoFrame, count: int, min_tracked: int) -> Findings:
+    """Report a map with too few landmarks to be tracked, and whether the images are the cause."""
+    return frozenset() if count >= min_tracked else _too_few(frame)
 
-    It is asked of the landmarks of the map before they are tracked, of tracks that must be trusted, and of the
-    landmarks of a first keyframe.
+
+def check_tracks(frame: StereoFrame, tracks: Tracks) -> Findings:
+    """Report tracks that are not trusted, and whether the images are the cause.
+
+    The criterion is that of the tracker (`Tracks.is_trusted`), which decides by it whether to relocalise.
     """
-    if are_enough:
-        return frozenset()
+    return frozenset() if tracks.is_trusted else _too_few(frame)
+
+
+def _too_few(frame: StereoFrame) -> Findings:
+    """Return the finding of too few landmarks."""
     return frozenset({Finding.FEW_LANDMARKS if frame.is_textured else Finding.UNTEXTURED})
 
 
 def check_pose(tracks: Tracks, last: LastPose, stamp_ns: int, bounds: MotionBounds) -> Findings:
-    """Report a pose that is not determined, or that no rover can have reached since the last one.
+    """Report a pose that is not determined, or that no rover can have reached since the last known one.
 
     A determined pose is finite, and its information matrix is positive definite.
     """
@@ -86,7 +103,24 @@ def check_pose(tracks: Tracks, last: LastPose, stamp_ns: int, bounds: MotionBoun
     is_determined = is_finite and np.linalg.eigvalsh(tracks.information)[0] > 0.0
     if not is_determined:
         return frozenset({Finding.SINGULAR})
-    return _found(Finding.TOO_FAST, not is_plausible(last, stamp_ns, tracks.pose, bounds))
+    seconds = last.unseen_s(stamp_ns)
+    moved = size_between(Pose.of(last.T_world_left), tracks.pose)
+    max_m = SLACK.metres + bounds.max_speed_m_s * seconds
+    max_rad = SLACK.radians + bounds.max_turn_rad_s * seconds
+    is_plausible = moved.metres <= max_m and moved.radians <= max_rad
+    return _found(Finding.TOO_FAST, not is_plausible)
+
+
+def check_adjustment(last: LastPose, pose: Pose, covariance: FloatArray) -> Findings:
+    """Report an adjustment that diverged: its pose is not finite, or far from the last known one.
+
+    The covariance `(6, 6)` is that of the adjusted pose.
+    """
+    if not (np.isfinite(np.column_stack(pose)).all() and np.isfinite(covariance).all()):
+        return frozenset({Finding.DIVERGED})
+    moved = size_of(last.T_world_left.inverse() @ Transform(*pose))
+    is_near = moved.metres <= MAX_ADJUSTMENT.metres and moved.radians <= MAX_ADJUSTMENT.radians
+    return _found(Finding.DIVERGED, not is_near)
 
 
 def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: RightOffset) -> Findings:
@@ -102,9 +136,24 @@ def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: Ri
     return frozenset({Finding.SWAPPED if is_swapped else Finding.ONE_SIDED})
 
 
-def check_gap(*, keyframes: int, gap_ends_at: int) -> Findings:
+def clean_keyframe(last: LastPose, stamp_ns: int, keyframes: int, window_keyframes: int) -> int | None:
+    """Return the number of the keyframe from which a new window is not degraded by a gap before it; None without a gap.
+
+    There is no gap before the first pair, nor before a start pose with a later stamp: images show the motion to it.
+
+    Args:
+        last: The last known pose, at which the window begins.
+        stamp_ns: Stamp of its first pair.
+        keyframes: Number of keyframes since the start, with the first one of the window.
+        window_keyframes: Number of keyframes of a full window, which is the first that is not degraded.
+    """
+    has_gap = last.known_ns is not None and last.known_ns < stamp_ns
+    return keyframes + window_keyframes - 1 if has_gap else None
+
+
+def check_gap(*, keyframes: int, clean_from_keyframe: int) -> Findings:
     """Report a window that began after a motion that no image showed, until it has enough keyframes."""
-    return _found(Finding.AFTER_GAP, keyframes < gap_ends_at)
+    return _found(Finding.AFTER_GAP, keyframes < clean_from_keyframe)
 
 
 # ---- the right camera

@@ -31,7 +31,7 @@ pair changes in the state:
 
 | pair | changes |
 |---|---|
-| accepted (`_accept`) | all but `gap_ends_at`: only here the state learns from a pose |
+| accepted (`_accept`) | all but `clean_from_keyframe`: only here the state learns from a pose |
 | kept (`_keep`) | path (covariance and step), status, reason |
 | lost (`_lose`) | path (it forgets the velocity), failed recoveries (by a good image), status, reason |
 | begins a window (`_begin`) | all but `shear_mean`: the window starts at the last known pose; if it fails, as lost |
@@ -231,11 +231,11 @@ class Localiser:
         with clock.stage("pyramid"):
             frame = StereoFrame.of(images.pair)
         if landmark_map is None:
-            return self._begin(state, frame, verdict, findings)
-        has_map = len(landmark_map.landmarks.rows) >= self._config.min_tracked
-        verdict = decide(findings | guards.check_landmarks(frame, are_enough=has_map))
+            return self._begin(state, frame, findings)
+        count = len(landmark_map.landmarks.rows)
+        verdict = decide(findings | guards.check_landmarks(frame, count, self._config.min_tracked))
         if verdict.refuses:
-            return self._refuse(state, verdict, pair.stamp_ns, frame)
+            return self._refuse_or_restart(state, verdict, frame)
         # 2 predict
         guesses = state.path.last.predict(pair.stamp_ns, odometry, self._model)
         prediction = Prediction(guesses, state.calibration.offset)
@@ -246,16 +246,16 @@ class Localiser:
         ground = self._select_ground(frame, tracks, prediction, state, images, change.result())
         state = replace(state, ground=ground.refused())
         findings |= ground.findings
-        verdict = decide(findings | guards.check_landmarks(frame, are_enough=ground.tracks.is_trusted))
+        verdict = decide(findings | guards.check_tracks(frame, ground.tracks))
         if verdict.refuses:
-            return self._refuse(state, verdict, pair.stamp_ns, frame, ground.tracks)
+            return self._refuse_or_restart(state, verdict, frame, ground.tracks)
         # 6 correct the right camera
         corrected = self._correct_right_camera(ground.tracks, state.calibration, state.shear_mean)
         candidate = Candidate(frame, landmark_map.without(ground.not_ground), ground, corrected)
         # 7 judge
         verdict = self._judge(state, candidate, findings)
         if verdict.refuses:
-            return self._refuse(state, verdict, pair.stamp_ns, frame, candidate.tracks)
+            return self._refuse_or_restart(state, verdict, frame, candidate.tracks)
         # 8 complete, 9 accept
         final = self._complete(state, candidate, verdict, clock)
         return self._accept(state, candidate, verdict, final)
@@ -319,14 +319,14 @@ class Localiser:
         if decide(findings).refuses:  # the other guards need a pose
             return decide(findings)
         findings |= guards.check_sides(frame, tracks, self._tracker, corrected.calibration.offset)
-        findings |= guards.check_gap(keyframes=state.keyframes, gap_ends_at=state.gap_ends_at)
+        findings |= guards.check_gap(keyframes=state.keyframes, clean_from_keyframe=state.clean_from_keyframe)
         findings |= guards.check_calibration(corrected.calibration)
         findings |= guards.check_shear(corrected.shear_chi2, corrected.shear_mean)
         return decide(findings)
 
     def _check_pose(self, state: State, frame: StereoFrame, tracks: Tracks) -> Findings:
         """Return the findings that depend on the pose of a pair alone."""
-        findings = guards.check_landmarks(frame, are_enough=tracks.is_trusted)
+        findings = guards.check_tracks(frame, tracks)
         return findings | guards.check_pose(tracks, state.path.last, frame.stamp_ns, self._config.motion)
 
     def _complete(self, state: State, candidate: Candidate, verdict: Verdict, clock: StageClock) -> FinalPose:
@@ -402,27 +402,24 @@ class Localiser:
 
     # ---- pairs without an accepted pose
 
-    def _refuse(
-        self,
-        state: State,
-        verdict: Verdict,
-        stamp_ns: int,
-        frame: StereoFrame | None = None,
-        tracks: Tracks | None = None,
-    ) -> Outcome:
-        """Refuse a pair, by the action of the verdict."""
+    def _refuse(self, state: State, verdict: Verdict, stamp_ns: int, tracks: Tracks | None = None) -> Outcome:
+        """Refuse a pair: the last pose is kept, or the localiser is lost."""
         is_repeated = verdict.finding is Finding.REPEATED_PAIR
         statistics = TrackingStatistics(repeated=1) if is_repeated else TrackingStatistics(inliers=0)
         if verdict.action is Action.KEEP:
             return self._keep(state, verdict, stamp_ns, statistics, tracks)
-        # without a frame the verdict is of stage 1, of which no finding has the action RESTART
-        if verdict.action is Action.RESTART and frame is not None:
-            count = 0 if state.landmark_map is None else len(state.landmark_map.landmarks.rows)
-            if self._relocaliser.is_good_image(frame, count):
-                state = replace(state, failed_recoveries=state.failed_recoveries + 1)
-                if state.failed_recoveries >= RESTART_AFTER:
-                    return self._begin(state, frame, verdict, frozenset(), tracks)
         return self._lose(state, verdict.reason, statistics, tracks)
+
+    def _refuse_or_restart(
+        self, state: State, verdict: Verdict, frame: StereoFrame, tracks: Tracks | None = None
+    ) -> Outcome:
+        """Refuse a pair with a map. By the action `RESTART`, a window begins with it after some good images."""
+        count = 0 if state.landmark_map is None else len(state.landmark_map.landmarks.rows)
+        if verdict.action is Action.RESTART and self._relocaliser.is_good_image(frame, count):
+            state = replace(state, failed_recoveries=state.failed_recoveries + 1)
+            if state.failed_recoveries >= RESTART_AFTER and verdict.is_comparable:
+                return self._begin(state, frame, frozenset(), tracks)
+        return self._refuse(state, verdict, frame.stamp_ns, tracks)
 
     def _keep(
         self, state: State, verdict: Verdict, stamp_ns: int, statistics: TrackingStatistics, tracks: Tracks | None
@@ -441,28 +438,27 @@ class Localiser:
         state = replace(state, path=trajectory.lost(state.path), status=TrackingState.LOST, reason=reason)
         return Outcome(state, statistics, tracks)
 
-    def _begin(
-        self, state: State, frame: StereoFrame, verdict: Verdict, findings: Findings, tracks: Tracks | None = None
-    ) -> Outcome:
-        """Begin a window at the last known pose.
+    def _begin(self, state: State, frame: StereoFrame, findings: Findings, tracks: Tracks | None = None) -> Outcome:
+        """Begin a window at the last known pose, with a pair that has some findings.
 
-        The localiser stays lost if the pair has too few landmarks, or if its verdict does not allow it to be a
-        keyframe. The window is degraded if no image has shown the motion since the last pose, or by the findings given.
+        The localiser stays lost if the pair has too few landmarks, or if its findings do not allow it to be a keyframe.
+        The window is degraded by the findings, or if no image has shown the motion since the last pose.
         """
+        verdict = decide(findings)
         if not verdict.is_comparable:
             return self._lose(state, verdict.reason, TrackingStatistics(inliers=0), tracks)
         pose = Pose.of(state.path.last.T_world_left)
         result = self._keyframes.begin(frame, pose, state.calibration, state.ground.excluded.mask)
         found = len(result.landmark_map.landmarks.rows)
         statistics = TrackingStatistics(features=found)
-        few = decide(guards.check_landmarks(frame, are_enough=found >= self._config.min_tracked))
+        few = decide(guards.check_landmarks(frame, found, self._config.min_tracked))
         if few.refuses:
             return self._lose(state, few.reason, statistics, tracks)
         keyframes = state.keyframes + 1
-        known_ns = state.path.last.known_ns
-        has_gap = known_ns is not None and known_ns < frame.stamp_ns  # images show the motion up to a later start pose
-        gap_ends_at = keyframes + self._config.window_keyframes - 1 if has_gap else state.gap_ends_at
-        begun = decide(findings | guards.check_gap(keyframes=keyframes, gap_ends_at=gap_ends_at))
+        clean_from = guards.clean_keyframe(state.path.last, frame.stamp_ns, keyframes, self._config.window_keyframes)
+        if clean_from is None:
+            clean_from = state.clean_from_keyframe
+        begun = decide(findings | guards.check_gap(keyframes=keyframes, clean_from_keyframe=clean_from))
         status = TrackingState.DEGRADED
         if begun.action is Action.ACCEPT:
             status = TrackingState.INITIALISING if keyframes == 1 else TrackingState.TRACKING
@@ -476,7 +472,7 @@ class Localiser:
             failed_recoveries=0,
             ground=state.ground.in_new_window(frame, pose),
             keyframes=keyframes,
-            gap_ends_at=gap_ends_at,
+            clean_from_keyframe=clean_from,
             status=status,
             reason=begun.reason,
         )
@@ -504,10 +500,11 @@ class Localiser:
         result = pending.result()
         clock.seconds["keyframe"] = result.seconds
         window = result.landmark_map.window
-        path = trajectory.adjusted(state.path, window.newest_pose, window.covariance, has_yaw_step=result.has_yaw_step)
-        if path is None:
+        findings = guards.check_adjustment(state.path.last, window.newest_pose, window.covariance)
+        if findings:
             calibration = OnlineCalibration(self._camera, self._config.window_keyframes)
-            return replace(state, landmark_map=None, calibration=calibration), frozenset({Finding.DIVERGED})
+            return replace(state, landmark_map=None, calibration=calibration), findings
+        path = trajectory.adjusted(state.path, window.newest_pose, window.covariance, has_yaw_step=result.has_yaw_step)
         state = replace(
             state,
             path=path,
@@ -515,7 +512,7 @@ class Localiser:
             calibration=result.calibration,
             recovery=state.recovery.with_keyframe(result.landmark_map.landmarks),
         )
-        return state, frozenset()
+        return state, findings
 
     def _with_pose_from_outside(self, state: State, stamp_ns: int) -> State:
         """Apply a pending pose from outside, if its stamp has come."""

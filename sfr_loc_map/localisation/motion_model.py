@@ -8,14 +8,12 @@ from typing import NamedTuple
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.localisation.config import MotionBounds
 from sfr_loc_map.localisation.error_sources import RoverModel
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
-from sfr_loc_map.localisation.motion_size import MotionSize, Speed, size_between, size_of
+from sfr_loc_map.localisation.motion_size import Speed, size_of
 
 MAX_MISSED_PAIRS = 4
 """Number of missing pairs over which a constant velocity is still extrapolated; later the motion may have changed."""
-SLACK = MotionSize(1.0, 1.0)  #: Motion, m and rad, that is plausible whatever the stamps are: stamps may jitter.
 
 
 class Guesses(NamedTuple):
@@ -115,12 +113,3 @@ class LastPose:
     def restarted(self, stamp_ns: int) -> LastPose:
         """Return the pose after a new window began at it, at rest; the period is unknown."""
         return LastPose(self.T_world_left, Transform.identity(), stamp_ns, stamp_ns, 0, self.speed)
-
-
-def is_plausible(last: LastPose, stamp_ns: int, pose: Pose, bounds: MotionBounds) -> bool:
-    """Return whether a rover can have moved to a pose of the left camera since the last known one; NaN is not."""
-    seconds = last.unseen_s(stamp_ns)
-    metres, radians = size_between(Pose.of(last.T_world_left), pose)
-    max_m = SLACK.metres + bounds.max_speed_m_s * seconds
-    max_rad = SLACK.radians + bounds.max_turn_rad_s * seconds
-    return metres <= max_m and radians <= max_rad

@@ -44,7 +44,9 @@ class State:
     images: ImageMemory | None = None  #: Memory of the check for stale images.
     shear_mean: ShearMean = ShearMean()  #: Memory of the check for sheared rows.
     keyframes: int = 0  #: Number of keyframes since the start.
-    gap_ends_at: int = 0  #: Number of keyframes from which a window that began after a gap is no longer degraded.
+    clean_from_keyframe: int = (
+        0  #: Number of the keyframe from which a window is no longer degraded by a gap before it.
+    )
     status: TrackingState = TrackingState.INITIALISING  #: State published last; a lost pose is not continued.
     reason: StateReason | None = None  #: Reason published last.
 

@@ -54,10 +54,6 @@ from sfr_loc_map.localisation.motion_size import MotionSize, size_of
 from sfr_loc_map.localisation.path_errors import ZERO, DirectedError, DisparityBias, LocatedCovariance, PathErrors
 from sfr_loc_map.localisation.symmetric_matrices import positive_part, symmetric
 
-#: Motion of the newest pose by a bundle adjustment, m and rad, above which the adjustment diverged. It is millimetres,
-#: or some centimetres with a correction of the yaw.
-MAX_ADJUSTMENT = MotionSize(1.0, 1.0)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PublishedPose:
@@ -263,19 +259,15 @@ def lost(path: PathState) -> PathState:
     return replace(path, last=path.last.without_prediction())
 
 
-def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_step: bool) -> PathState | None:
-    """Return the path that continues from the adjusted pose of the last pair; None if the adjustment diverged.
+def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_step: bool) -> PathState:
+    """Return the path that continues from the adjusted pose of the last pair.
 
     A change of the yaw correction moves the pose. The covariance of the next step grows by the square of this motion.
     """
-    if not (np.isfinite(np.column_stack(pose)).all() and np.isfinite(covariance).all()):
-        return None
     T_world_left = Transform(*pose)
-    moved = size_of(path.last.T_world_left.inverse() @ T_world_left)
-    if not (moved.metres <= MAX_ADJUSTMENT.metres and moved.radians <= MAX_ADJUSTMENT.radians):
-        return None
     published = path.published
     if has_yaw_step:
+        moved = size_of(path.last.T_world_left.inverse() @ T_world_left)
         published = replace(published, shared=published.shared + moved.covariance)
     return replace(
         path, last=path.last.adjusted(T_world_left), errors=path.errors.adjusted(covariance), published=published
