@@ -34,29 +34,62 @@ from sfr_loc_map.localisation.ground_memory import (
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
 
-MAX_CONTRADICTING_UNKNOWN = 0.05  #: Maximum fraction of cells that contradict a motion while the ground is unknown.
-MAX_CONTRADICTING_KNOWN = 0.4  #: Maximum fraction of cells that contradict the motion of a known ground.
-MIN_STATIC_LANDMARKS = 12  #: Minimum number of landmarks on static texture that may be the own body.
-MIN_AGREEMENT = 0.3  #: Minimum fraction of the landmarks searched for that a rival must explain.
-CONVINCING = 0.6  #: Fraction of these from which a rival is accepted without further tests.
-MIN_DIFFERENCE_PX = 1.0  #: Minimum image motion between two poses that are different motions, px.
-MIN_DIFFERENCE_RATIO = 0.05  #: Minimum of the same as a ratio to the image motion of the main pose.
-STANDSTILL_RATIO = 0.15  #: Image motion, as a ratio to the expected one, below which a motion is a standstill.
-OLD_WEIGHT = 3.0  #: Weight of a landmark whose host is older than the newest host; a newer one has 1.
-EXPECTED_WEIGHT = 1.5  #: Factor on the weight of a motion that continues the one before.
+MAX_CONTRADICTING_UNKNOWN = 0.05
+"""Maximum fraction of cells that contradict a motion while the ground is unknown. Chosen by hand, above the 1 % of
+cells that change by noise alone (`cell_change.NOISE_CORRELATION`). If larger, a fixed reflection is followed for
+longer; if smaller, moving shadows refuse good poses."""
+MAX_CONTRADICTING_KNOWN = 0.4
+"""Maximum fraction of cells that contradict the motion of a known ground. Chosen by hand below one half, because an
+object may fill much of the view of a rover at rest. If larger, a pose that most of the image contradicts is accepted;
+if smaller, the last pose is kept beside large objects."""
+MIN_STATIC_LANDMARKS = 12
+"""Minimum number of landmarks on static texture that may be the own body. Chosen by hand: twice the minimum of a pose
+(`pose_solver.MIN_LANDMARKS`). If smaller, more pairs take the time of a search; if larger, a small body is found by its
+cells alone."""
+MIN_AGREEMENT = 0.3
+"""Minimum fraction of the landmarks searched for that a rival must explain. Chosen by hand. If larger, a rival among
+many outliers is missed; if smaller, chance agreement of outliers counts as a motion and degrades good pairs."""
+CONVINCING = 0.6
+"""Fraction of these from which a rival is accepted without further tests. Chosen by hand above one half: the majority
+agrees. If smaller, slow rivals near the main motion are accepted; if larger, each rival must be told apart by its image
+motion."""
+MIN_DIFFERENCE_PX = 1.0
+"""Minimum image motion between two poses that are different motions, px. Chosen by hand: ten times the usual residual
+of an inlier (0.1 px), within which one motion may be found twice. If larger, slow objects are missed."""
+MIN_DIFFERENCE_RATIO = 0.05
+"""Minimum of the same as a ratio to the image motion of the main pose. Chosen by hand, because errors of the prediction
+grow with the motion. If larger, objects that move nearly as the ground are missed."""
+STANDSTILL_RATIO = 0.15
+"""Image motion, as a ratio to the expected one, below which a motion is a standstill. Chosen by hand. If larger, a slow
+object counts as a stale part of the image; if smaller, a stale part that is tracked with an error is taken for an
+object."""
+OLD_WEIGHT = 3.0
+"""Weight of a landmark whose host is older than the newest host; a newer one has 1. Chosen by hand: an older landmark
+has agreed with the ground over a whole keyframe interval. If larger, a body that was tracked for long wins; if smaller,
+a large object that has just become landmarks does."""
+EXPECTED_WEIGHT = 1.5
+"""Factor on the weight of a motion that continues the one before. Chosen by hand. If larger, a turn of the rover beside
+an object is attributed to the object; if smaller, an object with half as many landmarks more than the ground wins."""
 EXPECTED_RATIO = 0.5
 """Maximum image motion from the expected pose to a motion that continues the one before, as a ratio to that of the
 other motion. If the two are equally far, neither continues it."""
 MIN_COVERED = 0.5  #: Minimum fraction of the cells in doubt that inliers must cover: the majority.
-CLEAR_RATIO = 1.4  #: Minimum ratio of the weights, or of the inliers, that makes one of two solutions the better one.
+CLEAR_RATIO = 1.4
+"""Minimum ratio of the weights, or of the inliers, that makes one of two solutions the better one. Chosen by hand. If
+larger, more pairs are ambiguous, hence degraded with a larger covariance; if smaller, a wrong motion is accepted as
+clear."""
 SEARCHED_UNEXPLAINED = 0.03
 """Fraction of unexplained landmarks from which a second exposure is searched for. Ghosts of 30 to 69 % leave 0.04 or
 more, most pairs of clean drives less, and the search takes 0.3 ms."""
-MIXTURE_LANDMARKS = 64  #: Number of landmarks in which a second exposure is searched for.
+MIXTURE_LANDMARKS = 64
+"""Number of landmarks in which a second exposure is searched for. Chosen by hand: the standard error of the weight
+falls with the root of the number, and the time grows with the number."""
 MIN_MIXTURE_WEIGHT = 0.1
 """Minimum weight of a second exposure. Its lower bound counts, because it is estimated: in images of one exposure the
 estimate is 0 within some hundredths."""
-MIXTURE_SIGMAS = 3.0  #: Number of standard errors between the weight and its lower bound.
+MIXTURE_SIGMAS = 3.0
+"""Number of standard errors between the weight and its lower bound, so that one image in 740 exceeds the bound by
+chance (normal errors). If larger, weak ghosts pass."""
 
 
 class ComparedPair(NamedTuple):

@@ -40,20 +40,39 @@ from sfr_loc_map.localisation.frontend.tracking import StereoFrame
 # without one.
 
 AGREEING_PAIRS = 3
-"""Moving pairs that one motion must explain before it is the ground's, or before a doubtful pair is forgotten."""
+"""Moving pairs that one motion must explain before it is the ground's, or before a doubtful pair is forgotten. Chosen
+by hand. If larger, clean pairs stay degraded for longer after a fault; if smaller, a second bad pair after a good one
+is published as good."""
 LONG_DOUBT_PAIRS = 10
-"""The same after a doubt that may last: two motions of a ground that was not known, or a mostly stale image."""
-MAX_TRANSFERS = 10  #: Maximum number of consecutive pairs that are taken as partially transferred.
+"""The same after a doubt that may last: two motions of a ground that was not known, or a mostly stale image. Chosen by
+hand, with the same consequences."""
+MAX_TRANSFERS = 10
+"""Maximum number of consecutive pairs that are taken as partially transferred. Chosen by hand: such faults are short,
+and a longer row has another cause. If larger, an object that covers much of the image makes no keyframes for that long;
+if smaller, a longer fault is taken for two motions."""
 MIN_UNEXPLAINED = 0.12
-"""Fraction of unexplained landmarks, above the typical one, from which a motion is unusual."""
+"""Fraction of unexplained landmarks, above the typical one, from which a motion is unusual. Chosen by hand. If larger,
+objects and stale parts below that fraction bias the pose unreported; if smaller, clean pairs with many outliers are
+degraded."""
 AFTER_TRANSFER = 0.5  #: Factor on that fraction after a partially transferred pair: the next may be another one.
 MOSTLY_STALE = 0.5  #: Fraction of stale rows from which all rows of the next images may be stale.
 MAX_MOVING = 0.12
-"""Fraction of cells that are excluded because they move, from which a pair does not confirm the ground's motion."""
-MAX_UNEXPLAINED = 0.47  #: Fraction of unexplained landmarks from which a motion is unusual in any case.
-TYPICAL_FACTOR = 1.25  #: Factor on the typical fraction of unexplained landmarks.
-RISING_GAIN = 0.1  #: Gain of the typical fraction for a pair with a larger fraction.
-FALLING_GAIN = 0.5  #: Gain of the typical fraction for a pair with a smaller fraction.
+"""Fraction of cells that are excluded because they move, from which a pair does not confirm the ground's motion. Chosen
+by hand, equal to `MIN_UNEXPLAINED`, because landmarks of these cells would be unexplained. If larger, doubt ends beside
+a large object; if smaller, it lasts beside small ones."""
+MAX_UNEXPLAINED = 0.47
+"""Fraction of unexplained landmarks from which a motion is unusual in any case. Chosen by hand a little below one half,
+from which the majority does not follow the motion. If smaller, pairs with large objects are ambiguous more often."""
+TYPICAL_FACTOR = 1.25
+"""Factor on the typical fraction of unexplained landmarks, because it scatters in proportion to itself. Chosen by hand.
+If larger, drives with many outliers report fewer faults; if smaller, their clean pairs are degraded."""
+RISING_GAIN = 0.1
+"""Gain of the typical fraction for a pair with a larger fraction: slow, so that a fault does not become typical before
+it is reported. Chosen by hand. If larger, it does; if smaller, rougher ground is reported for longer."""
+FALLING_GAIN = 0.5
+"""Gain of the typical fraction for a pair with a smaller fraction: fast, so that a fault at the start is forgotten
+within some pairs. Chosen by hand. If larger, one clean pair makes the next ones unusual; if smaller, later faults are
+hidden for longer."""
 
 
 class Phase(Enum):

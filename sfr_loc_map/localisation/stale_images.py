@@ -29,18 +29,33 @@ from sfr_loc_map.geometry.stereo import StereoPair
 # levels.
 
 ROW_STEPS: Final = (16, 1)  #: Row steps of the comparison: all rows are compared if every 16th does not decide.
-MAX_NOISE: Final = 12.0  #: Standard deviation of a difference, grey levels, above which the scene moved.
-NOISE_MARGIN: Final = 1.1  #: Factor on the variance in the first test, because images are rounded.
-MAX_NEIGHBOUR_CORRELATION: Final = 0.2  #: Correlation of neighbouring differences above which the scene moved.
-EXPOSED: Final = (8, 247)  #: Grey levels between which noise is not clipped.
+MAX_NOISE: Final = 12.0
+"""Standard deviation of a difference, grey levels, above which the scene moved. Chosen by hand; two exposures with a
+noise of 8 grey levels differ by 11.3. If larger, more pairs take the full test; if smaller, noisy frozen images pass as
+new."""
+NOISE_MARGIN: Final = 1.1
+"""Factor on the variance in the first test, which saves time; the second test decides without it. Chosen by hand above
+1, because images are rounded. If larger, more pairs take the second test."""
+MAX_NEIGHBOUR_CORRELATION: Final = 0.2
+"""Correlation of neighbouring differences above which the scene moved. Noise has 0, moved texture nearly 1. Chosen by
+hand. If larger, blurred motion counts as noise; if smaller, a little structure in the noise hides a frozen image."""
+EXPOSED: Final = (8, 247)
+"""Grey levels between which noise is not clipped. Chosen by hand: eight grey levels from either end. A wider range
+biases the slope by clipped noise, a narrower one leaves fewer pixels."""
 MIN_PIXELS: Final = 256  #: Minimum number of exposed pixels for a decision: their slope has an error of about 1/16.
 MIDDLE_SLOPE: Final = -0.25  #: Slope between that of two exposures (-1/2) and that of a frozen image (0).
-STANDARD_ERRORS: Final = 4.0  #: Standard errors of the slope for a decision.
-CALM_QUANTILE: Final = 0.1  #: Quantile of the neighbouring texture from which a pixel is weighted down.
+STANDARD_ERRORS: Final = 4.0
+"""Standard errors of the slope for a decision, so that one of 30 000 decisions is wrong by chance (normal errors). If
+larger, all rows are compared more often."""
+CALM_QUANTILE: Final = 0.1
+"""Quantile of the neighbouring texture from which a pixel is weighted down. Chosen by hand: the calmest tenth gives the
+scale. If larger, texture that moved adds to the error of the slope; if smaller, fewer pixels decide."""
 MAX_CHANGED: Final = 0.1
 """Fraction of the exposed pixels that differ in an image that was not exposed again. A noise of a tenth of a grey level
 makes a tenth of the pixels of two exposures differ."""
-MIN_ROW_RANGE: Final = 8  #: Range of grey levels of a textured row: sky and saturated rows are equal in all images.
+MIN_ROW_RANGE: Final = 8
+"""Range of grey levels of a textured row: sky and saturated rows are equal in all images. Chosen by hand. If larger,
+stale rows of weak texture are not detected; if smaller, rows that are equal by themselves count as stale."""
 MIN_STALE_FRACTION: Final = 0.05
 """Fraction of stale rows from which an image is partially transferred: fewer rows hold few landmarks."""
 PROBE: Final = 64  #: Row step of a first comparison, which decides for nearly all images.

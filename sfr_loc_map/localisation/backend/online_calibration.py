@@ -31,29 +31,64 @@ freedom, by which its standard error is known to 29 %."""
 MAX_SHIFTS: Final = 16
 """Maximum number of consecutive pairs from which a drift is detected: 1.6 s at 10 Hz, over which a drift is nearly
 linear."""
-DRIFT_SIGMAS: Final = 5.0  #: Standard errors of the shift above which the right camera drifts.
-DRIFT_FLOOR_PX: Final = 0.015  #: Shift, px, that is not a drift, whatever its standard error.
-AFTER_DRIFT_PAIRS: Final = 20  #: Pairs after the last correction in which the right camera is still reported to drift.
-FOLLOWED_ERROR_RATIO: Final = 0.1  #: Standard deviation of a followed drift, as a ratio to the drift.
+DRIFT_SIGMAS: Final = 5.0
+"""Standard errors of the shift above which the right camera drifts. Chosen by hand: with six degrees of freedom, 5 are
+exceeded by chance in a quarter of a percent of the fits. If larger, a drift biases the depths for longer before it is
+followed; if smaller, noise is followed and adds up."""
+DRIFT_FLOOR_PX: Final = 0.015
+"""Shift, px, that is not a drift, whatever its standard error. Chosen by hand near the error that all disparities share
+(`ErrorSources.disparity_px`, 0.01 px). If larger, slow drifts are left to the yaw of the windows; if smaller, errors of
+the landmarks are followed."""
+AFTER_DRIFT_PAIRS: Final = 20
+"""Pairs after the last correction in which the right camera is still reported to drift. Chosen by hand, more than a
+drift needs to be detected again (`MAX_SHIFTS`). If smaller, the state alternates within one drift; if larger, good
+pairs stay degraded."""
+FOLLOWED_ERROR_RATIO: Final = 0.1
+"""Standard deviation of a followed drift, as a ratio to the drift. Chosen by hand, equal to
+`ErrorSources.followed_attitude_ratio`. If larger, windows correct the yaw more after a drift and poses state larger
+errors; if smaller, an error of the drift stays."""
 FIRST_SIGMA_PX: Final = 0.3
 """Prior standard deviation of the yaw, px: 0.03 degrees at a focal length of 600 px, as after a shock or a change of
 temperature."""
-YAW_WALK_PX: Final = 0.002  #: Process noise of the yaw per keyframe, px.
-DETECTION_SIGMAS: Final = 4.0  #: Standard deviations above which a yaw is corrected; smaller ones are left alone.
-MAX_CORRECTION_PX: Final = 0.05  #: Maximum change of the yaw correction per keyframe, px.
-CORRECTION_GAIN: Final = 0.2  #: Maximum change as a ratio to the remaining yaw, if that is larger.
-UNSETTLED_PX: Final = 0.2  #: Remaining yaw, px, above which poses are degraded: less than its prior standard deviation.
+YAW_WALK_PX: Final = 0.002
+"""Process noise of the yaw per keyframe, px. Chosen by hand: over a hundred keyframes it adds 0.02 px. If larger, the
+yaw never becomes certain; if smaller, a later change of temperature is followed too slowly."""
+DETECTION_SIGMAS: Final = 4.0
+"""Standard deviations above which a yaw is corrected; smaller ones are left alone. A correct calibration is changed by
+chance in one of 16 000 cases (normal errors). If larger, a real yaw scales the path for longer."""
+MAX_CORRECTION_PX: Final = 0.05
+"""Maximum change of the yaw correction per keyframe, px, because the pose moves with it. Chosen by hand: a sixth of the
+prior standard deviation. If larger, steps of the path are larger; if smaller, the path is scaled for longer."""
+CORRECTION_GAIN: Final = 0.2
+"""Maximum change as a ratio to the remaining yaw, if that is larger. Chosen by hand, so that three keyframes halve a
+large yaw (0.8^3 = 0.51). Larger and smaller values act as those of `MAX_CORRECTION_PX`."""
+UNSETTLED_PX: Final = 0.2
+"""Remaining yaw, px, above which poses are degraded. Chosen by hand below its prior standard deviation. If larger,
+poses with a bent path are published as good; if smaller, more pairs are degraded, although the covariance contains the
+remaining yaw."""
 MIN_MATCHES: Final = 20
 """Minimum number of stereo matches of a keyframe that updates pitch and roll: ten for each unknown."""
-VERTICAL_NOISE_PX: Final = 0.15  #: Standard deviation of the vertical disparity of a match, px.
-VERTICAL_ITERATIONS: Final = 5  #: Iterations of the robust fit of pitch and roll.
+VERTICAL_NOISE_PX: Final = 0.15
+"""Standard deviation of the vertical disparity of a match, px. Chosen by hand above the usual residual of an inlier
+(0.1 px). It is the scale of the robust weight: if larger, wrong matches count more; if smaller, fewer matches count."""
+VERTICAL_ITERATIONS: Final = 5
+"""Iterations of the robust fit of pitch and roll. Chosen by hand. With fewer, wrong matches keep more weight; with
+more, a keyframe takes longer."""
 RETENTION: Final = 0.98
 """Weight that the information on pitch and roll keeps with each keyframe, so that fifty keyframes count."""
-VERTICAL_PRIOR: Final = (1e-3, 5e-3)  #: Information of the prior "no pitch, no roll", in keyframes.
-LENS_BLOCKS: Final = (4, 6)  #: Rows and columns of image blocks, each with a mean residual disparity.
-SIGHTINGS: Final = 8  #: Pairs in which a landmark is seen with the same error.
+VERTICAL_PRIOR: Final = (1e-3, 5e-3)
+"""Information of the prior "no pitch, no roll", in keyframes. Chosen by hand far below one keyframe, so that it decides
+only what no match shows. If larger, small rotations are not corrected completely."""
+LENS_BLOCKS: Final = (4, 6)
+"""Rows and columns of image blocks, each with a mean residual disparity. Chosen by hand: residuals of a lens vary
+smoothly. With more blocks, fewer landmarks determine each; with fewer, the variation within a block is missed."""
+SIGHTINGS: Final = 8
+"""Pairs in which a landmark is seen with the same error. Chosen by hand. If larger, more of the block means is
+attributed to chance and a lens with errors is missed; if smaller, the lens of a clean drive is given errors."""
 FIRST_LENS_PX: Final = 0.08  #: Prior RMS of the residual disparity of a lens, px. A KITTI car has 0.07 to 0.09 px.
-LENS_PAIRS: Final = 20  #: Number of first pairs in which the prior is a lower bound.
+LENS_PAIRS: Final = 20
+"""Number of first pairs in which the prior is a lower bound. Chosen by hand: two seconds at 10 Hz. If larger, sheared
+rows at the start are detected later; if smaller, an unknown lens is reported as sheared rows."""
 
 
 class LensResidual(NamedTuple):

@@ -15,8 +15,12 @@ from sfr_loc_map.localisation.parallel import in_halves
 SEARCH_LEVEL = 1
 """Pyramid level of the search. It has half of the positions of the image and a quarter of its pixels, and the
 refinement captures the rest of the disparity."""
-SEARCH_HALF = 4  #: Half width of the patches of the search, px of that level.
-MIN_SEARCH_NCC = 0.75  #: Minimum normalised cross-correlation of the search.
+SEARCH_HALF = 4
+"""Half width of the patches of the search, px of that level. Chosen by hand: 9 x 9 px cover 18 x 18 px of the image. If
+larger, slopes and edges lower the correlation; if smaller, more positions look alike."""
+MIN_SEARCH_NCC = 0.75
+"""Minimum normalised cross-correlation of the search. Chosen by hand. If larger, landmarks on slopes are lost; if
+smaller, more wrong matches are left to the refinement."""
 MAX_AMBIGUITY = 0.85
 """Maximum ratio of best to second-best `1 - correlation` of the search (compare Lowe 2004, section 7.1)."""
 MIN_PEAK_DISTANCE = 2
