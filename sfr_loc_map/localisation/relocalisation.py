@@ -25,12 +25,20 @@ RESTART_AFTER = 3
 may be blurred. Chosen by hand."""
 MIN_BEST_RATIO = 0.5
 """Minimum ratio of inliers in the left image to landmarks in the image of the descriptors: the majority."""
-GOOD_IMAGE_RATIO = 0.5  #: Minimum ratio of corners to landmarks of the map in a pair that may begin a window.
+GOOD_IMAGE_RATIO = 0.5
+"""Minimum ratio of corners to landmarks of the map in a pair that may begin a window. Chosen by hand: half. If larger,
+a window in a scene of less texture does not begin; if smaller, a blurred pair begins one."""
 MIN_DESCRIPTOR_PX = 8.0  #: Minimum size of a descriptor, px: smaller ones hold noise.
 DESCRIPTORS_PER_SIDE = 32  #: Shorter side of the image over the size of a descriptor: 16 px at 512 x 512.
 NO_POINTS = np.zeros((0, 2))  #: No points.
 FLOW_WINDOW = (21, 21)  #: Window of the optical flow, px: the default of OpenCV.
 FLOW_MIN_SIDE = 16  #: Side of the coarsest image of the optical flow, px: the window must fit.
+FLOW_LEVELS = (2, 6)
+"""Minimum and maximum number of pyramid levels above the image in the optical flow. Chosen by hand. With fewer, large
+motions are not found; with more, the window of the coarsest level covers more than the image."""
+CORNERS_RATIO = 2
+"""Corners of the image that are described, over the number of landmarks of a keyframe. Chosen by hand: corners move in
+the order of their strength. With fewer, more landmarks are without a match; the time grows with the number."""
 MAX_FLOW_ROUND_TRIP_PX = 1.0
 """Maximum distance of a point from itself after flow forwards and backwards, px (Kalal et al. 2010)."""
 MAX_REPROJECTION_PX = 3.0  #: Gate of an inlier of the perspective pose, px: it is refined to a few hundredths.
@@ -127,7 +135,7 @@ class Relocaliser:
         if len(uv) < enough:
             return None
         start = uv.astype(np.float32)[:, None]
-        levels = int(np.clip(np.log2(min(frame.image.shape) / FLOW_MIN_SIDE), 2, 6))
+        levels = int(np.clip(np.log2(min(frame.image.shape) / FLOW_MIN_SIDE), *FLOW_LEVELS))
         moved, found = _flow(known.image, frame.image, start, levels)
         back, found_back = _flow(frame.image, known.image, moved, levels)
         round_trip_px = np.abs(back - start).max(axis=(1, 2))
@@ -143,7 +151,7 @@ class Relocaliser:
         known = images.best
         if known is None:
             return None
-        corners = find_corners(frame.left[0].image, NO_POINTS, 2 * self._config.max_features, BORDER)
+        corners = find_corners(frame.left[0].image, NO_POINTS, CORNERS_RATIO * self._config.max_features, BORDER)
         uv, points = known.observed()
         enough = self._config.min_tracked
         if min(len(uv), len(corners)) < enough:

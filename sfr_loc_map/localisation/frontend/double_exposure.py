@@ -21,7 +21,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, median
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.jit import jit_fast, jit_fast_inline
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
-from sfr_loc_map.localisation.frontend.patch import plane_homographies, sample
+from sfr_loc_map.localisation.frontend.patch import COARSE_SAMPLED_PX, plane_homographies, sample
 from sfr_loc_map.localisation.small_linalg import fill_inverse_4
 
 MIXTURE_LEVEL: Final = 1  #: Pyramid level of the comparison: hosts keep it, and its noise is half that of the image.
@@ -99,7 +99,7 @@ def _level_sample(image: FloatImage, at: _Pixel) -> np.float32:
     height, width = image.shape
     x = (at.u + 0.5) / (1 << MIXTURE_LEVEL) - 0.5
     y = (at.v + 0.5) / (1 << MIXTURE_LEVEL) - 0.5
-    if not (0.0 <= x < width - 1.01 and 0.0 <= y < height - 1.01):
+    if not (0.0 <= x < width - COARSE_SAMPLED_PX and 0.0 <= y < height - COARSE_SAMPLED_PX):
         return np.float32(np.nan)
     return sample(image, x, y)
 

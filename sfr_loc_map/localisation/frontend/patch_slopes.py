@@ -29,9 +29,13 @@ PRIOR_SIGMA = 0.05
 """Standard deviation of the slopes of the neighbours' plane, px of disparity per px. 0.015 and 0.03 gave larger errors
 of attitude (measurements/localiser_trials.md)."""
 MIN_SQUARE = 1.0  #: Minimum mean squared residual, grey levels squared: images are quantised to whole grey levels.
-SLOPE_ITERATIONS = 5  #: Maximum number of iterations.
+SLOPE_ITERATIONS = 5
+"""Maximum number of iterations. Chosen by hand. With fewer, patches with large slopes keep an error; with more, patches
+that do not converge take time."""
 MAX_SLOPE_SHIFT_PX = 1.0
 """Maximum shift of a patch, px: one that moves farther has left its texture, and keeps its slopes."""
+COLUMNS = 5
+"""Columns of the fit of a patch: its grey levels, and their derivatives by the four unknowns."""
 FINISHED_PX = 0.01
 """Movement of a pixel of the patch, px, below which no further iteration follows: as in `patch_tracking`."""
 
@@ -45,7 +49,7 @@ class _Workspace(NamedTuple):
     pixels: PatchPixels  #: Pixels of the left patch.
     start: FloatArray  #: Plane of the neighbours.
     plane: FloatArray  #: Plane of the patch.
-    columns: Patch  #: `(5, S * S)` grey levels, and their derivatives by the unknowns.
+    columns: Patch  #: `(COLUMNS, S * S)` grey levels, and their derivatives by the unknowns.
     normal: FloatArray  #: `(4, 4)` normal matrix of the derivatives.
     regularised: FloatArray  #: `(4, 4)` normal matrix with the prior.
     inverse: FloatArray  #: `(4, 4)` inverse of the regularised matrix.
@@ -74,7 +78,7 @@ def _fill_columns(patch: Patch, work: _Workspace) -> float:
     power = normalise(columns[0])
     if power < MIN_POWER:
         return float(power)
-    for c in range(1, 5):
+    for c in range(1, COLUMNS):
         normalise(columns[c])
         parallel = np.float32(0.0)
         for k in range(size):
@@ -204,7 +208,7 @@ def refine_slopes(image: FloatImage, patches: Patch, right: FloatArray, slope: F
     size = patches.shape[2]
     matrices = np.zeros((3, 4, 4))
     vectors = np.zeros((3, 4))
-    columns = np.empty((5, size), np.float32)
+    columns = np.empty((COLUMNS, size), np.float32)
     normal, regularised, inverse = matrices
     start, plane, products = vectors
     work = _Workspace(patch_pixels(size), start, plane, columns, normal, regularised, inverse, products)

@@ -15,6 +15,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
 from sfr_loc_map.localisation.frontend.patch import (
+    COARSE_SAMPLED_PX,
     MIN_POWER,
     ImageLevel,
     LocalPlanes,
@@ -157,7 +158,12 @@ def _compare(image: FloatImage, u: float, v: float, patches: _Patches, n: int) -
     half = half_width(pixels.x.size)
     reach_x = half * (abs(xu) + abs(xv))
     reach_y = half * (abs(yu) + abs(yv))
-    if u < reach_x or v < reach_y or u + reach_x >= width - 1.01 or v + reach_y >= height - 1.01:
+    if (
+        u < reach_x
+        or v < reach_y
+        or u + reach_x >= width - COARSE_SAMPLED_PX
+        or v + reach_y >= height - COARSE_SAMPLED_PX
+    ):
         return not_in_view
     warp_pixels(pixels, LocalWarp(u, v, xu, xv, yu, yv, 0.0, 0.0))
     products = products_with_samples(image, pixels.x, pixels.y, np.float32(u), np.float32(v), templates.values[n])

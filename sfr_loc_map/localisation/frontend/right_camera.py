@@ -30,6 +30,7 @@ ENOUGH_LANDMARKS = 300
 that of their mean."""
 POSE, SHIFT, SHEAR = slice(6), 6, slice(7, 9)
 """Unknowns of the step: pose, shift of the right image, shears of the left and of the right image."""
+UNKNOWNS = 9  #: Number of unknowns of the step.
 
 
 class RightOffset(NamedTuple):
@@ -124,14 +125,14 @@ def _step_equations(
     the horizon separate the two.
     """
     x, y = right_xy.T
-    jacobian = np.zeros((len(weight), 4, 9))
+    jacobian = np.zeros((len(weight), 4, UNKNOWNS))
     jacobian[:, :, POSE] = linearised.jacobians
     jacobian[:, 2, SHIFT] = 1.0 + x * x
     jacobian[:, 3, SHIFT] = x * y
     jacobian[:, 0, SHEAR.start] = left_xy[:, 1]
     jacobian[:, 2, SHEAR.start + 1] = y
-    weighted = (linearised.whitening * weight[:, None, None] @ jacobian).reshape(-1, 9)
-    return _StepEquations(weighted.T @ jacobian.reshape(-1, 9), weighted.T @ linearised.residuals.ravel())
+    weighted = (linearised.whitening * weight[:, None, None] @ jacobian).reshape(-1, UNKNOWNS)
+    return _StepEquations(weighted.T @ jacobian.reshape(-1, UNKNOWNS), weighted.T @ linearised.residuals.ravel())
 
 
 def _shift_of(equations: _StepEquations) -> tuple[float, float]:
