@@ -206,7 +206,7 @@ def _write_control_document(
 def _compare_scores(paths: list[Path], scores: list[Score], page: Path | None, json_path: str | None) -> None:
     """Compare scores of the same data, of one method or of several, paired by sub-trajectory."""
     from sfr_loc_map.metrics.comparison import compare_scores
-    from sfr_loc_map.report.comparison import comparison_tables, methods_figures, methods_tables, names_of, summary_of
+    from sfr_loc_map.report.comparison import comparison_tables, methods_plots, methods_tables, names_of, summary_of
     from sfr_loc_map.report.page import render_overview
 
     if page is not None and page.suffix not in HTML_SUFFIXES:
@@ -216,8 +216,8 @@ def _compare_scores(paths: list[Path], scores: list[Score], page: Path | None, j
     tables = [*methods_tables(scores, names), *comparison_tables(result)]
     if page is not None:
         heading, text = summary_of(result)
-        figures = methods_figures(scores, names)
-        write_text(render_overview("Comparison of scores", None, text, tables, figures, heading=heading), page)
+        plots = methods_plots(scores, names)
+        write_text(render_overview("Comparison of scores", None, text, tables, plots, heading=heading), page)
         propose(f"open {page} in a browser")
     else:
         propose("... -o comparison.html", why="the same as a page with figures")
@@ -249,7 +249,7 @@ def _compare_suites(folders: list[Path], page: Path | None, json_path: str | Non
 
 def _draw(paths: list[Path], truth: Path | None, config: AlignedErrorConfig, page: Path | None) -> None:
     """Draw trajectories from above, in height and, with the truth, their distance to it."""
-    from sfr_loc_map.report.path_figure import curves_of, save_path_html
+    from sfr_loc_map.report.path_plot import curves_of, save_path_html
     from sfr_loc_map.scoring.trajectories import load_trajectories
 
     for path in paths:

@@ -144,7 +144,7 @@ class Trajectory(Shown):
         """Return the path as a plotly figure, as `sfr report` draws it; with the truth also the distance to it."""
         from sfr_loc_map.config import build
         from sfr_loc_map.metrics.config import AlignedErrorConfig
-        from sfr_loc_map.report.path_figure import curves_of, path_plot
+        from sfr_loc_map.report.path_plot import curves_of, path_plot
         from sfr_loc_map.report.plots import to_figure
 
         config = build(AlignedErrorConfig, {"align": align}, origin="align")

@@ -24,7 +24,7 @@ from sfr_loc_map.metrics.score import SCHEMA, Score
 from sfr_loc_map.metrics.score_json import from_json, to_dict
 from sfr_loc_map.report.limit_bars import limit_bars
 from sfr_loc_map.report.page import overall_of
-from sfr_loc_map.report.score_figures import error_sizes
+from sfr_loc_map.report.score_plots import error_sizes
 from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.report.tables import Cell, Table
 from sfr_loc_map.runs.calls import CallRecord

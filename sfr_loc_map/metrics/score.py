@@ -228,9 +228,9 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     def plot(self, name: str | None = None) -> PlotlyFigure:
         """Return a figure of the report as a plotly figure, which a notebook shows; by default the first."""
         from sfr_loc_map.report.plots import to_figure
-        from sfr_loc_map.report.score_figures import score_figures
+        from sfr_loc_map.report.score_plots import score_plots
 
-        plots = {plot.name: plot for _, plots in score_figures(self) for plot in plots}
+        plots = {plot.name: plot for _, plots in score_plots(self) for plot in plots}
         chosen = next(iter(plots), None) if name is None else name
         if chosen not in plots:
             available = ", ".join(plots) or "none"

@@ -1,6 +1,6 @@
-"""Several scores of the same data on one page: paired differences, a row for each method, their figures together.
+"""Several scores of the same data on one page: paired differences, a row for each method, their plots together.
 
-Names of methods are a user's: they are cut to plain letters before they come into a figure.
+Names of methods are a user's: they are cut to plain letters before they come into a plot.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.report import plots
 from sfr_loc_map.report.page import overall_of
-from sfr_loc_map.report.score_figures import growth, path_errors, path_of, range_rows
+from sfr_loc_map.report.score_plots import growth, path_errors, path_of, range_rows
 from sfr_loc_map.report.score_tables import UNNAMED, convention_text, row_title
 from sfr_loc_map.report.tables import ABSENT, MARKS, NONE, Cell, Column, Row, Table, Unit, fitting, number
 
@@ -233,18 +233,18 @@ def _provenance(named: Named) -> Table:
     return Table("provenance", "What each was made of", columns, tuple(rows))
 
 
-# ---- figures of methods
+# ---- plots of methods
 
 
-def methods_figures(scores: Sequence[Score], names: Sequence[str]) -> list[tuple[str, list[plots.Plot]]]:
-    """Return the figures by heading, as far as the scores have their data."""
+def methods_plots(scores: Sequence[Score], names: Sequence[str]) -> list[tuple[str, list[plots.Plot]]]:
+    """Return the plots by heading, as far as the scores have their data."""
     named = [(plain(name), score) for name, score in zip(names, scores, strict=True)]
     groups = (
         ("Localisation", [*_paths(named), *growth(named)]),
         ("Cost against accuracy", [plot for task in TASKS for plot in _cost(named, task)]),
         ("Maps", _over_range(named)),
     )
-    return [(title, figures) for title, figures in groups if figures]
+    return [(title, group) for title, group in groups if group]
 
 
 def plain(name: str) -> str:

@@ -20,7 +20,7 @@ from sfr_loc_map.metrics.config import ScoreConfig, VerdictState, label_of
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.report.plots import PALETTES, TEMPLATE, Plot
-from sfr_loc_map.report.score_figures import error_sizes, path_of, plotted_conditions, score_figures
+from sfr_loc_map.report.score_plots import error_sizes, path_of, plotted_conditions, score_plots
 from sfr_loc_map.report.score_tables import EXACT, glossary, score_tables, truth_text
 from sfr_loc_map.report.tables import METRE, OPEN, UNKNOWN, VERDICTS, Table, fitting, number, to_html
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
@@ -43,9 +43,9 @@ def write_page(score: Score, path: Path) -> None:
     write_text(render_page(score), path)
 
 
-def render_page(score: Score, *, figures: bool = True) -> str:
-    """Return the page as HTML; without figures it holds tables only and no script, ready for print."""
-    sections, tables = score_figures(score) if figures else [], [*score_tables(score), glossary()]
+def render_page(score: Score, *, plots: bool = True) -> str:
+    """Return the page as HTML; without plots the page has tables alone and no script, ready for print."""
+    sections, tables = score_plots(score) if plots else [], [*score_tables(score), glossary()]
     provenance, name = _texts(to_plain(score.provenance) or {}), data_set_name(score)
     return _rendered(
         tables,
@@ -64,7 +64,7 @@ def render_page(score: Score, *, figures: bool = True) -> str:
 def render_overview(
     title: str, state: VerdictState | None, text: str, tables: Sequence[Table], sections: Sections, heading: str = ""
 ) -> str:
-    """Return a page about many scores as HTML: verdict over all or a heading, a text, tables, figures."""
+    """Return a page about many scores as HTML: verdict over all or a heading, a text, tables, plots."""
     return _rendered(
         tables,
         sections,
@@ -79,7 +79,7 @@ def render_overview(
 
 
 def render_tables(title: str, tables: Sequence[Table]) -> str:
-    """Return a page of tables, without figures, script or network, as HTML."""
+    """Return a page of tables, without plots, script or network, as HTML."""
     return render_overview(title, None, "", tables, (), heading="tables")
 
 

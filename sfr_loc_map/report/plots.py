@@ -1,7 +1,7 @@
-"""What all figures share: plotly figures as plain values, with colours by name so that light and dark share a figure.
+"""What all plots share: plots as plain values, with colours by name so that light and dark themes share a plot.
 
 A colour is written `@name`. The page's script inserts the colour of its theme, `to_figure` that of the light theme. No
-text of a user goes into a figure, since plotly reads some tags in texts.
+text of a user goes into a plot, since plotly reads some tags in texts.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ TEMPLATE: dict[str, Any] = {
         "linecolor": "@zero",
     },
 }
-"""What all figures share: of the layout, of each axis, and of each axis of a view in space."""
+"""What all plots share: of the layout, of each axis, and of each axis of a view in space."""
 
 
 @dataclass(frozen=True, slots=True)

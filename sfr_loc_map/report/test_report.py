@@ -19,7 +19,7 @@ from sfr_loc_map.metrics.records import TargetRecord
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.report.deviations import caveats_of, deviations_of
 from sfr_loc_map.report.page import NO_VERDICT, Overall, from_template, overall_of
-from sfr_loc_map.report.printed_figure import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, printed_figures
+from sfr_loc_map.report.printed_plot import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, printed_plots
 from sfr_loc_map.report.score_tables import NO_INTERVAL, table_of
 from sfr_loc_map.report.tables import OPEN, UNKNOWN, to_html
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
@@ -85,7 +85,7 @@ def render_test_report(scores: Sequence[Score], title: str = "", number: str = "
             "".join(to_html(replace(table, name=f"{table.name}-{n}")) for table in judged_by if table.rows)
             for n, judged_by in enumerate(tables_of_all, 1)
         ],
-        drawn=[printed_figures(item) for item in scores],
+        drawn=[printed_plots(item) for item in scores],
         size=(WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT),
         deviations=_of_all(scores, deviations_of),
         anomalies=_of_all(scores, _anomalies),

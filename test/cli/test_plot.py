@@ -12,7 +12,7 @@ from helpers.cli_result import Sfr
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.config import AlignedErrorConfig
-from sfr_loc_map.report.path_figure import curves_of, path_plot
+from sfr_loc_map.report.path_plot import curves_of, path_plot
 
 
 def straight(count: int = 20) -> Trajectory:

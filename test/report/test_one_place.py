@@ -131,7 +131,7 @@ def check_every_view(statistic: str) -> None:
     assert headline.rows[0][column].text == shown
     assert headline.rows[0][column].key == place
     assert statistic in titles(table_named(score_tables(score), "readings"))
-    for text in (on_the_terminal(score), render_page(score, figures=False), score_markdown(score)):
+    for text in (on_the_terminal(score), render_page(score, plots=False), score_markdown(score)):
         assert statistic in text
         assert shown in text
     assert f"{place},{number!r}" in to_csv(score_tables(score))
@@ -182,7 +182,7 @@ def test_a_figure_is_in_every_view() -> None:
     assert set(verdict.by_reading) == {"pose", "displacement", "position"}
     headline = table_named(summary_tables(score), "headline")
     assert "slip error over 5 m, pose" in [cells[0].text for cells in headline.rows]
-    texts = (on_the_terminal(score), render_page(score, figures=False), score_markdown(score))
+    texts = (on_the_terminal(score), render_page(score, plots=False), score_markdown(score))
     for text in (*texts, to_csv(score_tables(score)), render_test_report([score])):
         assert "slip error over 5 m" in text
     assert place in to_csv(score_tables(score))

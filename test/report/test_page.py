@@ -16,7 +16,7 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_plain
 from sfr_loc_map.report.page import render_page
 from sfr_loc_map.report.plots import to_figure
-from sfr_loc_map.report.score_figures import score_figures
+from sfr_loc_map.report.score_plots import score_plots
 from sfr_loc_map.report.tables import MILLIMETRE, number
 
 CHROMIUM = Path("/usr/bin/chromium")
@@ -130,7 +130,7 @@ def test_each_part_may_be_absent_and_without_figures_there_is_no_script(part: st
     score = (
         replace(whole_score(), **{part: None}) if part in ("details", "provenance") else without(whole_score(), part)
     )
-    text = render_page(score, figures=part != "details")
+    text = render_page(score, plots=part != "details")
     assert "<h1>" in text
     assert ("<script" in text) == (part != "details")
 
@@ -228,7 +228,7 @@ def test_on_paper_every_figure_is_there_as_wide_as_the_page_and_no_title_is_cove
 
 def test_ticks_are_numbers_in_full_whatever_their_size() -> None:
     """Coordinates of a map have millions of metres, which plotly shortens to 5.40014M by itself."""
-    plots = [plot for _, group in score_figures(whole_score(100, 48, 2)) for plot in group]
+    plots = [plot for _, group in score_plots(whole_score(100, 48, 2)) for plot in group]
     axes = [axis for plot in plots for name, axis in to_figure(plot).to_dict()["layout"].items() if "axis" in name]
     assert len(axes) > 10
     assert {axis.get("exponentformat") for axis in axes} == {"none"}
@@ -240,7 +240,7 @@ def test_limits_are_drawn_beside_their_figure_and_do_not_flatten_it() -> None:
     assert limit.value is not None
     for factor, scale in ((0.5, None), (100.0, "log")):
         judged = replace(score, verdicts=(replace(limit, limit=factor * limit.value),))
-        plots = {plot.name: plot for _, group in score_figures(judged) for plot in group}
+        plots = {plot.name: plot for _, group in score_plots(judged) for plot in group}
         (drawn,) = (trace for trace in plots["position"].data if trace["name"] == "limit of mean + 3 sigma, 5 m")
         assert "visible" not in drawn
         assert plots["position"].layout["yaxis"].get("type") == scale

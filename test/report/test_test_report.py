@@ -25,8 +25,8 @@ from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.report.deviations import is_of_stage
 from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.page import overall_of
-from sfr_loc_map.report.printed_figure import printed_figures
-from sfr_loc_map.report.score_figures import error_sizes
+from sfr_loc_map.report.printed_plot import printed_plots
+from sfr_loc_map.report.score_plots import error_sizes
 from sfr_loc_map.report.score_tables import score_tables, table_of
 from sfr_loc_map.report.test_report import CLAUSES, clauses_used, render_test_report
 from sfr_loc_map.report.verdict_view import VerdictView
@@ -267,7 +267,7 @@ def test_the_figure_on_paper_shows_the_error_of_each_sub_trajectory() -> None:
     assert score.details is not None
     assert score.details.trajectory is not None
     errors = [error_sizes(rows) for rows in score.details.trajectory.sub_trajectories if rows.start_frame]
-    every = printed_figures(score)
+    every = printed_plots(score)
     drawn = [figure for figure in every if figure.title.startswith("Position")]
     assert [figure.count for figure in drawn] == [len(sizes) for sizes in errors]
     for figure, sizes in zip(drawn, errors, strict=True):
@@ -285,7 +285,7 @@ def test_the_report_on_paper_shows_attitude_and_map_with_their_limits() -> None:
     score = judged(whole_score(), parse_limits(limits, "test"))
     assert score.details is not None
     assert score.details.map is not None
-    figures = {figure.y_title.partition(",")[0]: figure for figure in printed_figures(score)}
+    figures = {figure.y_title.partition(",")[0]: figure for figure in printed_plots(score)}
     attitude, points = figures["attitude error"], figures["point error"]
     row = score.figure("attitude", condition="distance=5")
     assert row is not None

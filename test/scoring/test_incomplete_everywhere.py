@@ -189,7 +189,7 @@ def saved(made: Made) -> Score:
 def of_report(made: Made) -> str:
     score = from_json(to_json(scored(made)))
     state = overall_of(score).state
-    assert f"<strong>{state.upper()}</strong>" in render_page(score, figures=False)
+    assert f"<strong>{state.upper()}</strong>" in render_page(score, plots=False)
     return state
 
 

@@ -26,7 +26,7 @@ def write_summary(summary: Summary, store: Store) -> None:
     folder = store.folder
     (folder / PAGES).mkdir(exist_ok=True)
     texts = {"suite.json": json_line(summary.to_dict()), "report.html": render_summary(summary)}
-    texts |= {f"{PAGES}/{drive.job.key}.html": render_page(drive.score, figures=False) for drive in linked(summary)}
+    texts |= {f"{PAGES}/{drive.job.key}.html": render_page(drive.score, plots=False) for drive in linked(summary)}
     for name, text in texts.items():
         write_text(text, folder / name)
     write_parquet(summary, folder / "results.parquet")

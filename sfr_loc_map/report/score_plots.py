@@ -1,4 +1,4 @@
-"""The figures of a score: the drive and the errors of its sub-trajectories, calls, the map."""
+"""The plots of a score: the drive and the errors of its sub-trajectories, calls, the map."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ FAR = 10.0  #: A limit beyond this multiple of the largest value would flatten a
 
 
 class PlottedCondition(NamedTuple):
-    """What figures show of one condition; `travelled_m` at the end of each sub-trajectory."""
+    """What plots show of one condition; `travelled_m` at the end of each sub-trajectory."""
 
     rows: SubTrajectoryRows
     travelled_m: list[float]
@@ -68,12 +68,12 @@ class PlottedCondition(NamedTuple):
         return label_of(self.rows.condition)
 
 
-def score_figures(score: Score) -> list[tuple[str, list[Plot]]]:
-    """Return the figures by heading, as far as the score has their data."""
+def score_plots(score: Score) -> list[tuple[str, list[Plot]]]:
+    """Return the plots by heading, as far as the score has their data."""
     groups = (
-        ("Localisation", _drive_figures(score)),
+        ("Localisation", _drive_plots(score)),
         ("Time and memory", [plot for kind in CallKind for plot in _timeline(score, kind)]),
-        ("Map", _map_figures(score)),
+        ("Map", _map_plots(score)),
     )
     return [(title, plots) for title, plots in groups if plots]
 
@@ -89,11 +89,11 @@ def map_of(score: Score) -> MapDetails | None:
     return None if score.details is None else score.details.map
 
 
-def _drive_figures(score: Score) -> list[Plot]:
+def _drive_plots(score: Score) -> list[Plot]:
     path, parts = path_of(score), plotted_conditions(score)
-    figures = [_top_view(path, parts), *_along(path)] if path and path.stamp_ns else []
+    plots = [_top_view(path, parts), *_along(path)] if path and path.stamp_ns else []
     if not parts:
-        return figures
+        return plots
     first, rows, condition = parts[0], parts[0].rows, parts[0].rows.condition
     errors = {
         **{"x": rows.x_m, "y": rows.y_m, "z": rows.z_m},
@@ -112,7 +112,7 @@ def _drive_figures(score: Score) -> list[Plot]:
     panels = _panels(score, first, by_direction)
     angles = _panels(score, first, of_angle, scale=(1.0, "deg"))
     return [
-        *figures,
+        *plots,
         _position(score, parts),
         *growth([("mean + 3 sigma", score)]),
         Plot("directions", "Position error by direction", directions, *panels, height=860, width="full"),
@@ -222,7 +222,7 @@ def _top_view(path: PathRows, parts: list[PlottedCondition]) -> Plot:
     data.append(marks("start", (truth[0][:1], truth[1][:1]), "@truth", symbol="star", size=13, hoverinfo="skip"))
     caption = (
         "Equal axes. Marks: ends of the sub-trajectories, coloured by their position error. A click on the mark of "
-        "a sub-trajectory, here or in a figure below, shows its segment of the path."
+        "a sub-trajectory, here or in a plot below, shows its segment of the path."
     )
     return Plot("top-view", "Trajectory from above", caption, data, from_above(), height=560, width="full")
 
@@ -277,21 +277,21 @@ def _position(score: Score, parts: list[PlottedCondition]) -> Plot:
     data: list[Trace] = []
     for k, part in enumerate(parts):
         over, condition = part.over, part.rows.condition
-        figure = score.figure("position", condition=condition)
+        row = score.figure("position", condition=condition)
         group: dict[str, Any] = {"legendgroup": over, "visible": True if k == 0 else "legendonly"}
         color, symbol = COLORS[k % len(COLORS)], SYMBOLS[k % len(SYMBOLS)]
         errors = scaled(error_sizes(part.rows), factor)
         data.append(_marked(part, f"error over {over}", errors, unit, color=color, symbol=symbol, **group))
         ends = [part.travelled_m[0], part.travelled_m[-1]]
         for name, value, dash in (
-            ("norm of the mean", None if figure is None else figure.mean, "dash"),
-            ("mean + 3 sigma", None if figure is None else figure.mean_plus_3sigma, "solid"),
+            ("norm of the mean", None if row is None else row.mean, "dash"),
+            ("mean + 3 sigma", None if row is None else row.mean_plus_3sigma, "solid"),
         ):
             if value is not None:
                 data.append(line(f"{name}, {over}", (ends, scaled([value] * 2, factor)), color, dash=dash, **group))
         data += _limit_lines(score, "position", ends, math.inf, factor, condition, **(group if k else {}))
-        if figure is not None and figure.interval is not None:
-            low, high = (bound * factor for bound in figure.interval)
+        if row is not None and row.interval is not None:
+            low, high = (bound * factor for bound in row.interval)
             data.append(band(f"95 % interval of it, {over}", ends, low, high, f"{color}-soft", **group))
     on = (limits_on(score, "position", part.rows.condition) for part in parts)
     limits = [limit * factor for found in on for limit in found.values()]
@@ -401,15 +401,15 @@ def _timeline(score: Score, kind: CallKind) -> list[Plot]:
 # ---- the map
 
 
-def _map_figures(score: Score) -> list[Plot]:
+def _map_plots(score: Score) -> list[Plot]:
     details = map_of(score)
     images = () if details is None else details.error_images
-    figures = [_image(item, "third" if len(images) % 3 == 0 else "half") for item in images]
+    plots = [_image(item, "third" if len(images) % 3 == 0 else "half") for item in images]
     if any(True for _ in range_rows(score)):
-        figures.append(_over_range(score))
+        plots.append(_over_range(score))
     if details is not None and details.cloud.x_m:
-        figures.append(_in_space(details.cloud))
-    return figures
+        plots.append(_in_space(details.cloud))
+    return plots
 
 
 def range_rows(score: Score) -> Iterator[tuple[float, float, Figure]]:

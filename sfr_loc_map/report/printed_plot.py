@@ -1,4 +1,4 @@
-"""Errors of sub-trajectories and of map points as figures of a printed page: values here, SVG in the template."""
+"""Errors of sub-trajectories and of map points as plots of a printed page: values here, SVG in the template."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import NamedTuple
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.report.plots import error_scale, largest
-from sfr_loc_map.report.score_figures import error_sizes, map_of, plotted_conditions
+from sfr_loc_map.report.score_plots import error_sizes, map_of, plotted_conditions
 from sfr_loc_map.report.score_tables import limits_on
 from sfr_loc_map.report.tables import UNKNOWN, number
 
@@ -36,7 +36,7 @@ class Level(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class PrintedFigure:
+class PrintedPlot:
     """Marks and axes of one condition, in px of the drawing."""
 
     title: str
@@ -52,20 +52,20 @@ class PrintedFigure:
 
 
 class Series(NamedTuple):
-    """What one figure shows: a mark for each error, and lines at the statistics and the limits of the errors."""
+    """What one plot shows: a mark for each error, and lines at the statistics and the limits of the errors."""
 
     title: str
     x_title: str
     y_title: str  #: Without the unit.
     x: Sequence[float | None]
-    sizes: Sequence[float | None]  #: Of the errors, in the unit of the figure.
+    sizes: Sequence[float | None]  #: Of the errors, in the unit of the plot.
     row: Figure | None
     limits: dict[str, float]
     scale: tuple[float, str]  #: Factor and unit of the drawing.
     mean: str = "mean"  #: What the mean of the row is.
 
 
-def printed_figures(score: Score) -> list[PrintedFigure]:
+def printed_plots(score: Score) -> list[PrintedPlot]:
     """Return the errors of position and attitude over the distance travelled, and of map points over their range."""
     return [_drawn(series) for series in (*_of_drive(score), *_of_map(score))]
 
@@ -100,7 +100,7 @@ def _of_map(score: Score) -> Iterator[Series]:
     yield Series(title, "range of the true point, m", "point error", ranges, sizes, row, limits, scale)
 
 
-def _drawn(series: Series) -> PrintedFigure:
+def _drawn(series: Series) -> PrintedPlot:
     row, (factor, unit) = series.row, series.scale
     statistics = () if row is None else ((series.mean, row.mean, "2 3"), ("mean + 3 sigma", row.mean_plus_3sigma, ""))
     known = [(name, value * factor, dash) for name, value, dash in statistics if value is not None]
@@ -114,7 +114,7 @@ def _drawn(series: Series) -> PrintedFigure:
         (f"{name} {number(value)} {unit}{certain if not dash else ''}", value, dash) for name, value, dash in known
     ]
     lines += [(f"limit {number(limit * factor)} {unit}", limit * factor, "8 4") for limit in series.limits.values()]
-    return PrintedFigure(
+    return PrintedPlot(
         title=series.title,
         x_title=series.x_title,
         y_title=f"{series.y_title}, {unit}",

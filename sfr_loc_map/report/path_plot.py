@@ -1,4 +1,4 @@
-"""Paths in one figure: from above, in height, and how far they are from the truth."""
+"""Paths in one plot: from above, in height, and how far they are from the truth."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def curves_of(
 
 
 def path_plot(curves: Sequence[Curve]) -> Plot:
-    """Return the figure of some paths."""
+    """Return the plot of some paths."""
     factor, unit = error_scale(
         max((float(each.error_m.max()) for each in curves if each.error_m is not None), default=0.0)
     )
@@ -92,7 +92,7 @@ def path_plot(curves: Sequence[Curve]) -> Plot:
 
 
 def save_path_html(curves: Sequence[Curve], path: Path) -> None:
-    """Write the figure as a page that needs no network; raises OutputError if it cannot be written."""
+    """Write the plot as a page that needs no network; raises OutputError if it cannot be written."""
     figure = to_figure(path_plot(curves)).to_html(full_html=False, include_plotlyjs=True)
     head = '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>Trajectories</title></head>'
     write_text(f"{head}<body>{figure}</body></html>\n", path)
