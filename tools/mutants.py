@@ -212,7 +212,7 @@ MUTATIONS = (
     Mutation("metrics/judging/limits.py", "abs(value) <= limit.limit", "abs(value) < limit.limit"),
     Mutation("metrics/judging/limits.py", "value >= limit.limit if", "value <= limit.limit if"),
     Mutation(JUDGE, "incomplete = why_incomplete(table, short)", "incomplete = score.incomplete"),
-    Mutation(JUDGE, "RowPart(LIVE) in incomplete or part_of(limit) in incomplete:", "RowPart(LIVE) in incomplete:"),
+    Mutation(JUDGE, "RowPart(LIVE) in incomplete or needed_part(limit) in incomplete:", "RowPart(LIVE) in incomplete:"),
     Mutation(SHORTFALLS, '"points_without_truth", MAP, 0.01', '"points_without_truth", MAP, 0.1'),
     Mutation("metrics/config.py", "return min(states, key", "return max(states, key"),
     Mutation(JUDGE, "figure.n < limits.minimum_count", "figure.n <= limits.minimum_count"),
@@ -371,11 +371,7 @@ MUTATIONS = (
         "abs(share.value * count.n - count.value) > EXACT",
         "count.value - share.value * count.n > EXACT",
     ),
-    Mutation(
-        "metrics/judging/limits.py",
-        "for item in self.limits if item.part is LimitPart.TRAJECTORY)",
-        "for item in self.limits if item.terms is not None)",
-    ),
+    Mutation("metrics/judging/limits.py", "if item.section is LimitSection.TRAJECTORY]", "if item.terms is not None]"),
     # several scores, several drives
     Mutation("metrics/judging/several_scores.py", "if len(made) < len(scores):", "if not made:"),
     Mutation(

@@ -15,7 +15,14 @@ from sfr_loc_map.metrics.judging.limits import Limits
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.scoring.run import Run
-from sfr_loc_map.scoring.score_parts import CallsPart, DrivePart, MapPart, calls_part, drive_part, expected_calls
+from sfr_loc_map.scoring.score_parts import (
+    CallsResult,
+    DriveResult,
+    MapResult,
+    calls_result,
+    drive_result,
+    expected_calls,
+)
 from sfr_loc_map.scoring.score_run import all_kept, assembled, judged_with_warnings, with_conditions
 
 
@@ -36,9 +43,9 @@ class LiveRun:
 def score_so_far(run: Run, live: LiveRun, config: ScoreConfig, limits: Limits | None = None) -> Score:
     """Return the score of a run in progress."""
     config = with_conditions(config, limits)
-    trajectory = DrivePart()
+    trajectory = DriveResult()
     if run.drive is not None:
-        trajectory = drive_part(
+        trajectory = drive_result(
             run.drive,
             config.trajectory,
             live.contradiction,
@@ -47,10 +54,10 @@ def score_so_far(run: Run, live: LiveRun, config: ScoreConfig, limits: Limits | 
             under_way=True,
             in_flight_ns=live.in_flight_ns,
         )
-    surface = MapPart()
+    surface = MapResult()
     if (made := live.scored_map) is not None:
-        surface = MapPart(figures=made.figures, cloud=made.cloud, details=made.details if live.details else None)
-    calls = _with_transport(calls_part(run, _due_calls(run, live.in_flight_ns), details=live.details), live)
+        surface = MapResult(figures=made.figures, cloud=made.cloud, details=made.details if live.details else None)
+    calls = _with_transport(calls_result(run, _due_calls(run, live.in_flight_ns), details=live.details), live)
     return judged_with_warnings(assembled(run, trajectory, surface, calls, live.provenance), config, limits)
 
 
@@ -68,8 +75,8 @@ def _due_calls(run: Run, in_flight_ns: int) -> Mapping[Task, IntArray | None]:
     }
 
 
-def _with_transport(part: CallsPart, live: LiveRun) -> CallsPart:
-    """Return the part of the calls with the messages that were dropped, if any were, and with restarts."""
+def _with_transport(calls: CallsResult, live: LiveRun) -> CallsResult:
+    """Return the result of the calls with the messages that were dropped, if any were, and with restarts."""
     if not live.dropped and not live.restarts:
-        return part
-    return replace(part, figures=(*part.figures, *live_completeness(live.received, live.dropped, live.restarts)))
+        return calls
+    return replace(calls, figures=(*calls.figures, *live_completeness(live.received, live.dropped, live.restarts)))

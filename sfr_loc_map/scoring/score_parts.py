@@ -1,7 +1,7 @@
 """The parts of a score: what the trajectory, the map and the calls of a run add to it, of files and live.
 
-The functions take values and know nothing of where a run comes from. `score_run` puts the parts of a run together that
-is over, `score_so_far` those of a run in progress.
+The functions take values and know nothing of where a run comes from. `score_run` assembles the score of a finished run,
+`score_so_far` that of a run in progress.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ MAX_PIXEL_OFFSET = 5.0  #: Typical distance of points from the pixels that they 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DrivePart:
+class DriveResult:
     """What the trajectory adds to a score."""
 
     figures: tuple[Figure, ...] = ()
@@ -58,7 +58,7 @@ class DrivePart:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MapPart:
+class MapResult:
     """What the map adds to a score."""
 
     figures: tuple[Figure, ...] = ()
@@ -68,7 +68,7 @@ class MapPart:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CallsPart:
+class CallsResult:
     """What the calls add to a score."""
 
     figures: tuple[Figure, ...] = ()
@@ -81,7 +81,7 @@ class CallsPart:
 # ---- the trajectory
 
 
-def drive_part(
+def drive_result(
     drive: DriveToScore,
     config: TrajectoryScoreConfig,
     contradiction: str | None,
@@ -90,7 +90,7 @@ def drive_part(
     details: bool = True,
     under_way: bool = False,
     in_flight_ns: int = 0,
-) -> DrivePart:
+) -> DriveResult:
     """Return what a trajectory adds to a score; a contradiction is the convention mismatch of estimate and truth.
 
     While a run is under way, an estimate need not have a truth yet, and results of the last `in_flight_ns` may come.
@@ -108,7 +108,7 @@ def drive_part(
     warnings = [] if contradiction is None else [contradiction]
     warnings += _frame_warnings(drive, scored.association)
     warnings += truth_caveats(scored.truth)
-    return DrivePart(
+    return DriveResult(
         figures=scored.figures,
         warnings=tuple(warnings),
         association=scored.association,
@@ -120,17 +120,17 @@ def drive_part(
     )
 
 
-def with_aligned_errors(part: DrivePart, drive: DriveToScore, config: AlignedErrorConfig) -> DrivePart:
-    """Return the part of a trajectory with APE and RPE."""
+def with_aligned_errors(result: DriveResult, drive: DriveToScore, config: AlignedErrorConfig) -> DriveResult:
+    """Return the result of a drive with APE and RPE."""
     beside = aligned_errors(drive.estimates.trajectory, drive.truth, config)
-    return replace(part, figures=(*part.figures, *beside.figures), alignment=beside.alignment)
+    return replace(result, figures=(*result.figures, *beside.figures), alignment=beside.alignment)
 
 
-def part_without_poses(images: int) -> DrivePart:
-    """Return the part of a drive with so many images, none of which has an estimate."""
+def result_without_poses(images: int) -> DriveResult:
+    """Return the result of a drive whose images, so many, have no estimate."""
     if not images:
-        return DrivePart()
-    return DrivePart(figures=(expected_row(RowPart(DRIVE), 0, images), *share_rows("missing", images, images)))
+        return DriveResult()
+    return DriveResult(figures=(expected_row(RowPart(DRIVE), 0, images), *share_rows("missing", images, images)))
 
 
 def _frame_warnings(drive: DriveToScore, association: Association) -> Iterator[str]:
@@ -148,23 +148,23 @@ def _frame_warnings(drive: DriveToScore, association: Association) -> Iterator[s
 # ---- the map
 
 
-def map_part(made: CloudToScore, config: MapScoreConfig, expected_pairs: int | None) -> MapPart:
+def map_result(made: CloudToScore, config: MapScoreConfig, expected_pairs: int | None) -> MapResult:
     """Return what a cloud adds to a score; `expected_pairs` are those of the source, None where they are unknown."""
     loaded, truths = made.loaded, made.truths
     if loaded.cloud is None:
         found = score_nearest(loaded.xyz, truths, config, expected_pairs=expected_pairs, not_finite=loaded.not_finite)
-        return MapPart(figures=found.figures, cloud=found.cloud, details=found.details)
+        return MapResult(figures=found.figures, cloud=found.cloud, details=found.details)
     found = score_map(loaded.cloud, truths, config, expected_pairs=expected_pairs, not_finite=loaded.not_finite)
     warnings = tuple(_pixel_warnings(loaded.cloud, truths))
-    return MapPart(figures=found.figures, warnings=warnings, cloud=found.cloud, details=found.details)
+    return MapResult(figures=found.figures, warnings=warnings, cloud=found.cloud, details=found.details)
 
 
-def part_without_cloud(pairs: int) -> MapPart:
-    """Return the part of a map of so many pairs of which there is no cloud."""
+def result_without_cloud(pairs: int) -> MapResult:
+    """Return the result of mapping so many pairs without a cloud."""
     if not pairs:
-        return MapPart()
+        return MapResult()
     rows = share_rows("pairs_without_cloud", pairs, pairs)
-    return MapPart(figures=(expected_row(RowPart(MAP), 0, pairs), *rows))
+    return MapResult(figures=(expected_row(RowPart(MAP), 0, pairs), *rows))
 
 
 def _pixel_warnings(cloud: PointCloud, truths: Sequence[PairTruth]) -> Iterator[str]:
@@ -181,33 +181,35 @@ def _pixel_warnings(cloud: PointCloud, truths: Sequence[PairTruth]) -> Iterator[
 # ---- the calls
 
 
-def calls_part(run: Run, expected_ns: Mapping[Task, IntArray | None], *, details: bool = True) -> CallsPart:
+def calls_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, details: bool = True) -> CallsResult:
     """Return what the calls of a run add to a score; `expected_ns` are the stamps of the pairs that have a call."""
-    of_host = host_part(run, expected_ns, details=details)
+    of_host = host_result(run, expected_ns, details=details)
     return of_host if run.target is None else with_target(of_host, run, run.target, expected_ns)
 
 
-def host_part(run: Run, expected_ns: Mapping[Task, IntArray | None], *, details: bool) -> CallsPart:
+def host_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, details: bool) -> CallsResult:
     """Return the figures of the calls of this host; those of an external node were measured from outside."""
     calls = [concatenated([item.calls for item in run.stats])] if run.stats else []
     scored = score_calls(calls[0], details=details) if calls else ScoredCalls()
     expected = [*completeness_rows(calls, expected_ns)]
     if (node := run.external) is None:
         records = scored.records if calls else None
-        return CallsPart(figures=(*scored.figures, *expected), records=records, plots=scored.plots)
+        return CallsResult(figures=(*scored.figures, *expected), records=records, plots=scored.plots)
     scored = with_external(scored, node)
     others = [row for row in expected if row.call not in KINDS_OF[Task(node.task)]]
     figures = (*scored.figures, *others, *completeness_of_answers(node))
-    return CallsPart(figures=figures, records=scored.records, plots=scored.plots)
+    return CallsResult(figures=figures, records=scored.records, plots=scored.plots)
 
 
-def with_target(part: CallsPart, run: Run, calls: CallStats, expected_ns: Mapping[Task, IntArray | None]) -> CallsPart:
-    """Return the part of the calls with those that were measured on a target."""
+def with_target(
+    of_host: CallsResult, run: Run, calls: CallStats, expected_ns: Mapping[Task, IntArray | None]
+) -> CallsResult:
+    """Return the result of the calls of this host and of those that were measured on a target."""
     rows, target = _scored_target(run, calls)
     expected_ns = expected_ns if calls.has_stamps else {}  # calls without stamps are of no known pair
     expected = completeness_rows([calls.calls], expected_ns, Place.TARGET)
-    figures = (*part.figures, *rows, *expected)
-    return replace(part, figures=figures, target=target, warnings=tuple(_target_warnings(target)))
+    figures = (*of_host.figures, *rows, *expected)
+    return replace(of_host, figures=figures, target=target, warnings=tuple(_target_warnings(target)))
 
 
 def expected_calls(run: Run) -> dict[Task, IntArray | None]:

@@ -26,15 +26,15 @@ from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.provenance import provenance_of
 from sfr_loc_map.scoring.run import Correction, DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.score_parts import (
-    CallsPart,
-    DrivePart,
-    MapPart,
-    calls_part,
-    drive_part,
+    CallsResult,
+    DriveResult,
+    MapResult,
+    calls_result,
+    drive_result,
     expected_calls,
-    map_part,
-    part_without_cloud,
-    part_without_poses,
+    map_result,
+    result_without_cloud,
+    result_without_poses,
     with_aligned_errors,
 )
 
@@ -83,20 +83,20 @@ def score_run(
     All errors are kept of the figures of the trajectory that are limited, and of `kept_errors`.
     """
     config = with_conditions(config, limits)
-    trajectory = part_without_poses(run.unposed_images)
+    trajectory = result_without_poses(run.unposed_images)
     truth_sha256 = map_truth_sha256 = None
     if run.drive is not None:
         mismatch = convention_mismatch(run.drive, config) or fitted_unit(run.convention)
-        trajectory = drive_part(run.drive, config.trajectory, mismatch, all_kept(limits, kept_errors))
+        trajectory = drive_result(run.drive, config.trajectory, mismatch, all_kept(limits, kept_errors))
         truth_sha256 = hash_arrays((run.drive.truth.stamps_ns, run.drive.truth.positions))
     if run.drive is not None and aligned is not None:
         trajectory = with_aligned_errors(trajectory, run.drive, aligned)
-    surface = part_without_cloud(run.unmapped_pairs)
+    surface = result_without_cloud(run.unmapped_pairs)
     if run.cloud is not None:
         pairs = None if run.nav_stamps_ns is None else len(np.unique(run.nav_stamps_ns))
-        surface = map_part(run.cloud, config.map, pairs)
+        surface = map_result(run.cloud, config.map, pairs)
         map_truth_sha256 = hash_arrays(truth.points for truth in run.cloud.truths)
-    calls = calls_part(run, expected_calls(run))
+    calls = calls_result(run, expected_calls(run))
     provenance = provenance_of(run, config, truth_sha256, map_truth_sha256)
     score = judged_with_warnings(assembled(run, trajectory, surface, calls, provenance), config, limits)
     if any(item.figure == ERRORS_BEYOND for item in score.verdicts):
@@ -142,7 +142,7 @@ def convention_mismatch(drive: DriveToScore, config: ScoreConfig) -> str | None:
 
 
 def assembled(
-    run: Run, trajectory: DrivePart, surface: MapPart, calls: CallsPart, provenance: Provenance | None
+    run: Run, trajectory: DriveResult, surface: MapResult, calls: CallsResult, provenance: Provenance | None
 ) -> Score:
     """Return the score that the parts of a run make, without verdicts."""
     method = _method_of(run)

@@ -11,7 +11,7 @@ from helpers.cli_result import Sfr
 from sfr_loc_map.config import parameters, read_config
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.metrics.judging.limits import PLACES, LimitPart, load_limits
+from sfr_loc_map.metrics.judging.limits import PLACES, LimitSection, load_limits
 
 TUM = "".join(f"{k} {k} 0 0 0 0 0 1\n" for k in range(60))
 
@@ -49,7 +49,7 @@ def test_init_writes_every_parameter_at_its_default(hints: Sfr, tmp_path: Path) 
 def test_limits_of_init_are_taken_and_name_every_figure(sfr: Sfr, tmp_path: Path, trajectory: Path) -> None:
     sfr("init", tmp_path)
     limits = tmp_path / "limits.yaml"
-    assert {item.name for item in load_limits(limits).limits} <= set(PLACES[LimitPart.TRAJECTORY])
+    assert {item.name for item in load_limits(limits).limits} <= set(PLACES[LimitSection.TRAJECTORY])
     whole = limits.read_text()
     assert not [name for names in PLACES.values() for name in names if f"{name}: " not in whole]
     measured = "".join(f"{k} {1.0001 * k:.4f} 0 0 0 0 0 1\n" for k in range(60))
@@ -58,7 +58,7 @@ def test_limits_of_init_are_taken_and_name_every_figure(sfr: Sfr, tmp_path: Path
     assert result.code == 0
     assert "verdict: pass. 3 of 3 limits met, 0 missed, 0 without enough data." in result.out
     limits.write_text(re.sub(r"(?m)^# (  \w+: .*|\w+:)$", r"\1", whole))
-    assert {item.part for item in load_limits(limits).limits} == set(PLACES)
+    assert {item.section for item in load_limits(limits).limits} == set(PLACES)
 
 
 def test_the_next_step_repeats_the_options_that_were_given(hints: Sfr, trajectory: Path) -> None:

@@ -18,7 +18,7 @@ from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.judging.bound_terms import BOUND
 from sfr_loc_map.metrics.judging.incomplete import Shortfall, statistic_of
 from sfr_loc_map.metrics.judging.judge import judged, judged_at_the_end, overall_verdict
-from sfr_loc_map.metrics.judging.limits import PLACES, LimitPart, Limits, Rules, parse_limits
+from sfr_loc_map.metrics.judging.limits import PLACES, Limits, LimitSection, Rules, parse_limits
 from sfr_loc_map.metrics.judging.reasons import reasons_not_judged
 from sfr_loc_map.metrics.raw_values import raw_contradiction
 from sfr_loc_map.metrics.records import Association, FindingKind, FindingRecord
@@ -107,13 +107,13 @@ def test_each_name_of_a_limit_finds_its_number() -> None:
                 continue
             row = figure_row(
                 limited.figure,
-                "distance=5" if part is LimitPart.TRAJECTORY else None,
-                "pose" if part is LimitPart.TRAJECTORY else limited.part and limited.part.text,
+                "distance=5" if part is LimitSection.TRAJECTORY else None,
+                "pose" if part is LimitSection.TRAJECTORY else limited.part and limited.part.text,
                 n=50,
                 **{statistic: 0.25},
             )
             entry = {name: 0.5}
-            content = {str(part): [{"condition": "distance=5", **entry}] if part is LimitPart.TRAJECTORY else entry}
+            content = {str(part): [{"condition": "distance=5", **entry}] if part is LimitSection.TRAJECTORY else entry}
             limits = parse_limits(content, "limits")
             of_poses = Association(matched=50, estimate_poses=50, truth_poses=50)
             score = judged(Score(figures=(row, *complete()), association=of_poses), limits)

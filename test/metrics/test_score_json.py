@@ -16,7 +16,7 @@ from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.details import CallHistogram, Columns
-from sfr_loc_map.metrics.judging.limits import PLACES, Limit, LimitPart
+from sfr_loc_map.metrics.judging.limits import PLACES, Limit, LimitSection
 from sfr_loc_map.metrics.records import InputFile, Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import decoded, from_dict, from_json, from_plain, to_dict, to_json
@@ -52,7 +52,7 @@ def values(hint: Any) -> st.SearchStrategy[Any]:
     if issubclass(hint, Columns):
         return st.integers(0, 2).flatmap(lambda length: columns(hint, length))
     if hint is Limit:
-        return st.builds(limit_of, st.sampled_from(list(LimitPart)), st.integers(0, 100), NUMBERS, st.booleans())
+        return st.builds(limit_of, st.sampled_from(list(LimitSection)), st.integers(0, 100), NUMBERS, st.booleans())
     if issubclass(hint, msgspec.Struct):
         parts = get_type_hints(hint).items()
         return st.builds(hint, **{name: st.deferred(lambda part=part: values(part)) for name, part in parts})
@@ -60,11 +60,11 @@ def values(hint: Any) -> st.SearchStrategy[Any]:
     return st.sampled_from(list(hint))
 
 
-def limit_of(part: LimitPart, place: int, bound: float, certain: bool) -> Limit:
+def limit_of(part: LimitSection, place: int, bound: float, certain: bool) -> Limit:
     """Return a limit of a part; what it is called follows from its place among the names of the part."""
     names = list(PLACES[part])
-    condition = "distance=5" if part is LimitPart.TRAJECTORY else None
-    return Limit(part=part, name=names[place % len(names)], limit=bound, condition=condition, certain=certain)
+    condition = "distance=5" if part is LimitSection.TRAJECTORY else None
+    return Limit(section=part, name=names[place % len(names)], limit=bound, condition=condition, certain=certain)
 
 
 def columns(hint: type, length: int) -> st.SearchStrategy[Any]:

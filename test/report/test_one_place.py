@@ -163,7 +163,7 @@ def with_slip(monkeypatch: pytest.MonkeyPatch) -> None:
     """A figure that the catalogue has since a moment ago, with the function that computes its errors."""
     monkeypatch.setitem(catalogue.KINDS, SLIP.name, SLIP)
     monkeypatch.setattr(trajectory_score, "ERRORS", [*trajectory_score.ERRORS, SLIP_ERROR])
-    names = limits.PLACES[limits.LimitPart.TRAJECTORY]
+    names = limits.PLACES[limits.LimitSection.TRAJECTORY]
     for name, limited in limits.names_of([SLIP]).items():
         monkeypatch.setitem(names, name, limited)
 

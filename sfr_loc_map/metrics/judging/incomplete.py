@@ -22,8 +22,8 @@ from sfr_loc_map.metrics.catalogue import (
 from sfr_loc_map.metrics.completeness import covered_text
 from sfr_loc_map.metrics.config import CallKind, VerdictState, label_of
 from sfr_loc_map.metrics.formulas import QUANTILES
-from sfr_loc_map.metrics.judging.limit_scope import limits_of, parts_of
-from sfr_loc_map.metrics.judging.limits import COVERAGE_MIN, Limit, LimitPart, Limits, Rules, margin_of, meets
+from sfr_loc_map.metrics.judging.limit_scope import judged_parts, limits_of
+from sfr_loc_map.metrics.judging.limits import COVERAGE_MIN, Limit, Limits, LimitSection, Rules, margin_of, meets
 from sfr_loc_map.metrics.judging.shortfall_kinds import BEYOND_MOST, SHORTFALLS
 from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.score import Score
@@ -80,14 +80,15 @@ def shortfalls(score: Score) -> list[Shortfall]:
     if limits is None:
         return []
     found: list[Shortfall] = []
-    allowed = {limit.name.removesuffix("_max_share") for limit in limits.limits if limit.part is LimitPart.COMPLETENESS}
+    stated = [limit for limit in limits.limits if limit.section is LimitSection.COMPLETENESS]
+    allowed = {limit.name.removesuffix("_max_share") for limit in stated}
     if any(limit.name == COVERAGE_MIN for limit in limits.limits):
         allowed.add("pixels_without_point")
     if "unmatched" in allowed and score.association is not None and not score.association.images:
         allowed.add("images_without_truth")  # of unknown images, these are the estimates that have no truth
     if "poses_of_truth" in allowed:
         allowed.add("errors_of_truth")
-    for part in parts_of(limits, score):
+    for part in judged_parts(limits, score):
         found += _shortfalls_of(score, part, allowed)
     if ERRORS_BEYOND not in allowed:
         found += _beyond_the_judged(score, limits)
@@ -130,7 +131,7 @@ def _beyond_the_judged(score: Score, limits: Limits) -> Iterator[Shortfall]:
     largest judged one.
     """
     for limit in limits.limits:
-        if limit.part is not LimitPart.TRAJECTORY:
+        if limit.section is not LimitSection.TRAJECTORY:
             continue
         limited = limit.limited
         share = score.figure(ERRORS_BEYOND, condition=limit.condition, part=limited.figure)

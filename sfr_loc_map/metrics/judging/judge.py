@@ -16,9 +16,9 @@ from sfr_loc_map.metrics.catalogue import DRIVE, KINDS, LIVE
 from sfr_loc_map.metrics.config import Rebase, VerdictState, worst_of
 from sfr_loc_map.metrics.judging.bound_terms import BOUND
 from sfr_loc_map.metrics.judging.incomplete import Shortfall, shortfalls, why_incomplete
-from sfr_loc_map.metrics.judging.limit_scope import limits_of, part_of
+from sfr_loc_map.metrics.judging.limit_scope import limits_of, needed_part
 from sfr_loc_map.metrics.judging.limited_figure import LimitedFigure, figure_of, truth_error_of
-from sfr_loc_map.metrics.judging.limits import Limit, LimitPart, Limits, Rules, margin_of, meets
+from sfr_loc_map.metrics.judging.limits import Limit, Limits, LimitSection, Rules, margin_of, meets
 from sfr_loc_map.metrics.judging.proof import Proof, bound_row, prove, sample_of
 from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Score
@@ -60,7 +60,7 @@ def judged_at_the_end(score: Score, missing: str) -> Score:
         return score
     limits = () if rules is None else rules.limits
     needed: list[RowPart | None] = [None for _ in range(len(score.verdicts) - len(limits))]
-    needed += [part_of(limit) for limit in limits]
+    needed += [needed_part(limit) for limit in limits]
     found = []
     for item, part in zip(score.verdicts, needed, strict=True):
         found.append(of_incomplete(item) if part == RowPart(DRIVE) else item)
@@ -106,7 +106,7 @@ def verdicts_on_limits(
             verdict = struct_replace(verdict, by_reading=_by_reading(limit, score, limits))
         if score.contradiction is not None:
             verdict = struct_replace(verdict, state=VerdictState.NOT_JUDGED, by_reading={})
-        elif RowPart(LIVE) in incomplete or part_of(limit) in incomplete:
+        elif RowPart(LIVE) in incomplete or needed_part(limit) in incomplete:
             verdict = of_incomplete(verdict)
         yield verdict
 
@@ -138,7 +138,7 @@ def is_enough(limit: Limit, figure: LimitedFigure, limits: Limits) -> bool:
     """Return whether a number is made of enough values, of which enough are independent."""
     if figure.n is not None and figure.n < limits.minimum_count:
         return False
-    is_of_many = limit.part is LimitPart.TRAJECTORY and figure.independent is not None
+    is_of_many = limit.section is LimitSection.TRAJECTORY and figure.independent is not None
     return not is_of_many or (figure.independent or 0.0) >= limits.minimum_independent
 
 
@@ -150,7 +150,7 @@ def verdict_on(limit: Limit, figure: LimitedFigure, limits: Limits) -> Verdict:
     interval = figure.interval
     certain = None if interval is None else not interval[0] <= limit.limit < interval[1]
     verdict = struct_replace(verdict, certain=certain)
-    is_counted = limit.part is LimitPart.COMPLETENESS  # not estimated: there is nothing uncertain
+    is_counted = limit.section is LimitSection.COMPLETENESS  # not estimated: there is nothing uncertain
     if verdict.is_within_truth_error:
         return verdict
     if not meets(limit, figure.value):
@@ -216,7 +216,7 @@ def bound_rows(proofs: Mapping[Limit, Proof]) -> Iterator[Figure]:
 
 def _by_reading(limit: Limit, score: Score, limits: Limits) -> dict[str, VerdictState]:
     """Return whether the figure of each reading of the document meets a limit; the intervals are of one reading."""
-    if limit.condition is None or limit.part is not LimitPart.TRAJECTORY:
+    if limit.condition is None or limit.section is not LimitSection.TRAJECTORY:
         return {}
     loose = struct_replace(limit, certain=False)
     found = {str(reading): figure_of(limit, score, reading) for reading in Rebase if not reading.is_fit}

@@ -9,7 +9,7 @@ from msgspec.structs import replace as struct_replace
 from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, LIVE, MAP, MEMORY, Subject
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.judging.limited_figure import figure_of
-from sfr_loc_map.metrics.judging.limits import OF_MAP, Limit, LimitPart, Limits, Rules
+from sfr_loc_map.metrics.judging.limits import OF_MAP, Limit, Limits, LimitSection, Rules
 from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.score import Score
 
@@ -42,26 +42,26 @@ def limits_about(limits: Limits | None, parts: Collection[str]) -> Limits | None
     return struct_replace(limits, limits=chosen) if limits is not None and chosen else None
 
 
-def part_of(limit: Limit) -> RowPart | None:
+def needed_part(limit: Limit) -> RowPart | None:
     """Return the part whose completeness a limit needs; None for limits on completeness itself."""
-    if limit.part is LimitPart.TRAJECTORY:
+    if limit.section is LimitSection.TRAJECTORY:
         return RowPart(DRIVE)
-    if limit.part is LimitPart.MAP:
+    if limit.section is LimitSection.MAP:
         return RowPart(MAP)
-    if limit.part is LimitPart.COMPLETENESS:
+    if limit.section is LimitSection.COMPLETENESS:
         return None
     limited = limit.limited
     measured = CALLS if limited.subject is Subject.TIMING else MEMORY
-    place = Place.TARGET if limit.part is LimitPart.TARGET else Place.HOST
+    place = Place.TARGET if limit.section is LimitSection.TARGET else Place.HOST
     return RowPart(measured, limited.call, place)
 
 
-def parts_of(limits: Limits, score: Score) -> list[RowPart]:
+def judged_parts(limits: Limits, score: Score) -> list[RowPart]:
     """Return the parts of a score that limits judge, as the rows `judged` name them."""
     found = [RowPart(task) for task in tasks_of(score)]
     found += [RowPart(LIVE)] if score.figure("judged", part=LIVE) else []
     for limit in limits.limits:
-        part = part_of(limit)
+        part = needed_part(limit)
         if part is None or part in found:
             continue
         if figure_of(limit, score).value is not None or lacks_calls(limit, part, score):
@@ -71,7 +71,7 @@ def parts_of(limits: Limits, score: Score) -> list[RowPart]:
 
 def lacks_calls(limit: Limit, part: RowPart, score: Score) -> bool:
     """Return whether a limit is on time or memory of calls that are required and of which none is known."""
-    is_on_calls = limit.part in (LimitPart.TIMING, LimitPart.MEMORY, LimitPart.TARGET)
+    is_on_calls = limit.section in (LimitSection.TIMING, LimitSection.MEMORY, LimitSection.TARGET)
     if not is_on_calls or task_of(limit) not in tasks_of(score):
         return False
     return score.figure("judged", part=part._replace(what=CALLS)) is None

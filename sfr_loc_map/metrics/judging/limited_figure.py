@@ -11,7 +11,7 @@ from sfr_loc_map.metrics.catalogue import ANY, KINDS
 from sfr_loc_map.metrics.config import Rebase
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS
 from sfr_loc_map.metrics.intervals import Interval, normal_quantile
-from sfr_loc_map.metrics.judging.limits import Limit, LimitPart
+from sfr_loc_map.metrics.judging.limits import Limit, LimitSection
 from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
@@ -75,7 +75,7 @@ def truth_error_of(limit: Limit, score: Score, reading: str | None = None) -> fl
     The reading `pose` turns the estimate by the true attitude at the start, whose error moves the end as well.
     """
     limited = limit.limited
-    if limit.part is not LimitPart.TRAJECTORY:
+    if limit.section is not LimitSection.TRAJECTORY:
         return 0.0
     part = None if KINDS[limited.figure].unit == "m" else ATTITUDE
     of_ends = float(np.sqrt(2.0)) * (score.number("truth_error", condition=None, part=part) or 0.0)

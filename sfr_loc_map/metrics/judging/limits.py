@@ -11,6 +11,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
+
 from sfr_loc_map.config import load_yaml, suggestion
 from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.metrics.catalogue import ALIGNED, CALLS, CATALOGUE, KINDS, MAP, FigureKind, Subject
@@ -23,8 +25,8 @@ from sfr_loc_map.metrics.record import Record
 from sfr_loc_map.metrics.row_part import Place, RowPart
 
 
-class LimitPart(StrEnum):
-    """Part of the score that limits are on; the parts of a limits file."""
+class LimitSection(StrEnum):
+    """Section of a limits file, named by what its limits are on."""
 
     COMPLETENESS = "completeness"
     TRAJECTORY = "trajectory"
@@ -72,19 +74,19 @@ def names_of(kinds: Iterable[FigureKind], statistics: Sequence[str] = STATISTICS
 
 
 OF_CLOUD = [kind for kind in CATALOGUE if kind.subject is Subject.MAP and not kind.is_count]
-PLACES: dict[LimitPart, dict[str, Limited]] = {
-    LimitPart.COMPLETENESS: {
+PLACES: dict[LimitSection, dict[str, Limited]] = {
+    LimitSection.COMPLETENESS: {
         f"{kind.figure}_max_share": Limited(
             Subject.COMPLETENESS, kind.figure, "value", is_of_worst_call=kind.part == CALLS
         )
         for kind in SHORTFALLS
         if not KINDS[kind.figure].is_count
     },
-    LimitPart.TRAJECTORY: names_of(
+    LimitSection.TRAJECTORY: names_of(
         [kind for kind in CATALOGUE if kind.subject is Subject.TRAJECTORY and kind.name not in ALIGNED],
         (*STATISTICS, BOUND),
     ),
-    LimitPart.MAP: {
+    LimitSection.MAP: {
         **names_of([kind for kind in OF_CLOUD if not kind.is_one_number]),
         **{
             f"{kind.name}_{kind.unit}": Limited(kind.subject, kind.name, "value")
@@ -93,25 +95,25 @@ PLACES: dict[LimitPart, dict[str, Limited]] = {
         },
         COVERAGE_MIN: Limited(Subject.MAP, "coverage", "value"),
     },
-    LimitPart.TIMING: {
+    LimitSection.TIMING: {
         "mapping_call_s": Limited(Subject.TIMING, CallKind.MAPPING_CALL.value, "max"),
         **names_of([KINDS[kind] for kind in CallKind]),
     },
-    LimitPart.MEMORY: {
+    LimitSection.MEMORY: {
         f"{call}_{kind.name}_bytes": Limited(Subject.MEMORY, kind.name, "value", RowPart(call=call))
         for call in (CallKind.LOCALISATION, CallKind.MAPPING, CallKind.MAPPING_CALL)
         for kind in CATALOGUE
         if kind.subject is Subject.MEMORY
     },
 }
-PLACES[LimitPart.TARGET] = {
-    name: limited.of_target() for name, limited in (PLACES[LimitPart.TIMING] | PLACES[LimitPart.MEMORY]).items()
+PLACES[LimitSection.TARGET] = {
+    name: limited.of_target() for name, limited in (PLACES[LimitSection.TIMING] | PLACES[LimitSection.MEMORY]).items()
 }
-"""The number that each name of a limits file limits, by the parts of the file; names follow from the catalogue."""
+"""The number that each name of a limits file limits, by the sections of the file; names follow from the catalogue."""
 ON_TARGET = f"{Place.TARGET} "  #: What the name of a limit on the target begins with in a verdict.
 PART_OF_MEMORY = {
     prefix + name: limited.part or RowPart()
-    for prefix, part in (("", LimitPart.MEMORY), (ON_TARGET, LimitPart.TARGET))
+    for prefix, part in (("", LimitSection.MEMORY), (ON_TARGET, LimitSection.TARGET))
     for name, limited in PLACES[part].items()
     if limited.subject is Subject.MEMORY
 }
@@ -122,8 +124,8 @@ NEEDED = {str: "a text, in quotes, is required", bool: "true or false is require
 OF_MAP = [kind.figure for kind in SHORTFALLS if kind.part == MAP]
 """Figures of completeness that are about the map."""
 SHARES = {
-    name: LimitPart.MAP if limited.figure in OF_MAP else LimitPart.TRAJECTORY
-    for name, limited in PLACES[LimitPart.COMPLETENESS].items()
+    name: LimitSection.MAP if limited.figure in OF_MAP else LimitSection.TRAJECTORY
+    for name, limited in PLACES[LimitSection.COMPLETENESS].items()
 }
 """Limits of completeness, which may be in another part of the file, too."""
 
@@ -131,7 +133,7 @@ SHARES = {
 class Limit(Record, frozen=True, kw_only=True):
     """One limit of a requirements file."""
 
-    part: LimitPart  #: Part of the limits file.
+    section: LimitSection = msgspec.field(name="part")  #: Section of the limits file.
     name: str  #: Name of the limit there, which names figure, statistic and unit.
     limit: float  #: Bound in the unit of the name.
     condition: str | None = None  #: Condition of the sub-trajectories, null outside the part `trajectory`.
@@ -147,15 +149,15 @@ class Limit(Record, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         """Check that there is such a limit; ValueError if not."""
-        if self.name not in PLACES[self.part]:
-            raise ValueError(f"'{self.name}' is not a limit of the part '{self.part}'")
+        if self.name not in PLACES[self.section]:
+            raise ValueError(f"'{self.name}' is not a limit of the part '{self.section}'")
         if self.condition is not None and Condition.parse(self.condition).setting != self.condition:
             raise ValueError(f"'{self.condition}' is not spelled as in a score")
 
     @property
     def limited(self) -> Limited:
         """The number that is limited."""
-        return PLACES[self.part][self.name]
+        return PLACES[self.section][self.name]
 
     @property
     def terms(self) -> Terms | None:
@@ -178,7 +180,7 @@ class Limit(Record, frozen=True, kw_only=True):
     @property
     def shown_name(self) -> str:
         """The name of the limit in a verdict: after `target ` for one of the target."""
-        return ON_TARGET + self.name if self.part is LimitPart.TARGET else self.name
+        return ON_TARGET + self.name if self.section is LimitSection.TARGET else self.name
 
 
 class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
@@ -200,7 +202,8 @@ class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
 
         A score keeps all their errors, so that the limited statistics and tolerance bounds can be derived again.
         """
-        pairs = ((item.limited.figure, item.condition) for item in self.limits if item.part is LimitPart.TRAJECTORY)
+        limits = [item for item in self.limits if item.section is LimitSection.TRAJECTORY]
+        pairs = ((item.limited.figure, item.condition) for item in limits)
         return frozenset((figure, condition) for figure, condition in pairs if condition is not None)
 
     @property
@@ -257,7 +260,7 @@ def load_limits(path: Path) -> Limits:
 
 def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
     """Return the limits of a mapping as in the file; ConfigError, which names the origin, if one is not valid."""
-    _check_keys(content, ("minimum_count", "minimum_independent", *LimitPart), origin)
+    _check_keys(content, ("minimum_count", "minimum_independent", *LimitSection), origin)
     minimum = content.get("minimum_count", MINIMUM_COUNT)
     if not isinstance(minimum, int) or isinstance(minimum, bool) or minimum < 2:
         raise ConfigError(f"{origin}: 'minimum_count' is {minimum!r}: a whole number of at least 2 is required")
@@ -277,30 +280,30 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
         except MetricsError as error:
             raise ConfigError(f"{place}: {error}") from error
         rest = {key: value for key, value in entry.items() if key != "condition"}
-        limits += _limits_of(LimitPart.TRAJECTORY, rest, place, condition)
-    for part in LimitPart:
-        if part is not LimitPart.TRAJECTORY:
-            blocks = content.get(part, {})
+        limits += _limits_of(LimitSection.TRAJECTORY, rest, place, condition)
+    for section in LimitSection:
+        if section is not LimitSection.TRAJECTORY:
+            blocks = content.get(section, {})
             for block in blocks if isinstance(blocks, list) else [blocks]:
-                limits += _limits_of(part, block, f"{origin}: '{part}'", None)
+                limits += _limits_of(section, block, f"{origin}: '{section}'", None)
     if not limits:
-        raise ConfigError(f"{origin}: no limit in it: give at least one under {', '.join(LimitPart)}")
+        raise ConfigError(f"{origin}: no limit in it: give at least one under {', '.join(LimitSection)}")
     return Limits(limits=tuple(limits), minimum_count=minimum, minimum_independent=float(independent))
 
 
-def _limits_of(part: LimitPart, block: object, origin: str, condition: str | None) -> list[Limit]:
+def _limits_of(section: LimitSection, block: object, origin: str, condition: str | None) -> list[Limit]:
     """Return the limits of a block; `id`, `text` and `certain` are of all of it, or of one limit `{limit: ...}`."""
     if not isinstance(block, Mapping):
         raise ConfigError(f"{origin}: a mapping of names to limits is required, found {type(block).__name__}")
-    shares = [key for key, other in SHARES.items() if other is part]
-    _check_keys(block, (*PLACES[part], *shares, *REQUIREMENT), origin)
+    shares = [key for key, other in SHARES.items() if other is section]
+    _check_keys(block, (*PLACES[section], *shares, *REQUIREMENT), origin)
     of_all = {key: block[key] for key in REQUIREMENT if key in block}
     made = []
     for key, value in block.items():
         if key in REQUIREMENT:
             continue
         entry = dict(value) if isinstance(value, Mapping) else {"limit": value}
-        is_bound = part is LimitPart.TRAJECTORY and PLACES[part].get(key, NOTHING).statistic == BOUND
+        is_bound = section is LimitSection.TRAJECTORY and PLACES[section].get(key, NOTHING).statistic == BOUND
         _check_keys(entry, ("limit", *REQUIREMENT, *(TERMS if is_bound else ())), f"{origin}: '{key}'")
         terms, problem = terms_of(entry) if is_bound else (None, None)
         if problem is not None:
@@ -318,9 +321,9 @@ def _limits_of(part: LimitPart, block: object, origin: str, condition: str | Non
                 entry[name] = str(entry[name])
             if name in entry and not isinstance(entry[name], kind):
                 raise ConfigError(f"{origin}: '{name}' of '{key}' is {entry[name]!r}: {NEEDED[kind]}")
-        where, over = (LimitPart.COMPLETENESS, None) if key in shares else (part, condition)
+        where, over = (LimitSection.COMPLETENESS, None) if key in shares else (section, condition)
         stated = {} if terms is None else terms._asdict()
-        made.append(Limit(part=where, name=key, limit=float(bound), condition=over, **stated, **entry))
+        made.append(Limit(section=where, name=key, limit=float(bound), condition=over, **stated, **entry))
     if of_all and not made:
         named = ", ".join(f"{key} {value!r}" for key, value in of_all.items())
         raise ConfigError(f"{origin}: {named} has no limit, so that nothing would be judged: give one or omit it")
