@@ -259,7 +259,7 @@ MUTATIONS = (
     Mutation("metrics/calls.py", "float(np.median(apart_s))", "float(np.mean(apart_s))"),
     Mutation("metrics/calls.py", "np.isin(estimate_ns, localised).mean()", "np.isin(localised, estimate_ns).mean()"),
     Mutation("metrics/calls.py", "(self._clock_ns() - begin) * 1e-9", "(self._clock_ns() - begin) * 0.5e-9"),
-    Mutation("metrics/calls.py", "usage.peak_rss_bytes - self._idle, 0)", "usage.peak_rss_bytes, 0)"),
+    Mutation("metrics/calls.py", "peak_bytes - self._idle_bytes, 0)", "peak_bytes, 0)"),
     Mutation("metrics/calls.py", "if row.call in kinds else row for", "if row.part in kinds else row for"),
     # the judge
     Mutation(SHORTFALLS, '"missing", DRIVE, 0.0', '"missing", DRIVE, 0.01'),

@@ -38,6 +38,7 @@ from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import BUILT_IN, OURS_IN_TABLES, PEERS, Method, MethodLimits, find_method, find_peer
 from sfr_loc_map.metrics.association import Estimates
+from sfr_loc_map.metrics.calls import METHOD
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import Score
@@ -46,9 +47,7 @@ from sfr_loc_map.signals import hold
 
 SCHEMA = "sfr-bench/1"
 CLOCK = "host monotonic"
-MEMORY = (
-    "kernel high-water mark of the process' resident memory (VmHWM), set back before each call; largest of all calls"
-)
+MEMORY = f"{METHOD}; largest of all calls"
 LIMITS = MethodLimits(call_timeout_s=900.0, memory_mb=16_000, restarts=0)
 """Of a method in a comparison; some dense matchers take minutes."""
 COMPARED = ("accuracy", "time_s", "memory_bytes")

@@ -260,7 +260,7 @@ def _open_store(folder: Path) -> Store:
         raise InputError(f"'{folder}' is not a folder of a suite: sought plan.json; give one made by sfr suite run")
     store = Store(folder)
     for path in store.check_files():
-        say(f"sfr: warning: '{path}' is not there: that the plan has its tasks and limits was not checked", err=True)
+        say(f"sfr: warning: '{path}' is missing: whether the plan has its tasks and limits was not checked", err=True)
     return store
 
 

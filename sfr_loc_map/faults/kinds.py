@@ -152,5 +152,5 @@ def parse_fault(text: str) -> Fault:
 
 
 def with_amount(text: str, amount: float) -> str:
-    """Return the text of a fault, which has no amount, with one: `blurred:share=0.3,amount=2.5`."""
+    """Return the text of a fault without an amount with the given amount: `blurred:share=0.3,amount=2.5`."""
     return f"{text}{',' if ':' in text else ':'}amount={amount:.9g}"

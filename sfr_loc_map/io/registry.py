@@ -92,7 +92,7 @@ def format_of(path: Path) -> SourceFormat:
     found = ", ".join(sorted(item.name for item in path.iterdir())[:6]) or "nothing" if path.is_dir() else "a file"
     raise InputError(
         f"'{path}' has no supported format: sought pairs.csv, loc/, nav/ (data set folder), metadata.yaml, "
-        f"*.mcap, *.db3 (ROS 2 bag), *.bag (ROS 1 bag), image_0/ and calib.txt (KITTI), mav0/ (EuRoC), "
+        f"*.mcap, *.db3 (ROS 2 bag), *.bag (ROS 1 bag), image_0/ or image_2/ and calib.txt (KITTI), mav0/ (EuRoC), "
         f"left/ and right/ with images (and --calibration FILE); found {found}; "
         f"give the folder that holds them"
     )

@@ -59,7 +59,7 @@ class NavSequence(Protocol):
 
 
 class SourceFormat(StrEnum):
-    """The layout of a source, and how it names it."""
+    """The layout of a source, as it is shown to users."""
 
     FOLDER = "sfr"
     BAG = "bag"

@@ -89,6 +89,12 @@ class MethodCall:
     step: FloatArray | None = None  # `(48,)` uncertainty of the step
 
 
+def _ending(code: int) -> str:
+    """Describe the exit code of a process, which is the negative number of the signal that ended it, if one did."""
+    name = next((item.name for item in signal.Signals if item == -code), f"signal {-code}")
+    return f"with {code}" if code >= 0 else f"by {name}"
+
+
 def numbers_of(pose: Transform) -> Pose:
     """Return the matrix `(4, 4)` of a transform, row by row, as it is sent to a method."""
     numbers: Pose = pose.matrix.ravel().tolist()
@@ -287,15 +293,12 @@ class MethodProcess:
         raise MethodFailureError(kind, text, ended=True) from error
 
     def _crashed(self) -> NoReturn:
-        try:
-            code = self._process.wait(EXIT_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            code = 0
+        how = "has closed its output and still runs"
+        with suppress(subprocess.TimeoutExpired):
+            how = f"has ended {_ending(self._process.wait(EXIT_TIMEOUT_S))}"
         lines = [line.strip() for line in self._log.read_text("utf-8", "replace").splitlines() if line.strip()]
         last = (lines or ["its log is empty"])[-1][:300]
-        name = next((item.name for item in signal.Signals if item == -code), f"signal {-code}")
-        how = f"with {code}" if code >= 0 else f"by {name}"
-        self._end(FindingKind.CRASHED, f"has ended {how}: {last}")
+        self._end(FindingKind.CRASHED, f"{how}: {last}")
 
     def close(self) -> None:
         """End the process and all that it has started, now."""

@@ -1,9 +1,9 @@
 """Time and memory of the calls of a processing API [4.2.1, 4.2.2, 4.3.1, 4.3.2]: measured one by one, and scored.
 
-Memory: before a call the kernel's high-water mark of the process' resident memory is set back to what is resident
-now (`5` written to `/proc/self/clear_refs`), after it the mark is read (`VmHWM` in `/proc/self/status`): the kernel's
-own peak, of all threads together, exact to some hundred KiB. Memory "above the idle process" is the peak less what was
-resident when the meter was made, or at the last `mark_idle`.
+Memory: before a call the kernel's high-water mark of the process' resident memory is reset to what is resident now
+(`5` written to `/proc/self/clear_refs`). After the call the mark is read (`VmHWM` in `/proc/self/status`). The mark is
+the kernel's own peak of all threads together, exact to some hundred KiB. Memory "above the idle process" is the peak
+less what was resident when the meter was made, or at the last `mark_idle`.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from sfr_loc_map.metrics.table import Figure, figure_row
 UNKNOWN = "unknown"
 HOST_CLOCK = "host monotonic"
 OUTSIDE_CLOCK = "host monotonic, from publishing a pair to the answer"
-METHOD = "kernel high-water mark of resident memory (VmHWM), set back before each call"
+METHOD = "kernel high-water mark of resident memory (VmHWM), reset before each call"
 METHOD_UNAVAILABLE = "not measured: this system has no resettable high-water mark (/proc/self/clear_refs)"
 STATE_KINDS: dict[str, CallKind] = {
     MappingState.MAPPED: CallKind.MAPPING,

@@ -58,7 +58,7 @@ def reader_paths(path: Path) -> list[Path]:
 
 
 def _by_number(file: Path) -> list[tuple[int, str]]:
-    """Return by what files of a split bag are in their order: `bag_2` comes before `bag_10`."""
+    """Return the sort key of a file of a split bag: `bag_2` comes before `bag_10`."""
     parts = re.split(r"([0-9]+)", file.name)
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 

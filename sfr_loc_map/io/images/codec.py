@@ -262,7 +262,7 @@ def _samples_of_compressed(message: Any) -> Samples:  # noqa: ANN401 - a sensor_
 
 
 def unread_codec(message: Any) -> str:  # noqa: ANN401 - a sensor_msgs/CompressedImage
-    """Return what the data of a sensor_msgs/CompressedImage is that is neither PNG nor JPEG."""
+    """Describe the data of a sensor_msgs/CompressedImage that is neither PNG nor JPEG; the end of a message."""
     said = str(getattr(message, "format", ""))[:40]
     named = f" (format '{said}')" if said else ""
     data = bytes(message.data[:16])

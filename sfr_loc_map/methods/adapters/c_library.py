@@ -27,7 +27,7 @@ STATES = (TrackingState.INITIALISING, TrackingState.TRACKING, TrackingState.DEGR
 """By the number of the status in the header."""
 MARK = np.full(64, 0xA5, np.uint8)  #: Behind each thing that a candidate writes.
 MESSAGE_SIZE = 512
-# the structs of the header; in none of them the compiler leaves a gap
+# the structs of the header, none of which has padding
 RIG = np.dtype([
     ("size", "u4"), ("width", "i4"), ("height", "i4"), ("reserved", "i4"),
     ("fx", "f8"), ("fy", "f8"), ("cx", "f8"), ("cy", "f8"), ("baseline_m", "f8"),

@@ -103,7 +103,7 @@ def render_history(history: History) -> str:
     worse = [change.text for change in history.worse]
     heading = "worse" if worse else "not worse"  # no verdict: no limit is judged
     text = "; ".join(worse) or "No figure is certainly worse than before."
-    plots, caption = [], "Mean over the drives; geometric but for counts."
+    plots, caption = [], "Mean over the drives; geometric except of counts."
     for number, (figure, values) in enumerate(history.figures.items()):
         trace = marks("all drives", _columns([*enumerate(values, 1)]), "@one")
         layout = {"xaxis": axis("night", dtick=None), "yaxis": axis(figure)}

@@ -171,7 +171,7 @@ class SuiteWorkers:
         return 0
 
     def ask_again(self) -> None:
-        """Have the scheduler asked for its workers the next time, because one has died."""
+        """Ask the scheduler for its workers again at the next call of `places`, because one has died."""
         self._places = 0
 
     def count(self, outcome: JobOutcome) -> None:

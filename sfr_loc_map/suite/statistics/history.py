@@ -31,7 +31,7 @@ WINDOWS = (1, 4)  #: Nights whose mean is compared with those before: a large ch
 FALSE_ALARM_RATE = 1.0 / 365.0  #: Probability of an alarm in a night without a change, over all figures and drives.
 REFERENCE = 30  #: Nights before that a night is compared with, at most.
 MIN_REFERENCE = 5  #: With fewer nights before, their scatter is unknown.
-MIN_DRIVES = 6  #: With so many drives, the scatter over the drives replaces that of too few nights.
+MIN_DRIVES_OF_SCATTER = 6  #: With so many drives, the scatter over the drives replaces that of too few nights.
 MAX_FREEDOM = 5.0  #: Limit of the degrees of freedom: nights have heavier tails than a normal distribution.
 FALSE_NAMES = 0.1  #: Probability that an alarm names a drive that did not change, over all drives.
 
@@ -118,7 +118,7 @@ class Change:
     drives: tuple[str, ...]  #: Drives that changed; all if none shows the change by itself, or more than half do.
     paths: tuple[str, ...]  #: Their sources.
     of: int  #: Drives that have the figure.
-    before: float  #: Mean over these drives before; geometric but for counts and shares.
+    before: float  #: Mean over these drives before; geometric except of counts and fractions.
     after: float  #: The same after.
     ratio: float | None  #: After over before; None where before is 0.
     ci95: Interval | None  #: 95 % interval of the ratio.
@@ -295,7 +295,7 @@ def compare_nights(before: FloatArray, after: FloatArray, scale: Scale, false_al
     floor = scale.floor / np.sqrt(len(there))
     if nights >= MIN_REFERENCE:
         deviation, freedom = float(np.std(mean_of_nights, ddof=1)) * np.sqrt(1.0 / window + 1.0 / nights), nights - 1.0
-    elif len(there) >= MIN_DRIVES and not scale.of_host:
+    elif len(there) >= MIN_DRIVES_OF_SCATTER and not scale.of_host:
         deviation, freedom = float(np.std(shift[there], ddof=1) / np.sqrt(len(there))), len(there) - 1.0
     else:
         deviation, freedom = np.inf, 1.0

@@ -5,9 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
 import yaml
 
@@ -15,11 +13,7 @@ from campaigns.recordings.drive import Drive, load_drive
 from campaigns.recordings.rows import ROWS, write_rig
 from helpers.cli_result import Sfr
 from helpers.score_rows import number
-from sfr_loc_map.doctor.examination import examine
-from sfr_loc_map.doctor.observation import EXPECTED, RIG_OF_NODE, Observation, ObservedNode, ObservedTopic
-from sfr_loc_map.io.bag.topic_guess import is_own
 from sfr_loc_map.io.source_config import NAME
-from sfr_loc_map.message_types import IMAGE
 from sfr_loc_map.metrics.judging.limits import load_limits
 
 EXTRINSICS = {"translation_m": [0.3, 0.0, 0.6], "quat_xyzw": [0.0, 0.3826834323650898, 0.0, 0.9238795325112867]}
@@ -200,39 +194,3 @@ def test_two_frames_that_could_be_the_rovers_are_named(sfr: Sfr, tmp_path: Path,
         "could also be"
         not in sfr("init", tmp_path / "m", "--from", made.source, "--set", "frames.base=base_footprint").err
     )
-
-
-def test_wheel_odometry_is_not_named_as_a_truth() -> None:
-    assert [*map(is_own, ("/odom", "/wheel/odometry", "/zed/zed_node/pose", "/odometry/filtered"))] == [True] * 4
-    assert [*map(is_own, ("/ground_truth/odom", "/rtk/odometry", "/vrpn/rover/pose", "/robot/state"))] == [False] * 4
-
-
-def test_a_node_without_its_cameras_waits() -> None:
-    """A plain `sfr run` on a rover without mapping cameras is no fault."""
-    nodes = tuple(ObservedNode(name, rig, extrinsics_given=True) for name, rig in RIG_OF_NODE.items())
-    topics = {
-        f"loc/{side}/{what}": ObservedTopic(f"/loc/{side}/{what}", EXPECTED[f"loc/{side}/{what}"])
-        for side in ("left", "right")
-        for what in ("image_rect", "camera_info")
-    }
-    unheard = {
-        "nav/left/image_rect": ObservedTopic("/nav/left/image_rect", (IMAGE,), publishers=())
-    }  # of the subscriber
-    findings = examine(Observation("", live=True, topics=topics | unheard, nodes=nodes))
-    assert [(item.where, item.is_blocking) for item in findings if "wait" in item.text] == [("mapping_node", False)]
-    assert not [item for item in findings if "nav/" in item.where]
-    alone = examine(Observation("", live=True, topics=unheard, nodes=nodes))
-    assert {item.where for item in alone if item.is_blocking} >= {"/nav/left/image_rect", "loc/left/image_rect"}
-
-
-def test_images_of_which_none_has_a_stamp_are_no_fault() -> None:
-    sides = [f"loc/{side}/image_rect" for side in ("left", "right")]
-    header = SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=1), frame_id="")
-    broken = SimpleNamespace(header=header, data=b"", format="jpeg")
-    for stamps in (((), ()), ((1, 2), ()), ((), (1, 2))):
-        topics = {
-            name: ObservedTopic(name, (IMAGE,), stamps_ns=np.array(found, np.int64), messages=(broken,))
-            for name, found in zip(sides, stamps, strict=True)
-        }
-        for live in (False, True):
-            assert "pair" not in {finding.cause.value for finding in examine(Observation("", live=live, topics=topics))}

@@ -20,7 +20,7 @@ from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
 from sfr_loc_map.io.truth import TruthConfig
 from sfr_loc_map.metrics.score_json import from_json
-from test.io.tables.test_foreign_tables import COUNT, drive
+from test.io.tables.test_pose_columns import COUNT, drive
 from test.io.test_truth import write_bag
 
 T = TYPESTORE.types

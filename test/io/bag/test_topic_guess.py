@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from sfr_loc_map.io import truth
 from sfr_loc_map.io.bag import topic_guess
-from sfr_loc_map.io.bag.topic_guess import Guess, SeenTopic, guess_topics
+from sfr_loc_map.io.bag.topic_guess import Guess, SeenTopic, guess_topics, is_own
 
 KINDS = {
     "Image": "sensor_msgs/msg/Image",
@@ -484,3 +484,8 @@ def test_of_two_rovers_none_is_taken() -> None:
     assert isinstance(guess, Guess)
     assert not guess.topics
     assert "/a/" in guess.remarks[0]
+
+
+def test_wheel_odometry_is_not_named_as_a_truth() -> None:
+    assert [*map(is_own, ("/odom", "/wheel/odometry", "/zed/zed_node/pose", "/odometry/filtered"))] == [True] * 4
+    assert [*map(is_own, ("/ground_truth/odom", "/rtk/odometry", "/vrpn/rover/pose", "/robot/state"))] == [False] * 4

@@ -19,7 +19,7 @@ from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.score_json import from_json
 from sfr_loc_map.report.page import run_facts
 from test.io.calibration.test_foreign_cameras import CHAINS, LENSES, kalibr
-from test.io.tables.test_foreign_tables import COUNT, drive, rows, seconds
+from test.io.tables.test_pose_columns import COUNT, drive, rows, seconds
 
 NAMES = {"ns": "{ns}", "us": "{us}", "s": "{s}.{fraction:09d}"}
 
