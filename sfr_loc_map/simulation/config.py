@@ -15,18 +15,18 @@ class ReliefConfig:
 
     relief_m: float = param(0.10, unit="m", doc="Standard deviation of the rolling relief.", low=0.0, high=50.0)
     relief_length_m: float = param(7.0, unit="m", doc="Longest wavelength of the rolling relief.", low=0.5, high=1000.0)
-    hurst: float = param(0.85, doc="Roughness exponent: lower is rougher at small scale.", low=0.3, high=1.2)
+    hurst: float = param(0.85, doc="Hurst exponent; a lower value is rougher at small scale.", low=0.3, high=1.2)
     hills_m: float = param(1.2, unit="m", doc="Standard deviation of the hills of the horizon.", low=0.0, high=1000.0)
     hills_length_m: float = param(90.0, unit="m", doc="Wavelength of the hills.", low=10.0, high=10_000.0)
     slope_deg: float = param(0.0, unit="deg", doc="Slope of the terrain, rising to the east.", low=-35.0, high=35.0)
-    ripple_height_m: float = param(0.012, unit="m", doc="Height of ripples where there is sand.", low=0.0, high=5.0)
+    ripple_height_m: float = param(0.012, unit="m", doc="Height of ripples on sand.", low=0.0, high=5.0)
     ripple_length_m: float = param(0.55, unit="m", doc="Wavelength of wind ripples.", low=0.05, high=100.0)
-    ripple_azimuth_deg: float = param(35.0, unit="deg", doc="Direction across them in DS.", low=-360.0, high=360.0)
+    ripple_azimuth_deg: float = param(35.0, unit="deg", doc="Direction across ripples in DS.", low=-360.0, high=360.0)
     crater_density: float = param(0.004, unit="1/m^2", doc="Craters of more than 1 m per area.", low=0.0, high=0.1)
     rim_radius_m: float = param(0.0, unit="m", doc="Radius of one large crater; 0 for none.", low=0.0, high=10_000.0)
-    rim_x_m: float = param(0.0, unit="m", doc="Its centre in DS, east.", low=-10_000.0, high=10_000.0)
-    rim_y_m: float = param(0.0, unit="m", doc="Its centre in DS, north.", low=-10_000.0, high=10_000.0)
-    coarseness: float = param(1.0, doc="Edge of triangles over that of full detail, for previews.", low=1.0, high=64.0)
+    rim_x_m: float = param(0.0, unit="m", doc="Large crater: centre in DS, east.", low=-10_000.0, high=10_000.0)
+    rim_y_m: float = param(0.0, unit="m", doc="Large crater: centre in DS, north.", low=-10_000.0, high=10_000.0)
+    coarseness: float = param(1.0, doc="Edge of triangles relative to full detail, for previews.", low=1.0, high=64.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,24 +35,24 @@ class GroundConfig:
 
     albedo: float = param(0.22, doc="Mean reflectance of the ground.", low=0.01, high=1.0)
     contrast: float = param(1.0, doc="Strength of the changes of reflectance.", low=0.0, high=3.0)
-    bump: float = param(1.0, doc="Strength of the fine relief that shows in shading only.", low=0.0, high=3.0)
-    gravel: float = param(0.5, doc="Share of the ground with dense pebbles.", low=0.0, high=1.0)
-    bedrock: float = param(0.08, doc="Share of the ground that is bare rock.", low=0.0, high=1.0)
+    bump: float = param(1.0, doc="Strength of the fine relief, only in shading.", low=0.0, high=3.0)
+    gravel: float = param(0.5, doc="Fraction of the ground with dense pebbles.", low=0.0, high=1.0)
+    bedrock: float = param(0.08, doc="Fraction of the ground that is bare rock.", low=0.0, high=1.0)
     pebbles: float = param(0.6, doc="Fill of gravel with pebbles.", low=0.0, high=1.0)
-    lunar: float = param(0.35, doc="Share of Lommel-Seeliger (dusty) against Lambert reflection.", low=0.0, high=1.0)
+    lunar: float = param(0.35, doc="Fraction of Lommel-Seeliger against Lambert reflection.", low=0.0, high=1.0)
 
 
 @dataclass(frozen=True, slots=True)
 class RockConfig:
     """Rocks: number, size, depth."""
 
-    cover: float = param(0.05, doc="Share of ground under rocks (k of Golombek and Rapp 1997).", low=0.0, high=0.4)
+    cover: float = param(0.05, doc="Fraction of ground with rocks (Golombek and Rapp 1997).", low=0.0, high=0.4)
     smallest_m: float = param(0.03, unit="m", doc="Smallest solid rock near the rover, diameter.", low=0.01, high=10.0)
     largest_m: float = param(1.5, unit="m", doc="Largest diameter.", low=0.05, high=50.0)
-    buried: float = param(0.35, doc="Mean share of the height that is under ground.", low=0.0, high=0.9)
+    buried: float = param(0.35, doc="Mean fraction of the height below ground.", low=0.0, high=0.9)
     angular: float = param(0.5, doc="0 for rounded, 1 for angular rocks.", low=0.0, high=1.0)
     albedo: float = param(0.19, doc="Mean reflectance of rocks.", low=0.01, high=1.0)
-    clear_m: float = param(0.12, unit="m", doc="Larger rocks are kept off the rover's path.", low=0.0, high=50.0)
+    clear_m: float = param(0.12, unit="m", doc="Largest rock on the path of the rover.", low=0.0, high=50.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +63,12 @@ class LightConfig:
     sun_azimuth_deg: float = param(120.0, unit="deg", doc="Direction of the sun in DS.", low=-360.0, high=360.0)
     sun_radius_deg: float = param(0.18, unit="deg", doc="Angular radius, for soft shadows.", low=0.0, high=10.0)
     sky: float = param(0.35, doc="Light of the sky on level ground, the overhead sun being 1.", low=0.0, high=2.0)
-    sky_grey: float = param(0.62, doc="Sky above the horizon, share of the full range.", low=0.0, high=1.5)
-    haze_m: float = param(600.0, unit="m", doc="Distance at which haze takes 63 % of the contrast.", low=1.0, high=1e6)
+    sky_grey: float = param(
+        0.62, doc="Grey of the sky above the horizon, fraction of the full range.", low=0.0, high=1.5
+    )
+    haze_m: float = param(
+        600.0, unit="m", doc="Distance at which haze removes 63 % of the contrast.", low=1.0, high=1e6
+    )
     rover_shadow: bool = param(False, doc="Whether the rover casts a shadow.")
 
 
@@ -77,8 +81,8 @@ class CamerasConfig:
     focal_px: float = param(402.0, unit="px", doc="Focal length.", low=5.0, high=100000.0)
     baseline_m: float = param(0.12, unit="m", doc="Distance between the optical centres.", low=0.001, high=100.0)
     x_m: float = param(0.52, unit="m", doc="Forward, from RB or the mast head.", low=-100.0, high=100.0)
-    y_m: float = param(0.015, unit="m", doc="To the left, likewise.", low=-100.0, high=100.0)
-    z_m: float = param(0.63, unit="m", doc="Up, likewise.", low=-100.0, high=100.0)
+    y_m: float = param(0.015, unit="m", doc="To the left, from RB or the mast head.", low=-100.0, high=100.0)
+    z_m: float = param(0.63, unit="m", doc="Up, from RB or the mast head.", low=-100.0, high=100.0)
     roll_deg: float = param(0.4, unit="deg", doc="Rotation about x, applied first.", low=-360.0, high=360.0)
     pitch_deg: float = param(19.0, unit="deg", doc="Rotation about y; positive looks down.", low=-360.0, high=360.0)
     yaw_deg: float = param(1.0, unit="deg", doc="Rotation about z, applied last.", low=-360.0, high=360.0)
@@ -109,7 +113,7 @@ class NavCamerasConfig(CamerasConfig):
 class DriveConfig:
     """Drive of the rover with the localisation cameras."""
 
-    enabled: bool = param(True, doc="Whether to make the drive (localisation pairs).")
+    enabled: bool = param(True, doc="Whether to render the drive (localisation pairs).")
     segments: tuple[str, ...] = param(
         ("straight 4", "arc 6 40", "arc -8 30", "straight 4"),
         doc="Path: straight M (< 0: back), arc RADIUS_M (> 0: left) ANGLE_DEG, turn DEG, stop S, goto X Y.",
@@ -132,7 +136,7 @@ class DriveConfig:
 class PanoramaConfig:
     """Panorama of the mapping cameras on the mast, with the rover at the start of its path."""
 
-    enabled: bool = param(False, doc="Whether to make the mapping pairs.")
+    enabled: bool = param(False, doc="Whether to render the mapping pairs.")
     pan_deg: tuple[float, ...] = param(
         (42.0, 0.0, -42.0), doc="Pan of each pair; positive to the left.", low=-360.0, high=360.0
     )
@@ -147,7 +151,7 @@ class SensorConfig:
     """From light to grey levels."""
 
     samples: int = param(4, doc="Rays per pixel, each at its own time of the exposure.", low=1, high=64)
-    target_grey: float = param(0.48, doc="Level mean ground in the sun, share of the full range.", low=0.01, high=1.0)
+    target_grey: float = param(0.48, doc="Grey of level sunlit ground, fraction of the full range.", low=0.01, high=1.0)
     blur_px: float = param(0.45, unit="px", doc="Standard deviation of the point spread.", low=0.0, high=5.0)
     exposure_s: float = param(0.0, unit="s", doc="Exposure time for motion blur; 0 for none.", low=0.0, high=10.0)
     full_well: float = param(12000.0, doc="Electrons at the full range, for photon noise; 0: none.", low=0.0, high=1e9)
