@@ -183,8 +183,7 @@ class Mapper:
         filled = fill_holes(estimated)
         unrolled = without_roll(filled, rotation, self._rig)
         disparity_map = within_range(unrolled, self._search.min_disparity_px)
-        T_lm_left = T_lm_navsb @ self._rig.T_sb_left
-        view = view_of_pair(disparity_map, self._rig, T_lm_left)
+        view = view_of_pair(disparity_map, self._rig, T_lm_navsb @ self._rig.T_sb_left)
         calibration_of_pair = calibration_sigma(rotation, self._rig, self._config.calibration)
         saturation = disparity_map.saturation
         sigma = sigma_of_view(view, saturation, calibration_of_pair, self._rig)
@@ -197,7 +196,7 @@ class Mapper:
             stamp_ns=pair.stamp_ns,
             cloud=cloud,
             random_sigma=random_sigma,
-            T_lm_left=T_lm_left,
+            T_lm_left=view.T_lm_left,
             disparity_px=disparity_px,
             pixel_status=read_only(disparity_map.status),
             fusion_input=FusionInput(

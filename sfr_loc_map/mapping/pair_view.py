@@ -26,6 +26,11 @@ def read_only(array: NDArray[T]) -> NDArray[T]:
     return view
 
 
+def read_only_pose(pose: Transform) -> Transform:
+    """Return a transform whose rotation and translation cannot be changed."""
+    return Transform(read_only(pose.rotation), read_only(pose.translation))
+
+
 class ViewPoints(NamedTuple):
     """N points, each on the ray of its left pixel, before their total sigma is known."""
 
@@ -88,7 +93,7 @@ class PairView:
 
     points: ViewPoints
     images: ViewImages  #: The disparities, and the sigmas and grey levels of the points at their pixels.
-    T_lm_left: Transform  #: Takes points in the left optical frame to LM.
+    T_lm_left: Transform  #: Takes points in the left optical frame to LM. Its arrays are read-only.
     noise_grey: float  #: Standard deviation of a photometric residual, grey levels.
 
     @classmethod
@@ -98,12 +103,12 @@ class PairView:
         sigma[points.v, points.u] = points.fusion_sigma
         grey = np.full(disparity_px.shape, np.nan, F)
         grey[points.v, points.u] = points.intensity
-        return cls(points, ViewImages(disparity_px, sigma, grey), T_lm_left, noise_grey)
+        return cls(points, ViewImages(disparity_px, sigma, grey), read_only_pose(T_lm_left), noise_grey)
 
     def with_pose(self, T_lm_left: Transform) -> PairView:
         """Return the view and its points at another pose."""
         xyz = (T_lm_left @ self.T_lm_left.inverse()).apply(self.points.xyz).astype(F)
-        return replace(self, points=self.points._replace(xyz=xyz), T_lm_left=T_lm_left)
+        return replace(self, points=self.points._replace(xyz=xyz), T_lm_left=read_only_pose(T_lm_left))
 
     def blurred_grey(self, blur_px: float) -> FloatImage:
         """Return the grey levels `(H, W)` of the points, blurred over them by a Gaussian; NaN elsewhere."""

@@ -267,6 +267,8 @@ def test_a_map_whose_values_were_changed_is_refused_by_the_fusion() -> None:
         whole.random_sigma,
         whole.disparity_px,
         whole.pixel_status,
+        whole.T_lm_left.rotation,
+        whole.T_lm_left.translation,
     ):
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 1
