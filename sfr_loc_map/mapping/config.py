@@ -80,7 +80,9 @@ class TerrainConfig:
 class MappingConfig:
     """Parameters of the mapper; ROS parameters and configuration files have the same names."""
 
-    min_range_m: float = param(0.9, unit="m", doc="Nearest depth that is searched.", low=0.05, high=1000.0)
+    min_range_m: float = param(
+        0.9, unit="m", doc="Depth from which on surfaces are searched; nearer ones may be found.", low=0.05, high=1000.0
+    )
     max_range_m: float = param(40.0, unit="m", doc="Farthest depth that is kept.", low=0.1, high=10_000.0)
     refine_poses: bool = param(
         False, doc="Register the poses of the second and third pair (up to 2 degrees, 0.1 m) where pairs overlap."

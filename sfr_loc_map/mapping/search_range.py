@@ -20,15 +20,19 @@ class SearchRange:
     """Disparities that are searched and kept, pixels."""
 
     min_disparity_px: float  #: Disparity of the farthest depth that is kept; smaller ones are searched, not kept.
-    max_disparity_px: float  #: Disparity of the nearest depth that is searched.
-    count: int  #: Number of whole disparities that are searched from 0 on, a multiple of `DISPARITY_STEP`.
+    #: Smallest upper limit of the search: the disparity of `min_range_m` or half the width. The search is rounded up
+    #: from it, and larger disparities that are found are kept.
+    max_disparity_px: float
+    #: Smallest number of whole disparities that are searched from 0 on, a multiple of `DISPARITY_STEP`. In wide images
+    #: it is rounded up to a multiple of twice that (`semi_global_matching`).
+    count: int
 
 
 def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:
     """Return the disparities between the farthest and the nearest depth, `d = fx baseline / Z`.
 
-    If `MAX_DISPARITY_FRACTION` of the width is less than the disparity of `min_range_m`, the nearest depth that is
-    searched is larger than `min_range_m`.
+    If `MAX_DISPARITY_FRACTION` of the width is less than the disparity of `min_range_m`, surfaces at `min_range_m` may
+    not be found.
     """
     if config.min_range_m >= config.max_range_m:
         raise ConfigError(

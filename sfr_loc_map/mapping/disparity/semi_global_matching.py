@@ -39,8 +39,8 @@ def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> Float
 
     Semi-global matching (Hirschmueller 2008, OpenCV's three paths) has steps of 1/16 pixel. In wide images pairs of
     columns are averaged first, and the steps are 1/8 pixel. A right image of another exposure is equalised. Both images
-    are padded on the left, so that columns are matched even if a part of the search range, 0 to `count - 1`, is outside
-    the right image.
+    are padded on the left, so that columns are matched even if a part of the search range, at least 0 to `count - 1`,
+    is outside the right image.
     """
     reduction = 2 if left.shape[1] >= WIDE_COLUMNS else 1
     searched = DISPARITY_STEP * math.ceil(count / (DISPARITY_STEP * reduction))

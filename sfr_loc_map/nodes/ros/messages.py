@@ -228,15 +228,16 @@ def image_msg(pixels: NDArray[np.generic], encoding: str, header: Header) -> Ima
 def disparity_msg(
     disparity_px: NDArray[np.float32], rig: StereoRig, searched: SearchRange, header: Header
 ) -> DisparityImage:
-    """Return a disparity image with the disparities that were searched."""
+    """Return a disparity image with a range that includes the parameters' range and all valid disparities."""
     height, width = disparity_px.shape
     low = min(searched.min_disparity_px, float(np.nanmin(disparity_px, initial=np.inf)))
+    high = max(searched.max_disparity_px, float(np.nanmax(disparity_px, initial=-np.inf)))
     filled = np.where(np.isnan(disparity_px), np.float32(low - 1.0), disparity_px).astype("<f4")
     message = DisparityImage(header=header, f=float(rig.fx), t=float(rig.baseline_m), delta_d=1.0 / 16.0)
     message.image = image_msg(filled, "32FC1", header)
     message.valid_window = RegionOfInterest(height=height, width=width)
     message.min_disparity = float(low)
-    message.max_disparity = float(searched.max_disparity_px)
+    message.max_disparity = float(high)
     return message
 
 

@@ -13,7 +13,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CompressedImage, Image, PointCloud2, PointField
 
 from helpers.made_scene import LOC_RIG, loc_pair, true_pose
-from helpers.node_scenes import sent
+from helpers.node_scenes import disparity_of, sent
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import FIELD_TYPES, PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
@@ -23,6 +23,7 @@ from sfr_loc_map.io.images.codec import encode_jpeg, encode_png, samples_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
+from sfr_loc_map.mapping.search_range import SearchRange
 from sfr_loc_map.mapping.terrain.elevation import CellGrid, ElevationModel
 from sfr_loc_map.mapping.terrain.grid import TerrainGrid
 from sfr_loc_map.nodes.ros.messages import (
@@ -31,6 +32,7 @@ from sfr_loc_map.nodes.ros.messages import (
     cloud_from_msg,
     cloud_msg,
     covariance_of,
+    disparity_msg,
     elevation_from_msg,
     elevation_msg,
     hazard_from_msg,
@@ -47,6 +49,19 @@ from sfr_loc_map.nodes.ros.messages import (
 STAMP_NS, SIZE = 1_700_000_000_123_456_789, (6, 4)
 GREY = np.arange(24, dtype=np.uint8).reshape(4, 6) * 10
 PNG = encode_png(GREY)
+
+
+# ---- disparities
+
+
+@pytest.mark.parametrize(("smallest", "largest"), [(4.0, 9.0), (1.5, 14.0)])
+def test_the_range_of_a_disparity_image_includes_the_searched_range_and_all_its_disparities(
+    smallest: float, largest: float
+) -> None:
+    disparity_px = np.array([[smallest, np.nan], [largest, 5.0]], np.float32)
+    message = sent(disparity_msg(disparity_px, LOC_RIG, SearchRange(2.0, 10.0, 16), header_msg(STAMP_NS, "left")))
+    assert (message.min_disparity, message.max_disparity) == (min(smallest, 2.0), max(largest, 10.0))
+    assert np.array_equal(disparity_of(message), disparity_px, equal_nan=True)
 
 
 # ---- poses
