@@ -1,4 +1,4 @@
-"""How a command ends that judges: the score as it is shown, the verdicts and what could not be judged as exit codes."""
+"""How a judging command ends: the score as it is shown, the verdicts and what could not be judged as exit codes."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ class Estimates:
         return cls(trajectory, lost, degraded, is_lost_known, is_degraded_known, covariance, steps)
 
     def unknown_states(self, rows: Rows) -> frozenset[str]:
-        """Return which of the states `lost` and `degraded` are unknown of any of some poses."""
+        """Return which of the states `lost` and `degraded` are unknown for any of the poses."""
         known = {"lost": self.is_lost_known, "degraded": self.is_degraded_known}
         return frozenset(name for name, flags in known.items() if not flags[rows].all())
 

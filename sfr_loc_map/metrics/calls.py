@@ -200,7 +200,7 @@ def has_memory(rows: Iterable[Figure]) -> bool:
 def completeness_rows(
     calls: Sequence[Calls], expected_ns: Mapping[Task, IntArray | None], place: Place = Place.HOST
 ) -> Iterator[Figure]:
-    """Yield the rows of what of the expected calls was measured; of a kind that several have, those of the last."""
+    """Yield the rows that compare measured with expected calls; if several files have a kind, the last one counts."""
     found: dict[CallKind, tuple[Calls, NDArray[np.intp]]] = {}
     for item in calls:
         kinds = item.kinds

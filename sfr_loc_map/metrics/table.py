@@ -64,7 +64,8 @@ class Figure(RowNumbers, frozen=True):
     def is_one_number(self) -> bool:
         """Whether the row has one number: a count, a fraction, a peak."""
         has_value = self.value is not None and self.mean is None
-        return has_value or self.subject in (Subject.MEMORY, Subject.COMPLETENESS) or self.figure == "coverage"
+        is_of_kind = self.figure in KINDS and KINDS[self.figure].is_one_number
+        return has_value or is_of_kind or self.subject in (Subject.MEMORY, Subject.COMPLETENESS)
 
     @property
     def label(self) -> str:

@@ -16,7 +16,7 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.table import Figure, figure_row
 
 ATTITUDE = "attitude"  #: Part of the row of the attitude.
-TURN = "attitude at the start"  #: Part of the rows of what the true attitude at N moves N+x by.
+TURN = "attitude at the start"  #: Part of the rows of how far an attitude error at N moves N+x.
 
 
 def known_of(truth: Trajectory) -> Truth:
@@ -43,7 +43,7 @@ def truth_error_rows(truth: Trajectory, frames_ns: IntArray) -> Iterator[Figure]
 
 
 def turn_rows(condition: str, sigma_deg: float, moves: FloatArray) -> Iterator[Figure]:
-    """Yield what the error of the true attitude at N moves N+x by, where the estimate is turned by this attitude.
+    """Yield how far the error of the true attitude at N moves N+x, where the estimate is turned by this attitude.
 
     The standard deviation, m, is that of a vector, over sub-trajectories with these true displacements `(M, 3)`;
     unknown heights do not count.

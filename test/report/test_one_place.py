@@ -212,7 +212,8 @@ def test_a_row_without_its_number_is_said_in_one_word_by_tables_and_diagnostics(
     unknown = figure_row("above_idle", part="localisation")
     few = figure_row("position", "distance=5", "pose", n=1, mean=0.1)
     known = figure_row("missing", value=0.0)
-    for row, text in ((unknown, "unknown"), (few, "not enough data"), (known, "")):
+    no_height = figure_row("nmad")
+    for row, text in ((unknown, "unknown"), (no_height, "unknown"), (few, "not enough data"), (known, "")):
         (status,) = score_statuses(Score(figures=(row,)))
         assert status.message == text
         assert row.is_defined == (not text)

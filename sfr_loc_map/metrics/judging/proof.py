@@ -4,7 +4,7 @@ A limit such as `position_bound_m: {limit: 0.1, prob: 0.95, confidence: 0.95, in
 tolerance bound (`metrics.judging.tolerance`) of independent errors. The interpretation states which errors these are
 [ECSS-E-ST-60-10C, 4.1.4.2]:
 
-- temporal: at every drive the share of its sub-trajectories meets the limit; each drive is proved by itself;
+- temporal: in every drive the share of its sub-trajectories meets the limit; each drive is proved by itself;
 - ensemble: the share of all drives meets the limit over the whole drive; a drive counts by its largest error;
 - mixed: the share of all sub-trajectories of all drives meets it; a drive counts by one of its sub-trajectories.
 """
