@@ -26,7 +26,7 @@ from sfr_loc_map.io.images.codec import SampleDepth, Samples, points_image, samp
 from sfr_loc_map.io.images.files import check_size
 from sfr_loc_map.io.sequence import RecordedBag, Source, SourceFormat
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
-from sfr_loc_map.io.stereo_pairs import stereo_pairs
+from sfr_loc_map.io.stamp_pairs import stereo_pairs
 from sfr_loc_map.io.tables.text_table import check_order
 from sfr_loc_map.io.truth import TruthConfig, resolve_truth, truth_of_file
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE
