@@ -12,10 +12,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND, OTHER_FRAMES, Subject
+from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, ERRORS_BEYOND, MAP, OTHER_FRAMES, Subject
 from sfr_loc_map.metrics.details import CallPlots, SubTrajectoryRows
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS, statistics
 from sfr_loc_map.metrics.judging.proof import errors_of
+from sfr_loc_map.metrics.judging.shortfall_kinds import SHORTFALLS
+from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
 
@@ -39,12 +41,16 @@ COUNTED = (
     "points_repeated",
 )
 """Figures of completeness that stand in the table as a fraction and as a count."""
+OF_EXPECTED = ("missing", "images_without_truth", "pairs_without_cloud", "calls_missing", "dropped")
+"""Figures of completeness that are a fraction of what was expected, as the row `judged` is."""
+WITHOUT_RESULT = {DRIVE: ("missing", Subject.TRAJECTORY), MAP: ("pairs_without_cloud", Subject.MAP)}
+"""The only figure of completeness of a part that has no estimate or no cloud, and the subject of its other figures."""
 
 
 def raw_contradiction(score: Score) -> str | None:
     """Return which figure does not follow from the raw values of a score; None if all do."""
-    found = (*_required(score), *_of_sub_trajectories(score), *_of_points(score), *_of_calls(score), *_of_counts(score))
-    return next(iter(found), None)
+    of_raw = (*_required(score), *_of_sub_trajectories(score), *_of_points(score), *_of_calls(score))
+    return next(iter((*of_raw, *_of_counts(score), *_of_judged(score))), None)
 
 
 def _required(score: Score) -> Iterator[str]:
@@ -60,6 +66,34 @@ def _required(score: Score) -> Iterator[str]:
         for name, part in ((figure, OTHER_FRAMES), (ERRORS_BEYOND, figure)):
             if score.figure(name, condition=condition, part=part) is None:
                 yield f"{row.label} is limited, but the row {name} {part} is absent"
+
+
+def _of_judged(score: Score) -> Iterator[str]:
+    """Yield the rows of completeness that are absent, and fractions `judged` that do not follow from these rows."""
+    for row in score.rows("judged"):
+        part = RowPart.of(row.part)
+        if row.value is None:
+            continue
+        kind = part.of_calls.text if part.what == CALLS else None
+        names = _shortfall_names(score, part)
+        for name in names:
+            if score.figure(name, part=kind) is None:
+                yield f"it has the row {row.label}, but the row {' '.join(filter(None, (name, kind)))} is absent"
+        absent = [score.number(name, part=kind) or 0.0 for name in names if name in OF_EXPECTED]
+        if not absent:
+            continue
+        # answers of an external node that are late are neither judged nor missing
+        low = 0.0 if part.what == CALLS and score.external is not None else 1.0 - sum(absent)
+        if not low - EXACT <= min(row.value, 1.0) <= 1.0 - max(absent) + EXACT:
+            yield f"{row.label} is {_text(row.value)}, from what is absent follows {_text(1.0 - sum(absent))}"
+
+
+def _shortfall_names(score: Score, part: RowPart) -> list[str]:
+    """Return the figures of completeness that a part of a score always has."""
+    only, subject = WITHOUT_RESULT.get(part.what, ("", Subject.COMPLETENESS))
+    if not score.has(subject):
+        return [only]
+    return [kind.figure for kind in SHORTFALLS if kind.part == part.what and kind.figure != ERRORS_BEYOND]
 
 
 def _of_sub_trajectories(score: Score) -> Iterator[str]:

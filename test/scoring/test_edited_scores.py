@@ -32,6 +32,20 @@ def without_lost(score: dict[str, Any]) -> None:
             row["value"] = 0.0
 
 
+def without_copies(score: dict[str, Any]) -> None:
+    score["figures"] = [row for row in score["figures"] if row["figure"] != "poses_of_truth"]
+
+
+def without_missing(score: dict[str, Any]) -> None:
+    score["figures"] = [row for row in score["figures"] if row["figure"] != "missing"]
+
+
+def partly_judged(score: dict[str, Any]) -> None:
+    for row in score["figures"]:
+        if (row["figure"], row.get("part")) == ("judged", "drive"):
+            row["value"] = 0.8
+
+
 def looser(score: dict[str, Any]) -> None:
     score["rules"]["limits"][0]["limit"] = 99.0
 
@@ -46,6 +60,9 @@ def with_fewer_independent(score: dict[str, Any]) -> None:
         (without_errors, "is limited, but its errors are absent"),
         (without_other_frames, "is limited, but the row position other frames is absent"),
         (without_lost, "lost is 0, of the frames 10 are"),
+        (without_copies, "but the row poses_of_truth is absent"),
+        (without_missing, "but the row missing is absent"),
+        (partly_judged, "judged drive is 0.8, from what is absent follows 1"),
         (looser, "its limits are not those of"),
         (with_fewer_independent, "its limits are not those of"),
     ],
