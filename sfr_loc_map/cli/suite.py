@@ -14,7 +14,16 @@ from typer import Argument, Option
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.cli.app import command_group, examples, propose
 from sfr_loc_map.cli.options import HtmlOption, JsonOption, LenientOption, OverwriteOption
-from sfr_loc_map.cli.output import HTML_SUFFIXES, STANDARD_OUTPUT, check_outputs, check_suffix, progress_bar, say, show
+from sfr_loc_map.cli.output import (
+    HTML_SUFFIXES,
+    STANDARD_OUTPUT,
+    check_outputs,
+    check_suffix,
+    progress_bar,
+    say,
+    show,
+    warn,
+)
 from sfr_loc_map.cli.verdict import not_judged
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, InputError
 from sfr_loc_map.inputs import one_line
@@ -260,7 +269,7 @@ def _open_store(folder: Path) -> Store:
         raise InputError(f"'{folder}' is not a folder of a suite: sought plan.json; give one made by sfr suite run")
     store = Store(folder)
     for path in store.check_files():
-        say(f"sfr: warning: '{path}' is missing: whether the plan has its tasks and limits was not checked", err=True)
+        warn(f"'{path}' is missing: whether the plan has its tasks and limits was not checked")
     return store
 
 

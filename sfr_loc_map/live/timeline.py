@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from sfr_loc_map.inputs import NS_PER_S, jumped_back
+from sfr_loc_map.inputs import NS_PER_S, Task, jumped_back
 from sfr_loc_map.live import updates
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.message_types import Level
@@ -35,7 +35,7 @@ TOPIC_FRESHNESS = Freshness(after_s=1.6, periods=3.0)
 """Messages of a topic follow its source, whose period varies: two may be absent."""
 FLICKER_S = 0.5  #: Shorter tracking between two intervals of one kind does not separate them, s.
 GAP_S, GAP_PERIODS = 2.0, 20.0  #: A step of the stamps above this time, s, and this many usual steps is an event.
-LOCALISATION_NODE, POSE = "localisation_node", "pose"
+LOCALISATION_NODE, POSE = Task.LOCALISATION.node, "pose"
 SILENT = "{}: silent"
 
 

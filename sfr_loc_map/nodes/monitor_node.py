@@ -8,14 +8,15 @@ from __future__ import annotations
 import json
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile
@@ -34,15 +35,14 @@ from sfr_loc_map.io.images.codec import points_image
 from sfr_loc_map.io.truth import LiveTruth
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.metrics.catalogue import KINDS
-from sfr_loc_map.metrics.config import ScoreConfig, VerdictState
+from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits import load_limits
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
+from sfr_loc_map.nodes.input.camera_info_pair import CameraInfoPair
 from sfr_loc_map.nodes.input.stereo_input import StereoInputConfig
 from sfr_loc_map.nodes.input.truth_input import TruthFrame, TruthTopic
-from sfr_loc_map.nodes.lifecycle.diagnostics import Value, status_msg
 from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.runner import run
@@ -59,6 +59,7 @@ from sfr_loc_map.nodes.ros.messages import (
 from sfr_loc_map.nodes.ros.publishers import publishers_of
 from sfr_loc_map.nodes.ros.qos import LATCHED, RELIABILITIES, TF_STATIC_QOS, profile
 from sfr_loc_map.nodes.ros.transport import TransportGaps
+from sfr_loc_map.nodes.score_messages import figure_topics, score_statuses
 from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.scoring.report_file import ReportFile
@@ -76,16 +77,9 @@ from sfr_loc_map.topics import (
     configuration_topic,
 )
 
-DIAGNOSED_GROWTH = 1.2  #: A convention mismatch is looked for again once there are so many times the poses.
 RESTS = 9.0  #: Time without scoring after each score, as a multiple of the processor time that it took.
+DIAGNOSED_GROWTH = 1.2  #: A convention mismatch is looked for again once there are so many times the poses.
 IN_FLIGHT_S = 5.0  #: While a run goes on, results of pairs that are younger than this do not count as missing.
-VERDICT_LEVELS = {
-    VerdictState.PASS: Level.OK,
-    VerdictState.FAIL: Level.ERROR,
-    VerdictState.NOT_ENOUGH_DATA: Level.WARN,
-    VerdictState.INCOMPLETE: Level.WARN,
-    VerdictState.NOT_JUDGED: Level.WARN,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +126,25 @@ class MonitorNodeConfig(NodeConfig):
     def queue(self) -> tuple[Overload, int]:
         """Return that every message counts, as far as there is room."""
         return Overload.ALL, self.input.queue_depth
+
+
+class ScorePacing:
+    """Limits scoring to a tenth of the processor time of its thread."""
+
+    def __init__(self) -> None:
+        """Begin; the first score is due."""
+        self._rest_until_s = 0.0
+
+    def is_due(self) -> bool:
+        """Return whether the rest after the last score is over."""
+        return time.perf_counter() >= self._rest_until_s
+
+    @contextmanager
+    def measured(self) -> Iterator[None]:
+        """Rest after the `with` block in proportion to its processor time, without what others took of a busy host."""
+        begin_s = time.thread_time()
+        yield
+        self._rest_until_s = time.perf_counter() + RESTS * (time.thread_time() - begin_s)
 
 
 class MonitorNode(ManagedNode[MonitorNodeConfig]):
@@ -189,7 +202,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._score = MonitorScore(config.score, None, config.truth)
         self._report_file = ReportFile(Path(config.save_file)) if config.save_file else None
         self._gaps: list[TransportGaps] = []
-        self._camera_infos: dict[Side, CameraInfo] = {}
+        self._camera_infos = CameraInfoPair()
         self._orders: dict[str, AnyOrder[tuple[int, Callable[[], None]]]] = {
             kind: AnyOrder() for kind in ("estimate", "truth")
         }
@@ -200,7 +213,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._early_points: deque[PointCloud2] = deque(maxlen=MAX_PAIRS)
         self._configurations: dict[str, Any] = {}
         self._changed = self._unsaved = False
-        self._rest_until_s = 0.0
+        self._pacing = ScorePacing()
         self._last_ns = 0
 
     def counts(self) -> dict[str, int]:
@@ -318,12 +331,8 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._score_maps()
 
     def _on_camera_info(self, side: Side, message: CameraInfo) -> None:
-        infos = self._camera_infos
-        infos[side] = message
-        if len(infos) < 2:
+        if (both := self._camera_infos.add(side, message)) is None:
             return
-        both = infos["left"], infos["right"]
-        infos.clear()  # a rig is made of a new one of each side, since on a change one side comes first
         self._score.map_inputs.rig = rig_of_rectified(both, "nav")[0]
         while self._early_points:
             self._on_true_points(self._early_points.popleft())
@@ -365,7 +374,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         """Return the score so far, with the configurations that it was made with."""
         configuration = self._configurations | {"monitor": json.loads(self.config_json())}
         made = Provenance(version=__version__, configuration=configuration)
-        self._score.dropped = sum(count for name, count in self.counts().items() if name.startswith("dropped"))
+        self._score.dropped = sum(self.counts().values())
         if self._score.poses >= DIAGNOSED_GROWTH * self._diagnosed_poses or self._score.poses < self._diagnosed_poses:
             self._diagnosed_poses = self._score.poses
             self._contradiction = self._score.contradiction()
@@ -374,10 +383,14 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
 
     def _publish(self) -> None:
         """Publish the figures; a long run is scored less often, at most a tenth of the time."""
-        begin, used_s = time.perf_counter(), time.thread_time()
-        if not self._changed or begin < self._rest_until_s:
+        if not self._changed or not self._pacing.is_due():
             return
         self._changed = False
+        begin = time.perf_counter()
+        with self._pacing.measured():
+            self._publish_score(begin)
+
+    def _publish_score(self, begin: float) -> None:
         try:
             score = self._result(details=False, in_flight_s=IN_FLIGHT_S)
         except MetricsError as error:  # two runs in one, for instance
@@ -390,13 +403,11 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
                 self._figures[topic].publish(Float64(data=float(value)))
         header = header_msg(self._last_ns, "")
         self._metrics.publish(DiagnosticArray(header=header, status=score_statuses(score)))
-        end = time.perf_counter()
-        self._rest_until_s = end + RESTS * (time.thread_time() - used_s)  # not what others took of a busy host
         level, state = (Level.OK, "scoring") if score.contradiction is None else (Level.WARN, score.contradiction)
-        self.status.note_call(level, state, {"processing_time_s": end - begin}, {})
+        self.status.note_call(level, state, {"processing_time_s": time.perf_counter() - begin}, {})
 
     def _finish(self) -> str:
-        self._changed, self._rest_until_s = True, 0.0
+        self._changed, self._pacing = True, ScorePacing()
         self._publish()
         return "the figures are published"
 
@@ -423,35 +434,6 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             order.restart()
         self._changed = True
         return "the score restarts"
-
-
-def figure_topics() -> dict[str, tuple[str, str]]:
-    """Return figure and statistic by topic (`metrics/position/mean`); config/sros2_policy.xml permits each by name."""
-    return {
-        f"metrics/{kind.topic}/{statistic}": (kind.name, statistic)
-        for kind in KINDS.values()
-        if kind.topic
-        for statistic in kind.shown
-    }
-
-
-def score_statuses(score: Score) -> list[DiagnosticStatus]:
-    """Return a score as diagnostics: a status for each row of the table of figures, and one for each verdict."""
-    found = []
-    for row in score.figures:
-        names = (row.subject, row.condition, row.part, row.figure)
-        numbers = {name: value for name, value in row.as_dict().items() if isinstance(value, int | float)}
-        level, text = Level.OK, "" if row.is_defined else "unknown"
-        if not row.is_defined and not row.is_one_number:
-            level, text = Level.WARN, VerdictState.NOT_ENOUGH_DATA.value
-        found.append(status_msg("/".join(filter(None, names)), level, text, {**numbers, "unit": row.unit}))
-    for item in score.verdicts:
-        values: dict[str, Value] = {"limit": item.limit}
-        values |= {} if item.value is None else {"value": item.value}
-        values |= {} if item.margin is None else {"margin": item.margin}
-        name = "/".join(filter(None, ("verdict", item.name, item.condition)))
-        found.append(status_msg(name, VERDICT_LEVELS[item.state], item.state.value, values))
-    return found
 
 
 main = partial(run, MonitorNode)

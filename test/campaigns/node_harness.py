@@ -36,9 +36,10 @@ from sfr_loc_map.inputs import SIDES, stamp_of
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.launch.processes import ChildProcess, end_processes, node_process
-from sfr_loc_map.nodes.lifecycle.diagnostics import TOPIC, level_of, values_of
+from sfr_loc_map.nodes.lifecycle.diagnostics import level_of, values_of
 from sfr_loc_map.nodes.ros.environment import start_ros
 from sfr_loc_map.nodes.ros.messages import pose_msg
+from sfr_loc_map.topics import DIAGNOSTICS
 
 LOCALISATION, MAPPING, MONITOR = NODES = ("localisation_node", "mapping_node", "monitor_node")
 START_S = 300.0
@@ -92,7 +93,7 @@ class Harness:
         self._nav_pairs = cache(made_scene.nav_pair)
         deep, subscribe = QoSProfile(depth=1000), self.node.create_subscription
         subscribe(Odometry, "localisation/odometry", lambda m: self.odometry.update({stamp_of(m): m}), deep)
-        subscribe(DiagnosticArray, TOPIC, self._on_diagnostics, deep)
+        subscribe(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, deep)
         subscribe(PointCloud2, "mapping/points", lambda m: self.clouds.add(stamp_of(m)), QoSProfile(depth=10))
         subscribe(String, "metrics/report", lambda m: setattr(self, "report", json.loads(m.data)), LATCHED)
         self._executor = SingleThreadedExecutor()

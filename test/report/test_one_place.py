@@ -27,7 +27,7 @@ from sfr_loc_map.metrics.judging import judge, limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict
 from sfr_loc_map.metrics.table import figure_row
-from sfr_loc_map.nodes.monitor_node import figure_topics, score_statuses
+from sfr_loc_map.nodes.score_messages import figure_topics, score_statuses
 from sfr_loc_map.report.comparison import comparison_tables, methods_tables
 from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.page import render_page

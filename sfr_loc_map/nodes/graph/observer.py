@@ -37,7 +37,7 @@ from sfr_loc_map.nodes.ros.publishers import node_of, publishers_of, reliability
 from sfr_loc_map.nodes.ros.qos import LATCHED, TF_STATIC_QOS
 from sfr_loc_map.nodes.ros.services import call_service
 from sfr_loc_map.nodes.ros.transport import TransportGaps
-from sfr_loc_map.topics import IMAGES, TF_STATIC, call_topic, rectified_beside
+from sfr_loc_map.topics import CLOCK, IMAGES, TF_STATIC, call_topic, rectified_beside
 
 QUIET_S = 1.5  #: Discovery counts as complete when there are images and the graph has not changed for so long,
 DISCOVERY_S = 8.0  #: or after so long.
@@ -101,7 +101,7 @@ class GraphObserver(Peer):
             extrinsics_given=extrinsics_given,
             extrinsics_in_tf=in_tf if tf_type is not None or TF_STATIC not in others else None,
             nodes=nodes,
-            has_clock=bool(self.node.get_publishers_info_by_topic("/clock")),
+            has_clock=bool(self.node.get_publishers_info_by_topic(CLOCK)),
             now_ns=None if is_played else time.time_ns(),
             export_line=environment.EXPORT_LINE,
         )

@@ -21,6 +21,7 @@ from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Side, stamp_of
 from sfr_loc_map.io.images.codec import SampleDepth, Samples, samples_of
 from sfr_loc_map.localisation.parallel import both
+from sfr_loc_map.nodes.input.camera_info_pair import CameraInfoPair
 from sfr_loc_map.nodes.input.waiting import Input
 from sfr_loc_map.nodes.lifecycle.diagnostics import StatusReporter
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
@@ -135,8 +136,7 @@ class StereoInput:
         kinds = (("compressed", stem, Image), ("raw", f"{stem}{COMPRESSED_END}", CompressedImage))
         self._images: dict[str, type[Any]] = {name: kind for other, name, kind in kinds if transport != other}
         self._dropped = {"rejected": 0, "unstamped": 0, "without_camera_info": 0}
-        self._infos: dict[Side, CameraInfo] = {}
-        self._fresh_sides: set[Side] = set()
+        self._infos = CameraInfoPair()
         self._latched: set[Side] = set()  # sides whose latched camera_info is subscribed to
         self._rectifier: StereoRectifier | None = None
         self._pairing: StampPairing[ReceivedImage] = StampPairing(config.stamp_tolerance_ns, config.queue_depth)
@@ -154,7 +154,6 @@ class StereoInput:
         self._endpoints = endpoints
         self._depth = SampleDepth(self._status.info, self._name, self._config.sample_bits)
         self._infos.clear()
-        self._fresh_sides.clear()
         self._latched.clear()
         qos = profile(self._config.reliability, self._config.queue_depth)
         for side in SIDES:
@@ -209,7 +208,7 @@ class StereoInput:
             reliability = self._config.reliability
             found += [
                 Input(images, len(self._recent_ns[side]), reliability),
-                Input(info, int(side in self._infos), reliability),
+                Input(info, int(side in self._infos.last), reliability),
             ]
         return found
 
@@ -237,13 +236,9 @@ class StereoInput:
         self._order.restart()
 
     def add_camera_info(self, side: Side, message: CameraInfo) -> None:
-        """Take a camera_info; a rig is made of one new one of each side, since on a change one side comes first."""
-        self._infos[side] = message
-        self._fresh_sides.add(side)
-        if len(self._fresh_sides) < 2:
+        """Add a camera_info, and use the rig that it completes."""
+        if (infos := self._infos.add(side, message)) is None:
             return
-        self._fresh_sides.clear()
-        infos = self._infos["left"], self._infos["right"]
         try:
             describe = rectified_rig if self._config.rectify else rig_of_rectified
             rig, self._rectifier = describe(infos, self._name, self._rectifier)
@@ -283,7 +278,7 @@ class StereoInput:
         """Subscribe to a camera_info that was published once, before this node: a volatile reader does not get it."""
         for side in SIDES:
             topic = f"{self._name}/{side}/camera_info"
-            missing = side not in self._infos and side not in self._latched
+            missing = side not in self._infos.last and side not in self._latched
             if self._endpoints is not None and missing and self._endpoints.is_latched(topic):
                 self._latched.add(side)
                 self._endpoints.add_latched(CameraInfo, topic, partial(self.add_camera_info, side))
@@ -319,6 +314,6 @@ class StereoInput:
         ordered, begins_run = self._order.add(stamp_ns, images)
         if begins_run:
             self._on_restart("stamps have gone to another time")
-        frame_id = str(self._infos["left"].header.frame_id)
+        frame_id = str(self._infos.last["left"].header.frame_id)
         for pair in ordered:
             self._on_pair(ReceivedPair(stamp_of(pair[0][0]), rig, frame_id, pair, self._depth, self._rectifier))

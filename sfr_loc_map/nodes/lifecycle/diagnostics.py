@@ -30,9 +30,9 @@ from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.calls import CallMeter
 from sfr_loc_map.nodes.ros.messages import header_msg
 from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.topics import DIAGNOSTICS
 
 Value = str | bool | int | float
-TOPIC = "/diagnostics"
 HARDWARE_ID = socket.gethostname()  #: Key of each status: the host of the node, whose time and memory are reported.
 QUEUE_DEPTH = 1000  #: Statuses that are kept for a slow subscriber.
 LOG_PERIOD_S = 5.0  #: The same line is logged once in that time.
@@ -123,7 +123,7 @@ class StatusReporter:
         self._lock, self._process, self.meter = Lock(), psutil.Process(), CallMeter()
         self.calls = 0
         self.activity = ""  #: What the node does beside its calls: `COMPILING`, or nothing.
-        self.publisher = node.create_publisher(DiagnosticArray, TOPIC, QoSProfile(depth=QUEUE_DEPTH))
+        self.publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS, QoSProfile(depth=QUEUE_DEPTH))
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(config.period_s, self.publish_health, clock=clock)
         self.reset()

@@ -14,7 +14,6 @@ from std_msgs.msg import String
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.nodes.lifecycle import diagnostics
 from sfr_loc_map.nodes.lifecycle.diagnostics import level_of
 from sfr_loc_map.nodes.replay.external import ExternalNode
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
@@ -22,7 +21,7 @@ from sfr_loc_map.nodes.replay.results import Results
 from sfr_loc_map.nodes.ros.messages import cloud_from_msg, covariance_of, odometry_row
 from sfr_loc_map.nodes.ros.peer import POLL_S
 from sfr_loc_map.runs.calls import decode_call
-from sfr_loc_map.topics import CLOUD, ESTIMATE, call_topic
+from sfr_loc_map.topics import CLOUD, DIAGNOSTICS, ESTIMATE, call_topic
 
 QUEUE_DEPTH = 1000
 QUIET_S = 5.0  #: At a rate, results are awaited for so long after the last one.
@@ -56,7 +55,7 @@ class ResultCollector:
             subscribe(PointCloud2, CLOUD, self._on_cloud, QoSProfile(depth=10))
         for task in Task:
             subscribe(String, call_topic(task), partial(self._on_call, task), deep)
-        subscribe(DiagnosticArray, diagnostics.TOPIC, self._on_diagnostics, deep)
+        subscribe(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, deep)
 
     def note_sent(self, rig: str, stamp_ns: int, sent_s: float) -> None:
         """Note that a pair was published, its last image at a time of the monotonic clock; in lock step wait for it."""

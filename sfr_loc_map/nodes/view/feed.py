@@ -32,7 +32,7 @@ from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages
 from sfr_loc_map.nodes.input.truth_input import TruthTopic
 from sfr_loc_map.nodes.launch.live_process import page_node_name
-from sfr_loc_map.nodes.lifecycle.diagnostics import TOPIC, level_of, values_of
+from sfr_loc_map.nodes.lifecycle.diagnostics import level_of, values_of
 from sfr_loc_map.nodes.lifecycle.worker import Overload, Worker
 from sfr_loc_map.nodes.ros import messages
 from sfr_loc_map.nodes.ros.peer import Peer
@@ -44,6 +44,7 @@ from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.topics import (
     CAMERAS,
     CLOUD,
+    DIAGNOSTICS,
     ELEVATION,
     ESTIMATE,
     HAZARD,
@@ -118,7 +119,7 @@ class RosFeed(Peer):
         self._receive_map(TRUE_POINTS, PointCloud2, self._maps.add_true_points, TRUTH_QOS)
         for task in Task:
             self.subscribe(String, call_topic(task), partial(self._on_call, task), BEST_EFFORT)
-        self.subscribe(DiagnosticArray, TOPIC, self._on_diagnostics, BEST_EFFORT)
+        self.subscribe(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, BEST_EFFORT)
         self.subscribe(String, REPORT, self._on_report, LATCHED)
 
     def _receive_truth(self, msgtype: str) -> Callable[[], object]:
