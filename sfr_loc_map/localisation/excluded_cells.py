@@ -13,10 +13,13 @@ from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.localisation.frontend.cell_change import CELL, cell_counts
 
 FIXED_LIFE: Final = 10
-"""Pairs for which a cell is excluded after it was last seen to be fixed to the camera. It is the number after which the
-compared image is replaced (`ground_motion.COMPARED_PAIRS`), so that each cell is seen again before."""
+"""Life, pairs, of a cell that is seen to be fixed to the camera. Each pair takes one off, also that pair itself, unless
+the texture of the cell stays. It is the number after which the compared image is replaced
+(`ground_motion.COMPARED_PAIRS`), so that each cell is seen again before."""
 MOVING_LIFE: Final = 8
-"""Pairs for which a cell is excluded after it was last seen to move. An object leaves its cells within some pairs."""
+"""Life, pairs, of a cell that is seen to move. Each pair takes one off, also that pair itself: the cell is excluded in
+seven pairs, of which that pair is the first. Chosen by hand: an object leaves its cells within some pairs. If larger,
+the ground behind it has no new landmarks for longer; if smaller, landmarks are created on it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,48 +39,52 @@ class ExcludedCells:
         return cls(np.zeros(count, np.int64), np.zeros(count, np.bool_))
 
     def with_fixed(self, cells: Mask) -> ExcludedCells:
-        """Exclude cells `(R, C)` that are fixed to the camera, from the next pair on."""
+        """Begin the life of cells `(R, C)` that are fixed to the camera."""
         life = np.where(cells, FIXED_LIFE, self.life)
         return replace(self, life=life, is_fixed=self.is_fixed | cells)
 
     def with_moving(self, cells: Mask) -> ExcludedCells:
-        """Exclude cells `(R, C)` that move otherwise than the ground, from the next pair on."""
+        """Begin the life of cells `(R, C)` that move otherwise than the ground."""
         life = np.where(cells, MOVING_LIFE, self.life)
         return replace(self, life=life, is_fixed=self.is_fixed & ~cells)
 
     def after_selection(
         self, fixed: Mask | None, moving: Mask | None, stays: Mask, shape: tuple[int, int], *, has_excluded: bool
     ) -> ExcludedCells:
-        """Return the excluded cells after a pair.
+        """Return the excluded cells after a pair, which is the first pair in the life of the cells that it excludes.
+
+        A keyframe that this pair becomes has the mask that is returned.
 
         Args:
             fixed: `(R, C)` cells that are fixed to the camera; None if unknown.
             moving: `(R, C)` cells that move otherwise than the ground; None if unknown.
             stays: `(R, C)` cells whose texture stays.
             shape: Height and width of the image.
-            has_excluded: Whether landmarks of the pair were excluded.
+            has_excluded: Whether landmarks of the pair were excluded. Cells begin to be masked with such a pair, and
+                are masked as long as any of them has life left.
         """
+        is_masked = self.mask is not None or has_excluded
         excluded = self
         if fixed is not None and fixed.any():
             excluded = excluded.with_fixed(fixed)
         if moving is not None:
             excluded = excluded.with_moving(moving)
-        if excluded.mask is None and not has_excluded:
-            return excluded
-        return excluded.after_pair(stays, shape)
+        excluded = excluded.aged(stays)
+        return excluded.with_mask(shape) if is_masked else excluded
 
-    def after_pair(self, stays: Mask, shape: tuple[int, int]) -> ExcludedCells:
-        """Age the cells by a pair, in which the texture of some cells `(R, C)` stays, and draw the mask.
-
-        The mask also covers the neighbours of an excluded cell. The shape of the image is (height, width).
-        """
+    def aged(self, stays: Mask) -> ExcludedCells:
+        """Return the cells without a mask and older by a pair, in which the texture of some cells `(R, C)` stays."""
         life = np.maximum(self.life - 1, 0)
         life[self.is_fixed & stays & (life > 0)] = FIXED_LIFE
         moving_fraction = float(np.mean((life > 0) & ~self.is_fixed))
-        if not life.any():
-            return ExcludedCells(life, self.is_fixed, moving_fraction=moving_fraction)
-        free = cv2.erode((life == 0).astype(np.uint8), np.ones((3, 3), np.uint8))
+        return ExcludedCells(life, self.is_fixed, moving_fraction=moving_fraction)
+
+    def with_mask(self, shape: tuple[int, int]) -> ExcludedCells:
+        """Return the cells with a mask of them and their neighbours for images of a shape (height, width)."""
+        if not self.life.any():
+            return self
+        free = cv2.erode((self.life == 0).astype(np.uint8), np.ones((3, 3), np.uint8))
         mask = np.repeat(np.repeat(free * np.uint8(255), CELL, axis=0), CELL, axis=1)
         borders = [(0, size - drawn) for size, drawn in zip(shape, mask.shape, strict=True)]
         mask = np.pad(mask, borders, mode="edge")
-        return ExcludedCells(life, self.is_fixed, mask, float(np.mean(free == 0)), moving_fraction)
+        return replace(self, mask=mask, fraction=float(np.mean(free == 0)))

@@ -188,7 +188,7 @@ class ComparedImage(NamedTuple):
 class LearntPair(NamedTuple):
     """What the memory learns of a pair."""
 
-    excluded: ExcludedCells  #: Cells excluded from the next pair on.
+    excluded: ExcludedCells  #: Cells excluded from this pair on: already a keyframe that it becomes.
     compared: ComparedImage  #: Image that the pair was compared with.
     image: FloatImage  #: Pyramid level `MIXTURE_LEVEL` of its left image.
     agreement: Agreement  #: How far its main motion agrees with that of the ground.
