@@ -136,6 +136,10 @@ def special_kind(mode: int) -> str:
     return "" if stat.S_ISDIR(mode) else _SPECIAL_FILES.get(stat.S_IFMT(mode), "")
 
 
+def _open_at_once(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NONBLOCK)
+
+
 def check_regular(path: Path) -> None:
     """Raise OSError if a path is missing, or neither a regular file nor a link to one (a pipe would wait for ever)."""
     if "\0" in str(path):  # Python would raise a ValueError
@@ -144,7 +148,7 @@ def check_regular(path: Path) -> None:
     if kind := _SPECIAL_FILES.get(stat.S_IFMT(found.st_mode)):
         raise OSError(errno.EINVAL, f"it is {kind}, not a file", str(path))
     if found.st_size <= _LONGEST_POINTER:
-        with path.open("rb") as stream:
+        with open(path, "rb", opener=_open_at_once) as stream:
             if stream.read(len(_LFS_POINTER)) == _LFS_POINTER:
                 raise OSError(
                     errno.EINVAL, "it is a pointer of Git LFS, not the file itself: run git lfs pull", str(path)
@@ -152,9 +156,12 @@ def check_regular(path: Path) -> None:
 
 
 def read_bytes(path: Path, limit: int) -> bytes:
-    """Return the content of a regular file of at most so many bytes; OSError if it cannot be read or is too large."""
+    """Return the content of a regular file of at most so many bytes; OSError if it cannot be read or is too large.
+
+    A file whose writer holds a lease is refused, because the writer could delay the reading for 45 s.
+    """
     check_regular(path)
-    with path.open("rb") as stream:
+    with open(path, "rb", opener=_open_at_once) as stream:
         size = os.fstat(stream.fileno()).st_size
         data = stream.read(limit + 1) if size <= limit else b""
     if max(size, len(data)) > limit:

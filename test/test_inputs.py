@@ -1,7 +1,10 @@
 """JSON from outside is bounded in depth, digits and texts; messages are one printable line, whatever they quote."""
 
+import fcntl
 import hashlib
 import re
+import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -9,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.inputs import MAX_DEPTH, hash_path, one_line, parse_json
+from sfr_loc_map.inputs import MAX_DEPTH, hash_path, one_line, parse_json, read_bytes
 
 
 @pytest.mark.parametrize(
@@ -49,3 +52,19 @@ def test_hash_of_a_file_is_its_sha256_and_a_folder_tells_names_and_content(tmp_p
     assert len({first, second, hash_path(tmp_path / "b")}) == 3
     with pytest.raises(InputError, match="there is no"):
         hash_path(tmp_path / "none")
+
+
+def test_a_lease_of_the_writer_does_not_delay_a_reader(tmp_path: Path) -> None:
+    path = tmp_path / "result.npy"
+    path.write_bytes(b"1")
+    before = signal.signal(signal.SIGIO, signal.SIG_IGN)
+    try:
+        with path.open("r+b") as stream:
+            fcntl.fcntl(stream, fcntl.F_SETLEASE, fcntl.F_WRLCK)
+            begin_s = time.monotonic()
+            with pytest.raises(BlockingIOError):
+                read_bytes(path, 10)
+            assert time.monotonic() - begin_s < 5.0
+    finally:
+        signal.signal(signal.SIGIO, before)
+    assert read_bytes(path, 10) == b"1"

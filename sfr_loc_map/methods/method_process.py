@@ -123,7 +123,7 @@ class MethodProcess:
         self._limits = limits
         shared = SHARED_MEMORY if os.access(SHARED_MEMORY, os.W_OK) else None
         self._folder = Path(tempfile.mkdtemp(prefix="sfr_method_", dir=shared))
-        self._log = self._folder / "log"
+        self._log = (self._folder / "log").open("w+b", buffering=0)  # open here, so that no lease of the log is granted
         self.output = str(self._folder / "result")
         images = self._folder / "images"
         self._images = np.asarray(np.memmap(images, np.uint8, "w+", shape=(MAX_PAIRS, 2, rig.height, rig.width)))
@@ -179,7 +179,7 @@ class MethodProcess:
         python = str(method.python)
         supervisor = [python, "-ES", str(ADAPTERS / "shut_in.py"), rules]
         loop = [python, str(ADAPTERS / "loop.py"), str(ADAPTERS / method.adapter)]
-        with self._log.open("ab") as log:
+        with open(self._log.name, "ab") as log:
             return subprocess.Popen(
                 supervisor + loop,
                 env=environment_of(method, work),
@@ -196,17 +196,18 @@ class MethodProcess:
     ) -> tuple[MethodCall, Answer]:
         """Show it pairs, give an order and return what the call took, and what its adapter reports.
 
+        The call begins before the images are shared, because the method could work as soon as they are there.
         MethodFailureError says what the method did if there is no result.
         """
         assert self._tree is not None
-        for images, pair in zip(self._images, pairs, strict=False):
-            images[0], images[1] = pair.left, pair.right
         order = Order(call=kind, pairs=list(about), since_start_s=since_start_s, output=self.output)
-        os.truncate(self._log, 0)  # the words of this call are kept, for the case that it crashes
         begun = self._tree.usage()
         self._peak_bytes = 0
         reset_peak(self._method_pid)
         begin_s = time.monotonic()
+        self._log.truncate(0)  # the words of this call are kept, for the case that it crashes
+        for images, pair in zip(self._images, pairs, strict=False):
+            images[0], images[1] = pair.left, pair.right
         reply = self._exchange(order, Reply, self._limits.call_timeout_s)
         seconds = time.monotonic() - begin_s
         now, last, self._ended = self._look(), self._ended, self._tree.usage()
@@ -296,7 +297,9 @@ class MethodProcess:
         how = "has closed its output and still runs"
         with suppress(subprocess.TimeoutExpired):
             how = f"has ended {_ending(self._process.wait(EXIT_TIMEOUT_S))}"
-        lines = [line.strip() for line in self._log.read_text("utf-8", "replace").splitlines() if line.strip()]
+        self._log.seek(0)
+        text = self._log.read().decode("utf-8", "replace")
+        lines = [line.strip() for line in text.splitlines() if line.strip()]
         last = (lines or ["its log is empty"])[-1][:300]
         self._end(FindingKind.CRASHED, f"{how}: {last}")
 
@@ -309,7 +312,7 @@ class MethodProcess:
             with suppress(ProcessLookupError):
                 os.killpg(self._process.pid, signal.SIGKILL)
             self._process.wait()
-        for stream in (self._process.stdin, self._process.stdout):
+        for stream in (self._process.stdin, self._process.stdout, self._log):
             if stream is not None:
                 stream.close()
         shutil.rmtree(self._folder, ignore_errors=True)
