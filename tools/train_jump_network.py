@@ -49,7 +49,7 @@ WRONG_PX = 1.0
 """Disparities that are off by more are those of the wrong surface."""
 MAX_COST = 30.0
 """A wrong pixel counts by its error in pixels, up to this: far ones spoil a map."""
-WINDOW_CONSTANTS = ("WINDOW_RADIUS", "MAX_DIFFERENCE", "MAX_COST", "GREY_SCALE", "DISTANCE_SCALE_PX")
+WINDOW_CONSTANTS = ("WINDOW_RADIUS", "MAX_DIFFERENCE", "NO_COST", "GREY_SCALE", "DISTANCE_SCALE_PX")
 JUMP_CONSTANTS = (
     "SMALL_JUMP_PX",
     "SURFACE_RADIUS",

@@ -22,7 +22,7 @@ from numba import prange
 from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage, IntArray, Mask
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
-from sfr_loc_map.mapping.disparity.matching_cost import MAX_COST, plane_cost
+from sfr_loc_map.mapping.disparity.matching_cost import NO_COST, plane_cost
 from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX, RightSurfaces, depth_ratio, right_surfaces
 from sfr_loc_map.mapping.filters import dilated
@@ -97,7 +97,7 @@ class Hypotheses(NamedTuple):
 class HypothesisCosts(NamedTuple):
     """Matching costs of the hypotheses of a pixel, `(8,)` each."""
 
-    cost: FloatArray32  #: Grey levels; `MAX_COST` without a surface.
+    cost: FloatArray32  #: Grey levels; `NO_COST` without a surface.
     effective_pixels: FloatArray32  #: As of `PlaneCost`.
 
 
@@ -110,12 +110,12 @@ def fill_holes(disparity_map: DisparityMap) -> DisparityMap:
     measured = disparity_map.valid
     unsaturated = ~disparity_map.saturation.saturated
     scene = _scene(disparity_map, disparity_map.px, measured, unsaturated)
-    max_cost = _max_cost(scene)
-    if max_cost is None:
+    cost_limit = _cost_limit(scene)
+    if cost_limit is None:
         return disparity_map
     min_margin = F(MARGIN_SIGMAS * disparity_map.noise_grey)
     for _ in range(PASSES):
-        filled = _filled(scene, max_cost, min_margin)
+        filled = _filled(scene, cost_limit, min_margin)
         has_new_hypotheses = dilated(filled.accepted, REACH)
         scene = _scene(disparity_map, filled.px, scene.valid | filled.accepted, unsaturated & has_new_hypotheses)
     # After all passes: a pixel that is rejected here may have offered its surface to pixels of a later pass.
@@ -143,21 +143,21 @@ def _scene(disparity_map: DisparityMap, px: FloatImage, valid: Mask, allowed: Ma
     )
 
 
-def _filled(scene: HoleScene, max_cost: np.float32, min_margin: np.float32) -> FilledPixels:
+def _filled(scene: HoleScene, cost_limit: np.float32, min_margin: np.float32) -> FilledPixels:
     """Return the disparities after one pass.
 
     A proposed disparity is accepted if enough of its neighbours are on its surface and the right image does not
-    contradict it (`_confirmed`).
+    contradict it (`_on_their_surface`).
     """
-    proposed_px = _fill_pass(scene, right_surfaces(scene.disparity, scene.valid), max_cost, min_margin)
+    proposed_px = _fill_pass(scene, right_surfaces(scene.disparity, scene.valid), cost_limit, min_margin)
     is_proposed = np.isfinite(proposed_px)
     px = np.where(is_proposed, proposed_px, scene.disparity)
     valid = scene.valid | is_proposed
-    accepted = _confirmed(px, valid, is_proposed, right_surfaces(px, valid))
+    accepted = _on_their_surface(px, valid, is_proposed, right_surfaces(px, valid))
     return FilledPixels(np.where(accepted, proposed_px, scene.disparity), accepted)
 
 
-def _max_cost(scene: HoleScene) -> np.float32 | None:
+def _cost_limit(scene: HoleScene) -> np.float32 | None:
     """Return the largest matching cost of a filled pixel, grey levels; None if too few pixels are beside holes."""
     beside_holes = np.flatnonzero(dilated(~scene.valid, BESIDE_HOLE_PX) & scene.valid)
     costs = _own_costs(scene, beside_holes[::COST_STRIDE])
@@ -167,10 +167,10 @@ def _max_cost(scene: HoleScene) -> np.float32 | None:
 
 
 @jit_rows
-def _fill_pass(scene: HoleScene, surfaces: RightSurfaces, max_cost: np.float32, min_margin: np.float32) -> FloatImage:
+def _fill_pass(scene: HoleScene, surfaces: RightSurfaces, cost_limit: np.float32, min_margin: np.float32) -> FloatImage:
     """Return the disparities `(H, W)` that one pass proposes, NaN elsewhere.
 
-    `max_cost` is the largest cost of a filled pixel and `min_margin` the margin over other hypotheses of a window of
+    `cost_limit` is the largest cost of a filled pixel and `min_margin` the margin over other hypotheses of a window of
     one effective pixel, both in grey levels.
     """
     rows, cols = scene.disparity.shape
@@ -178,20 +178,20 @@ def _fill_pass(scene: HoleScene, surfaces: RightSurfaces, max_cost: np.float32, 
     for y in prange(rows):
         for x in range(cols):
             if scene.fillable[y, x] and scene.distance[y, x] <= REACH:
-                out[y, x] = _best_hypothesis(scene, surfaces, max_cost, min_margin, y, x)
+                out[y, x] = _best_hypothesis(scene, surfaces, cost_limit, min_margin, y, x)
     return out
 
 
 @jit_rows_inline
 def _best_hypothesis(
-    scene: HoleScene, surfaces: RightSurfaces, max_cost: np.float32, min_margin: np.float32, y: int, x: int
+    scene: HoleScene, surfaces: RightSurfaces, cost_limit: np.float32, min_margin: np.float32, y: int, x: int
 ) -> np.float32:
     """Return the disparity of the best hypothesis of a pixel, NaN if it is not good enough.
 
     Possible hypotheses correspond to a pixel of the right image that belongs to no other surface. The one of the lowest
     cost is accepted if all of these hold:
 
-    - its cost is at most `max_cost`;
+    - its cost is at most `cost_limit`;
     - any other surface around costs more by the margin, which decreases with the effective number of pixels;
     - it is confirmed: met on opposite sides, or that of the matcher, or cheaper by the margin than disparities
       `ALTERNATIVE_PX` to either side.
@@ -208,19 +208,21 @@ def _best_hypothesis(
         return F(np.nan)
     costs = _hypothesis_costs(scene, y, x, planes)
     cost = costs.cost
-    best = 0
-    lowest = MAX_COST
+    best = -1
+    lowest = NO_COST
     for k in range(DIRECTION_COUNT):
         if possible[k] and cost[k] < lowest:
             best = k
             lowest = cost[k]
+    if best < 0:
+        return F(np.nan)
     disparity: np.float32 = planes.disparity[best]
-    lowest_other = MAX_COST
+    lowest_other = NO_COST
     for k in range(DIRECTION_COUNT):
         if abs(planes.disparity[k] - disparity) > SURFACE_JUMP_PX:
             lowest_other = min(lowest_other, cost[k])
     required = cost[best] + min_margin / np.sqrt(costs.effective_pixels[best])
-    if not (possible[best] and cost[best] <= max_cost and lowest_other >= required):
+    if not (cost[best] <= cost_limit and lowest_other >= required):
         return F(np.nan)
     is_confirmed = _is_enclosed(planes, disparity) or abs(scene.initial[y, x] - disparity) < SURFACE_JUMP_PX
     if not is_confirmed:
@@ -248,7 +250,7 @@ def _is_enclosed(planes: Hypotheses, disparity: np.float32) -> bool:
 @jit_rows_inline
 def _hypothesis_costs(scene: HoleScene, y: int, x: int, planes: Hypotheses) -> HypothesisCosts:
     """Return the matching cost of each hypothesis; hypotheses of about the same disparity are judged once."""
-    cost = np.full(DIRECTION_COUNT, MAX_COST)
+    cost = np.full(DIRECTION_COUNT, NO_COST)
     effective_pixels = np.ones(DIRECTION_COUNT, F)
     for k in range(DIRECTION_COUNT):
         if np.isnan(planes.disparity[k]):
@@ -351,7 +353,7 @@ def _is_contradicted(disparity: np.float32, surfaces: RightSurfaces, y: int, x: 
 
 
 @jit_rows
-def _confirmed(disparity: FloatImage, valid: Mask, proposed: Mask, surfaces: RightSurfaces) -> Mask:
+def _on_their_surface(disparity: FloatImage, valid: Mask, proposed: Mask, surfaces: RightSurfaces) -> Mask:
     """Return which proposed pixels `(H, W)` have neighbours on their surface and correspond to no other surface.
 
     `valid` includes the proposed pixels, and the surfaces are those of all valid pixels.

@@ -22,7 +22,7 @@ from sfr_loc_map.mapping.disparity.interpolation import linear
 # The network that judges pixels beside jumps was trained with the values of the window's constants (`wrong_surface`).
 WINDOW_RADIUS = 4  #: Half side of the window, pixels: it covers the surface of its centre and little else.
 MAX_DIFFERENCE = F(30.0)  #: Absolute differences are truncated to this, grey levels: more of them are occlusions.
-MAX_COST = F(1e9)  #: Cost where no pixel of the window is inside the right image, grey levels: larger than any other.
+NO_COST = F(1e9)  #: Cost where no pixel of the window is inside the right image, grey levels: larger than any other.
 VALID_WEIGHT = F(0.3)
 """Weight of valid pixels in a window: they repeat the disparity that they already have. The optimum is flat
 (measurements/mapper_trials.md)."""
@@ -48,8 +48,8 @@ def _support_weight(left: FloatImage, y: int, x: int, v: int, u: int) -> np.floa
 class ConstantCost(NamedTuple):
     """Matching cost of a pixel at a disparity that is constant over the window."""
 
-    cost: np.float32  #: Weighted mean absolute difference, grey levels; `MAX_COST` outside the right image.
-    #: Mean absolute difference of 3 x 3 pixels, grey levels. `MAX_COST` if the window is outside the right image; 0 if
+    cost: np.float32  #: Weighted mean absolute difference, grey levels; `NO_COST` outside the right image.
+    #: Mean absolute difference of 3 x 3 pixels, grey levels. `NO_COST` if the window is outside the right image; 0 if
     #: a part of the window is inside but none of these pixels is. The network was trained with the latter.
     close_cost: np.float32
     effective_pixels: np.float32  #: Number of pixels with equal weights that have the same variance of the mean.
@@ -58,7 +58,7 @@ class ConstantCost(NamedTuple):
 class PlaneCost(NamedTuple):
     """Matching cost of a pixel on a plane."""
 
-    cost: np.float32  #: Weighted mean absolute difference, grey levels; `MAX_COST` outside the right image.
+    cost: np.float32  #: Weighted mean absolute difference, grey levels; `NO_COST` outside the right image.
     effective_pixels: np.float32  #: Number of pixels with equal weights that have the same variance of the mean.
 
 
@@ -87,7 +87,7 @@ def constant_cost(left: FloatImage, right: FloatImage, y: int, x: int, disparity
                 total_close += difference
                 count_close += F(1.0)
     if not weights > F(0.0):
-        return ConstantCost(MAX_COST, MAX_COST, F(1.0))
+        return ConstantCost(NO_COST, NO_COST, F(1.0))
     return ConstantCost(total / weights, total_close / max(count_close, F(1.0)), weights * weights / squares)
 
 
@@ -124,5 +124,5 @@ def plane_cost(
             weights += weight
             squares += weight * weight
     if not weights > F(0.0):
-        return PlaneCost(MAX_COST, F(1.0))
+        return PlaneCost(NO_COST, F(1.0))
     return PlaneCost(total / weights, weights * weights / squares)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage, IntArray, Mask, median
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.matching_cost import (
-    MAX_COST,
+    NO_COST,
     WEIGHT_BY_GREY,
     WINDOW_RADIUS,
     ConstantCost,
@@ -103,7 +103,7 @@ class SurfaceCosts(NamedTuple):
     """Matching costs of a pixel at its own disparity and at that of the best other surface nearby."""
 
     own: ConstantCost
-    window_margin: np.float32  #: Window cost of the other surface minus the own one; about `MAX_COST` without another.
+    window_margin: np.float32  #: Window cost of the other surface minus the own one; about `NO_COST` without another.
     close_margin: np.float32  #: The same over 3 x 3 pixels.
     jump_px: np.float32  #: Disparity of the other surface minus the own one, pixels; 0 without another surface.
 
@@ -213,8 +213,8 @@ def _surface_costs(scene: JumpScene, y: int, x: int) -> SurfaceCosts:
                 low = min(low, scene.disparity[v, u])
                 high = max(high, scene.disparity[v, u])
     at_own = constant_cost(scene.left, scene.right, y, x, own)
-    best = MAX_COST
-    best_close = MAX_COST
+    best = NO_COST
+    best_close = NO_COST
     jump = F(0.0)
     for other in (low, high):
         if abs(other - own) >= SURFACE_JUMP_PX:
