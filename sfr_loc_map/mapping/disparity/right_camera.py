@@ -25,7 +25,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.vertical_disparity import fit_vertical_disparity
 
-MIN_ROTATION_PIXELS = 5000
+MIN_ROTATION_COUNT = 5000
 """Valid samples that a measurement of the rotation requires: five times those of the correction, for five coefficients
 of which the saddle is weakest."""
 MIN_ROTATION_PX = 0.05
@@ -111,7 +111,7 @@ def _remaining_disparity(disparity_map: DisparityMap, rig: StereoRig) -> Remaini
         return np.ones(len(x)), x, y, x * y, y * y
 
     fit = fit_vertical_disparity(
-        disparity_map.left, disparity_map.right, disparity_map.px, shapes, MIN_ROTATION_PIXELS, disparity_map.valid
+        disparity_map.left, disparity_map.right, disparity_map.px, shapes, MIN_ROTATION_COUNT, disparity_map.valid
     )
     if fit is None:
         return RemainingDisparity(VerticalPolynomial(0.0, 0.0, 0.0, 0.0, 0.0), math.inf)

@@ -16,14 +16,14 @@ from sfr_loc_map.mapping.disparity.exposure import exposure_by_disparity
 from sfr_loc_map.mapping.disparity.interpolation import shift_rows
 from sfr_loc_map.mapping.disparity.vertical_disparity import fit_vertical_disparity
 
-MAX_ROW_STEPS = 3
-"""Gauss-Newton steps of the vertical disparity. Each step is limited to `MAX_ROW_STEP_PX`, so that offset, tilt and
-stretch are corrected up to the product of both."""
-MIN_ROW_PIXELS = 1000
+MAX_VERTICAL_STEPS = 3
+"""Gauss-Newton steps of the vertical disparity. Each step is limited to `MAX_VERTICAL_STEP_PX`, so that offset, tilt
+and stretch are corrected up to the product of both."""
+MIN_VERTICAL_COUNT = 1000
 """Pixels that a measurement of the vertical disparity requires: with residuals of 3 grey levels and slopes of 5 grey
 levels per pixel its standard deviation is then 0.02 pixels, as `MIN_VERTICAL_PX`."""
 MIN_VERTICAL_PX = 0.02  #: Smaller vertical disparities are not corrected, because resampling blurs the image, pixels.
-MAX_ROW_STEP_PX = 0.5
+MAX_VERTICAL_STEP_PX = 0.5
 """Largest change of a coefficient in one step, pixels: half of the pixel within which the linearisation holds."""
 
 
@@ -74,7 +74,7 @@ def correct_right_image(left: FloatImage, right: FloatImage, disparity_px: Float
     equalised = (right - F(exposure.offset_grey)) * F(1.0 / exposure.gain)
     corrected = equalised
     removed_px = np.zeros(3)
-    for _ in range(MAX_ROW_STEPS):
+    for _ in range(MAX_VERTICAL_STEPS):
         step_px = _vertical_step(left, corrected, disparity_px)
         vertical_px = removed_px + step_px
         if np.abs(vertical_px).sum() < MIN_VERTICAL_PX:
@@ -97,10 +97,10 @@ def _vertical_step(left: FloatImage, right: FloatImage, disparity_px: FloatImage
         """Return offset, tilt and stretch."""
         return np.ones(len(column)), 2.0 * column / (columns - 1) - 1.0, 2.0 * row / (rows - 1) - 1.0
 
-    fit = fit_vertical_disparity(left, right, disparity_px, shapes, MIN_ROW_PIXELS)
+    fit = fit_vertical_disparity(left, right, disparity_px, shapes, MIN_VERTICAL_COUNT)
     if fit is None:
         return np.zeros(3)
-    return np.asarray(np.clip(fit.coefficients_px, -MAX_ROW_STEP_PX, MAX_ROW_STEP_PX))
+    return np.asarray(np.clip(fit.coefficients_px, -MAX_VERTICAL_STEP_PX, MAX_VERTICAL_STEP_PX))
 
 
 def _without_vertical_disparity(image: FloatImage, vertical: VerticalDisparity) -> FloatImage:

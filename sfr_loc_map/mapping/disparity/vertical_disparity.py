@@ -17,11 +17,11 @@ from sfr_loc_map.mapping.disparity.photometric_residual import photometric_resid
 from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
 
 SAMPLING_STRIDE = 3  #: Every third pixel of every third row is used; 100 000 samples suffice.
-ROW_HALF_WEIGHT_SIGMAS = 2.0
+HALF_WEIGHT_SIGMAS = 2.0
 """Residuals of this many standard deviations have half the weight (`cauchy_weight`). Less than the efficient 2.385,
 because wrong disparities are outliers."""
-MIN_ROW_RESIDUAL_SIGMA = 1e-3  #: Added to the standard deviation of residuals, grey levels: it must not be 0.
-ROW_DAMPING = 1e-9
+MIN_RESIDUAL_SIGMA = 1e-3  #: Added to the standard deviation of residuals, grey levels: it must not be 0.
+DAMPING = 1e-9
 """Added to the diagonal of the normal equations, as a fraction of their trace, so that they can be inverted. The
 weakest shape, a saddle in normalised coordinates, has about 1e-3 of the trace."""
 DIFFERENCE = np.array([[-1.0, 0.0, 1.0]], F)  #: Taps of the Sobel operator along the derivative.
@@ -40,7 +40,7 @@ def fit_vertical_disparity(
     right: FloatImage,
     disparity_px: FloatImage,
     shapes: Callable[[FloatArray, FloatArray], Sequence[FloatArray]],
-    min_pixels: int,
+    min_count: int,
     used: Mask | None = None,
 ) -> VerticalFit | None:
     """Return the coefficients of shapes of the vertical disparity; None if too few pixels or no slopes are available.
@@ -53,7 +53,7 @@ def fit_vertical_disparity(
     residual = residual_image[sampled]
     usable = np.isfinite(residual) if used is None else np.isfinite(residual) & used[sampled]
     row, column = np.nonzero(usable)
-    if len(row) < min_pixels:
+    if len(row) < min_count:
         return None
     r = residual[usable].astype(np.float64)
     cv2.patchNaNs(residual_image, 0.0)  # in place: the residuals that are used were copied before
@@ -62,11 +62,11 @@ def fit_vertical_disparity(
     slope = cv2.filter2D(difference, -1, SMOOTHING)[:, ::SAMPLING_STRIDE][usable].astype(np.float64)
     right_column = np.float64(SAMPLING_STRIDE) * column - disparity_px[sampled][usable].astype(np.float64)
     right_row = np.float64(SAMPLING_STRIDE) * row
-    sigma = mad_sigma(r) + MIN_ROW_RESIDUAL_SIGMA
+    sigma = mad_sigma(r) + MIN_RESIDUAL_SIGMA
     design = np.column_stack(shapes(right_column, right_row)) * slope[:, None]
-    weighted = design * cauchy_weight(r, ROW_HALF_WEIGHT_SIGMAS * sigma)[:, None]
+    weighted = design * cauchy_weight(r, HALF_WEIGHT_SIGMAS * sigma)[:, None]
     normal = weighted.T @ design
     if not normal.any():
         return None
-    covariance = np.linalg.inv(normal + ROW_DAMPING * np.trace(normal) * np.eye(len(normal)))
+    covariance = np.linalg.inv(normal + DAMPING * np.trace(normal) * np.eye(len(normal)))
     return VerticalFit(-(covariance @ (weighted.T @ r)), sigma * np.sqrt(np.diag(covariance)))
