@@ -133,8 +133,8 @@ def elevation_model(
     The height of a cell is the mean of its points' heights with the weights w, one over the random variance of a height
     (`_height_variance_ratio`). The variance of a cell is the sum of three parts:
 
-    - the mean variance of its points, `n / sum w`: the errors of neighbouring points are correlated, so that averaging
-      does not reduce them;
+    - the harmonic mean of the variances of its points, `n / sum w`: the errors of neighbouring points are correlated,
+      so that averaging does not reduce them;
     - the variance of the mean of heights h that differ within the cell, `sum w (h - mean)^2 / sum w / n`;
     - the weighted mean of the part of the points' variance beyond the random one, which all points share.
     """
@@ -160,10 +160,10 @@ def elevation_model(
         weights = sums(weight)
         mean = sums(weight * height) / weights
         squares = sums(weight * np.square(height - mean[cell_of_point]))
-        point_variance = count / weights
-        mean_variance = squares / weights / count
+        variance_of_points = count / weights
+        variance_of_mean = squares / weights / count
         common_variance = sums(weight * (ratio * np.maximum(total - random, 0.0))) / weights
-        sigma = np.sqrt(point_variance + mean_variance + common_variance)
+        sigma = np.sqrt(variance_of_points + variance_of_mean + common_variance)
     shape = (grid.rows, grid.columns)
     return ElevationModel(
         height_m=mean.astype(F).reshape(shape),
