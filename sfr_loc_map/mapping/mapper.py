@@ -80,7 +80,8 @@ class FusionInput:
     view: PairView  #: Points with the sigma by which they are fused, disparities, and pose.
     saturation: Saturation  #: Saturated pixels, which increase the sigma of fused points.
     calibration: CalibrationSigma  #: Uncertainty of the calibration given what the pair shows.
-    # Values of the map as `process` made it. Replaced ones would contradict the values above.
+    # The values that `process` gave to the map. They are kept only to detect that a caller replaced one of them
+    # (`is_of`), because the fusion uses the view and would ignore the new value.
     cloud: PointCloud
     random_sigma: FloatArray32
     disparity_px: FloatImage
@@ -248,8 +249,8 @@ class Mapper:
 def _fusion_input(pair_map: PairMap, rig: StereoRig) -> FusionInput:
     """Return what the fusion uses of a pair.
 
-    Raises MappingError for a map of another method or of other cameras. A map whose values were replaced is refused,
-    because the fusion would ignore the new ones. They cannot be changed in place, because they are read-only.
+    Raises MappingError for a map of another method or of other cameras, and for a map whose values were replaced. The
+    values cannot be changed in place, because their arrays are read-only.
     """
     if not isinstance(pair_map, MappedPair):
         raise MappingError(f"the map of stamp {pair_map.stamp_ns} was not made by `Mapper.process`: fuse maps of it")
