@@ -32,7 +32,8 @@ from sfr_loc_map.mapping.filters import dilated, square
 
 SMALL_JUMP_PX = F(0.7)
 """Disparities that differ by more may belong to two surfaces that the refinement has joined by a ramp, pixels. Jumps
-from 0.7 px on have twice the squared error of those from 1.5 px on (measurements/mapper_trials.md)."""
+from 0.7 px on have twice the squared error of those from 1.5 px on (measurements/mapper_trials.md). Costs are compared
+with those of surfaces that differ by `SURFACE_JUMP_PX` or more. The network was trained with both values."""
 SURFACE_RADIUS = 3
 """Half side of the square in which other surfaces are searched, pixels: smoothing moves edges by a cell or two."""
 OCCLUDER_COLUMNS = 6
