@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.errors import MetricsError
-from sfr_loc_map.geometry.arrays import FloatArray, Mask
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -250,13 +250,23 @@ def score_map(
     without_truth = len(cloud) - len(errors.index)
     bare = [bare_share(image, distance, *scored) for image, distance in zip(covered, ranges, strict=True)]
     many = len(truths) if expected_pairs is None else expected_pairs
-    pixels = (cloud.pair.astype(np.int64) << 32) | (cloud.v.astype(np.int64) << 16) | cloud.u
+    point_pairs = pairs_by_stamp(cloud)
+    pixels = (point_pairs << 32) | (cloud.v.astype(np.int64) << 16) | cloud.u
     repeated = len(cloud) - len(np.unique(pixels))
-    figures += map_completeness(len(cloud), not_finite, without_truth, cloud.pair, many, bare, repeated)
+    figures += map_completeness(len(cloud), not_finite, without_truth, point_pairs, many, bare, repeated)
     figures += sigma_rows(cloud, errors)
     kind = CloudKind.FUSED if cloud.fused else CloudKind.SINGLE_PAIRS
     record = CloudRecord(kind=kind, scored_range_m=scored)
     return ScoredMap(tuple(figures), record, _details(cloud, errors, truths))
+
+
+def pairs_by_stamp(cloud: PointCloud) -> IntArray:
+    """Return the pair of each point; pairs of the same stamp are one pair, whose number is the first of theirs."""
+    numbers = cloud.pair.astype(np.int64)
+    if cloud.pair_stamps_ns is None:
+        return numbers
+    _, first, of_stamp = np.unique(cloud.pair_stamps_ns, return_index=True, return_inverse=True)
+    return np.asarray(first[of_stamp][numbers], np.int64)
 
 
 def score_nearest(

@@ -38,6 +38,14 @@ def test_a_perfect_cloud_and_one_of_the_near_pair_alone() -> None:
     assert got.number("pairs_without_cloud", part="count") == 1
 
 
+def test_pairs_of_the_same_stamp_count_as_one_pair() -> None:
+    truths = [wall(3.0)] * 3
+    for stamps, absent, repeated in (((1, 2, 3), 0.0, 0.0), ((1, 1, 1), 2.0, 2.0 * 36 * 64)):
+        got = scored(replace(cloud_of(truths), pair_stamps_ns=stamps), truths)
+        counts = [got.number(name, part="count") for name in ("pairs_without_cloud", "points_repeated")]
+        assert counts == [absent, repeated]
+
+
 @pytest.mark.clause("4.3.4")
 def test_agrees_with_loops_on_random_clouds() -> None:
     rng = np.random.default_rng(5)
