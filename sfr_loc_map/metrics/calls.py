@@ -210,9 +210,24 @@ def completeness_rows(
     for kind, (item, mine) in found.items():
         task = Task.LOCALISATION if kind is CallKind.LOCALISATION else Task.MAPPING
         values = {CALLS: item.seconds[mine]}
-        if np.isfinite(item.peak_bytes[mine]).any():
-            values[MEMORY] = np.where(item.peak_bytes[mine] > 0.0, item.peak_bytes[mine], np.nan)
+        if (memory := measured_memory(item, mine)) is not None:
+            values[MEMORY] = memory
         yield from calls_completeness(kind, item.stamps_ns[mine], expected_ns.get(task), values, place)
+
+
+def measured_memory(calls: Calls, mine: NDArray[np.intp]) -> FloatArray | None:
+    """Return the peak memory of some calls, NaN where not every figure of memory that other calls have was measured.
+
+    None if no peak was measured. A system without the measurement of the peak may report 0, which is unknown.
+    """
+    peak = calls.peak_bytes[mine]
+    if not np.isfinite(peak).any():
+        return None
+    known = np.where(peak > 0.0, peak, np.nan)
+    for values in (calls.above_idle_bytes, calls.heap_bytes, calls.stack_bytes):
+        if values is not None and np.isfinite(values[mine]).any():
+            known = np.where(np.isfinite(values[mine]), known, np.nan)
+    return known
 
 
 def time_rows(kind: CallKind, seconds: FloatArray) -> Iterator[Figure]:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.metrics import calls as module
 from sfr_loc_map.metrics.calls import (
     AFTER_FIRST,
@@ -14,11 +15,12 @@ from sfr_loc_map.metrics.calls import (
     CallMeter,
     Calls,
     completeness_of_answers,
+    completeness_rows,
     score_calls,
     score_target,
     with_external,
 )
-from sfr_loc_map.metrics.catalogue import CALLS
+from sfr_loc_map.metrics.catalogue import CALLS, MEMORY
 from sfr_loc_map.metrics.completeness import calls_completeness
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.formulas import Statistics
@@ -185,3 +187,13 @@ def test_no_kind_of_mapping_call_that_an_external_node_states_is_one_that_was_me
     rows = Score(figures=tuple(completeness_of_answers(node)))
     found = [rows.rows(name)[0].value for name in ("judged", "calls_missing", "calls_other", "calls_doubled")]
     assert found == [0.75, 0.25, 0.2, 0.2]
+
+
+@pytest.mark.parametrize("figure", ["peak_bytes", "above_idle_bytes", "heap_bytes", "stack_bytes"])
+def test_memory_that_was_measured_in_some_calls_alone_is_incomplete(figure: str) -> None:
+    stamps, memory = np.arange(10, dtype=np.int64), np.full(10, 1e6)
+    whole = Calls(stamps, np.ones(10), ["tracking"] * 10, memory, memory, heap_bytes=memory, stack_bytes=memory)
+    partial = replace(whole, **{figure: np.where(stamps < 3, memory, np.nan)})
+    for calls, share in ((whole, 1.0), (partial, 0.3)):
+        rows = completeness_rows([calls], {Task.LOCALISATION: stamps})
+        assert Score(figures=tuple(rows)).number("judged", part=f"{MEMORY} localisation") == share
