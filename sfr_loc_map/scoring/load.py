@@ -73,13 +73,20 @@ def load_run(
 
 
 def check_one_estimate(trajectory: Trajectory, stats: Sequence[CallStats]) -> None:
-    """Raise InputError if calls gave other positions than those of an estimate at their stamps."""
+    """Raise InputError if calls that state positions gave other ones, or none, at the stamps of an estimate."""
     stamps_ns, rows = np.unique(trajectory.stamps_ns, return_index=True)
     for item in stats:
         if item.positions is None or not len(stamps_ns):
             continue
         place = np.minimum(np.searchsorted(stamps_ns, item.calls.stamps_ns), len(stamps_ns) - 1)
         is_given = stamps_ns[place] == item.calls.stamps_ns
+        localised = item.positions[is_given & item.calls.is_localisation]
+        without = int(np.count_nonzero(~np.isfinite(localised).all(axis=1)))
+        if without:
+            raise InputError(
+                f"the calls (--stats) state no position at {without} of {len(localised)} stamps of the estimate: give "
+                "the calls as the run wrote them"
+            )
         apart_m = np.abs(trajectory.positions[rows[place]] - item.positions).max(axis=1)[is_given]
         is_other = apart_m > SAME_POSITION_M
         if is_other.any():
