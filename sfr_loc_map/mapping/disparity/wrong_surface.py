@@ -47,6 +47,7 @@ outlier is a larger part of the error. Chosen on rendered ground and two real pa
 DEPTH_POWER = F(2.0)
 """Power of the depth ratio by which odds increase: the error in metres of a disparity on the wrong surface grows with
 the square of the depth (measurements/mapper_trials.md)."""
+SURROUNDING_COUNT = 10  #: The first ten of the `JumpFeatures` are those that other pixels around a pixel show.
 SIGMA_STRIDE = 16  #: Every sixteenth valid pixel is used for the median sigma: tens of thousands of samples suffice.
 
 # How features become inputs of the network, which was trained with these values.
@@ -83,21 +84,6 @@ class JumpFeatures(NamedTuple):
     slope_x: FloatArray32  #: Slope of the disparity along the row, pixels per pixel.
     slope_y: FloatArray32  #: Slope of the disparity along the column, pixels per pixel.
     sigma_px: FloatArray32  #: Standard deviation of the disparity, pixels.
-
-
-class SurroundingFeatures(NamedTuple):
-    """The first ten of the `JumpFeatures`, `(N,)` float32 each, which other pixels around a pixel show."""
-
-    window_margin: FloatArray32
-    close_margin: FloatArray32
-    effective_pixels: FloatArray32
-    window_cost: FloatArray32
-    close_cost: FloatArray32
-    jump_px: FloatArray32
-    contrast: FloatArray32
-    same_surface: FloatArray32
-    nearer_surface: FloatArray32
-    occluder_px: FloatArray32
 
 
 class SurfaceCosts(NamedTuple):
@@ -154,51 +140,35 @@ def jump_features(scene: JumpScene, flat_indices: IntArray) -> JumpFeatures:
     slope_x = slope_along_rows(scene.disparity).flat[flat_indices]
     slope_y = slope_along_columns(scene.disparity).flat[flat_indices]
     sigma_px = scene.sigma.flat[flat_indices]
-    return JumpFeatures(*_features_of_surroundings(scene, flat_indices), slope_x, slope_y, sigma_px)
+    surroundings = _features_of_surroundings(scene, flat_indices)
+    return JumpFeatures._make([*surroundings, slope_x, slope_y, sigma_px])
 
 
 @jit_rows
-def _features_of_surroundings(scene: JumpScene, flat_indices: IntArray) -> SurroundingFeatures:
-    """Return the features of pixels that other pixels around them show."""
+def _features_of_surroundings(scene: JumpScene, flat_indices: IntArray) -> FloatArray32:
+    """Return the first ten of the `JumpFeatures` `(10, N)`, which other pixels around a pixel show."""
     cols = scene.disparity.shape[1]
-    count = len(flat_indices)
-    window_margin = np.empty(count, F)
-    close_margin = np.empty(count, F)
-    effective_pixels = np.empty(count, F)
-    window_cost = np.empty(count, F)
-    close_cost = np.empty(count, F)
-    jump_px = np.empty(count, F)
-    contrast = np.empty(count, F)
-    same_surface = np.empty(count, F)
-    nearer_surface = np.empty(count, F)
-    occluder_px = np.empty(count, F)
-    for n in prange(count):
+    features = np.empty((SURROUNDING_COUNT, len(flat_indices)), F)
+    for n in prange(len(flat_indices)):
         y = flat_indices[n] // cols
         x = flat_indices[n] % cols
         costs = _surface_costs(scene, y, x)
-        window_margin[n] = costs.window_margin
-        close_margin[n] = costs.close_margin
-        effective_pixels[n] = costs.own.effective_pixels
-        window_cost[n] = costs.own.cost
-        close_cost[n] = costs.own.close_cost
-        jump_px[n] = costs.jump_px
         around = _neighbourhood(scene, y, x)
-        contrast[n] = around.contrast
-        same_surface[n] = around.same_surface
-        nearer_surface[n] = around.nearer_surface
-        occluder_px[n] = _occluder(scene.disparity, y, x)
-    return SurroundingFeatures(
-        window_margin,
-        close_margin,
-        effective_pixels,
-        window_cost,
-        close_cost,
-        jump_px,
-        contrast,
-        same_surface,
-        nearer_surface,
-        occluder_px,
-    )
+        in_order = (
+            costs.window_margin,
+            costs.close_margin,
+            costs.own.effective_pixels,
+            costs.own.cost,
+            costs.own.close_cost,
+            costs.jump_px,
+            around.contrast,
+            around.same_surface,
+            around.nearer_surface,
+            _occluder(scene.disparity, y, x),
+        )
+        for k in range(SURROUNDING_COUNT):
+            features[k, n] = in_order[k]
+    return features
 
 
 @jit_rows_inline
