@@ -114,8 +114,9 @@ def half(score: Score) -> Score:
     """The score of an estimate of half of the images."""
     rows = []
     for row in score.figures:
-        values = {None: 0.5, "count": 0.5 * (row.n or 0)}
-        rows.append(replace(row, value=values[row.part]) if row.figure == "missing" and row.part in values else row)
+        values = {("missing", None): 0.5, ("missing", "count"): 0.5 * (row.n or 0), ("judged", "drive"): 0.5}
+        place = (row.figure, row.part)
+        rows.append(replace(row, value=values[place]) if place in values else row)
     return judged_again(replace(score, figures=tuple(rows)))
 
 

@@ -4,8 +4,9 @@ from typing import Any
 
 from sfr_loc_map.metrics.completeness import expected_row
 from sfr_loc_map.metrics.config import CallKind
+from sfr_loc_map.metrics.judging.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.row_part import RowPart
-from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.metrics.table import Figure, figure_row
 
 
 def row(score: Any, figure: str, **where: Any) -> dict[str, Any]:
@@ -28,4 +29,7 @@ def complete() -> tuple[Figure, ...]:
     """Rows that say that everything that was expected of a drive, a map and all calls is judged."""
     parts = ["drive", "map", *(f"{what} {kind}" for what in ("calls", "memory") for kind in CallKind)]
     parts += [f"target {part}" for part in parts[2:]]
-    return tuple(expected_row(RowPart.of(part), 1, 1) for part in parts)
+    rows = [expected_row(RowPart.of(part), 1, 1) for part in parts]
+    kinds = [f"{place}{kind}" for place in ("", "target ") for kind in CallKind]
+    names = [each.figure for each in SHORTFALLS if each.part == "calls"]
+    return (*rows, *(figure_row(name, part=kind, n=1, value=0.0) for kind in kinds for name in names))
