@@ -14,7 +14,7 @@ import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NoReturn, TypeVar
 
@@ -30,7 +30,7 @@ from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.memory_mark import peak_of, reset_peak
 from sfr_loc_map.methods.adapters.loop import Answer, Camera, Hello, Order, OrderedPair, Pose, Reply, Setup
 from sfr_loc_map.methods.isolation import environment_of, rules_of
-from sfr_loc_map.methods.process_tree import ProcessTree, TreeUsage
+from sfr_loc_map.methods.process_tree import ProcessTree, TreeUsage, bytes_of_files
 from sfr_loc_map.methods.registry import ADAPTERS, Method, MethodLimits
 from sfr_loc_map.metrics.calls import CallUsage
 from sfr_loc_map.metrics.records import FindingKind
@@ -125,6 +125,7 @@ class MethodProcess:
         self._folder = Path(tempfile.mkdtemp(prefix="sfr_method_", dir=shared))
         self._log = (self._folder / "log").open("w+b", buffering=0)  # open here, so that no lease of the log is granted
         self.output = str(self._folder / "result")
+        self._is_in_memory = shared is not None  # whether files of the folder take memory
         images = self._folder / "images"
         self._images = np.asarray(np.memmap(images, np.uint8, "w+", shape=(MAX_PAIRS, 2, rig.height, rig.width)))
         self._unread = b""  # of its standard output
@@ -168,7 +169,8 @@ class MethodProcess:
             raise
         self.version, self.isolation = hello["version"], str(supervisor["isolation"])
         self.fuses, self.maps_sets = hello["fuses"], hello["maps_sets"]
-        self.idle_bytes = reset_peak(self._method_pid)
+        idle_bytes = reset_peak(self._method_pid)
+        self.idle_bytes = None if idle_bytes is None else idle_bytes + self._file_bytes()
         self._ended = self._tree.usage()
 
     def _started(self, method: Method, hidden: Sequence[Path]) -> subprocess.Popen[bytes]:
@@ -282,12 +284,17 @@ class MethodProcess:
     def _look(self) -> TreeUsage:
         """Return what its processes take; end them if that exceeds the memory limit."""
         usage = TreeUsage() if self._tree is None else self._tree.usage()
+        usage = replace(usage, rss_bytes=usage.rss_bytes + self._file_bytes())
         self._peak_bytes = max(self._peak_bytes, usage.rss_bytes)
         limit = self._limits.memory_mb
         if usage.rss_bytes > limit * MB:
             text = f"has {usage.rss_bytes // MB} MB resident, the limit is {limit} MB"
             self._end(FindingKind.OUT_OF_MEMORY, text)
         return usage
+
+    def _file_bytes(self) -> int:
+        """Return the memory of the files that the method can write, which is that of no process."""
+        return bytes_of_files(self._folder, but=self._folder / "images") if self._is_in_memory else 0
 
     def _end(self, kind: FindingKind, text: str, error: Exception | None = None) -> NoReturn:
         self.close()

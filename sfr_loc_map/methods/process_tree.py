@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import psutil
+
+BLOCK_BYTES = 512  #: Unit of `st_blocks`.
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,3 +45,14 @@ class ProcessTree:
                 rss_bytes += member.memory_info().rss
                 threads += member.num_threads()
         return TreeUsage(cpu_s, rss_bytes, threads, len(members))
+
+
+def bytes_of_files(folder: Path, but: Path) -> int:
+    """Return the storage of the files below a folder, except one; files that vanish meanwhile are ignored."""
+    blocks = 0
+    for parent, _, names in os.walk(folder):
+        for name in names:
+            path = os.path.join(parent, name)
+            with suppress(OSError):
+                blocks += 0 if path == str(but) else os.lstat(path).st_blocks
+    return blocks * BLOCK_BYTES

@@ -200,6 +200,13 @@ class Misbehaving:
         self.statistics = {"opened": opened}
         return STAND
 
+    def files(self, pair: Any) -> Any:
+        """Keep 211 MB in files of its scratch folder."""
+        if self.calls == 1:
+            for number in range(211):
+                Path(os.environ["TMPDIR"], f"part{number}").write_bytes(bytes(MB))
+        return STAND
+
     def prints(self, pair: Any) -> Any:
         sys.stdout.write("all is well, " * 4_600_000)
         sys.stdout.flush()
