@@ -8,13 +8,15 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
 from msgspec.structs import replace as struct_replace
+from numpy.typing import NDArray
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import flatten
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Truth
-from sfr_loc_map.inputs import COMMIT, hash_path
+from sfr_loc_map.inputs import COMMIT, hash_arrays, hash_path
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits import load_limits
@@ -47,6 +49,8 @@ def provenance_of(run: Run, config: ScoreConfig, truth_sha256: str | None, map_t
             files[name] = InputFile(path=str(hashed), sha256=hash_path(hashed), data_sha256=data.get(name))
     if run.drive is not None and isinstance(run.drive.truth, Truth) and "truth" in files:
         files["truth"] = struct_replace(files["truth"], read_from=run.drive.truth.read_from or None)
+    if (sha256 := _images_sha256(run)) is not None:
+        files["images"] = InputFile(path=IN_MEMORY if inputs.truth is None else str(inputs.truth), sha256=sha256)
     for name, sha256 in run.in_memory.items():
         files[name] = InputFile(path=IN_MEMORY, sha256=sha256, data_sha256=data.get(name))
     return Provenance(
@@ -95,6 +99,19 @@ def host_facts() -> dict[str, str]:
         governor = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
         found["governor"] = governor.read_text(encoding="utf-8").strip()
     return found
+
+
+def _images_sha256(run: Run) -> str | None:
+    """Return the hash of the stamps of the images that an estimate has to cover, and of their rig; None if unknown."""
+    drive = run.drive
+    if drive is None or drive.image_stamps_ns is None:
+        return None
+    values: list[NDArray[np.generic]] = [drive.image_stamps_ns]
+    if (rig := drive.rig) is not None:
+        values.append(np.array([rig.width, rig.height, rig.fx, rig.fy, rig.cx, rig.cy, rig.baseline_m]))
+        if rig.T_rb_sb is not None:
+            values += [rig.T_rb_sb.rotation, rig.T_rb_sb.translation]
+    return hash_arrays(values)
 
 
 def _trajectory_in(path: Path) -> Path:

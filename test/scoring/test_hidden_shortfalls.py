@@ -20,6 +20,8 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.clouds.cloud_file import save_cloud, save_points
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.metrics.judging.several_scores import difference_of
+from sfr_loc_map.metrics.score import Score
 
 LOOSE = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 1.0}]}
 
@@ -55,6 +57,28 @@ def test_pairs_whose_images_were_deleted_are_expected_all_the_same(tmp_path: Pat
     done = sfr("score", cloud, folder, "--limits", rules)
     assert done.code == 3
     assert "50 % of the mapping pairs have no point in the cloud" in done.out
+
+
+def test_images_that_are_not_expected_any_more_change_the_provenance(tmp_path: Path, sfr: Sfr) -> None:
+    """The list of pairs or the rig was changed: the truth is the same, the images are not."""
+    folder, poses, page = write_folder(tmp_path / "data", 40, 1), tmp_path / "e.csv", tmp_path / "t.html"
+    truth = open_source(folder).truth
+    assert truth is not None
+    save_trajectory(poses, Trajectory(truth.stamps_ns, 0.999 * truth.positions, truth.quats_xyzw))
+    table, rig = folder / "loc" / "pairs.csv", folder / "loc" / "rig.json"
+    whole, camera, found = table.read_text(), rig.read_text(), []
+    fewer, wider = "".join(whole.splitlines(keepends=True)[:-5]), json.loads(camera)
+    wider["baseline_m"] *= 2.0
+    for number, texts in enumerate(((whole, camera), (fewer, camera), (whole, json.dumps(wider)))):
+        table.write_text(texts[0])
+        rig.write_text(texts[1])
+        sfr("score", poses, folder, "--json", tmp_path / f"{number}.json")
+        found.append(Score.load(tmp_path / f"{number}.json"))
+    inputs = [score.provenance.inputs for score in found if score.provenance is not None]
+    assert [len({item[role].sha256 for item in inputs}) for role in ("truth", "images")] == [1, 3]
+    assert difference_of(found) == "the scores are of several sets of images, which a suite judges together"
+    sfr("report", tmp_path / "0.json", "--test-report", page)
+    assert inputs[0]["images"].sha256 in page.read_text()
 
 
 def test_times_on_a_target_without_stamps_are_of_no_known_pair(

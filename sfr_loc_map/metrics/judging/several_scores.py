@@ -57,10 +57,11 @@ def difference_of(scores: Sequence[Score]) -> str | None:
         return "not every score says what it was made of"
     if len({(item.version, item.commit) for item in made}) > 1:
         return "the scores were made by several versions of sfr_loc_map"
-    for role in ("truth", "map_truth"):
+    of_source = {"truth": "ground truths", "map_truth": "ground truths", "images": "sets of images"}
+    for role, several in of_source.items():
         files = [item.inputs[role] for item in made if role in item.inputs]
         if len({file.data_sha256 or file.sha256 for file in files}) > 1:
-            return "the scores are of several ground truths, which a suite judges together"
+            return f"the scores are of several {several}, which a suite judges together"
     for part, words in OF_PART.items():
         settings = [
             {name: value for name, value in item.configuration.items() if name.partition(".")[0] in words}
