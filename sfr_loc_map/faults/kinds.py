@@ -22,7 +22,7 @@ class KindInfo(NamedTuple):
     start: int = 1
     largest: float = 1000.0  #: Largest amount.
     is_signed: bool = False  #: Whether the amount may be negative.
-    affects_all_pairs: bool = False  #: Whether share, burst and start are without effect.
+    affects_all_pairs: bool = False  #: Whether share and burst are without effect, and start but for a drift.
     affects_one_camera: bool = False  #: Whether `camera` chooses the images that change.
     has_complete_bursts: bool = False  #: Whether a burst begins only if it can end within the sequence.
     neutral: float = 0.0  #: Amount without an effect: 1 of factors.
@@ -94,7 +94,10 @@ class FaultKind(StrEnum):
     ROLL = "roll", KindInfo(0.2, "the right image is rotated by AMOUNT deg about its axis", **_ROTATION)
     PITCH = "pitch", KindInfo(0.1, "the right camera looks AMOUNT deg down", **_ROTATION)
     YAW = "yaw", KindInfo(0.1, "the right camera looks AMOUNT deg to the left", **_ROTATION)
-    DRIFT = "drift", KindInfo(0.3, "the right camera turns AMOUNT deg to the left in 100 pairs", **_ROTATION)
+    DRIFT = (
+        "drift",
+        KindInfo(0.3, "the right camera turns AMOUNT deg to the left in 100 pairs, from start on", **_ROTATION),
+    )
     SHIFT = "shift", KindInfo(3.0, "the right image is AMOUNT px to the right", is_signed=True, **_ALL_PAIRS)
     CLOCK = (
         "clock",

@@ -32,8 +32,9 @@ def deviations_of(score: Score) -> Iterator[str]:
             yield f"{unmatched:.0f} estimates have no truth and are not judged."
         if drive.estimate_duplicates:
             yield f"{drive.estimate_duplicates} estimates were ignored because a later one has the same stamp."
-    if without_cloud := score.number("pairs_without_cloud", part="count"):
-        yield f"{without_cloud:.0f} of {score.number('pairs'):.0f} mapping pairs have no point in the cloud."
+    without_cloud = score.figure("pairs_without_cloud", part="count")
+    if without_cloud is not None and without_cloud.value:
+        yield f"{without_cloud.value:.0f} of {without_cloud.n} mapping pairs have no point in the cloud."
     if without_truth := score.number("points_without_truth", part="count"):
         yield f"{without_truth:.0f} points are where the truth has no surface, and are not judged."
     if score.calls is None and score.association is not None and score.verdicts:
@@ -92,8 +93,9 @@ def _of_calls(item: Verdict) -> Iterator[str]:
     """Yield that a limit is on calls that were not measured on the target, or on a stage of a mapping call."""
     is_on_calls = item.subject in (Subject.TIMING, Subject.MEMORY)
     if is_on_calls and not item.is_of_target:
-        clauses = "4.2.1, 4.3.1" if item.subject is Subject.TIMING else "4.2.2, 4.3.2"
-        yield f"{_name(item)} was measured on the host; the document requires the target [{clauses}]."
+        on_target = "the document requires the target [4.2.1, 4.3.1]"
+        as_proposed = "the document leaves the method to the supplier [4.2.2, 4.3.2]"
+        yield f"{_name(item)} was measured on the host; {on_target if item.subject is Subject.TIMING else as_proposed}."
     if is_of_stage(item):
         yield f"{_name(item)} is of a stage; the call of the document makes one cloud of all pairs [4.3.1]."
 

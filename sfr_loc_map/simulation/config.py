@@ -13,10 +13,22 @@ from sfr_loc_map.config import param
 class ReliefConfig:
     """Shape of the ground."""
 
-    relief_m: float = param(0.10, unit="m", doc="Standard deviation of the rolling relief.", low=0.0, high=50.0)
+    relief_m: float = param(
+        0.10,
+        unit="m",
+        doc="Height scale of the rolling relief; its standard deviation is about 0.8 of it.",
+        low=0.0,
+        high=50.0,
+    )
     relief_length_m: float = param(7.0, unit="m", doc="Longest wavelength of the rolling relief.", low=0.5, high=1000.0)
     hurst: float = param(0.85, doc="Hurst exponent; a lower value is rougher at small scale.", low=0.3, high=1.2)
-    hills_m: float = param(1.2, unit="m", doc="Standard deviation of the hills of the horizon.", low=0.0, high=1000.0)
+    hills_m: float = param(
+        1.2,
+        unit="m",
+        doc="Height scale of the hills of the horizon; their standard deviation is about 0.86 of it.",
+        low=0.0,
+        high=1000.0,
+    )
     hills_length_m: float = param(90.0, unit="m", doc="Wavelength of the hills.", low=10.0, high=10_000.0)
     slope_deg: float = param(0.0, unit="deg", doc="Slope of the terrain, rising to the east.", low=-35.0, high=35.0)
     ripple_height_m: float = param(0.012, unit="m", doc="Height of ripples on sand.", low=0.0, high=5.0)

@@ -111,7 +111,7 @@ class Tried:
     @property
     def fails(self) -> bool:
         """Whether the limit is missed."""
-        return self.ratio >= 1.0
+        return self.ratio > 1.0
 
 
 def search_worst(chooser: Chooser, evaluate: Evaluate, runs: int, batch: int) -> Iterator[Tried]:
