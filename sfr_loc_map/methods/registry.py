@@ -5,6 +5,7 @@ A name, `package.module:Class`, `file.py:Class` or `lib:PATH.so`.
 
 from __future__ import annotations
 
+import hashlib
 import subprocess
 import sys
 from dataclasses import dataclass, field, replace
@@ -52,7 +53,15 @@ class Method:
 
     def record(self, version: str | None, isolation: str | None = None) -> MethodRecord:
         """Return what the score says of it."""
-        return MethodRecord(name=self.name, version=version, kind=self.kind, sha256=self.sha256, isolation=isolation)
+        config_sha256 = hashlib.sha256(self.config.encode()).hexdigest() if self.config else None
+        return MethodRecord(
+            name=self.name,
+            version=version,
+            kind=self.kind,
+            sha256=self.sha256,
+            config_sha256=config_sha256,
+            isolation=isolation,
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -116,6 +116,8 @@ def _item(score: Score) -> dict[str, str]:
     if method is not None:
         facts = {"Item": f"{method.name} ({method.kind})", "Version": method.version or UNKNOWN}
         facts["Hash"] = method.sha256 or UNKNOWN
+        if method.config_sha256 is not None:
+            facts["Hash of its configuration"] = method.config_sha256
     if target is not None:
         facts["Board"] = target.name
         about = target.about or TargetRecord()

@@ -38,7 +38,8 @@ STEP_NAMES = (
     *(f"systematic_cov_{i}" for i in range(6)),
     *(f"noise_{name}" for name in COVARIANCE_NAMES),
 )
-METHOD_NAMES = ("method", "method_version", "method_kind", "method_sha256", "method_isolation", "finding")
+METHOD_FIELDS = ("version", "kind", "sha256", "config_sha256", "isolation")  #: Of a `MethodRecord`, after its name.
+METHOD_NAMES = ("method", *(f"method_{name}" for name in METHOD_FIELDS), "finding")
 HEADER = ("stamp_ns", "processing_time_s", "state", "reason", "peak_rss_bytes", "above_idle_bytes")
 POSITION_NAMES = ("position_x_m", "position_y_m", "position_z_m")
 """Columns of the position that a call gave, by which the calls belong to one estimate."""
@@ -300,8 +301,7 @@ def save_stats(
     given = dict(zip(stamps_ns, positions, strict=True))
     named: tuple[str, ...] = ()
     if method is not None:
-        about = (method.name, method.version, method.kind.value, method.sha256, method.isolation)
-        named = tuple(text or "" for text in about)
+        named = (method.name, *(getattr(method, field) or "" for field in METHOD_FIELDS))
     names = sorted({name for record in records for name in record.statistics})
     # a method does not report its own cost
     taken = {*HEADER, *COSTS, *METHOD_NAMES, *POSITION_NAMES, *COVARIANCE_NAMES, *STEP_NAMES, MEMORY_METHOD}
@@ -356,11 +356,12 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
         steps[:, WITHOUT_NOISE:] = 0.0
     method = None
     if name := rows[0].get("method"):
-        version, kind, sha256, isolation = (rows[0].get(key) or None for key in METHOD_NAMES[1:5])
+        about = {field: rows[0].get(f"method_{field}") or None for field in METHOD_FIELDS}
+        kind = about["kind"]
         if kind not in set(MethodKind):
             given, known = kind or "", ", ".join(MethodKind)
             raise InputError(f"statistics '{path}': method_kind is '{given}', must be one of {known}")
-        method = MethodRecord(name=name, version=version, kind=MethodKind(kind), sha256=sha256, isolation=isolation)
+        method = msgspec.convert({"name": name, **about}, MethodRecord)
     findings = findings_of([row.get("finding") or "" for row in rows], stamps_ns.tolist())
     memory_method = next(filter(None, (row.get(MEMORY_METHOD) for row in rows)), None)
     calls = Calls(stamps_ns, seconds, states, peak, above_idle, stages, heap, stack, memory_method)

@@ -6,6 +6,7 @@ Each method meets its limits by its own words, and misses them by those of the p
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 import os
 import subprocess
@@ -56,6 +57,7 @@ def test_what_a_method_states_of_itself_is_not_believed(
     )
     score = json.loads(scored.out)
     assert (scored.code, score["verdict"]) == (1, "fail")
+    assert score["method"]["config_sha256"] == hashlib.sha256(word.encode()).hexdigest()
     assert [item["kind"] for item in score.get("findings", [])] == ([] if finding is None else [finding])
 
 

@@ -242,6 +242,9 @@ def test_several_items_under_test_have_no_common_pass() -> None:
     )
     for several, heading in (([ours, ours], "PASS"), ([ours, theirs], "NO COMMON VERDICT"), ([ours, met], "NO COMMON")):
         assert f"<strong>{heading}" in render_test_report(several)
+    tuned = replace(met, method=MethodRecord(name="ours", version="1", kind=MethodKind.PYTHON, config_sha256="1" * 64))
+    assert common_verdict([tuned, tuned]).state == "pass"
+    assert common_verdict([ours, tuned]).state is None
     assert common_verdict([ours, judged(half(of_drive(whole_score())), loose)]).state == "incomplete"
 
 

@@ -11,6 +11,7 @@ from sfr_loc_map.metrics.catalogue import DRIVE, MAP
 from sfr_loc_map.metrics.config import VerdictState, worst_of
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limit_scope import limits_of, task_of, tasks_of
+from sfr_loc_map.metrics.records import MethodRecord
 from sfr_loc_map.metrics.score import Score
 
 
@@ -35,8 +36,7 @@ def common_verdict(scores: Sequence[Score]) -> Common:
     worst = worst_of(state for state in states if state is not None)
     if worst is VerdictState.PASS and None in states:
         worst = None
-    items = {None if score.method is None else (score.method.name, score.method.version, score.method.sha256)
-             for score in scores}  # fmt: skip
+    items = {_item(score.method) for score in scores}
     if worst is None and any(states):
         return Common(None, "There is no common verdict: not every score was judged by limits.")
     if worst is not VerdictState.PASS or len(scores) < 2:
@@ -48,6 +48,10 @@ def common_verdict(scores: Sequence[Score]) -> Common:
     if (difference := difference_of(scores)) is not None:
         return Common(None, f"There is no common verdict: {difference}.")
     return Common(worst)
+
+
+def _item(method: MethodRecord | None) -> tuple[str | None, ...] | None:
+    return None if method is None else (method.name, method.version, method.sha256, method.config_sha256)
 
 
 def difference_of(scores: Sequence[Score]) -> str | None:
