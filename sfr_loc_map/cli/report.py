@@ -102,14 +102,19 @@ def report(
         config = build(AlignedErrorConfig, {"align": align, "max_difference_s": max_difference}, origin="options")
         _draw(results, truth, config, output)
         return
+    from msgspec.structs import replace as struct_replace
+
     from sfr_loc_map.metrics.judging.several_scores import common_verdict, each_by_its_limits
     from sfr_loc_map.metrics.score_json import load_score
     from sfr_loc_map.scoring.provenance import limits_not_seen
 
-    read = [load_score(path) for path in results]
-    for path, score in zip(results, read, strict=True):
+    read = []
+    for path in results:
+        score = load_score(path)
         if (unseen := limits_not_seen(score, str(path))) is not None:
             warn(unseen)
+            score = struct_replace(score, warnings=(*score.warnings, unseen))
+        read.append(score)
     scores = each_by_its_limits(read)
     if is_test:
         if output is not None:

@@ -11,6 +11,7 @@ from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.records import TruthRecord
 from sfr_loc_map.metrics.score import Score
 
+NOT_COMPARED = "its limits were not compared"  #: End of a warning that limits were not compared with their file.
 MAX_EXCESS = 0.05  #: Largest fraction of the path of a truth that may be noise without a warning.
 
 
@@ -46,3 +47,8 @@ def reading_caveats(score: Score) -> Iterator[str]:
     over = f" over {label_of(first.condition)}" if first.condition else ""
     text = f"the reading of the document (--rebase) decides {len(differ)} of {len(score.verdicts)} verdicts, the first"
     yield f"{text} {first.name}{over}: {each} (displacement and position need an estimate that starts at a true pose)"
+
+
+def limits_caveats(score: Score) -> Iterator[str]:
+    """Yield that the limits of a stored score were not compared with the file that it names."""
+    yield from (text for text in score.warnings if text.endswith(NOT_COMPARED))

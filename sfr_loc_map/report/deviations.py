@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.catalogue import TOTAL, Subject
-from sfr_loc_map.metrics.caveats import reading_caveats, truth_caveats
+from sfr_loc_map.metrics.caveats import limits_caveats, reading_caveats, truth_caveats
 from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, MapScoreConfig, Rebase, label_of
 from sfr_loc_map.metrics.judging.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.judging.shortfall_kinds import SHORTFALLS
@@ -118,6 +118,7 @@ def caveats_of(score: Score) -> Iterator[str]:
     if score.truth is not None:
         yield from truth_caveats(score.truth)
     yield from reading_caveats(score)
+    yield from limits_caveats(score)
 
 
 def is_of_stage(item: Verdict) -> bool:

@@ -92,3 +92,6 @@ def test_limits_whose_file_is_absent_or_changed_are_reported(
     rules.unlink()
     done = sfr("report", made, "-o", page, "--overwrite")
     assert (done.code, "were not compared" in done.err) == (0, True)
+    table = tmp_path / "control.csv"
+    sfr("report", made, "--test-report", page, "--control", table, "--overwrite")
+    assert all("were not compared" in path.read_text() for path in (page, table)), "a deviation"
