@@ -79,7 +79,8 @@ def test_a_slowed_clock_of_the_command_measures_nothing(
 
 
 def test_a_transfer_of_the_result_is_no_misstatement() -> None:
-    assert not is_misstated(measured_s=0.9, stated_s=0.1)  # one delayed call
-    assert not is_misstated(measured_s=26.0, stated_s=16.0)  # less than half of the calls
-    assert is_misstated(measured_s=1.6, stated_s=0.16)
-    assert is_misstated(measured_s=0.10, stated_s=3.00)
+    assert not is_misstated(measured_s=0.9, stated_s=0.1, calls=20)  # one delayed call
+    assert not is_misstated(measured_s=26.0, stated_s=16.0, calls=20)  # less than half of the calls
+    assert not is_misstated(measured_s=2.0, stated_s=0.008, calls=400)  # a fast method in a long drive
+    assert is_misstated(measured_s=1.6, stated_s=0.16, calls=20)
+    assert is_misstated(measured_s=0.10, stated_s=3.00, calls=20)
