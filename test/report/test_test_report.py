@@ -212,6 +212,10 @@ def test_limits_of_the_sample_are_ten_requirements() -> None:
     assert all(item.text for item in limits)
 
 
+def unseen_limits(path: Path) -> str:
+    return f"no limits file is named by {path}: its limits were not compared"
+
+
 def test_the_command_writes_both_and_refuses_what_it_would_not_do(tmp_path: Path, sfr: Sfr) -> None:
     from sfr_loc_map.metrics.score_json import to_json
 
@@ -221,7 +225,8 @@ def test_the_command_writes_both_and_refuses_what_it_would_not_do(tmp_path: Path
     report, xml = tmp_path / "t.html", tmp_path / "v.xml"
     words = ["report", *paths, "--test-report", report, "--junit", xml]
     assert sfr(*words).code == 1  # the verdict of the scores
-    assert report.read_text() == render_test_report(each_by_its_limits([load_score(path) for path in paths]))
+    read = [replace(load_score(path), warnings=(unseen_limits(path),)) for path in paths]
+    assert report.read_text() == render_test_report(each_by_its_limits(read))
     assert len(list(ET.parse(xml).getroot().iter("testsuite"))) == 3
     assert sfr(*words, "--overwrite", "-o", "x.md").code == 2
 
