@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -19,10 +20,10 @@ from sfr_loc_map.metrics.truth_error import ATTITUDE, TURN
 
 EXPANSION = {
     **{"mean": 1.0, "sigma": 1.0, "rmse": 1.0, "mean_plus_3sigma": 3.0, "max": 3.0},
-    **{name: float(math.ceil(normal_quantile(0.5 + percent / 200.0))) for name, percent in QUANTILES.items()},
+    **{name: float(math.ceil(NormalDist().inv_cdf(0.5 + percent / 200.0))) for name, percent in QUANTILES.items()},
 }
 """Standard deviations of the truth's error that each statistic may be off by; of a quantile those of a normal error,
-rounded up to 1, 2 or 3."""
+rounded up to 1, 2 or 3. The normal distribution is that of the standard library, because scipy loads slowly."""
 
 
 class LimitedFigure(NamedTuple):
