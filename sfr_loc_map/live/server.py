@@ -323,7 +323,7 @@ class LiveServer:
 async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, end_file: Path | None = None) -> None:
     """Serve until SIGINT, SIGTERM or SIGHUP; print the address when the page can be opened.
 
-    SIGUSR1 reports that the run is over. The file, which `nodes/launch/processes.py` writes, holds how the run ended.
+    SIGUSR1 reports that the run is over. The file, which `nodes/launch/live_process.py` writes, holds how it ended.
     The pages show that and can still be opened.
     """
 

@@ -176,7 +176,6 @@ class LiveState:
         self._result_s = 0.0  # time of the last result that contributes to the verdict
         self._published: OrderedDict[int, float] = OrderedDict()
         self._call_count = 0
-        self._heard_s = 0.0
 
     @property
     def ended(self) -> bool:
@@ -209,7 +208,6 @@ class LiveState:
                 received_s, published_s = (float(getattr(update, name, 0.0)) for name in ("received_s", "published_s"))
                 if not (math.isfinite(received_s) and math.isfinite(published_s)):
                     raise ValueError(f"{type(update).__name__} ignored: its time is not a finite number")
-                self._heard_s = max(self._heard_s, received_s)
                 self._take_in(update)
             except (SfrError, ValueError, OverflowError) as error:
                 self.problems.append(one_line(str(error)))

@@ -116,7 +116,7 @@ class SearchSpecification:
         )
 
     def ratio_of(self, score: Score) -> float | None:
-        """Return the figure over its limit: 1 and more is a miss; None without the figure."""
+        """Return the figure over its limit: more than 1 is a miss; None without the figure."""
         chosen = self.settings
         value = score.number(chosen.figure, chosen.statistic, part=chosen.part or ANY)  # the score has one condition
         return None if value is None else abs(value) / chosen.limit
