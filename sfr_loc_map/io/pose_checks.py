@@ -24,7 +24,7 @@ MAX_STRAY = 0.1  #: Largest fraction of poses that are ignored as stray; more of
 STRAY_S = 86_400.0  #: A stamp is stray if it is a day or more from the median stamp, s, and twice the drive's duration.
 SAME_ATTITUDE = 1e-6  #: Largest change of a component of a quaternion that never changes; files round to 1e-6.
 HELD_ATTITUDE = 5e-4  #: The same of a placeholder with rounding or noise: 0.06 deg, below the motion of any vehicle.
-MOVING_STEP = 0.1  #: A pose moves if the step to it is longer than this fraction of the mean step.
+PLACES = 50  #: Places along the extent of a path; a rover that stands, with noise, is at few of them.
 TURN_DEG = 20.0  #: A path turns if the lines along two of its parts differ by more than this, deg.
 PARTS = 12  #: Parts of equal length by which a path is compared: long enough that noise of positions hardly turns them.
 SAME_HEIGHT_M = 1e-6  #: Largest change of a height that never changes, m; a floor that was measured varies by more.
@@ -73,17 +73,24 @@ def jumping_positions(stamps_ns: IntArray, positions: FloatArray) -> Mask:
 
 
 def has_constant_attitude(poses: Trajectory) -> bool:
-    """Return whether the attitudes of moving poses are the same, but for `MAX_STRAY`, although the path turns."""
+    """Return whether the attitudes at nearly all places are the same although the path turns.
+
+    One pose counts for each place, because a rover that stands keeps its attitude.
+    """
     if len(poses) < 3 or not poses.has_attitude:
         return False
-    quats = poses.quats_xyzw
+    quats = poses.quats_xyzw[first_at_each_place(poses.positions)]
     largest = int(np.argmax(np.abs(quats[len(quats) // 2])))
     upright = quats * np.where(quats[:, largest] < 0.0, -1.0, 1.0)[:, None]  # both signs are one attitude
     is_held: Mask = np.all(np.abs(upright - np.median(upright, axis=0)) <= HELD_ATTITUDE, axis=1)
-    steps_m = np.linalg.norm(np.diff(poses.positions, axis=0), axis=1)
-    # a rover that stands keeps its attitude
-    moves: Mask = np.append(False, steps_m > MOVING_STEP * steps_m.mean())
-    return bool(moves.any() and is_held[moves].mean() >= 1.0 - MAX_STRAY) and path_turns(poses.positions)
+    return bool(is_held.mean() >= 1.0 - MAX_STRAY) and path_turns(poses.positions)
+
+
+def first_at_each_place(positions: FloatArray) -> IntArray:
+    """Return the first row of positions `(N, 3)` in each cell of a grid of `PLACES` cells along their extent."""
+    side_m = max(float(np.ptp(positions, axis=0).max()) / PLACES, SAME_HEIGHT_M)
+    cells = np.floor((positions - positions[0]) / side_m + 0.5).astype(np.int64)
+    return np.unique(cells, axis=0, return_index=True)[1]
 
 
 def has_constant_height(poses: Trajectory) -> bool:

@@ -292,13 +292,16 @@ def test_an_attitude_that_never_changes_along_a_turning_path_is_none(
     assert "the truth has only positions" not in kept.err
 
 
+@pytest.mark.parametrize("noise_m", [0.0, 0.005])
 def test_a_rover_that_mostly_stands_keeps_its_attitudes(
-    tmp_path: Path, sfr: Sfr, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, sfr: Sfr, caplog: pytest.LogCaptureFixture, noise_m: float
 ) -> None:
     poses = drive()
     kept = np.append(np.arange(COUNT), np.full(20 * COUNT, COUNT - 1))
     stamps_ns = poses.stamps_ns[0] + np.arange(len(kept)) * (poses.stamps_ns[1] - poses.stamps_ns[0])
-    save_trajectory(tmp_path / "t.csv", Trajectory(stamps_ns, poses.positions[kept], poses.quats_xyzw[kept]))
+    noise = noise_m * np.random.default_rng(0).normal(size=(len(kept), 3))
+    truth = Trajectory(stamps_ns, poses.positions[kept] + noise, poses.quats_xyzw[kept])
+    save_trajectory(tmp_path / "t.csv", truth)
     done = sfr("score", tmp_path / "t.csv", tmp_path / "t.csv", "--condition", "distance=2")
     assert "the truth has only positions" not in done.err
     assert not caplog.text
