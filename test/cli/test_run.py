@@ -26,7 +26,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
 from helpers.cli_result import Sfr
-from helpers.made_scene import LOC_RIG, T_RB_LOCSB, loc_pair
+from helpers.made_scene import LOC_RIG, T_RB_LOCSB, compressed_bag, loc_pair
 from helpers.node_scenes import MOUNT, raw, send_infos, send_pair
 from helpers.peer import Peer
 from helpers.processes import Process, has_started_ros, nodes_of, segments_of, wait_until
@@ -34,7 +34,6 @@ from sfr_loc_map.cli.main import main
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
 from sfr_loc_map.nodes.ros.messages import message_type, odometry_row
-from test.nodes.test_run_config import compressed_bag
 
 COMMAND = ("-m", "sfr_loc_map")
 

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from rosbags.rosbag2 import Reader, Writer
 
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.bag.bag import TYPESTORE
 from sfr_loc_map.io.bag.writer import BagWriter
 from sfr_loc_map.io.layouts.folder import FolderWriter
 
@@ -102,3 +104,17 @@ def write_bag(path: Path, loc_pairs: int, nav_pairs: int, jpeg_quality: int | No
     with BagWriter(path, jpeg_quality=jpeg_quality) as writer:
         fill(writer, loc_pairs, nav_pairs)
     return path
+
+
+def compressed_bag(folder: Path, pairs: int) -> Path:
+    """Return a bag of a driver's compressed images, named `image_raw/compressed`, with camera_info and a truth."""
+    bag, ours = folder / "cam", write_bag(folder / "ours.mcap", pairs, 0, jpeg_quality=95)
+    with Reader(ours) as reader, Writer(bag, version=9) as writer:
+        names = {
+            c.id: c.topic.replace("/loc/", "/front/").replace("image_rect", "image_raw") for c in reader.connections
+        }
+        kinds = {c.id: c.msgtype for c in reader.connections}
+        added = {each: writer.add_connection(names[each], kinds[each], typestore=TYPESTORE) for each in names}
+        for connection, recorded_ns, data in reader.messages():
+            writer.write(added[connection.id], recorded_ns, data)
+    return bag

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
 
 from helpers.cli_result import Sfr
+from helpers.message_bags import write_messages
 from helpers.score_rows import number
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_normalised, quat_rotate
@@ -69,16 +69,6 @@ TOPICS = {"odometry": "", "pose": "/vrpn/pose", "pose_with_covariance": "slam/po
 TOPICS |= {"path": "/gt/path", "tf": ""}
 
 
-def write_bag(path: Path, entries: Iterator[tuple[str, int, Any]]) -> Path:
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connections: dict[str, Any] = {}
-        for topic, stamp, message in entries:
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, message.__msgtype__, typestore=TYPESTORE)
-            writer.write(connections[topic], stamp, TYPESTORE.serialize_cdr(message, message.__msgtype__))
-    return path
-
-
 @pytest.mark.parametrize("kind", TOPICS)
 def test_a_lever_arm_and_a_clock_are_undone_in_every_kind_of_topic(
     tmp_path: Path, poses: Trajectory, kind: str
@@ -88,7 +78,7 @@ def test_a_lever_arm_and_a_clock_are_undone_in_every_kind_of_topic(
         poses.positions + quat_rotate(poses.quats_xyzw, LEVER),
         quat_multiply(poses.quats_xyzw, TURN),
     )
-    place = write_bag(tmp_path / "x", messages(kind, marker, 0.0004))
+    place = write_messages(tmp_path / "x", messages(kind, marker, 0.0004))
     frame = "world:marker" if kind == "tf" else ""
     lever = {"lever_arm_m": tuple(LEVER), "lever_quat_xyzw": tuple(TURN), "clock_offset_s": 0.25}
     truth = read_truth(place, TruthConfig(source=TOPICS[kind], frame=frame, **lever))
@@ -113,7 +103,7 @@ def test_transforms_of_a_tree_are_joined_and_interpolated(tmp_path: Path) -> Non
     entries = [("/tf_static", 0, tf(0, "base", "marker", 0.5))]
     entries += [("/tf", k * NS_PER_S, tf(k * NS_PER_S, "world", "odom", float(k))) for k in range(3)]
     entries += [("/tf", k * NS_PER_S // 2, tf(k * NS_PER_S // 2, "odom", "base", 10.0)) for k in range(7)]
-    place = write_bag(tmp_path / "x", iter(entries))
+    place = write_messages(tmp_path / "x", entries)
     found = read_truth(place, TruthConfig(frame="marker"))
     np.testing.assert_allclose(found.positions[:, 0], 10.5 + np.arange(5) / 2)
     with pytest.raises(InputError, match="no moving transform 'map:marker' on /tf: it has base:marker"):
@@ -128,7 +118,7 @@ def test_fixes_become_metres_east_north_and_up_with_their_sigma(tmp_path: Path) 
         ("/fix", k * NS_PER_S, fix(bag_messages.header(k * NS_PER_S, "gps"), status(code, 1), *place, covariance, 2))
         for k, (code, *place) in enumerate(places)
     ]
-    found = read_truth(write_bag(tmp_path / "x", iter(entries)), TruthConfig(source="/fix", lever_arm_m=tuple(LEVER)))
+    found = read_truth(write_messages(tmp_path / "x", entries), TruthConfig(source="/fix", lever_arm_m=tuple(LEVER)))
     assert found.stamps_ns.tolist() == [0, NS_PER_S, 3 * NS_PER_S]
     # lengths of a degree at this latitude (series of Snyder 1987, page 25): 111 200.1 m north, 74 625.2 m east
     np.testing.assert_allclose(found.positions[1], [0.0, 11.1209, 0.0], atol=2e-3)
@@ -185,7 +175,7 @@ def test_eight_columns_without_a_header_are_ambiguous(tmp_path: Path, poses: Tra
 
 
 def test_truth_that_is_not_there_names_what_could_be(tmp_path: Path, poses: Trajectory) -> None:
-    place = write_bag(tmp_path / "x", messages("pose", poses))
+    place = write_messages(tmp_path / "x", messages("pose", poses))
     with pytest.raises(InputError, match=r"name their topic .*: /vrpn/pose"):
         read_truth(place)
     with pytest.raises(InputError, match="neither a file nor a topic"):
@@ -211,7 +201,7 @@ def truth_place(kind: str, folder: Path, poses: Trajectory) -> tuple[Path, list[
     turned = [*lever, f"truth.lever_quat_xyzw={TURN.tolist()}"]
     if kind in TOPICS:
         where = ["truth.frame=world:marker"] if kind == "tf" else [f"truth.source={TOPICS[kind]}"] * bool(TOPICS[kind])
-        return write_bag(folder / "bag", messages(kind, marker, 0.0004)), [*turned, *where]
+        return write_messages(folder / "bag", messages(kind, marker, 0.0004)), [*turned, *where]
     if kind == "fix":
         status, fix = T["sensor_msgs/msg/NavSatStatus"](0, 1), T["sensor_msgs/msg/NavSatFix"]
         scale = np.array([111_278.4, 74_548.9])  # metres of a degree of latitude and of longitude there
@@ -223,7 +213,7 @@ def truth_place(kind: str, folder: Path, poses: Trajectory) -> tuple[Path, list[
             )
             for stamp, (x, y, z) in zip(marker.stamps_ns.tolist(), marker.positions.tolist(), strict=True)
         ]
-        return write_bag(folder / "bag", iter(entries)), [*lever, "truth.source=/fix"]
+        return write_messages(folder / "bag", entries), [*lever, "truth.source=/fix"]
     names = {"tum": "x.tum", "kitti": "x.kitti", "euroc": "x.euroc.csv", "csv": "x.csv"}
     if kind in names:
         save_trajectory(folder / names[kind], marker)

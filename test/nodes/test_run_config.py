@@ -6,13 +6,11 @@ from pathlib import Path
 
 import pytest
 import yaml
-from rosbags.rosbag2 import Reader, Writer
 
-from helpers.made_scene import write_bag
+from helpers.made_scene import compressed_bag
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.inputs import SIDES
-from sfr_loc_map.io.bag.bag import TYPESTORE
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.nodes.launch.run_arguments import run_arguments
 from sfr_loc_map.nodes.localisation_node import LocalisationNodeConfig
@@ -64,20 +62,6 @@ def test_what_nodes_cannot_do_is_said(tmp_path: Path) -> None:
     config.write_text("calibration: {stereo_layout: side_by_side}\n")
     with pytest.raises(ConfigError, match="are for recordings"):
         run_arguments(config, tmp_path / "parameters.yaml")
-
-
-def compressed_bag(folder: Path, pairs: int) -> Path:
-    """Return a bag of a driver's compressed images, named `image_raw/compressed`, with camera_info and a truth."""
-    bag, ours = folder / "cam", write_bag(folder / "ours.mcap", pairs, 0, jpeg_quality=95)
-    with Reader(ours) as reader, Writer(bag, version=9) as writer:
-        names = {
-            c.id: c.topic.replace("/loc/", "/front/").replace("image_rect", "image_raw") for c in reader.connections
-        }
-        kinds = {c.id: c.msgtype for c in reader.connections}
-        added = {each: writer.add_connection(names[each], kinds[each], typestore=TYPESTORE) for each in names}
-        for connection, recorded_ns, data in reader.messages():
-            writer.write(added[connection.id], recorded_ns, data)
-    return bag
 
 
 def test_compressed_topics_of_a_recording_reach_the_nodes(tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 from msgspec.structs import replace as struct_replace
-from rosbags.rosbag2 import StoragePlugin, Writer
 
+from helpers.message_bags import write_messages
 from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -19,7 +19,7 @@ from sfr_loc_map.inputs import LOST_VARIANCE, Task
 from sfr_loc_map.io.bag.bag import TYPESTORE
 from sfr_loc_map.io.bag.messages import odometry
 from sfr_loc_map.io.truth import TrackedBody
-from sfr_loc_map.message_types import ODOMETRY, STRING
+from sfr_loc_map.message_types import STRING
 from sfr_loc_map.metrics.association import UPPER, Estimates, symmetric
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.details import Details
@@ -152,17 +152,15 @@ def test_a_thousand_orders_of_messages_give_the_score_of_the_file() -> None:
 
 
 def in_bag(path: Path, rows: Sequence[OdometryRow], calls: Sequence[CallRecord]) -> Estimates:
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        poses = writer.add_connection(ESTIMATE, ODOMETRY, typestore=TYPESTORE)
-        called = writer.add_connection(call_topic(Task.LOCALISATION), STRING, typestore=TYPESTORE)
-        for stamp_ns, position, quat, covariance in rows:
-            message = odometry(stamp_ns, position, quat)
-            message.pose.covariance[:] = covariance.reshape(36)
-            writer.write(poses, stamp_ns, TYPESTORE.serialize_cdr(message, ODOMETRY))
-        for call in calls:
-            text = TYPESTORE.types[STRING](encode_call(call))
-            writer.write(called, call.stamp_ns, TYPESTORE.serialize_cdr(text, STRING))
-    return bag_estimates(path)
+    entries: list[tuple[str, int, Any]] = []
+    for stamp_ns, position, quat, covariance in rows:
+        message = odometry(stamp_ns, position, quat)
+        message.pose.covariance[:] = covariance.reshape(36)
+        entries.append((ESTIMATE, stamp_ns, message))
+    for call in calls:
+        text = TYPESTORE.types[STRING](encode_call(call))
+        entries.append((call_topic(Task.LOCALISATION), call.stamp_ns, text))
+    return bag_estimates(write_messages(path, entries))
 
 
 def in_replay(rows: Sequence[OdometryRow], calls: Sequence[CallRecord], *, is_external: bool) -> Estimates:

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
 
 from helpers import score_rows
 from helpers.cli_result import Sfr
 from helpers.made_scene import NAV_RIG, nav_pair, write_folder
+from helpers.message_bags import write_messages
 from helpers.straight_drive import PERIOD_NS, straight
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
@@ -112,17 +112,13 @@ def test_a_cloud_file_without_its_kind_needs_the_option_and_one_with_it_is_not_c
 
 def recorded(path: Path, calls: Mapping[str, Sequence[str]]) -> Path:
     """Write a bag with three estimates of a rover, and calls as JSON by their topic."""
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        name = "/rover/localisation/odometry"
-        poses = writer.add_connection(name, "nav_msgs/msg/Odometry", typestore=TYPESTORE)
-        for stamp_ns in (1, 2, 3):
-            message = odometry(stamp_ns, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
-            writer.write(poses, stamp_ns, TYPESTORE.serialize_cdr(message, "nav_msgs/msg/Odometry"))
-        for topic, texts in calls.items():
-            connection = writer.add_connection(topic, STRING, typestore=TYPESTORE)
-            for text in texts:
-                writer.write(connection, 3, TYPESTORE.serialize_cdr(TYPESTORE.types[STRING](text), STRING))
-    return path
+    entries: list[tuple[str, int, Any]] = []
+    for stamp_ns in (1, 2, 3):
+        message = odometry(stamp_ns, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
+        entries.append(("/rover/localisation/odometry", stamp_ns, message))
+    for topic, texts in calls.items():
+        entries += [(topic, 3, TYPESTORE.types[STRING](text)) for text in texts]
+    return write_messages(path, entries)
 
 
 def test_a_bag_has_the_states_and_steps_of_its_node(tmp_path: Path) -> None:

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 
 from helpers.made_worlds import START_NS, World, assert_is_world, assert_same_pairs, write_bag
+from helpers.message_bags import write_messages
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rectification import rectified_rig
 from sfr_loc_map.inputs import SIDES
@@ -25,18 +26,6 @@ from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.message_types import ODOMETRY
 
 Entry = tuple[str, int, Any]
-
-
-def write_messages(path: Path, entries: list[Entry]) -> Path:
-    """Write any messages as another program would, by the bag library alone."""
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connections: dict[str, Any] = {}
-        for topic, recorded_ns, message in entries:
-            kind = message.__msgtype__
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=TYPESTORE)
-            writer.write(connections[topic], recorded_ns, TYPESTORE.serialize_cdr(message, kind))
-    return path
 
 
 def loc_entries(world: World, prefix: str = "/", image: str = "image_rect", **changes: Any) -> list[Entry]:

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from helpers.cli_result import Sfr
+from helpers.message_bags import write_messages
+from helpers.pose_tables import COUNT, drive
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.bag import messages as bag_messages
@@ -20,8 +22,6 @@ from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
 from sfr_loc_map.io.truth import TruthConfig
 from sfr_loc_map.metrics.score_json import from_json
-from test.io.tables.test_pose_columns import COUNT, drive
-from test.io.test_truth import write_bag
 
 T = TYPESTORE.types
 STATUS = T["sensor_msgs/msg/NavSatStatus"](0, 1)
@@ -48,7 +48,7 @@ def test_single_fixes_that_are_none_are_left_out(tmp_path: Path, wrong: str, cou
         if 3 <= k < 3 + count:
             place = values.get(wrong, (*place[:2], np.nan))
         entries.append(("/fix", stamp, fix(stamp, *place)))
-    found = read_truth(write_bag(tmp_path / "x", iter(entries)), TruthConfig(source="/fix"))
+    found = read_truth(write_messages(tmp_path / "x", entries), TruthConfig(source="/fix"))
     assert len(found) == COUNT - count
     assert np.abs(found.positions - found.positions[0]).max() < 15.0
 
@@ -60,7 +60,7 @@ def test_fixes_without_any_altitude_give_horizontal_errors_alone(tmp_path: Path,
         ("/fix", stamp, fix(stamp, place[0], 11.0 + place[1], np.nan))
         for stamp, place in zip(poses.stamps_ns.tolist(), places.tolist(), strict=True)
     ]
-    place = write_bag(tmp_path / "x", iter(entries))
+    place = write_messages(tmp_path / "x", entries)
     found = read_truth(place, TruthConfig(source="/fix"))
     assert (len(found), found.has_height, found.has_attitude) == (COUNT, False, False)
     save_trajectory(tmp_path / "e.csv", poses)
@@ -81,7 +81,7 @@ def test_points_of_a_prism_are_positions(tmp_path: Path) -> None:
         ))
         for stamp, xyz in zip(poses.stamps_ns.tolist(), poses.positions.tolist(), strict=True)
     ]  # fmt: skip
-    found = read_truth(write_bag(tmp_path / "x", iter(entries)), TruthConfig(source="/leica/position"))
+    found = read_truth(write_messages(tmp_path / "x", entries), TruthConfig(source="/leica/position"))
     assert not found.has_attitude
     np.testing.assert_array_equal(found.positions, poses.positions)
     assert found.stamps_ns.tolist() == poses.stamps_ns.tolist()
@@ -93,7 +93,7 @@ def test_headers_without_stamps_are_read_by_the_times_of_recording(tmp_path: Pat
         ("/gt", stamp, pose(0, xyz, quat))
         for stamp, xyz, quat in zip(poses.stamps_ns.tolist(), poses.positions, poses.quats_xyzw, strict=True)
     ]
-    place = write_bag(tmp_path / "x", iter(entries))
+    place = write_messages(tmp_path / "x", entries)
     save_trajectory(tmp_path / "e.csv", poses)
     words = ("score", tmp_path / "e.csv", place, "--condition", "distance=2", "--set", "truth.source=/gt")
     refused = sfr(*words)
@@ -117,7 +117,7 @@ def test_a_frame_in_two_parents_is_followed_in_one(tmp_path: Path, first: str) -
                 bag_messages.header(stamp + late, parent), "base_link", transform
             )
             entries.append(("/tf", stamp + late, T["tf2_msgs/msg/TFMessage"]([item])))
-    place = write_bag(tmp_path / "x", iter(entries))
+    place = write_messages(tmp_path / "x", entries)
     for parent in parents:
         found = read_truth(place, TruthConfig(frame=f"{parent}:base_link"))
         np.testing.assert_allclose(found.positions, poses.positions + shift[parent], atol=1e-12)

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from helpers.cli_result import Sfr
+from helpers.kalibr_chains import CHAINS, LENSES, kalibr
+from helpers.pose_tables import COUNT, drive, rows, seconds
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.clouds.cloud_file import load_cloud
@@ -18,8 +20,6 @@ from sfr_loc_map.io.source_config import source_config
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.score_json import from_json
 from sfr_loc_map.report.page import run_facts
-from test.io.calibration.test_foreign_cameras import CHAINS, LENSES, kalibr
-from test.io.tables.test_pose_columns import COUNT, drive, rows, seconds
 
 NAMES = {"ns": "{ns}", "us": "{us}", "s": "{s}.{fraction:09d}"}
 

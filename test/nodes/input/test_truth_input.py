@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from helpers.message_bags import write_messages
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.bag.bag import TYPESTORE
 from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.io.truth import TruthConfig
 from sfr_loc_map.nodes.input.truth_input import TruthFrame
-from test.io.test_truth import write_bag
 
 T = TYPESTORE.types
 BEGIN_NS, MS = 1_700_000_000_000_000_000, 1_000_000
@@ -51,7 +51,7 @@ def test_poses_are_those_of_a_bag(tmp_path: Path, slow_ms: int) -> None:
     reader, rows = TruthFrame("map:marker"), []
     for topic, _, message in entries(slow_ms):
         rows += reader.rows(message, is_static=topic == "/tf_static")
-    bag = read_truth(write_bag(tmp_path / "x", iter(entries(slow_ms))), TruthConfig(frame="map:marker"))
+    bag = read_truth(write_messages(tmp_path / "x", entries(slow_ms)), TruthConfig(frame="map:marker"))
     assert len(rows) > 80
     assert [row[0] for row in rows] == bag.stamps_ns.tolist()
     np.testing.assert_array_equal([row[1][:3] for row in rows], bag.positions)
