@@ -86,6 +86,13 @@ def test_folders_of_the_nodes_import_lower_folders_alone() -> None:
     assert not wrong
 
 
+def test_metrics_do_not_import_the_judge() -> None:
+    judging = f"{NAME}.metrics.judging"
+    folder = PACKAGE / "metrics"
+    wrong = [path.name for path in folder.glob("*.py") if any(name.startswith(judging) for name in imported(path))]
+    assert wrong == ["stored.py"]  # a score that was read is judged again
+
+
 def test_no_circle_among_modules() -> None:
     modules = {
         ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__"): path

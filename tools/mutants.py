@@ -67,7 +67,7 @@ class Mutation(NamedTuple):
 
 ANSWERS, STORE = "scoring/answer_book.py", "suite/running/store.py"
 JUDGE = "metrics/judging/judge.py"
-FORMULAS, SCORE, SHORTFALLS = "metrics/formulas.py", "metrics/trajectory_score.py", "metrics/judging/shortfall_kinds.py"
+FORMULAS, SCORE, SHORTFALLS = "metrics/formulas.py", "metrics/trajectory_score.py", "metrics/shortfall_kinds.py"
 DRIVES = "suite/running/drives.py"
 MUTATIONS = (
     # 4.1.1 sub-trajectories
@@ -207,10 +207,10 @@ MUTATIONS = (
     Mutation("metrics/truth_error.py", "[2.0 * of_position] * 3", "[1.0 * of_position] * 3"),
     Mutation("metrics/consistency.py", "free_from = end\n", "free_from = start\n"),
     Mutation("metrics/consistency.py", "+ start.noise + end.noise", "+ end.noise"),
-    Mutation("metrics/judging/limits.py", "abs(value) <= limit.limit", "abs(value) <= 1.001 * limit.limit"),
-    Mutation("metrics/judging/limits.py", "abs(value) <= limit.limit", "value <= limit.limit"),
-    Mutation("metrics/judging/limits.py", "abs(value) <= limit.limit", "abs(value) < limit.limit"),
-    Mutation("metrics/judging/limits.py", "value >= limit.limit if", "value <= limit.limit if"),
+    Mutation("metrics/limits.py", "abs(value) <= limit.limit", "abs(value) <= 1.001 * limit.limit"),
+    Mutation("metrics/limits.py", "abs(value) <= limit.limit", "value <= limit.limit"),
+    Mutation("metrics/limits.py", "abs(value) <= limit.limit", "abs(value) < limit.limit"),
+    Mutation("metrics/limits.py", "value >= limit.limit if", "value <= limit.limit if"),
     Mutation(JUDGE, "incomplete = why_incomplete(table, short)", "incomplete = score.incomplete"),
     Mutation(JUDGE, "RowPart(LIVE) in incomplete or needed_part(limit) in incomplete:", "RowPart(LIVE) in incomplete:"),
     Mutation(SHORTFALLS, '"points_without_truth", MAP, 0.01', '"points_without_truth", MAP, 0.1'),
@@ -233,13 +233,13 @@ MUTATIONS = (
     Mutation("metrics/association.py", "is_enough = MATCHES_PER_STAMP *", "is_enough = 1 *"),
     Mutation("metrics/aligned_error.py", "np.array([1.0, 1.0, np.sign(", "np.array([1.0, 1.0, abs("),
     # limits, their files
-    Mutation("metrics/judging/limits.py", 'not 0 <= bound < float("inf")', 'not 0 <= bound <= float("inf")'),
-    Mutation("metrics/judging/limits.py", "if key in SHARES and bound > 1:", "if key in SHARES and bound > 100:"),
-    Mutation("metrics/judging/limits.py", "not 1 <= independent < 1e9", "not 0 <= independent < 1e9"),
-    Mutation("metrics/judging/limits.py", "MINIMUM_INDEPENDENT = 5.0", "MINIMUM_INDEPENDENT = 4.0"),
-    Mutation("metrics/judging/limits.py", "entry = {**of_all, **entry}", "entry = {**entry, **of_all}"),
-    Mutation("metrics/judging/limits.py", "minimum_independent=float(independent))", ")"),
-    Mutation("metrics/judging/limits.py", "name: limited.of_target() for", "name: limited for"),
+    Mutation("metrics/judging/limits_file.py", 'not 0 <= bound < float("inf")', 'not 0 <= bound <= float("inf")'),
+    Mutation("metrics/judging/limits_file.py", "if key in SHARES and bound > 1:", "if key in SHARES and bound > 100:"),
+    Mutation("metrics/judging/limits_file.py", "not 1 <= independent < 1e9", "not 0 <= independent < 1e9"),
+    Mutation("metrics/limits.py", "MINIMUM_INDEPENDENT = 5.0", "MINIMUM_INDEPENDENT = 4.0"),
+    Mutation("metrics/judging/limits_file.py", "entry = {**of_all, **entry}", "entry = {**entry, **of_all}"),
+    Mutation("metrics/judging/limits_file.py", "minimum_independent=float(independent))", ")"),
+    Mutation("metrics/limits.py", "name: limited.of_target() for", "name: limited for"),
     # completeness of a drive, a map, calls, a live run
     Mutation("metrics/completeness.py", "np.count_nonzero(has_estimate & has_truth)", "np.count_nonzero(has_estimate)"),
     Mutation("metrics/completeness.py", "DOUBLED_SHARE = 0.1 ", "DOUBLED_SHARE = 0.6 "),
@@ -371,7 +371,7 @@ MUTATIONS = (
         "abs(share.value * count.n - count.value) > EXACT",
         "count.value - share.value * count.n > EXACT",
     ),
-    Mutation("metrics/judging/limits.py", "if item.section is LimitSection.TRAJECTORY]", "if item.terms is not None]"),
+    Mutation("metrics/limits.py", "if item.section is LimitSection.TRAJECTORY]", "if item.terms is not None]"),
     # several scores, several drives
     Mutation("metrics/judging/several_scores.py", "if len(made) < len(scores):", "if not made:"),
     Mutation(

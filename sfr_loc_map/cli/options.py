@@ -22,7 +22,7 @@ from sfr_loc_map.metrics.config import Condition
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
-    from sfr_loc_map.metrics.judging.limits import Limits
+    from sfr_loc_map.metrics.limits import Limits
     from sfr_loc_map.runs.offline import UnderTest
     from sfr_loc_map.scoring.run import Correction
 
@@ -232,7 +232,7 @@ class Judgement:
 
 def judgement(limits_file: Path | None, conditions: list[str] | None, config: Path | None = None) -> Judgement:
     """Return limits and conditions of options, else those that a configuration names."""
-    from sfr_loc_map.metrics.judging.limits import load_limits
+    from sfr_loc_map.metrics.judging.limits_file import load_limits
 
     sections = {} if config is None else read_sections(config)
     named, listed = sections.get("limits"), sections.get("conditions")

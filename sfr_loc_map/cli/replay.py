@@ -43,7 +43,7 @@ from sfr_loc_map.mapping.config import MappingConfig
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
-    from sfr_loc_map.metrics.judging.limits import Limits
+    from sfr_loc_map.metrics.limits import Limits
     from sfr_loc_map.nodes.replay.options import ReplayOptions
     from sfr_loc_map.nodes.replay.run import ScoredReplay
     from sfr_loc_map.scoring.replay_result import ReplayFiles

@@ -217,7 +217,7 @@ def plan(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Say how many independent drives a requirement with a share and a confidence needs."""
-    from sfr_loc_map.metrics.judging.bound_terms import terms_of
+    from sfr_loc_map.metrics.judging.limits_file import terms_of
     from sfr_loc_map.suite.statistics.drive_count import count_without_runs, drive_counts, plan_table
     from sfr_loc_map.suite.statistics.summary import summarise
 

@@ -15,10 +15,9 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, ERRORS_BEYOND, MAP, OTHER_FRAMES, Subject
 from sfr_loc_map.metrics.details import CallPlots, SubTrajectoryRows
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS, statistics
-from sfr_loc_map.metrics.judging.proof import errors_of
-from sfr_loc_map.metrics.judging.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.table import Figure
 
 EXACT = 1e-9  #: Relative difference of a statistic that was computed again.
@@ -61,7 +60,7 @@ def _required(score: Score) -> Iterator[str]:
         row = score.judged_row(figure, subject=Subject.TRAJECTORY, condition=condition) if condition else None
         if row is None or not row.n:
             continue
-        if errors_of(score, figure, condition or "") is None:
+        if score.errors_of(figure, condition or "") is None:
             yield f"{row.label} is limited, but its errors are absent"
         for name, part in ((figure, OTHER_FRAMES), (ERRORS_BEYOND, figure)):
             if score.figure(name, condition=condition, part=part) is None:
@@ -103,7 +102,7 @@ def _of_sub_trajectories(score: Score) -> Iterator[str]:
     for row in score.figures:
         if row.condition is None or row.part != score.reading:
             continue
-        errors = errors_of(score, row.figure, row.condition)
+        errors = score.errors_of(row.figure, row.condition)
         if errors is not None:
             rounding_m = 0.0 if (row.figure, row.condition) in exact else DIGITS_M
             yield from _computed_again(row, errors, rounding_m)

@@ -16,13 +16,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
+import numpy as np
 
 from sfr_loc_map.display import data_frame
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.catalogue import ANY, Subject
 from sfr_loc_map.metrics.config import Condition, VerdictState
 from sfr_loc_map.metrics.details import Details, ErrorRows, columns_of
-from sfr_loc_map.metrics.judging.limits import Rules
+from sfr_loc_map.metrics.limits import Rules
 from sfr_loc_map.metrics.record import Record
 from sfr_loc_map.metrics.records import (
     Alignment,
@@ -148,6 +150,19 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     def row_of(self, verdict: Verdict) -> Figure | None:
         """Return the row that a verdict of this score is on, None where it is on none."""
         return None if verdict.row is None else self.figures[verdict.row]
+
+    def errors_of(self, figure: str, condition: str | None) -> FloatArray | None:
+        """Return all errors `(n, d)` of a figure, NaN where one is unknown; None if the score does not keep all.
+
+        What plots are drawn from counts only if no sub-trajectory is omitted there.
+        """
+        names = (figure, condition)
+        columns = next((item.errors for item in self.errors if (item.figure, item.condition) == names), ())
+        details = None if self.details is None else self.details.trajectory
+        for rows in () if columns or details is None else details.sub_trajectories:
+            if rows.condition == condition and rows.every == 1:
+                columns = rows.errors_of(figure)
+        return np.stack([np.array(values, np.float64) for values in columns], axis=1) if columns else None
 
     def has(self, subject: str) -> bool:
         """Return whether there is a figure about a subject."""

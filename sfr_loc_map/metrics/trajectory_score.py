@@ -45,10 +45,10 @@ from sfr_loc_map.metrics.details import (
 )
 from sfr_loc_map.metrics.formulas import Lengths, Poses, SubTrajectoryErrors
 from sfr_loc_map.metrics.intervals import interval95
-from sfr_loc_map.metrics.judging.proof import evidence_rows
-from sfr_loc_map.metrics.judging.shortfall_kinds import BEYOND_MOST
 from sfr_loc_map.metrics.records import Association, TruthRecord
+from sfr_loc_map.metrics.shortfall_kinds import BEYOND_MOST
 from sfr_loc_map.metrics.table import Figure, figure_row
+from sfr_loc_map.metrics.three_sigma import evidence_rows
 from sfr_loc_map.metrics.truth_error import known_of, truth_error_rows, turn_rows
 
 READINGS: dict[Rebase, Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors]] = {

@@ -7,7 +7,7 @@ import msgspec
 from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.intervals import Interval
-from sfr_loc_map.metrics.judging.limits import is_lower_bound, is_on_target
+from sfr_loc_map.metrics.limits import is_lower_bound, is_on_target
 from sfr_loc_map.metrics.record import Record
 
 

@@ -36,7 +36,7 @@ from sfr_loc_map.io.truth import LiveTruth
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.judging.limits import load_limits
+from sfr_loc_map.metrics.judging.limits_file import load_limits
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json

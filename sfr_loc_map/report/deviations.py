@@ -8,9 +8,9 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.catalogue import TOTAL, Subject
 from sfr_loc_map.metrics.caveats import limits_caveats, reading_caveats, truth_caveats
 from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, MapScoreConfig, Rebase, label_of
-from sfr_loc_map.metrics.judging.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
-from sfr_loc_map.metrics.judging.shortfall_kinds import SHORTFALLS
+from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.report.tables import METRE, fitting, number
 from sfr_loc_map.report.verdict_view import VerdictView

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from sfr_loc_map.inputs import printable
 from sfr_loc_map.metrics.catalogue import KINDS, clause_of, defines, statistic_title, title_of
 from sfr_loc_map.metrics.config import Rebase, VerdictState, label_of
-from sfr_loc_map.metrics.judging.bound_terms import BOUND
-from sfr_loc_map.metrics.judging.limits import PART_OF_MEMORY
 from sfr_loc_map.metrics.judging.proof import words_of
 from sfr_loc_map.metrics.judging.reasons import why_open
+from sfr_loc_map.metrics.limits import BOUND, PART_OF_MEMORY
 from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.verdict import Verdict

@@ -11,7 +11,7 @@ from sfr_loc_map.metrics.calls import concatenated
 from sfr_loc_map.metrics.cloud_error import ScoredMap
 from sfr_loc_map.metrics.completeness import live_completeness, settled
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.judging.limits import Limits
+from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.scoring.run import Run

@@ -29,7 +29,7 @@ from sfr_loc_map.metrics.calls import METHOD, Calls, stage_of
 from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.consistency import STEP_SIZE
-from sfr_loc_map.metrics.judging.limits import Limits
+from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.runs.calls import CallRecord, CallStats, estimates_of, is_covariance_reported

@@ -20,7 +20,7 @@ from sfr_loc_map.inputs import COMMIT, hash_arrays, hash_path
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.metrics.caveats import NOT_COMPARED
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.judging.limits import load_limits
+from sfr_loc_map.metrics.judging.limits_file import load_limits
 from sfr_loc_map.metrics.records import InputFile, Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.scoring.run import IN_MEMORY, Run

@@ -21,7 +21,7 @@ from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.methods.registry import record_of_ours
 from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.judging.limits import Limits
+from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.records import ConventionRecord, ExternalScore, FindingRecord, MethodRecord
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.runs.calls import CallRecord, save_stats, stats_of

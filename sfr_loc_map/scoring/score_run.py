@@ -17,7 +17,7 @@ from sfr_loc_map.metrics.convention import Diagnosis, diagnose
 from sfr_loc_map.metrics.details import CallPlots, Details, MapDetails, TrajectoryDetails
 from sfr_loc_map.metrics.judging.incomplete import why_not_whole
 from sfr_loc_map.metrics.judging.judge import judged
-from sfr_loc_map.metrics.judging.limits import Limits
+from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.pose_convention import PoseConvention
 from sfr_loc_map.metrics.records import ConventionRecord, MethodKind, MethodRecord, Provenance
 from sfr_loc_map.metrics.score import Score

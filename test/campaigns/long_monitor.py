@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.judging.limits import parse_limits
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.nodes.monitor_node import RESTS
 from sfr_loc_map.nodes.score_messages import score_statuses

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.judging.tolerance import BoundMethod, Sample, tolerance_bound
+from sfr_loc_map.metrics.tolerance import BoundMethod, Sample, tolerance_bound
 
 OVERLAP = 5  #: Windows that share a step.
 REFERENCE = 2_000_000  #: Errors by which a quantile that has no formula is computed.

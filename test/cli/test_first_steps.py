@@ -11,7 +11,8 @@ from helpers.cli_result import Sfr
 from sfr_loc_map.config import parameters, read_config
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.metrics.judging.limits import PLACES, LimitSection, load_limits
+from sfr_loc_map.metrics.judging.limits_file import load_limits
+from sfr_loc_map.metrics.limits import PLACES, LimitSection
 
 TUM = "".join(f"{k} {k} 0 0 0 0 0 1\n" for k in range(60))
 

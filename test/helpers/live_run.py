@@ -29,7 +29,7 @@ from sfr_loc_map.live.updates import (
 )
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.config import ScoreConfig
-from sfr_loc_map.metrics.judging.limits import parse_limits
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.runs.calls import CallRecord

@@ -17,7 +17,7 @@ from sfr_loc_map.metrics.cloud_error import PairTruth, score_map
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.details import Details
 from sfr_loc_map.metrics.judging.judge import judged, judged_again
-from sfr_loc_map.metrics.judging.limits import parse_limits
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.records import InputFile, Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_dict

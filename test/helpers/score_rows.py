@@ -5,8 +5,8 @@ from typing import Any
 from sfr_loc_map.metrics.catalogue import CALLS
 from sfr_loc_map.metrics.completeness import expected_row
 from sfr_loc_map.metrics.config import CallKind
-from sfr_loc_map.metrics.judging.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.row_part import RowPart
+from sfr_loc_map.metrics.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.table import Figure, figure_row
 
 

@@ -22,7 +22,7 @@ from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import Action, ImageProblem, PoseSample, Report, Status, StatusKind
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.judging.judge import judged
-from sfr_loc_map.metrics.judging.limits import parse_limits
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score_json import to_json
 
 pytestmark = [

@@ -9,7 +9,7 @@ from sfr_loc_map.live.timeline import MAX_EVENTS, EventKind, Timeline
 from sfr_loc_map.live.updates import PoseSample, Report
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.judging.judge import judged
-from sfr_loc_map.metrics.judging.limits import parse_limits
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score_json import to_json
 
 

@@ -8,7 +8,7 @@ from helpers.made_scores import whole_score
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import Rebase
 from sfr_loc_map.metrics.judging.judge import judged
-from sfr_loc_map.metrics.judging.limits import parse_limits
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import POOLED, figure_row
 

@@ -15,11 +15,11 @@ from sfr_loc_map.metrics.calls import Calls, score_target
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig, VerdictState
 from sfr_loc_map.metrics.details import Details
 from sfr_loc_map.metrics.formulas import QUANTILES
-from sfr_loc_map.metrics.judging.bound_terms import BOUND
 from sfr_loc_map.metrics.judging.incomplete import Shortfall, statistic_of
 from sfr_loc_map.metrics.judging.judge import judged, judged_at_the_end, overall_verdict
-from sfr_loc_map.metrics.judging.limits import PLACES, Limits, LimitSection, Rules, parse_limits
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.reasons import reasons_not_judged
+from sfr_loc_map.metrics.limits import BOUND, PLACES, Limits, LimitSection, Rules
 from sfr_loc_map.metrics.raw_values import raw_contradiction
 from sfr_loc_map.metrics.records import Association, FindingKind, FindingRecord
 from sfr_loc_map.metrics.row_part import RowPart

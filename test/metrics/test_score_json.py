@@ -16,7 +16,7 @@ from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.details import CallHistogram, Columns
-from sfr_loc_map.metrics.judging.limits import PLACES, Limit, LimitSection
+from sfr_loc_map.metrics.limits import PLACES, Limit, LimitSection
 from sfr_loc_map.metrics.records import InputFile, Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import decoded, from_dict, from_json, from_plain, to_dict, to_json

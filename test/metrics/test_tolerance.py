@@ -10,12 +10,13 @@ from scipy import stats
 from campaigns.tolerance_coverage import coverage
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.metrics import tolerance
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.judging import judge, limit_scope, limits, reasons, tolerance
-from sfr_loc_map.metrics.judging.tolerance import Sample
+from sfr_loc_map.metrics.judging import judge, limit_scope, limits_file, reasons
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.stored import stored_contradiction
 from sfr_loc_map.metrics.table import figure_row
+from sfr_loc_map.metrics.tolerance import Sample
 
 SHAPES = (1.0, 1.0, 1.0), (1.0, 0.3, 0.3), (1.0, 0.0, 0.0)
 RANDOM = np.random.default_rng(1)
@@ -92,7 +93,7 @@ def test_the_number_that_is_needed_is_enough() -> None:
 
 def judged(score: Score, **entry: Any) -> tuple[Score, Any]:
     content = {"trajectory": [{"condition": "distance=5", "position_bound_m": entry}]}
-    found = judge.judged(score, limits.parse_limits(content, "limits"))
+    found = judge.judged(score, limits_file.parse_limits(content, "limits"))
     return found, found.verdicts[0]
 
 
@@ -161,9 +162,9 @@ def test_a_tolerance_bound_within_the_error_of_the_truth_decides_nothing() -> No
 def test_terms_that_make_no_sense_are_refused(entry: dict[str, Any], problem: str) -> None:
     content = {"trajectory": [{"condition": "distance=5", "position_bound_m": {"limit": 1, **entry}}]}
     with pytest.raises(ConfigError, match=problem):
-        limits.parse_limits(content, "limits")
+        limits_file.parse_limits(content, "limits")
     with pytest.raises(ConfigError, match="unknown key 'prob'"):
-        limits.parse_limits(
+        limits_file.parse_limits(
             {"trajectory": [{"condition": "distance=5", "position_max_m": {"limit": 1, "prob": 0.9}}]}, "l"
         )
 

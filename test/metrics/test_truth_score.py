@@ -18,7 +18,7 @@ from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationConfig, Rebase, TrajectoryScoreConfig
 from sfr_loc_map.metrics.convention import diagnose
 from sfr_loc_map.metrics.judging.judge import judged
-from sfr_loc_map.metrics.judging.limits import parse_limits
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.metrics.trajectory_score import score_trajectory

@@ -18,12 +18,12 @@ from rich.console import Console
 import sfr_loc_map
 from helpers.made_scores import drive, json_of
 from helpers.made_suites import JOB
-from sfr_loc_map.metrics import catalogue, trajectory_score
+from sfr_loc_map.metrics import catalogue, limits, trajectory_score
 from sfr_loc_map.metrics.catalogue import OF_ERRORS, TOTAL, FigureKind, Subject
 from sfr_loc_map.metrics.comparison import compare_scores
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.details import Details
-from sfr_loc_map.metrics.judging import judge, limits
+from sfr_loc_map.metrics.judging import judge, limits_file
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict
 from sfr_loc_map.metrics.table import figure_row
@@ -55,7 +55,7 @@ def made_score(seed: int = 0, **entry: Any) -> Score:
     score = Score(
         figures=made.figures, association=made.association, truth=made.truth, details=Details(trajectory=made.details)
     )
-    return judge.judged(score, limits.parse_limits({"trajectory": [{"condition": "distance=5", **entry}]}, "test"))
+    return judge.judged(score, limits_file.parse_limits({"trajectory": [{"condition": "distance=5", **entry}]}, "test"))
 
 
 def on_the_terminal(score: Score) -> str:

@@ -16,7 +16,7 @@ from sfr_loc_map.metrics.calls import score_target
 from sfr_loc_map.metrics.caveats import truth_caveats
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.judge import judged, judged_again
-from sfr_loc_map.metrics.judging.limits import parse_limits
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.several_scores import common_verdict, each_by_its_limits
 from sfr_loc_map.metrics.records import MethodKind, MethodRecord, TruthRecord
 from sfr_loc_map.metrics.score import Score
@@ -205,7 +205,7 @@ def test_a_verdict_that_depends_on_the_reading_is_named() -> None:
 
 
 def test_limits_of_the_sample_are_ten_requirements() -> None:
-    from sfr_loc_map.metrics.judging.limits import load_limits
+    from sfr_loc_map.metrics.judging.limits_file import load_limits
 
     limits = load_limits(Path(__file__).resolve().parents[2] / "sample/limits.yaml").limits
     assert len({item.id for item in limits}) == len(limits) == 10

@@ -24,7 +24,7 @@ from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.cloud_error import truths_of
 from sfr_loc_map.metrics.comparison import compare_scores
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig, TrajectoryScoreConfig
-from sfr_loc_map.metrics.judging.limits import parse_limits
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_json
 from sfr_loc_map.report.junit import junit

@@ -24,7 +24,7 @@ from sfr_loc_map.metrics.association import UPPER, Estimates, symmetric
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.details import Details
 from sfr_loc_map.metrics.judging.judge import judged
-from sfr_loc_map.metrics.judging.limits import parse_limits
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
 from sfr_loc_map.nodes.replay.results import Results

@@ -21,7 +21,8 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.metrics.config import ScoreConfig, score_config
-from sfr_loc_map.metrics.judging.limits import OF_MAP, parse_limits
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
+from sfr_loc_map.metrics.limits import OF_MAP
 from sfr_loc_map.metrics.records import AnswerCounts, ExternalScore, MethodKind, MethodRecord
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_dict

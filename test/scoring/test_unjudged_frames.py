@@ -16,7 +16,7 @@ from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND, OTHER_FRAMES
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.judging.shortfall_kinds import BEYOND_MOST
+from sfr_loc_map.metrics.shortfall_kinds import BEYOND_MOST
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
 LENGTH = 50  #: Frames of a sub-trajectory of 5 m.

@@ -23,10 +23,10 @@ from sfr_loc_map.metrics.completeness import covered_text
 from sfr_loc_map.metrics.config import CallKind, VerdictState, label_of
 from sfr_loc_map.metrics.formulas import QUANTILES
 from sfr_loc_map.metrics.judging.limit_scope import judged_parts, limits_of
-from sfr_loc_map.metrics.judging.limits import COVERAGE_MIN, Limit, Limits, LimitSection, Rules, margin_of, meets
-from sfr_loc_map.metrics.judging.shortfall_kinds import BEYOND_MOST, SHORTFALLS
+from sfr_loc_map.metrics.limits import COVERAGE_MIN, Limit, Limits, LimitSection, Rules, margin_of, meets
 from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.shortfall_kinds import BEYOND_MOST, SHORTFALLS
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.verdict import Verdict
 

@@ -14,12 +14,11 @@ from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.metrics.catalogue import DRIVE, KINDS, LIVE
 from sfr_loc_map.metrics.config import Rebase, VerdictState, worst_of
-from sfr_loc_map.metrics.judging.bound_terms import BOUND
 from sfr_loc_map.metrics.judging.incomplete import Shortfall, shortfalls, why_incomplete
 from sfr_loc_map.metrics.judging.limit_scope import limits_of, needed_part
 from sfr_loc_map.metrics.judging.limited_figure import LimitedFigure, figure_of, truth_error_of
-from sfr_loc_map.metrics.judging.limits import Limit, Limits, LimitSection, Rules, margin_of, meets
 from sfr_loc_map.metrics.judging.proof import Proof, bound_row, prove, sample_of
+from sfr_loc_map.metrics.limits import BOUND, Limit, Limits, LimitSection, Rules, margin_of, meets
 from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure

@@ -9,7 +9,7 @@ from msgspec.structs import replace as struct_replace
 from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, LIVE, MAP, MEMORY, Subject
 from sfr_loc_map.metrics.config import CallKind
 from sfr_loc_map.metrics.judging.limited_figure import figure_of
-from sfr_loc_map.metrics.judging.limits import OF_MAP, Limit, Limits, LimitSection, Rules
+from sfr_loc_map.metrics.limits import OF_MAP, Limit, Limits, LimitSection, Rules
 from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.score import Score
 

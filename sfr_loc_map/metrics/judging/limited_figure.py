@@ -12,7 +12,7 @@ from sfr_loc_map.metrics.catalogue import ANY, KINDS
 from sfr_loc_map.metrics.config import Rebase
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS
 from sfr_loc_map.metrics.intervals import Interval, normal_quantile
-from sfr_loc_map.metrics.judging.limits import Limit, LimitSection
+from sfr_loc_map.metrics.limits import Limit, LimitSection
 from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from itertools import product
 
-from sfr_loc_map.metrics.judging.limits import MINIMUM_COUNT, MINIMUM_INDEPENDENT, PLACES, LimitSection
+from sfr_loc_map.metrics.limits import MINIMUM_COUNT, MINIMUM_INDEPENDENT, PLACES, LimitSection
 
 LIMITS_HEAD = """\
 # Limits: PLACEHOLDERS, replace them by those of your own document. Upper bounds, except coverage_min; the name of a

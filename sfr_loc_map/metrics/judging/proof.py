@@ -1,7 +1,7 @@
-"""Requirements with a share, a confidence and an interpretation (ECSS-E-ST-60-10C), and what mean + 3 sigma proves.
+"""Requirements with a share, a confidence and an interpretation (ECSS-E-ST-60-10C).
 
 A limit such as `position_bound_m: {limit: 0.1, prob: 0.95, confidence: 0.95, interpretation: mixed}` is judged by a
-tolerance bound (`metrics.judging.tolerance`) of independent errors. The interpretation states which errors these are
+tolerance bound (`metrics.tolerance`) of independent errors. The interpretation states which errors these are
 [ECSS-E-ST-60-10C, 4.1.4.2]:
 
 - temporal: in every drive the share of its sub-trajectories meets the limit; each drive is proved by itself;
@@ -12,33 +12,26 @@ tolerance bound (`metrics.judging.tolerance`) of independent errors. The interpr
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.judging.bound_terms import Interpretation, Terms
-from sfr_loc_map.metrics.judging.tolerance import (
-    THREE_SIGMA,
-    Sample,
-    confidence_of,
-    count_needed,
-    moments,
-    tolerance_bound,
-)
+from sfr_loc_map.metrics.judging.sequential import sequential_test
+from sfr_loc_map.metrics.limits import Interpretation, Terms
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure, figure_row
+from sfr_loc_map.metrics.tolerance import Sample, count_needed, tolerance_bound
 from sfr_loc_map.metrics.verdict import ProofRecord
 
-SHARES = (THREE_SIGMA, 0.95)  #: Shares for which a report states what mean + 3 sigma proves.
 SEQUENTIAL = "sequential"  #: Method of a verdict by a sequential test.
 SEED = 20240302  #: Of which sub-trajectory stands for a drive.
 
 
 class Proof(NamedTuple):
-    """What a requirement came to."""
+    """The outcome of a requirement."""
 
     state: VerdictState
     bound: float | None
@@ -46,46 +39,12 @@ class Proof(NamedTuple):
     n: int  #: Number of the errors that it rests on: sub-trajectories of the drive that decides, or drives.
 
 
-# ---- what mean + 3 sigma proves
-
-
-def evidence_rows(condition: str, errors: FloatArray, overlap: float) -> Iterator[Figure]:
-    """Yield what mean + 3 sigma of position errors proves, and what decides it: their number and their shape."""
-    sample = Sample(errors, len(errors) / max(overlap, 1.0))
-    known = moments(sample)
-    counts: dict[str, Any] = {"n": len(errors), "independent": sample.independent}
-    for prob in SHARES:
-        value = None if known is None else confidence_of(3.0, sample.independent, known.shape, prob)
-        yield figure_row("confidence", condition, f"{100.0 * prob:g} % of position errors", value=value, **counts)
-    shape = () if known is None else known.shape
-    for axis, name in enumerate(("second", "third"), 1):
-        ratio = shape[axis] / shape[0] if len(shape) > axis and shape[0] > 0.0 else None
-        yield figure_row("shape", condition, f"{name} principal axis", value=ratio, **counts)
-    yield figure_row("normality", condition, value=None if known is None else known.significance, **counts)
-
-
-# ---- requirements
-
-
 def sample_of(score: Score, figure: str, condition: str | None) -> Sample | None:
     """Return all errors of a figure over a condition; None if a score does not keep all of them."""
-    row, errors = score.judged_row(figure, condition=condition), errors_of(score, figure, condition)
+    row, errors = score.judged_row(figure, condition=condition), score.errors_of(figure, condition)
     if errors is None or row is None or row.independent is None or not np.isfinite(errors).all():
         return None
     return Sample(errors, min(row.independent, float(len(errors))))
-
-
-def errors_of(score: Score, figure: str, condition: str | None) -> FloatArray | None:
-    """Return all errors `(n, d)` of a figure, NaN where one is unknown; None if a score does not keep all of them.
-
-    What plots are drawn from counts only if no sub-trajectory is omitted there.
-    """
-    columns = next((item.errors for item in score.errors if (item.figure, item.condition) == (figure, condition)), ())
-    details = None if score.details is None else score.details.trajectory
-    for rows in () if columns or details is None else details.sub_trajectories:
-        if rows.condition == condition and rows.every == 1:
-            columns = rows.errors_of(figure)
-    return np.stack([np.array(values, np.float64) for values in columns], axis=1) if columns else None
 
 
 def prove(terms: Terms, limit: float, drives: Mapping[str, Sequence[Sample]]) -> Proof:
@@ -115,10 +74,11 @@ def sample_over_drives(interpretation: Interpretation, drives: Mapping[str, Sequ
 
 def prove_sequentially(terms: Terms, limit: float, sample: Sample) -> Proof:
     """Return the decision of the sequential test over drives in their order; the bound is the largest error."""
+    test = sequential_test(terms)
     has_failed = (sample.sizes > limit).tolist()
-    state, drives = terms.test.decision(has_failed)
+    state, drives = test.decision(has_failed)
     undecided = state is VerdictState.NOT_ENOUGH_DATA
-    more = terms.test.more_without_failure(sum(has_failed), len(has_failed)) if undecided else None
+    more = test.more_without_failure(sum(has_failed), len(has_failed)) if undecided else None
     largest = float(sample.sizes[:drives].max()) if drives else None
     return Proof(state, largest, record_of(terms, SEQUENTIAL, float(drives), more), drives)
 

@@ -9,8 +9,8 @@ import numpy as np
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.config import Condition, ConditionKind, VerdictState, label_of
-from sfr_loc_map.metrics.judging.limits import Rules
 from sfr_loc_map.metrics.judging.proof import words_of
+from sfr_loc_map.metrics.limits import Rules
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.verdict import Verdict
 

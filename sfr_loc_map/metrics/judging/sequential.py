@@ -15,6 +15,7 @@ import numpy as np
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.limits import Terms
 
 MOST_DRIVES = 100_000  #: Largest plan that is computed.
 OVERRUN = 4  #: Expected numbers follow a sequential test up to so many times the fixed plan.
@@ -99,6 +100,12 @@ class SequentialTest(NamedTuple):
                 break
             alive = np.where(alive > 1e-15, alive, 0.0)
         return Course(expected, passed, failed)
+
+
+def sequential_test(terms: Terms) -> SequentialTest:
+    """Return the test of terms; a fifth of the share of failures that must not pass is acceptable unless stated."""
+    bad = 1.0 - terms.prob
+    return SequentialTest(bad / 5.0 if terms.good is None else terms.good, bad, terms.confidence, terms.power)
 
 
 class Course(NamedTuple):

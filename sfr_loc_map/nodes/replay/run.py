@@ -9,7 +9,7 @@ from sfr_loc_map.config import changed
 from sfr_loc_map.errors import NodeError, naming
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.metrics.judging.limits import Limits
+from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.nodes.replay.options import ReplayOptions
 from sfr_loc_map.nodes.replay.results import Results

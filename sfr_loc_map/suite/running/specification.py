@@ -16,7 +16,8 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.methods.registry import LIBRARY_PREFIX, Method, find_method
 from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
-from sfr_loc_map.metrics.judging.limits import Limits, parse_limits
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
+from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.suite.running.digests import method_hash
 from sfr_loc_map.suite.running.job import JobKind, JobSource, SourceKind, digest

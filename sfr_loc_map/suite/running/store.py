@@ -21,7 +21,8 @@ from typing import Any, TypeVar
 from sfr_loc_map.atomic import write_text
 from sfr_loc_map.errors import InputError, OutputError
 from sfr_loc_map.inputs import hash_path, refusing
-from sfr_loc_map.metrics.judging.limits import Limits, parse_limits
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
+from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict, from_plain, json_line, to_plain
 from sfr_loc_map.suite.running.digests import file_state

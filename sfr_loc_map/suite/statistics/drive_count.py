@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import VerdictState
-from sfr_loc_map.metrics.judging.bound_terms import BOUND, Interpretation, Terms
-from sfr_loc_map.metrics.judging.limits import Limits
 from sfr_loc_map.metrics.judging.proof import sample_over_drives
-from sfr_loc_map.metrics.judging.tolerance import count_needed, moments, normal_count, zero_failure_count
+from sfr_loc_map.metrics.judging.sequential import sequential_test
+from sfr_loc_map.metrics.limits import BOUND, Interpretation, Limits, Terms
+from sfr_loc_map.metrics.tolerance import count_needed, moments, normal_count, zero_failure_count
 from sfr_loc_map.report.tables import Cell, Column, Table
 from sfr_loc_map.report.verdict_view import limited_name
 from sfr_loc_map.suite.statistics.summary import ScoredJob, samples_by_drive
@@ -40,7 +40,7 @@ class DriveCount:
 
 def count_without_runs(terms: Terms) -> DriveCount:
     """Return how many drives terms need."""
-    test = terms.test
+    test = sequential_test(terms)
     plan = test.fixed_plan()
     return DriveCount(
         runs="",
@@ -86,7 +86,7 @@ def drive_counts(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator
                 failures=int(has_failed.sum()),
                 at_the_rate_seen=count_needed(sample, limit.limit, terms.prob, terms.confidence),
                 if_normal=None if known is None else normal_count(known, limit.limit, terms.prob, terms.confidence),
-                state=terms.test.decision(has_failed.tolist())[0],
+                state=sequential_test(terms).decision(has_failed.tolist())[0],
             )
 
 

@@ -20,7 +20,6 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.catalogue import KINDS, SUITE, Subject
 from sfr_loc_map.metrics.completeness import expected_row
 from sfr_loc_map.metrics.config import VerdictState, worst_of
-from sfr_loc_map.metrics.judging.bound_terms import Interpretation, Terms
 from sfr_loc_map.metrics.judging.judge import (
     finding_verdicts,
     incomplete_verdict,
@@ -32,13 +31,13 @@ from sfr_loc_map.metrics.judging.judge import (
 )
 from sfr_loc_map.metrics.judging.limit_scope import limits_about, task_of, tasks_of
 from sfr_loc_map.metrics.judging.limited_figure import LimitedFigure, figure_of, truth_error_of
-from sfr_loc_map.metrics.judging.limits import Limit, Limits, meets
 from sfr_loc_map.metrics.judging.proof import SEQUENTIAL, prove, sample_of
-from sfr_loc_map.metrics.judging.tolerance import Sample
+from sfr_loc_map.metrics.limits import Interpretation, Limit, Limits, Terms, meets
 from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.table import POOLED, Figure, figure_row
+from sfr_loc_map.metrics.tolerance import Sample
 from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.suite.running.job import Job, WorkerRecord
 from sfr_loc_map.suite.running.specification import Refusal

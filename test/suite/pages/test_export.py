@@ -12,7 +12,7 @@ from helpers.made_suites import JOB
 from sfr_loc_map.errors import OutputError
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.judging.judge import judged
-from sfr_loc_map.metrics.judging.limits import parse_limits
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.suite.pages.export import log_to_mlflow, suite_junit, write_parquet
 from sfr_loc_map.suite.running.job import FailureCause

@@ -9,7 +9,7 @@ from helpers.made_suites import JOB
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.judging.limits import parse_limits
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.report.tables import to_markdown
 from sfr_loc_map.suite.statistics.drive_count import drive_counts, plan_table
 from sfr_loc_map.suite.statistics.summary import ScoredJob

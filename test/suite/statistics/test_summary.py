@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
-from sfr_loc_map.metrics.judging.limits import parse_limits
+from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.proof import sample_of
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure, figure_row

@@ -1,28 +1,24 @@
-"""Limits of a requirements file, whose form docs/configuration.md shows; `metrics.judging.judge` makes verdicts.
+"""The limits of requirements: which figures can be limited, and the rules that a score keeps with its verdicts.
 
-A score keeps the limits that it was judged by as they are here (`rules`).
-Every key names figure and unit; limits are upper bounds, except `coverage_min`.
+Every name of a limit states figure, statistic and unit. Limits are upper bounds, except `coverage_min`.
+`metrics.judging.limits_file` reads a limits file, and `metrics.judging.judge` makes the verdicts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from enum import StrEnum
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 
-from sfr_loc_map.config import load_yaml, suggestion
-from sfr_loc_map.errors import ConfigError, MetricsError
 from sfr_loc_map.metrics.catalogue import ALIGNED, CALLS, CATALOGUE, KINDS, MAP, FigureKind, Subject
 from sfr_loc_map.metrics.config import CallKind, Condition
 from sfr_loc_map.metrics.formulas import STATISTICS
-from sfr_loc_map.metrics.judging.bound_terms import BOUND, Interpretation, Terms, terms_of
-from sfr_loc_map.metrics.judging.shortfall_kinds import SHORTFALLS
-from sfr_loc_map.metrics.judging.tolerance import CONFIDENCE
 from sfr_loc_map.metrics.record import Record
 from sfr_loc_map.metrics.row_part import Place, RowPart
+from sfr_loc_map.metrics.shortfall_kinds import SHORTFALLS
+from sfr_loc_map.metrics.tolerance import CONFIDENCE, THREE_SIGMA
 
 
 class LimitSection(StrEnum):
@@ -34,6 +30,25 @@ class LimitSection(StrEnum):
     TIMING = "timing"
     MEMORY = "memory"
     TARGET = "target"
+
+
+class Interpretation(StrEnum):
+    """Over what the share of a requirement is taken [ECSS-E-ST-60-10C, 4.1.4.2]."""
+
+    TEMPORAL = "temporal"
+    ENSEMBLE = "ensemble"
+    MIXED = "mixed"
+
+
+class Terms(NamedTuple):
+    """What a limit requires besides its bound."""
+
+    prob: float = THREE_SIGMA  #: Share of the errors that lie within the limit.
+    confidence: float = CONFIDENCE  #: Confidence with which that must be shown.
+    interpretation: Interpretation = Interpretation.TEMPORAL
+    normal: bool = False  #: Whether errors are declared to be normal, which few values cannot show.
+    power: float = CONFIDENCE  #: Probability that drives with the share `good` of failures pass.
+    good: float | None = None  #: Share of failures that is acceptable; with it drives are judged by a sequential test.
 
 
 class Limited(NamedTuple):
@@ -57,7 +72,7 @@ class Limited(NamedTuple):
         return None if self.part is None else self.part.call
 
 
-NOTHING = Limited(Subject.TRAJECTORY, "", "")
+BOUND = "bound"  #: Statistic of a limit that is judged by a tolerance bound.
 MISSING = "missing_max_share"  #: Limit on how much of a drive may be missing.
 COVERAGE_MIN = "coverage_min"  #: The one limit that is a lower bound.
 MINIMUM_COUNT = 2  #: Default minimum number of values for a verdict.
@@ -118,16 +133,8 @@ PART_OF_MEMORY = {
     if limited.subject is Subject.MEMORY
 }
 """Part of the row that a limit on memory is on, by the name of the limit in a verdict."""
-REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: What a requirement says of itself.
-TERMS = Terms._fields  #: What a limit on a tolerance bound says besides.
-NEEDED = {str: "a text, in quotes, is required", bool: "true or false is required"}
 OF_MAP = [kind.figure for kind in SHORTFALLS if kind.part == MAP]
 """Figures of completeness that are about the map."""
-SHARES = {
-    name: LimitSection.MAP if limited.figure in OF_MAP else LimitSection.TRAJECTORY
-    for name, limited in PLACES[LimitSection.COMPLETENESS].items()
-}
-"""Limits of completeness, which may be in another part of the file, too."""
 
 
 class Limit(Record, frozen=True, kw_only=True):
@@ -248,89 +255,3 @@ def margin_of(name: str, limit: float, value: float) -> float:
 def meets(limit: Limit, value: float) -> bool:
     """Return whether a value lies within a limit; a figure passes at its limit."""
     return value >= limit.limit if limit.is_lower_bound else abs(value) <= limit.limit
-
-
-# ---- the file
-
-
-def load_limits(path: Path) -> Limits:
-    """Read a limits file; ConfigError if it cannot be read or a key or value is not valid; one line."""
-    return parse_limits(load_yaml(path), str(path))
-
-
-def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
-    """Return the limits of a mapping as in the file; ConfigError, which names the origin, if one is not valid."""
-    _check_keys(content, ("minimum_count", "minimum_independent", *LimitSection), origin)
-    minimum = content.get("minimum_count", MINIMUM_COUNT)
-    if not isinstance(minimum, int) or isinstance(minimum, bool) or minimum < 2:
-        raise ConfigError(f"{origin}: 'minimum_count' is {minimum!r}: a whole number of at least 2 is required")
-    independent = content.get("minimum_independent", MINIMUM_INDEPENDENT)
-    if not isinstance(independent, int | float) or isinstance(independent, bool) or not 1 <= independent < 1e9:
-        raise ConfigError(f"{origin}: 'minimum_independent' is {independent!r}: a number of at least 1 is required")
-    entries = content.get("trajectory", [])
-    if not isinstance(entries, list):
-        raise ConfigError(f"{origin}: 'trajectory' must be a list, one entry per condition ('- condition: ...')")
-    limits: list[Limit] = []
-    for number, entry in enumerate(entries, 1):
-        place = f"{origin}: trajectory entry {number}"
-        if not isinstance(entry, Mapping) or not isinstance(entry.get("condition"), str):
-            raise ConfigError(f"{place}: needs 'condition', such as distance=5, and limits beside it")
-        try:
-            condition = Condition.parse(entry["condition"]).setting
-        except MetricsError as error:
-            raise ConfigError(f"{place}: {error}") from error
-        rest = {key: value for key, value in entry.items() if key != "condition"}
-        limits += _limits_of(LimitSection.TRAJECTORY, rest, place, condition)
-    for section in LimitSection:
-        if section is not LimitSection.TRAJECTORY:
-            blocks = content.get(section, {})
-            for block in blocks if isinstance(blocks, list) else [blocks]:
-                limits += _limits_of(section, block, f"{origin}: '{section}'", None)
-    if not limits:
-        raise ConfigError(f"{origin}: no limit in it: give at least one under {', '.join(LimitSection)}")
-    return Limits(limits=tuple(limits), minimum_count=minimum, minimum_independent=float(independent))
-
-
-def _limits_of(section: LimitSection, block: object, origin: str, condition: str | None) -> list[Limit]:
-    """Return the limits of a block; `id`, `text` and `certain` are of all of it, or of one limit `{limit: ...}`."""
-    if not isinstance(block, Mapping):
-        raise ConfigError(f"{origin}: a mapping of names to limits is required, found {type(block).__name__}")
-    shares = [key for key, other in SHARES.items() if other is section]
-    _check_keys(block, (*PLACES[section], *shares, *REQUIREMENT), origin)
-    of_all = {key: block[key] for key in REQUIREMENT if key in block}
-    made = []
-    for key, value in block.items():
-        if key in REQUIREMENT:
-            continue
-        entry = dict(value) if isinstance(value, Mapping) else {"limit": value}
-        is_bound = section is LimitSection.TRAJECTORY and PLACES[section].get(key, NOTHING).statistic == BOUND
-        _check_keys(entry, ("limit", *REQUIREMENT, *(TERMS if is_bound else ())), f"{origin}: '{key}'")
-        terms, problem = terms_of(entry) if is_bound else (None, None)
-        if problem is not None:
-            raise ConfigError(f"{origin}: '{key}': {problem}")
-        entry = {name: given for name, given in entry.items() if name not in TERMS}
-        entry = {**of_all, **entry}
-        bound = entry.pop("limit", None)
-        number = isinstance(bound, (int, float)) and not isinstance(bound, bool)
-        if not number or not 0 <= bound < float("inf"):
-            raise ConfigError(f"{origin}: '{key}' is {bound!r}: a number >= 0 is required, in the unit of its name")
-        if key in SHARES and bound > 1:
-            raise ConfigError(f"{origin}: '{key}' is {bound!r}: a share from 0 to 1 is required, 0.05 for 5 %")
-        for name, kind in REQUIREMENT.items():
-            if name == "id" and type(entry.get(name)) is int:
-                entry[name] = str(entry[name])
-            if name in entry and not isinstance(entry[name], kind):
-                raise ConfigError(f"{origin}: '{name}' of '{key}' is {entry[name]!r}: {NEEDED[kind]}")
-        where, over = (LimitSection.COMPLETENESS, None) if key in shares else (section, condition)
-        stated = {} if terms is None else terms._asdict()
-        made.append(Limit(section=where, name=key, limit=float(bound), condition=over, **stated, **entry))
-    if of_all and not made:
-        named = ", ".join(f"{key} {value!r}" for key, value in of_all.items())
-        raise ConfigError(f"{origin}: {named} has no limit, so that nothing would be judged: give one or omit it")
-    return made
-
-
-def _check_keys(block: Mapping[str, Any], known: Collection[str], origin: str) -> None:
-    for key in block:
-        if key not in known:
-            raise ConfigError(f"{origin}: unknown key '{key}'{suggestion(str(key), known)}")

@@ -1,0 +1,140 @@
+"""The limits file: its form is shown in docs/configuration.md, and each key names figure, statistic and unit."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+from sfr_loc_map.config import load_yaml, suggestion
+from sfr_loc_map.errors import ConfigError, MetricsError
+from sfr_loc_map.metrics.catalogue import Subject
+from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.limits import (
+    BOUND,
+    MINIMUM_COUNT,
+    MINIMUM_INDEPENDENT,
+    OF_MAP,
+    PLACES,
+    Interpretation,
+    Limit,
+    Limited,
+    Limits,
+    LimitSection,
+    Terms,
+)
+from sfr_loc_map.metrics.tolerance import THREE_SIGMA
+
+NOTHING = Limited(Subject.TRAJECTORY, "", "")
+REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: What a requirement says of itself.
+TERMS = Terms._fields  #: What a limit on a tolerance bound says besides.
+NEEDED = {str: "a text, in quotes, is required", bool: "true or false is required"}
+SHARES = {
+    name: LimitSection.MAP if limited.figure in OF_MAP else LimitSection.TRAJECTORY
+    for name, limited in PLACES[LimitSection.COMPLETENESS].items()
+}
+"""Limits of completeness, which may be in another part of the file, too."""
+
+
+def load_limits(path: Path) -> Limits:
+    """Read a limits file; ConfigError if it cannot be read or a key or value is not valid; one line."""
+    return parse_limits(load_yaml(path), str(path))
+
+
+def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
+    """Return the limits of a mapping as in the file; ConfigError, which names the origin, if one is not valid."""
+    _check_keys(content, ("minimum_count", "minimum_independent", *LimitSection), origin)
+    minimum = content.get("minimum_count", MINIMUM_COUNT)
+    if not isinstance(minimum, int) or isinstance(minimum, bool) or minimum < 2:
+        raise ConfigError(f"{origin}: 'minimum_count' is {minimum!r}: a whole number of at least 2 is required")
+    independent = content.get("minimum_independent", MINIMUM_INDEPENDENT)
+    if not isinstance(independent, int | float) or isinstance(independent, bool) or not 1 <= independent < 1e9:
+        raise ConfigError(f"{origin}: 'minimum_independent' is {independent!r}: a number of at least 1 is required")
+    entries = content.get("trajectory", [])
+    if not isinstance(entries, list):
+        raise ConfigError(f"{origin}: 'trajectory' must be a list, one entry per condition ('- condition: ...')")
+    limits: list[Limit] = []
+    for number, entry in enumerate(entries, 1):
+        place = f"{origin}: trajectory entry {number}"
+        if not isinstance(entry, Mapping) or not isinstance(entry.get("condition"), str):
+            raise ConfigError(f"{place}: needs 'condition', such as distance=5, and limits beside it")
+        try:
+            condition = Condition.parse(entry["condition"]).setting
+        except MetricsError as error:
+            raise ConfigError(f"{place}: {error}") from error
+        rest = {key: value for key, value in entry.items() if key != "condition"}
+        limits += _limits_of(LimitSection.TRAJECTORY, rest, place, condition)
+    for section in LimitSection:
+        if section is not LimitSection.TRAJECTORY:
+            blocks = content.get(section, {})
+            for block in blocks if isinstance(blocks, list) else [blocks]:
+                limits += _limits_of(section, block, f"{origin}: '{section}'", None)
+    if not limits:
+        raise ConfigError(f"{origin}: no limit in it: give at least one under {', '.join(LimitSection)}")
+    return Limits(limits=tuple(limits), minimum_count=minimum, minimum_independent=float(independent))
+
+
+def _limits_of(section: LimitSection, block: object, origin: str, condition: str | None) -> list[Limit]:
+    """Return the limits of a block; `id`, `text` and `certain` are of all of it, or of one limit `{limit: ...}`."""
+    if not isinstance(block, Mapping):
+        raise ConfigError(f"{origin}: a mapping of names to limits is required, found {type(block).__name__}")
+    shares = [key for key, other in SHARES.items() if other is section]
+    _check_keys(block, (*PLACES[section], *shares, *REQUIREMENT), origin)
+    of_all = {key: block[key] for key in REQUIREMENT if key in block}
+    made = []
+    for key, value in block.items():
+        if key in REQUIREMENT:
+            continue
+        entry = dict(value) if isinstance(value, Mapping) else {"limit": value}
+        is_bound = section is LimitSection.TRAJECTORY and PLACES[section].get(key, NOTHING).statistic == BOUND
+        _check_keys(entry, ("limit", *REQUIREMENT, *(TERMS if is_bound else ())), f"{origin}: '{key}'")
+        terms, problem = terms_of(entry) if is_bound else (None, None)
+        if problem is not None:
+            raise ConfigError(f"{origin}: '{key}': {problem}")
+        entry = {name: given for name, given in entry.items() if name not in TERMS}
+        entry = {**of_all, **entry}
+        bound = entry.pop("limit", None)
+        number = isinstance(bound, (int, float)) and not isinstance(bound, bool)
+        if not number or not 0 <= bound < float("inf"):
+            raise ConfigError(f"{origin}: '{key}' is {bound!r}: a number >= 0 is required, in the unit of its name")
+        if key in SHARES and bound > 1:
+            raise ConfigError(f"{origin}: '{key}' is {bound!r}: a share from 0 to 1 is required, 0.05 for 5 %")
+        for name, kind in REQUIREMENT.items():
+            if name == "id" and type(entry.get(name)) is int:
+                entry[name] = str(entry[name])
+            if name in entry and not isinstance(entry[name], kind):
+                raise ConfigError(f"{origin}: '{name}' of '{key}' is {entry[name]!r}: {NEEDED[kind]}")
+        where, over = (LimitSection.COMPLETENESS, None) if key in shares else (section, condition)
+        stated = {} if terms is None else terms._asdict()
+        made.append(Limit(section=where, name=key, limit=float(bound), condition=over, **stated, **entry))
+    if of_all and not made:
+        named = ", ".join(f"{key} {value!r}" for key, value in of_all.items())
+        raise ConfigError(f"{origin}: {named} has no limit, so that nothing would be judged: give one or omit it")
+    return made
+
+
+def _check_keys(block: Mapping[str, Any], known: Collection[str], origin: str) -> None:
+    for key in block:
+        if key not in known:
+            raise ConfigError(f"{origin}: unknown key '{key}'{suggestion(str(key), known)}")
+
+
+def terms_of(entry: Mapping[str, Any]) -> tuple[Terms, str | None]:
+    """Return the terms of an entry of a limits file, and what is wrong with them, None for nothing."""
+    given = {name: entry[name] for name in Terms._fields if name in entry}
+    for name in ("prob", "confidence", "power"):
+        value = given.get(name, 0.5)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.5 <= value < 1.0:
+            return Terms(), f"'{name}' is {value!r}: a number from 0.5 to below 1 is required, 0.95 for 95 %"
+    good = given.get("good", 0.0)
+    most = 1.0 - float(given.get("prob", THREE_SIGMA))
+    if isinstance(good, bool) or not isinstance(good, (int, float)) or not 0.0 <= good < most:
+        return Terms(), f"'good' is {good!r}: a share of failures from 0 to below 1 - prob = {most:g} is required"
+    if "normal" in given and not isinstance(given["normal"], bool):
+        return Terms(), f"'normal' is {given['normal']!r}: true or false is required"
+    word = given.pop("interpretation", Interpretation.TEMPORAL)
+    if word not in [str(kind) for kind in Interpretation]:
+        return Terms(), f"'interpretation' is {word!r}: {', '.join(Interpretation)} are allowed"
+    if "good" in given and word == Interpretation.TEMPORAL:
+        return Terms(), "'good' is for drives: it needs the interpretation ensemble or mixed"
+    return Terms(**given)._replace(interpretation=Interpretation(word)), None

@@ -1,0 +1,27 @@
+"""What the mean + 3 sigma of position errors proves about errors that were not observed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.metrics.table import Figure, figure_row
+from sfr_loc_map.metrics.tolerance import THREE_SIGMA, Sample, confidence_of, moments
+
+SHARES = (THREE_SIGMA, 0.95)  #: Shares of the errors for which a report states what mean + 3 sigma proves.
+
+
+def evidence_rows(condition: str, errors: FloatArray, overlap: float) -> Iterator[Figure]:
+    """Yield what mean + 3 sigma of position errors proves, and what decides it: their number and their shape."""
+    sample = Sample(errors, len(errors) / max(overlap, 1.0))
+    known = moments(sample)
+    counts: dict[str, Any] = {"n": len(errors), "independent": sample.independent}
+    for prob in SHARES:
+        value = None if known is None else confidence_of(3.0, sample.independent, known.shape, prob)
+        yield figure_row("confidence", condition, f"{100.0 * prob:g} % of position errors", value=value, **counts)
+    shape = () if known is None else known.shape
+    for axis, name in enumerate(("second", "third"), 1):
+        ratio = shape[axis] / shape[0] if len(shape) > axis and shape[0] > 0.0 else None
+        yield figure_row("shape", condition, f"{name} principal axis", value=ratio, **counts)
+    yield figure_row("normality", condition, value=None if known is None else known.significance, **counts)
