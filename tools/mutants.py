@@ -67,7 +67,8 @@ class Mutation(NamedTuple):
 
 ANSWERS, STORE = "scoring/answer_book.py", "suite/running/store.py"
 JUDGE = "metrics/judging/judge.py"
-FORMULAS, SCORE, SHORTFALLS = "metrics/formulas.py", "metrics/trajectory_score.py", "metrics/shortfall_kinds.py"
+OTHER_FRAMES = "metrics/other_frames.py"
+FORMULAS, SCORE, SHORTFALLS = "metrics/formulas.py", "metrics/trajectory_errors.py", "metrics/shortfall_kinds.py"
 DRIVES = "suite/running/drives.py"
 MUTATIONS = (
     # 4.1.1 sub-trajectories
@@ -339,8 +340,8 @@ MUTATIONS = (
     ),
     Mutation("metrics/copies.py", "is_moving = lengths_m > MOVING_SHARE * np", "is_moving = lengths_m >= 0.0 * np"),
     # frames that no judged error contains
-    Mutation(SCORE, "BEYOND = 3.0", "BEYOND = 0.1"),
-    Mutation(SCORE, "np.setdiff1d(np.arange(len(placed.frames.stamps_ns)), known)", "known"),
+    Mutation(OTHER_FRAMES, "BEYOND = 3.0", "BEYOND = 0.1"),
+    Mutation(OTHER_FRAMES, "np.setdiff1d(np.arange(len(placed.frames.stamps_ns)), known)", "known"),
     Mutation(SHORTFALLS, "BEYOND_MOST = 0.02", "BEYOND_MOST = 0.2"),
     Mutation("metrics/judging/incomplete.py", "value is not None and not meets(limit, value)", "value is not None"),
     # poses that repeat another, poses of the ground truth

@@ -206,7 +206,7 @@ CLAUSES = (
         "3D position error",
         "Vector of estimated less actual displacement of the RB origin in DS, m. Mean: norm of the mean vector. Sigma: "
         "norm of the standard deviations of the axes.",
-        ("metrics/formulas.py", "metrics/trajectory_score.py"),
+        ("metrics/formulas.py", "metrics/trajectory_errors.py"),
         "row position error over ...",
         "The letter is `displacement`: displacements in DS, not turned. With `pose` the estimated displacement is "
         "turned by the attitude error at N before it is compared (4.1.2).",
@@ -216,7 +216,7 @@ CLAUSES = (
         "4.2.3.2",
         "Attitude error",
         "Angle of the shortest rotation between both attitudes, deg, unsigned; mean and standard deviation of it.",
-        ("metrics/formulas.py", "metrics/trajectory_score.py"),
+        ("metrics/formulas.py", "metrics/trajectory_errors.py"),
         "row attitude error over ...",
         "From N to N+x the change of attitude counts (4.1.1); `pose` and `displacement` agree in it, `position` "
         "compares attitudes as they are. The scalar part alone loses digits near 0: the vector part is "
@@ -227,7 +227,7 @@ CLAUSES = (
         "4.2.3.3",
         "Heading error",
         "atan2 of the RB x-axis in DS, deg, signed; abs(mean) + 3 sigma.",
-        ("metrics/formulas.py", "metrics/trajectory_score.py"),
+        ("metrics/formulas.py", "metrics/trajectory_errors.py"),
         "row heading error over ...",
         "`displacement` takes the difference of the heading changes, `pose` the heading after re-basing, `position` "
         "the heading as it is; differences are wrapped to (-180, 180] degrees.",

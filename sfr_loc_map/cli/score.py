@@ -283,7 +283,7 @@ def _write_beside(
     """Write the verdicts as JUnit XML and the tables of points and sub-trajectories, as far as they are asked for."""
     from sfr_loc_map.io.tables.table_file import save_table
     from sfr_loc_map.metrics.cloud_error import points_table
-    from sfr_loc_map.metrics.trajectory_score import pieces_table
+    from sfr_loc_map.metrics.trajectory_score import sub_trajectory_table
     from sfr_loc_map.report.junit import junit as junit_of
 
     if junit is not None:
@@ -295,7 +295,7 @@ def _write_beside(
             save_table(points, points_table(run.cloud.loaded.cloud, run.cloud.truths))
     if pieces is not None and run.drive is not None:
         with beside():
-            save_table(pieces, pieces_table(run.drive.estimates, run.drive.truth, config.trajectory))
+            save_table(pieces, sub_trajectory_table(run.drive.estimates, run.drive.truth, config.trajectory))
 
 
 def _propose_next(result: Score, json_path: str | None, html: Path | None) -> None:

@@ -33,7 +33,7 @@ from sfr_loc_map.metrics.consistency import (
 )
 from sfr_loc_map.metrics.intervals import chi2_interval95, student_quantile
 from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.metrics.trajectory_score import select
+from sfr_loc_map.metrics.trajectory_errors import select
 
 SIGNIFICANCE = 0.05  #: Probability of a false finding, over all comparisons of a recording.
 MIN_WINDOWS = 3  #: Fewer sub-trajectories are not enough data.

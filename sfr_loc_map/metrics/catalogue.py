@@ -1,7 +1,7 @@
 """The catalogue of figures, one line each. Every view takes the names of figures, their clauses and its columns here.
 
 To add a figure, add its line here and, for an error of sub-trajectories, the function that computes its errors in
-`metrics.trajectory_score.ERRORS`. To show one more statistic of a figure, add its name to the line. To add a quantile,
+`metrics.trajectory_errors.ERRORS`. To show one more statistic of a figure, add its name to the line. To add a quantile,
 add its field to `metrics.formulas.Statistics` and its line to `metrics.formulas.QUANTILES`. Any other statistic is
 computed in `metrics.formulas.statistics`, and `EXPANSION` of `metrics.judging.limited_figure` states how the error of
 the truth counts in it. Reports, comparisons, suites, searches, histories, limits, the topics of the monitor and the
@@ -52,7 +52,7 @@ class FigureKind(NamedTuple):
 
 
 ERRORS_BEYOND = "errors_beyond"
-"""Fraction of the frames that are in no judged error and have an error far beyond the judged ones."""
+"""Fraction of the frames that are in no judged error and have an error far above the judged ones."""
 ALIGNED = ("ape", "rpe")  #: Figures of the estimate as it was aligned with the truth, which cannot be limited.
 TOTAL = "mean_plus_3sigma"  #: The statistic that the specification limits.
 OF_ERRORS = ("mean", "sigma", TOTAL)  #: Statistics that are shown of errors and of the times of API calls.
@@ -106,7 +106,7 @@ CATALOGUE = (
     FigureKind("poses_repeated", Subject.COMPLETENESS, "", "1", "poses that repeat the pose before while moving"),
     FigureKind("poses_of_truth", Subject.COMPLETENESS, "", "1", "poses that are those of the ground truth"),
     FigureKind("errors_of_truth", Subject.COMPLETENESS, "", "1", "judged motions that are those of the ground truth"),
-    FigureKind(ERRORS_BEYOND, Subject.COMPLETENESS, "", "1", "frames in no judged error, with an error far beyond"),
+    FigureKind(ERRORS_BEYOND, Subject.COMPLETENESS, "", "1", "unjudged frames with an error far above the judged ones"),
     FigureKind("longest_gap", Subject.COMPLETENESS, "", "m", "longest gap"),
     FigureKind("points_without_truth", Subject.COMPLETENESS, "", "1", "map points without ground truth"),
     FigureKind("pairs_without_cloud", Subject.COMPLETENESS, "", "1", "mapping pairs without points"),

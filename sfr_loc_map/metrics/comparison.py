@@ -161,7 +161,7 @@ def _paired_rows(mine: SubTrajectoryRows, theirs: SubTrajectoryRows, name: str) 
         return
     starts, ends = np.asarray(mine.start_frame)[rows], np.asarray(mine.end_frame)[rows]
     spacing = max(int(np.median(np.diff(starts))), 1) if len(starts) > 1 else 1
-    overlap = float(np.mean(-(-(ends - starts) // spacing)))  # as `trajectory_score` counts it
+    overlap = float(np.mean(-(-(ends - starts) // spacing)))  # as `trajectory_errors.overlap_of` counts it
     left_out = (len(spans) - len(rows), len(other_spans) - len(rows))
     for kind in KINDS.values():
         columns, other_columns = mine.errors_of(kind.name), theirs.errors_of(kind.name)

@@ -6,7 +6,7 @@ are of the RB origin in DS, metres. Quaternions `(F, 4)` are scalar last [3.1.1]
 in RB to components in DS (the conjugate of `att_q_DsToRb` [3.1.2]).
 
 The statistics of errors, at the end of the page, are the columns of a row of the table of figures. The function
-`metrics.trajectory_score.select` decides which sub-trajectories are valid and joins several conditions.
+`metrics.trajectory_errors.select` decides which sub-trajectories are valid and joins several conditions.
 
 test/helpers/metrics_reference.py has the same formulas with loops and SciPy's rotations. It shares no code with this
 module.
@@ -14,6 +14,7 @@ module.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import msgspec
@@ -105,6 +106,10 @@ class Poses(NamedTuple):
     true_attitude: FloatArray
     position: FloatArray
     attitude: FloatArray
+
+
+Reading = Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors]
+"""Errors of the sub-trajectories from `starts` to `ends`, by one reading of the document."""
 
 
 def pose_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajectoryErrors:

@@ -52,7 +52,7 @@ class DriveResult:
     truth: TruthRecord | None = None
     alignment: Alignment | None = None
     contradiction: str | None = None
-    unjudged: tuple[str, ...] = ()  #: Which frames are in no judged error and far beyond the judged ones.
+    unjudged: tuple[str, ...] = ()  #: Which frames are in no judged error and far above the judged errors.
     errors: tuple[ErrorRows, ...] = ()
     details: TrajectoryDetails | None = None
 

@@ -196,7 +196,7 @@ def test_a_bound_on_horizontal_errors_judges_a_truth_without_heights(monkeypatch
     truth = Truth(true.stamps_ns, true.positions, true.quats_xyzw, has_height=False)
     found = []
     for most in (100_000, 100):
-        monkeypatch.setattr("sfr_loc_map.metrics.trajectory_score.DETAIL_ROWS", most)
+        monkeypatch.setattr("sfr_loc_map.metrics.plot_columns.DETAIL_ROWS", most)
         scored = score_trajectory(Estimates.of(estimate), truth, config, kept_errors=limits.figures_with_all_errors)
         score = Score(
             figures=scored.figures,
@@ -236,7 +236,7 @@ def test_a_bound_is_made_of_all_errors_with_plots_and_without(monkeypatch: pytes
     truth, estimate = (trajectory(poses) for poses in drive(1, count=400))
     made = []
     for most, details in ((100_000, True), (100, True), (100, False)):
-        monkeypatch.setattr("sfr_loc_map.metrics.trajectory_score.DETAIL_ROWS", most)
+        monkeypatch.setattr("sfr_loc_map.metrics.plot_columns.DETAIL_ROWS", most)
         scored = score_trajectory(
             Estimates.of(estimate), truth, config, details=details, kept_errors=limits.figures_with_all_errors
         )

@@ -12,7 +12,8 @@ from helpers.random_drives import as_score
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.metrics.association import Estimates
 from sfr_loc_map.metrics.config import Condition, TrajectoryScoreConfig
-from sfr_loc_map.metrics.trajectory_score import READINGS, score_trajectory
+from sfr_loc_map.metrics.placement import READINGS
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
 
 SECOND = 1_000_000_000
 

@@ -18,7 +18,7 @@ from rich.console import Console
 import sfr_loc_map
 from helpers.made_scores import drive, json_of
 from helpers.made_suites import JOB
-from sfr_loc_map.metrics import catalogue, limits, trajectory_score
+from sfr_loc_map.metrics import catalogue, limits, trajectory_errors
 from sfr_loc_map.metrics.catalogue import OF_ERRORS, TOTAL, FigureKind, Subject
 from sfr_loc_map.metrics.comparison import compare_scores
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
@@ -27,6 +27,7 @@ from sfr_loc_map.metrics.judging import judge, limits_file
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict
 from sfr_loc_map.metrics.table import figure_row
+from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.nodes.score_messages import figure_topics, score_statuses
 from sfr_loc_map.report.comparison import comparison_tables, methods_tables
 from sfr_loc_map.report.junit import junit
@@ -42,7 +43,7 @@ from sfr_loc_map.suite.statistics.summary import ScoredJob, pool
 SLIP = FigureKind(
     "slip", Subject.TRAJECTORY, "4.2.3.1", "m", "slip error", shown=OF_ERRORS, compared=(TOTAL,), topic="slip"
 )
-SLIP_ERROR = trajectory_score.ErrorFigure("slip", lambda pieces: np.abs(pieces.errors.position_m[:, 0]))
+SLIP_ERROR = trajectory_errors.ErrorFigure("slip", lambda judged: np.abs(judged.errors.position_m[:, 0]))
 MakeScore = Callable[..., Score]
 
 
@@ -51,7 +52,7 @@ def made_score(seed: int = 0, **entry: Any) -> Score:
     estimates, truth = drive(300)
     rng = np.random.default_rng(seed)
     estimates.trajectory.positions[:] += np.cumsum(rng.normal(0.0, 1e-3, (300, 3)), axis=0)
-    made = trajectory_score.score_trajectory(estimates, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
+    made = score_trajectory(estimates, truth, TrajectoryScoreConfig(conditions=("distance=5",)))
     score = Score(
         figures=made.figures, association=made.association, truth=made.truth, details=Details(trajectory=made.details)
     )
@@ -162,7 +163,7 @@ def check_every_view(statistic: str) -> None:
 def with_slip(monkeypatch: pytest.MonkeyPatch) -> None:
     """A figure that the catalogue has since a moment ago, with the function that computes its errors."""
     monkeypatch.setitem(catalogue.KINDS, SLIP.name, SLIP)
-    monkeypatch.setattr(trajectory_score, "ERRORS", [*trajectory_score.ERRORS, SLIP_ERROR])
+    monkeypatch.setattr(trajectory_errors, "ERRORS", [*trajectory_errors.ERRORS, SLIP_ERROR])
     names = limits.PLACES[limits.LimitSection.TRAJECTORY]
     for name, limited in limits.names_of([SLIP]).items():
         monkeypatch.setitem(names, name, limited)

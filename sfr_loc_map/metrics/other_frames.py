@@ -1,0 +1,87 @@
+"""The frames at which no judged sub-trajectory starts or ends: their errors must not be far above the judged ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray, Mask
+from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND, OTHER_FRAMES
+from sfr_loc_map.metrics.completeness import share_of
+from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.placement import PlacedFrames
+from sfr_loc_map.metrics.shortfall_kinds import BEYOND_MOST
+from sfr_loc_map.metrics.table import Figure, figure_row
+from sfr_loc_map.metrics.trajectory_errors import ErrorFigure, SubTrajectories, error_figures, error_row
+
+BEYOND = 3.0
+"""Multiple of the largest judged error above which an error of another frame is far above the judged errors."""
+NAMED_FRAMES = 5  #: Ranges of frames that a message names.
+
+
+def rows_of_other_frames(
+    condition: str, judged: SubTrajectories, placed: PlacedFrames, *, has_height: bool
+) -> Iterator[Figure]:
+    """Yield the errors of the frames that are in no judged error, and the fraction far above the judged errors."""
+    if not len(judged.starts):
+        return
+    others, frames = to_other_frames(judged, placed), len(placed.frames.stamps_ns)
+    for kind in error_figures(with_horizontal=not has_height):
+        yield error_row(kind, condition, OTHER_FRAMES, others)
+        beyond = int(np.count_nonzero(beyond_the_judged(kind, others, judged)))
+        yield figure_row(ERRORS_BEYOND, condition, kind.name, n=frames, value=share_of(beyond, frames))
+
+
+def to_other_frames(judged: SubTrajectories, placed: PlacedFrames) -> SubTrajectories:
+    """Return sub-trajectories to the frames at which no judged one starts or ends, from the nearest that is judged.
+
+    An error that neighbouring frames have in common cancels between them, but not from a judged frame.
+    """
+    known = np.union1d(judged.starts, judged.ends)
+    ends = np.setdiff1d(np.arange(len(placed.frames.stamps_ns)), known)
+    after = np.minimum(np.searchsorted(known, ends), len(known) - 1)
+    before = np.maximum(after - 1, 0)
+    is_after_nearer = np.abs(known[after] - ends) < np.abs(ends - known[before])
+    starts = np.where(is_after_nearer, known[after], known[before])
+    return SubTrajectories(starts, ends, placed.poses, placed.reading(placed.poses, starts, ends))
+
+
+def beyond_the_judged(kind: ErrorFigure, others: SubTrajectories, judged: SubTrajectories) -> Mask:
+    """Return which sub-trajectories have an error far above the largest judged error; unknown errors are not."""
+    judged_sizes, sizes = (error_sizes(kind, sub_trajectories) for sub_trajectories in (judged, others))
+    largest = np.max(judged_sizes[np.isfinite(judged_sizes)], initial=0.0)
+    return np.asarray(sizes > BEYOND * largest)
+
+
+def error_sizes(kind: ErrorFigure, sub_trajectories: SubTrajectories) -> FloatArray:
+    """Return the sizes of the errors of a figure: the norms of vectors, the magnitudes of angles."""
+    errors = kind.errors_of(sub_trajectories)
+    return np.asarray(np.linalg.norm(np.atleast_2d(errors.T), axis=0))
+
+
+def unjudged_frames(
+    condition: str, judged: SubTrajectories, placed: PlacedFrames, rows: Sequence[Figure]
+) -> Iterator[str]:
+    """Yield which frames are in no judged error and have an error far above the judged errors, if they are many."""
+    many = {row.part for row in rows if row.figure == ERRORS_BEYOND and (row.value or 0.0) > BEYOND_MOST}
+    kinds = [kind for kind in error_figures() if kind.name in many]
+    if not kinds:
+        return
+    others = to_other_frames(judged, placed)
+    found = others.ends[np.logical_or.reduce([beyond_the_judged(kind, others, judged) for kind in kinds])]
+    breaks = np.flatnonzero(np.diff(found) > 1) + 1
+    parts = [f"{part[0]}-{part[-1]}" if len(part) > 1 else f"{part[0]}" for part in np.split(found, breaks)]
+    more = " ..." if len(parts) > NAMED_FRAMES else ""
+    yield (
+        f"{len(found)} of {len(placed.frames.stamps_ns)} frames are in no judged error over {label_of(condition)}, and "
+        f"their errors are far above the judged ones: frames {', '.join(parts[:NAMED_FRAMES])}{more}, counted from 0"
+    )
+
+
+def largest_fraction_beyond(rows: Sequence[Figure]) -> Iterator[Figure]:
+    """Yield the row of the largest fraction that is far above the judged errors, if there are sub-trajectories."""
+    fractions = [row for row in rows if row.figure == ERRORS_BEYOND and row.value is not None]
+    if fractions:
+        largest = max(fractions, key=lambda row: row.value or 0.0)
+        yield figure_row(ERRORS_BEYOND, n=largest.n, value=largest.value)

@@ -1,0 +1,171 @@
+"""How an estimate comes to be compared with the ground truth: frames of both, and the reading of the document.
+
+An estimate is associated with the truth by its stamps. Where the truth has no attitudes, the estimate is also fitted to
+the true positions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix, quat_multiply
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth, at_point
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.metrics import formulas
+from sfr_loc_map.metrics.aligned_error import umeyama
+from sfr_loc_map.metrics.association import Estimates, Frames, associate
+from sfr_loc_map.metrics.config import AssociationConfig, Condition, ConditionKind, Rebase, TrajectoryScoreConfig
+from sfr_loc_map.metrics.formulas import Lengths, Poses, Reading, SubTrajectoryErrors
+from sfr_loc_map.metrics.records import Association
+from sfr_loc_map.metrics.truth_error import known_of
+
+READINGS: dict[Rebase, Reading] = {
+    Rebase.POSE: formulas.pose_reading,
+    Rebase.DISPLACEMENT: formulas.displacement_reading,
+    Rebase.POSITION: formulas.position_reading,
+}
+"""The readings of the document; see `Rebase`."""
+MIN_TILT_DEG, TILT_GAIN = 0.1, 3.0
+"""The complete rotation is fitted where it tilts z by this angle and reduces the residual by this factor."""
+ROLL_GAIN = 1.1  #: A rotation about the line of the drive is fitted only if it reduces the residual by this factor.
+
+
+class Placement(NamedTuple):
+    """The turn of an estimate and the translation after it, m, that take it to the truth."""
+
+    yaw_deg: float
+    tilt_deg: float | None  #: Of z; None where the turn is a yaw alone.
+    translation_m: tuple[float, ...]
+
+
+class PlacedFrames(NamedTuple):
+    """Frames, how they came about, and the reading of the document by which they are judged."""
+
+    frames: Frames
+    association: Association
+    estimates: Estimates
+    reading: Reading
+    placement: Placement | None
+    poses: Poses  #: Of all frames, true heights NaN where they are unknown.
+    length_m: Lengths  #: Length of the true path up to each frame.
+
+
+def placed_frames(
+    estimates: Estimates, truth: Trajectory, conditions: Sequence[Condition], config: TrajectoryScoreConfig
+) -> PlacedFrames:
+    """Return the frames of an estimate and a truth; a truth without attitudes has the estimate fitted to it."""
+    known = known_of(truth)
+    if truth.has_attitude:
+        rebase, placement = Rebase(config.rebase), None
+        frames, association = associate(estimates.trajectory, truth, config.association)
+        if not known.has_tilt:
+            frames = with_estimated_tilt(frames)
+        reading = of_known(known, READINGS[rebase])
+    else:
+        estimates, frames, association, placement = associate_positions(
+            estimates, truth, conditions, config.association
+        )
+        rebase = Rebase.YAW_ALIGNED if placement.tilt_deg is None else Rebase.ROTATION_ALIGNED
+        reading = formulas.position_reading
+    true_position = frames.gt_pos
+    if not known.has_height:
+        true_position = true_position.copy()
+        true_position[:, 2] = np.nan
+    poses = Poses(true_position, frames.gt_quat, frames.est_pos, frames.est_quat)
+    length_m = formulas.path_length_m(frames.gt_pos)
+    association = msgspec.structs.replace(
+        association,
+        lost=int(np.count_nonzero(estimates.lost[frames.est_rows])),
+        degraded=int(np.count_nonzero(estimates.degraded[frames.est_rows])),
+        spacing_frames=config.spacing,
+        rebase=rebase,
+        path_length_m=float(length_m[-1]) if len(length_m) else 0.0,
+        duration_s=int(frames.stamps_ns[-1] - frames.stamps_ns[0]) / NS_PER_S if len(length_m) else None,
+    )
+    return PlacedFrames(frames, association, estimates, reading, placement, poses, length_m)
+
+
+def of_known(truth: Truth, reading: Reading) -> Reading:
+    """Return a reading whose attitude errors are unknown (NaN) if roll and pitch of the truth are."""
+    if truth.has_tilt:
+        return reading
+
+    def without_attitude(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajectoryErrors:
+        errors = reading(poses, starts, ends)
+        return errors._replace(attitude_deg=np.full_like(errors.attitude_deg, np.nan))
+
+    return without_attitude
+
+
+def with_estimated_tilt(frames: Frames) -> Frames:
+    """Return frames whose true attitudes have the true heading, and the roll and pitch of the estimate.
+
+    The estimate is re-based at N by the difference of the headings alone: unknown roll and pitch turn nothing.
+    """
+    half_turn = 0.5 * (formulas.heading(frames.gt_quat) - formulas.heading(frames.est_quat))
+    zeros = np.zeros_like(half_turn)
+    about_z = np.column_stack((zeros, zeros, np.sin(half_turn), np.cos(half_turn)))
+    return frames._replace(gt_quat=quat_multiply(about_z, frames.est_quat))
+
+
+def associate_positions(
+    estimates: Estimates, truth: Trajectory, conditions: Sequence[Condition], config: AssociationConfig
+) -> tuple[Estimates, Frames, Association, Placement]:
+    """Return estimates of the point whose positions a truth has, and their frames, aligned with the truth.
+
+    Yaw and translation are fitted by least squares: what neither vision nor gravity observes (Zhang, Scaramuzza 2018,
+    section IV-B). An estimate by vision alone that begins at the identity on a slope has a tilted z. Where the complete
+    rotation tilts z and leaves a much smaller residual, the complete rotation is fitted. MetricsError for a condition
+    that needs attitudes.
+    """
+    if any(part.kind is ConditionKind.TURN for condition in conditions for part in condition.parts):
+        raise MetricsError("a condition turn=DEG needs attitudes of the truth, which has none: omit it")
+    poses = estimates.trajectory
+    if isinstance(truth, Truth) and poses.has_attitude:
+        poses = at_point(poses, truth.lever_arm_m)
+    frames, association = associate(poses, truth, config)
+    turn, translation, tilt_deg = np.eye(3), np.zeros(3), None
+    if len(frames.stamps_ns):
+        middle, true_middle = frames.est_pos.mean(axis=0), frames.gt_pos.mean(axis=0)
+        estimated, true = frames.est_pos - middle, frames.gt_pos - true_middle
+        turn, tilt_deg = fitted_rotation(frames, estimated, true, has_height=known_of(truth).has_height)
+        translation = true_middle - turn @ middle
+        est_quat = quat_multiply(quat_from_matrix(turn), frames.est_quat)
+        frames = frames._replace(est_pos=frames.est_pos @ turn.T + translation, est_quat=est_quat)
+    known = replace(estimates, trajectory=poses, covariance=None, steps=None)  # a covariance is not of the fit
+    yaw_deg = float(np.degrees(np.arctan2(turn[1, 0], turn[0, 0])))
+    return known, frames, association, Placement(yaw_deg, tilt_deg, tuple(translation.tolist()))
+
+
+def fitted_rotation(
+    frames: Frames, estimated: FloatArray, true: FloatArray, *, has_height: bool
+) -> tuple[FloatArray, float | None]:
+    """Return the rotation that takes centred estimates `(F, 3)` to the truth, and the tilt of z, None for a yaw.
+
+    Without true heights it is a yaw.
+    """
+    (x, y), (u, v) = estimated.T[:2], true.T[:2]
+    yaw = float(np.arctan2((x * v - y * u).sum(), (x * u + y * v).sum()))
+    upright = matrix_from_rotvec(np.array([0.0, 0.0, yaw]))
+    if not has_height:
+        return upright, None
+    to, _, of = np.linalg.svd(true.T @ estimated @ upright.T)  # the least rotation that lays one line on the other
+    across, cosine = np.cross(of[0], to[:, 0]), float(of[0] @ to[:, 0])
+    sine = float(np.linalg.norm(across))
+    found = [upright, matrix_from_rotvec(across * (np.arctan2(sine, cosine) / max(sine, 1e-12))) @ upright]
+    with suppress(MetricsError):  # a straight line has no rotation about itself
+        found.append(umeyama(frames.est_pos, frames.gt_pos, with_scale=False).rotation)
+    left = [float(np.linalg.norm(estimated @ each.T - true)) for each in found]
+    best = 1 if left[1] <= ROLL_GAIN * left[-1] else -1
+    tilt_deg = float(np.degrees(np.arccos(np.clip(found[best][2, 2], -1.0, 1.0))))
+    if tilt_deg >= MIN_TILT_DEG and left[0] > TILT_GAIN * left[best]:
+        return found[best], tilt_deg
+    return upright, None

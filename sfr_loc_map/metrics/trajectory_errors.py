@@ -1,0 +1,178 @@
+"""The sub-trajectories of a condition, and the rows of their errors [4.1, 4.2.3]; the formulas are in `formulas`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.metrics import formulas
+from sfr_loc_map.metrics.association import Frames
+from sfr_loc_map.metrics.catalogue import KINDS
+from sfr_loc_map.metrics.config import Condition, ConditionKind
+from sfr_loc_map.metrics.formulas import Lengths, Poses, Reading, SubTrajectoryErrors
+from sfr_loc_map.metrics.intervals import interval95
+from sfr_loc_map.metrics.placement import READINGS, PlacedFrames, of_known
+from sfr_loc_map.metrics.table import Figure, figure_row
+from sfr_loc_map.metrics.truth_error import known_of
+
+DISTANCES_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
+"""Distances of the error against distance travelled."""
+DISTANCES_SPACING, DISTANCES_BASE_M = 10, 50.0
+"""Their starts are at least this many frames apart, whatever the spacing of the conditions; beyond the base in
+proportion to the distance: overlapping sub-trajectories add little information."""
+DISTANCES_MAX_STARTS = 5000  #: A sub-trajectory over more starts is ignored, because the rover was stationary.
+
+
+class SubTrajectories(NamedTuple):
+    """The sub-trajectories of one condition, and their errors by one reading of the document."""
+
+    starts: IntArray  #: Frames N.
+    ends: IntArray  #: Frames N+x.
+    poses: Poses  #: Of all frames.
+    errors: SubTrajectoryErrors
+
+    def every(self, step: int) -> SubTrajectories:
+        """Return one sub-trajectory per `step` sub-trajectories."""
+        errors = SubTrajectoryErrors(*(values[::step] for values in self.errors))
+        return self._replace(starts=self.starts[::step], ends=self.ends[::step], errors=errors)
+
+    def true_displacement(self) -> FloatArray:
+        """Return the true displacements from N to N+x."""
+        return formulas.displacement(self.poses.true_position, self.starts, self.ends)
+
+    def by_direction(self) -> dict[str, FloatArray]:
+        """Return the position errors along x, y and z of DS, along and across the true displacement, and upright."""
+        x, y, z = self.errors.position_m.T
+        true_heading = formulas.heading(self.poses.true_attitude[self.ends])
+        along, cross = formulas.along_and_cross(self.errors.position_m, self.true_displacement(), true_heading)
+        return {"x": x, "y": y, "z": z, "along": along, "cross": cross, "vertical": z}
+
+
+class ErrorFigure(NamedTuple):
+    """A figure of sub-trajectories: its name in the catalogue, and its errors."""
+
+    name: str
+    errors_of: Callable[[SubTrajectories], FloatArray]
+
+
+ERRORS = [
+    ErrorFigure("position", lambda sub_trajectories: sub_trajectories.errors.position_m),
+    ErrorFigure("attitude", lambda sub_trajectories: sub_trajectories.errors.attitude_deg),
+    ErrorFigure("heading", lambda sub_trajectories: sub_trajectories.errors.heading_deg),
+]
+"""Errors that depend on the reading of the document."""
+ERRORS_OF_ALL_READINGS = [
+    ErrorFigure(
+        "chord",
+        lambda sub_trajectories: formulas.chord_error(
+            sub_trajectories.poses, sub_trajectories.starts, sub_trajectories.ends
+        ),
+    )
+]
+"""Errors that are the same by each reading."""
+HORIZONTAL = ErrorFigure("horizontal", lambda sub_trajectories: sub_trajectories.errors.position_m[:, :2])
+"""Errors that a truth without heights has in place of the position errors."""
+
+
+def error_figures(*, with_horizontal: bool = True) -> tuple[ErrorFigure, ...]:
+    """Return the figures of sub-trajectories; horizontal errors are a figure only of a truth without heights."""
+    horizontal = (HORIZONTAL,) if with_horizontal else ()
+    return (*ERRORS, *ERRORS_OF_ALL_READINGS, *horizontal)
+
+
+# ---- selection
+
+
+def select(condition: Condition, spacing: int, frames: Frames, length_m: Lengths) -> tuple[IntArray, IntArray]:
+    """Return the frames N and N+x of the sub-trajectories of a condition [4.1.1].
+
+    N+x is the first frame at which all parts of the condition hold. A start whose condition is never met is skipped.
+    """
+    count = len(frames.stamps_ns)
+    starts = formulas.start_frames(count, spacing)
+    ends = np.minimum(starts + 1, count)
+    metres = turn_deg = 0.0
+    for part in condition.parts:
+        if part.kind is ConditionKind.DISTANCE:
+            ends = np.maximum(ends, formulas.ends_by_distance(starts, length_m, part.value))
+        elif part.kind is ConditionKind.TIME:
+            time_ns = round(part.value * NS_PER_S)
+            ends = np.maximum(ends, formulas.ends_by_time(starts, frames.stamps_ns, time_ns))
+        elif part.kind is ConditionKind.FRAMES:
+            ends = np.maximum(ends, formulas.ends_by_frames(starts, int(part.value)))
+        elif part.kind is ConditionKind.DISPLACEMENT:
+            metres = part.value
+        else:
+            turn_deg = part.value
+    if metres or turn_deg:
+        ends = formulas.ends_apart(starts, ends, frames.gt_pos, frames.gt_quat, metres, turn_deg)
+    is_met = ends < count
+    return starts[is_met], ends[is_met]
+
+
+def overlap_of(starts: IntArray, ends: IntArray, spacing: int) -> float:
+    """Return how many starts lie within one sub-trajectory on average."""
+    return int(np.sum(-(-(ends - starts) // spacing))) / max(len(starts), 1)
+
+
+# ---- rows
+
+
+def error_row(
+    kind: ErrorFigure, condition: str | None, part: str, sub_trajectories: SubTrajectories, overlap: float = 0.0
+) -> Figure:
+    """Return the row of a figure; with its 95 % interval if the overlap of the sub-trajectories is given."""
+    errors = kind.errors_of(sub_trajectories)
+    statistics = formulas.statistics(errors)
+    if not overlap:
+        return figure_row(kind.name, condition, part, statistics=statistics)
+    low95, high95 = interval95(errors, overlap, unsigned=KINDS[kind.name].is_unsigned) or (None, None)
+    independent = len(errors) / overlap
+    return figure_row(
+        kind.name, condition, part, statistics=statistics, independent=independent, low95=low95, high95=high95
+    )
+
+
+def condition_rows(condition: str, part: str, sub_trajectories: SubTrajectories, overlap: float) -> Iterator[Figure]:
+    """Yield the rows of one condition by the reading that is judged, then its position errors by direction."""
+    for kind in (*ERRORS, *ERRORS_OF_ALL_READINGS):
+        yield error_row(kind, condition, part, sub_trajectories, overlap)
+    for direction, errors in sub_trajectories.by_direction().items():
+        yield figure_row("position", condition, direction, statistics=formulas.statistics(errors))
+
+
+def error_rows(
+    condition: str, sub_trajectories: SubTrajectories, overlap: float, placed: PlacedFrames, truth: Trajectory
+) -> Iterator[Figure]:
+    """Yield the errors of one condition: by the reading that is judged, then by the other readings of the document."""
+    known, rebase = known_of(truth), placed.association.rebase
+    yield from condition_rows(condition, str(rebase), sub_trajectories, overlap)
+    if not known.has_height:
+        yield error_row(HORIZONTAL, condition, str(rebase), sub_trajectories, overlap)
+    for name, reading in READINGS.items() if truth.has_attitude else ():
+        if name is not rebase:
+            other = sub_trajectories._replace(
+                errors=of_known(known, reading)(placed.poses, sub_trajectories.starts, sub_trajectories.ends)
+            )
+            for kind in ERRORS:
+                yield error_row(kind, condition, str(name), other)
+
+
+def growth_rows(poses: Poses, length_m: Lengths, spacing: int, reading: Reading) -> Iterator[Figure]:
+    """Yield the rows of the error against the length of the sub-trajectory."""
+    count = len(length_m)
+    for metres in DISTANCES_M:
+        apart = max(spacing, round(DISTANCES_SPACING * max(metres / DISTANCES_BASE_M, 1.0)))
+        starts = formulas.start_frames(count, apart)
+        ends = formulas.ends_by_distance(starts, length_m, metres)
+        is_short = (ends < count) & (ends - starts <= DISTANCES_MAX_STARTS * apart)
+        starts, ends = starts[is_short], ends[is_short]
+        if len(starts):
+            sub_trajectories = SubTrajectories(starts, ends, poses, reading(poses, starts, ends))
+            for kind in ERRORS:
+                yield error_row(kind, None, f"{metres:g} m", sub_trajectories)
