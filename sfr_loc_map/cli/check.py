@@ -56,9 +56,10 @@ def check(
     It shows that something is wrong, or a lower bound of the error. It never shows that an accuracy is met: what all
     runs share, as the calibration, stays hidden.
     """
-    from sfr_loc_map.evidence.agreement import CheckResult
+    from sfr_loc_map.evidence.agreement import PLACES, CheckResult
     from sfr_loc_map.evidence.calibration import calibration_table
     from sfr_loc_map.evidence.check import check_drive, check_table, hat_table
+    from sfr_loc_map.evidence.revisited import closure_table
     from sfr_loc_map.evidence.variants import Run, Variant
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
@@ -82,11 +83,8 @@ def check(
         "calibration": list(found.calibration),
         "figures": to_plain(found.figures),
     }
-    show(
-        content,
-        json_path,
-        [table for table in (check_table(found), hat_table(found), calibration_table(found.figures)) if table.rows],
-    )
+    tables = (check_table(found), closure_table(found.figures), hat_table(found), calibration_table(found.figures))
+    show(content, json_path, [table for table in tables if table.rows])
     say(
         f"check: {found.result}. This is no accuracy: what all runs share does not show",
         err=json_path == STANDARD_OUTPUT,
@@ -96,7 +94,8 @@ def check(
     if found.result is CheckResult.INCONSISTENT:
         known = [item for item in found.agreements if item.probability is not None]
         worst = min(known, key=lambda item: item.probability or 0.0)
-        differing = f"{worst.name} over {worst.condition} differ by more than their covariances predict"
+        over = worst.condition or PLACES
+        differing = f"{worst.name} over {over} differ by more than their covariances predict"
         raise FailedVerdictError(f"{differing} (p {worst.probability:.2g})")
     if found.calibration:
         raise FailedVerdictError("the calibration does not fit the recording: each offset is named above")

@@ -38,6 +38,7 @@ from sfr_loc_map.metrics.trajectory_errors import select
 SIGNIFICANCE = 0.05  #: Probability of a false finding, over all comparisons of a recording.
 MIN_WINDOWS = 3  #: Fewer sub-trajectories are not enough data.
 DEGREES = 6  #: Components of the error of a pose.
+PLACES = "revisited places"  #: What a comparison without a condition is over.
 SPACING = 5  #: Frames from one start of a sub-trajectory to the next: half of that of a score, for short recordings.
 
 
@@ -65,7 +66,7 @@ class Agreement:
     """The comparison of two runs over one condition."""
 
     name: str
-    condition: str
+    condition: str | None  #: Of the sub-trajectories; None for the paths between two visits of a place.
     windows: Windows
     probability: float | None  #: Probability of squares this large for consistent covariances; None for too few.
 
@@ -86,12 +87,15 @@ def compare(first: Run, other: Run, condition: Condition) -> Agreement:
     windows = Windows(
         differences[:, :3], attitude_deg, squares, lengths_m, count_apart(starts, ends), int(np.count_nonzero(lost))
     )
-    probability = None
-    if len(squares) >= MIN_WINDOWS:
-        probability = float(gammaincc(0.5 * DEGREES * len(squares), 0.5 * squares.sum()))
+    probability = probability_of(squares) if len(squares) >= MIN_WINDOWS else None
     return Agreement(
         name=f"{first.name} - {other.name}", condition=condition.setting, windows=windows, probability=probability
     )
+
+
+def probability_of(squares: FloatArray) -> float:
+    """Return the probability of independent normalised squares with this sum or a larger one."""
+    return float(gammaincc(0.5 * DEGREES * len(squares), 0.5 * squares.sum()))
 
 
 def count_apart(starts: IntArray, ends: IntArray) -> int:

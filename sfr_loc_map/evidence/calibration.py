@@ -1,30 +1,59 @@
 """Is the right camera where its calibration says? What the runs over a recording estimate of its rotation.
 
 The localiser estimates pitch and roll of the right camera from vertical disparities, and its yaw from disparities that
-change as the rover moves. Each run gives one value, the median of the second half of its pairs. A calibration file is
-wrong where the interval of the runs excludes zero and the offset is large. The baseline cannot be seen in a recording.
+change as the rover moves. Each run gives one value, the median of the second half of its pairs. A calibration file
+should be redone if the interval of the runs excludes zero and the offset is large. What it costs is measured by one
+more run, over the right images as rotated back. The baseline cannot be seen in a recording.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.evidence.variants import Run
+from sfr_loc_map.evidence.agreement import Agreement
+from sfr_loc_map.evidence.variants import PairsInMemory, Run
+from sfr_loc_map.faults.injector import rotated
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.config import label_of
-from sfr_loc_map.metrics.intervals import student_quantile
+from sfr_loc_map.metrics.intervals import Interval, student_quantile
 from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.report.tables import Cell, Column, Table, Unit
+from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table, Unit
 
 ANGLES = {"pitch": "vertical_offset_px", "roll": "roll_offset_px", "yaw": "disparity_offset_px"}
 """Statistic of the localiser by the angle that causes it."""
-NAMES = {"right_camera": "right camera, ", "depth_error": "error of depth ", "scale": "excess of length, "}
+AXES = {"pitch": (0, -1.0), "roll": (2, 1.0), "yaw": (1, 1.0)}
+"""Axis of the optical frame and sign of the rotation that takes an offset back, by angle."""
+NAMES = {
+    "right_camera": "right camera, ",
+    "depth_error": "error of depth ",
+    "calibration_cost": "positions move by correction of ",
+    "scale": "excess of length, ",
+}
 """Figures of the table of the calibration, and how their names begin."""
 LARGE_PX = 0.2  #: Smaller offsets are corrected on the way and cost less than matching noise (chosen).
 RANGE_M = 4.0  #: Range at which the error of depth is stated.
+
+
+class Advice(StrEnum):
+    """What should be done with the calibration file."""
+
+    REDO = "redo"
+    KEEP = "keep"
+    UNCLEAR = "unclear"  #: The interval contains both large and small offsets.
+
+
+def advice_of(px: float, interval: Interval) -> Advice:
+    """Return what follows from an offset with its interval, px."""
+    low_px, high_px = interval
+    if low_px * high_px > 0.0 and abs(px) >= LARGE_PX:
+        return Advice.REDO
+    return Advice.KEEP if max(-low_px, high_px) < LARGE_PX else Advice.UNCLEAR
 
 
 class CameraOffset(NamedTuple):
@@ -41,7 +70,7 @@ class CameraOffset(NamedTuple):
     @property
     def is_wrong(self) -> bool:
         """Whether the calibration file should be redone."""
-        return self.low_px * self.high_px > 0.0 and abs(self.px) >= LARGE_PX
+        return advice_of(self.px, (self.low_px, self.high_px)) is Advice.REDO
 
     @property
     def text(self) -> str:
@@ -83,6 +112,22 @@ def offset_rows(offset: CameraOffset) -> Iterator[Figure]:
         yield figure_row("depth_error", part=f"at {RANGE_M:g} m", n=offset.runs, value=offset.depth_error_m)
 
 
+def corrected_drive(drive: PairsInMemory, offsets: Sequence[CameraOffset]) -> PairsInMemory:
+    """Return a drive whose right images are rotated back by the offsets, as the calibration file expects them."""
+    pairs = list(drive.kept)
+    for offset in offsets:
+        axis, sign = AXES[offset.angle]
+        pairs = [replace(pair, right=rotated(pair.right, axis, sign * offset.degrees, drive.rig)) for pair in pairs]
+    return replace(drive, kept=pairs)
+
+
+def cost_row(offsets: Sequence[CameraOffset], agreement: Agreement) -> Figure:
+    """Return by how much positions move if the offsets are corrected, from the comparison of both runs."""
+    moved = formulas.statistics(agreement.windows.position_m)
+    part = " and ".join(offset.angle for offset in offsets)
+    return figure_row("calibration_cost", agreement.condition, part, n=moved.n, value=moved.rmse)
+
+
 def calibration_table(figures: Sequence[Figure]) -> Table:
     """Return the offsets of the right camera as a table."""
     rows = []
@@ -92,16 +137,23 @@ def calibration_table(figures: Sequence[Figure]) -> Table:
             name = f"{NAMES[row.figure]}{row.part}{over}"
             cell = Cell.number(row.value, f"figures.{place}.value")
             interval = Cell.interval(row.interval, f"figures.{place}", Unit())
-            rows.append((Cell.head(name), Cell(row.unit), cell, interval, Cell.number(row.n, f"figures.{place}.n")))
+            count = Cell.number(row.n, f"figures.{place}.n")
+            advice = Cell(ABSENT)
+            if row.figure == "right_camera" and row.value is not None and row.interval:
+                advice = Cell(advice_of(row.value, row.interval))
+            rows.append((Cell.head(name), Cell(row.unit), cell, interval, count, advice))
     columns = (
         Column("calibration", words=True),
         Column("unit"),
         Column("value"),
         Column("95 % interval"),
-        Column("runs"),
+        Column("n"),
+        Column("calibration file", words=True),
     )
     note = (
-        "Against the calibration file. Interval of the mean over the runs, which share their images. A wrong baseline "
-        "or focal length does not show in a recording without a truth or wheels."
+        "Against the calibration file. Interval of the mean over n runs, which share their images. Redo: the interval "
+        f"excludes zero and the offset is at least {LARGE_PX:g} px. Keep: the whole interval is below. Positions: root "
+        "mean square over n sub-trajectories; the localiser corrects the rest itself. A wrong baseline or focal length "
+        "does not show in a recording without a truth or wheels."
     )
     return Table("calibration", "Calibration of the right camera", columns, tuple(rows), note)

@@ -8,6 +8,7 @@ from itertools import islice
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.evidence.agreement import (
+    PLACES,
     Agreement,
     CheckResult,
     agreement_rows,
@@ -16,8 +17,9 @@ from sfr_loc_map.evidence.agreement import (
     scale_row,
     three_cornered_hat,
 )
-from sfr_loc_map.evidence.calibration import offset_rows, right_camera_offsets
-from sfr_loc_map.evidence.variants import PairsInMemory, Run, Variant, run_variant
+from sfr_loc_map.evidence.calibration import corrected_drive, cost_row, offset_rows, right_camera_offsets
+from sfr_loc_map.evidence.revisited import agreement_at, closure_rows, find_closures
+from sfr_loc_map.evidence.variants import PairsInMemory, Run, Variant, run_pairs, run_variant
 from sfr_loc_map.io.sequence import LocSequence
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import Condition, label_of
@@ -61,15 +63,24 @@ def check_drive(
     runs = {variant: run_variant(drive, config, variant, progress) for variant in Variant}
     pairs = [(runs[first], runs[other]) for first, other in COMPARED]
     ours = [compare(first, other, condition) for condition in conditions for first, other in pairs]
+    closures = find_closures(drive, runs[Variant.FORWARD], config)
+    if closures:
+        ours.append(agreement_at(closures))
     theirs = [compare(runs[Variant.FORWARD], other, condition) for condition in conditions for other in others]
     figures = [row for agreement in (*ours, *theirs) for row in agreement_rows(agreement)]
+    figures += [row for closure in closures for row in closure_rows(closure)]
     figures += [scale_row(agreement) for agreement in theirs]
     if len(others) == 2:
         figures += [row for condition in conditions for row in hat_rows(runs[Variant.FORWARD], others, condition)]
     offsets = right_camera_offsets([runs[variant] for variant in CALIBRATED], sequence.rig)
     figures += [row for offset in offsets for row in offset_rows(offset)]
-    wrong = tuple(offset.text for offset in offsets if offset.is_wrong)
-    return Check(result_of(ours), tuple(figures), tuple(ours), runs[Variant.FORWARD], wrong)
+    wrong = [offset for offset in offsets if offset.is_wrong]
+    if wrong:
+        corrected = run_pairs(drive, config, "corrected", corrected_drive(drive, wrong).kept)
+        moved = [compare(runs[Variant.FORWARD], corrected, condition) for condition in conditions]
+        figures += [cost_row(wrong, agreement) for agreement in moved]
+    texts = tuple(offset.text for offset in wrong)
+    return Check(result_of(ours), tuple(figures), tuple(ours), runs[Variant.FORWARD], texts)
 
 
 def hat_rows(forward: Run, others: Sequence[Run], condition: Condition) -> list[Figure]:
@@ -103,7 +114,7 @@ def check_table(check: Check) -> Table:
         rows.append(
             (
                 Cell.head(part or ""),
-                Cell(label_of(condition)),
+                Cell(label_of(condition) or PLACES),
                 Cell(unit.symbol),
                 Cell.number(difference.rmse, f"figures.{at['difference']}.rmse", unit),
                 Cell.number(nees.mean, f"figures.{at['difference_nees']}.mean"),

@@ -88,14 +88,25 @@ def run_variant(drive: PairsInMemory, config: LocalisationConfig, variant: Varia
             mask = Path(folder) / "half.png"
             cv2.imwrite(str(mask), half_mask(drive.rig, variant, config.left_mask))
             config = replace(config, left_mask=str(mask))
-        results = localise(replace(drive, kept=kept), config, StartPose(Transform.identity()))
-        done = []
-        for result in results:
-            done.append(result)
-            progress()
+        run = run_pairs(drive, config, variant.value, kept, progress)
+    return replace(run, mirror_ns=mirror_ns)
+
+
+def run_pairs(
+    drive: PairsInMemory,
+    config: LocalisationConfig,
+    name: str,
+    kept: Sequence[StereoPair],
+    progress: Progress = lambda: None,
+) -> Run:
+    """Return the estimates of some pairs of a drive."""
+    done = []
+    for result in localise(replace(drive, kept=kept), config, StartPose(Transform.identity())):
+        done.append(result)
+        progress()
     trajectory = trajectory_of(estimate for estimate, _ in done)
     estimates = estimates_of(trajectory, stats_of([record for _, record in done]))
-    return Run(variant.value, estimates, tuple(estimate.statistics for estimate, _ in done), mirror_ns)
+    return Run(name, estimates, tuple(estimate.statistics for estimate, _ in done))
 
 
 def half_mask(rig: StereoRig, variant: Variant, given: str) -> GreyImage:

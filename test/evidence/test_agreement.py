@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sfr_loc_map.evidence.agreement import CheckResult, compare, result_of, scale_row, three_cornered_hat
-from sfr_loc_map.evidence.calibration import calibration_table, offset_rows, right_camera_offsets
+from sfr_loc_map.evidence.calibration import advice_of, calibration_table, offset_rows, right_camera_offsets
 from sfr_loc_map.evidence.variants import Run
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -143,3 +143,19 @@ def test_a_right_camera_that_is_off_is_named_with_its_cost() -> None:
     assert not right_camera_offsets([run(0.0, 1.0), run(0.0, -1.0)], rig)[1].is_wrong, "runs that disagree show nothing"
     table = calibration_table([row for offset in (pitch, yaw) for row in offset_rows(offset)])
     assert len(table.rows) == 3
+
+
+@pytest.mark.parametrize(
+    ("px", "interval", "advice"),
+    [
+        (0.3, (0.1, 0.5), "redo"),
+        (-0.3, (-0.5, -0.1), "redo"),
+        (0.1, (0.05, 0.15), "keep"),
+        (0.0, (-0.1, 0.1), "keep"),
+        (0.1, (0.05, 0.25), "unclear"),
+        (-0.1, (-0.25, 0.05), "unclear"),
+        (0.3, (-0.1, 0.7), "unclear"),
+    ],
+)
+def test_the_advice_follows_from_the_complete_interval(px: float, interval: tuple[float, float], advice: str) -> None:
+    assert advice_of(px, interval) == advice

@@ -13,8 +13,11 @@ from helpers.cli_result import Sfr
 from helpers.loc_drive import drive, run
 from helpers.made_scene import LOC_RIG
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.evidence.calibration import CameraOffset, calibration_table, corrected_drive
 from sfr_loc_map.evidence.check import check_drive, check_table
 from sfr_loc_map.evidence.variants import PairsInMemory, Run
+from sfr_loc_map.faults.injector import FaultInjector
+from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -41,6 +44,48 @@ def test_a_drive_agrees_with_itself_and_every_comparison_is_a_row() -> None:
     assert again.result == found.result
     same = Score(figures=again.figures).figure("difference", part="forward - ours")
     assert same.max == pytest.approx(0.0, abs=1e-12)
+
+
+def faulty(fault: str) -> PairsInMemory:
+    """Return the drive with a fault of the calibration."""
+    clean = drive(40)
+    return PairsInMemory(
+        LOC_RIG, [pair for _, pair in FaultInjector([parse_fault(fault)], 1, 40, LOC_RIG).pairs(clean)]
+    )
+
+
+@pytest.mark.parametrize("angle", ["pitch", "roll"])
+def test_a_wrong_calibration_is_to_be_redone_and_its_cost_is_measured(angle: str) -> None:
+    """The drive with the offset taken back has no such offset, and its positions differ by the stated cost."""
+    sequence = faulty(f"{angle}:amount=0.3")
+    found = check_drive(sequence, LocalisationConfig(), [Condition.parse("frames=5")], 40)
+    assert [angle in text for text in found.calibration] == [True]
+    score = Score(figures=found.figures)
+    degrees = np.degrees(score.number("right_camera", "value", part=angle) / LOC_RIG.fx)
+    assert abs(degrees) == pytest.approx(0.3, abs=0.03)
+    assert 0.0 < score.number("calibration_cost", "value", part=angle) < 0.05
+    table = calibration_table(found.figures)
+    advice = {row[0].text: row[-1].text for row in table.rows}
+    assert advice[f"right camera, {angle}"] == "redo"
+    assert advice[f"positions move by correction of {angle} over 5 frames"] == "-"
+    corrected = corrected_drive(sequence, [CameraOffset(angle, 4, 0.0, 0.0, 0.0, float(degrees), None)])
+    again = check_drive(corrected, LocalisationConfig(), [Condition.parse("frames=5")], 40)
+    assert again.calibration == ()
+    assert not [row for row in again.figures if row.figure == "calibration_cost"]
+    assert {row[-1].text for row in calibration_table(again.figures).rows} == {"keep", "-"}
+
+
+def test_a_yaw_is_taken_back_in_the_images() -> None:
+    """The localiser reports a positive yaw of a camera that looks to the left (docs/measurements.md)."""
+    clean, sequence = drive(1)[0].right, faulty("yaw:amount=0.3")
+    (corrected,) = corrected_drive(
+        replace(sequence, kept=sequence.kept[:1]), [CameraOffset("yaw", 4, 0.0, 0.0, 0.0, 0.3, None)]
+    ).kept
+    inner = (slice(5, -5), slice(5, -5))
+    before, after = (
+        np.abs(image[inner].astype(float) - clean[inner]).mean() for image in (sequence.kept[0].right, corrected.right)
+    )
+    assert after < 0.2 * before
 
 
 def test_a_short_drive_is_refused() -> None:

@@ -1,0 +1,171 @@
+"""Misclosure at revisited places: does the drive return to where the images show that the rover is?
+
+Between two visits of a place, the localiser accumulates its errors over the path between them. A second run omits this
+path: it consists of the pairs up to the first visit and of the pair of the second visit, so that it measures the motion
+between both visits directly from landmarks of the first visit. The difference is the misclosure. Both covariances
+predict its size. The systematic errors are included, because they accumulate along the path and not in the direct run.
+A scale error is nearly unobservable in a closed loop, because it cancels where the path returns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.distance import cdist
+
+from sfr_loc_map.evidence.agreement import Agreement, Windows, probability_of, rows_at
+from sfr_loc_map.evidence.variants import PairsInMemory, Run, run_pairs
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import matrix_from_quat
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.metrics import formulas
+from sfr_loc_map.metrics.association import associate
+from sfr_loc_map.metrics.config import AssociationConfig
+from sfr_loc_map.metrics.consistency import normalised_square, relative_covariance, relative_errors, sums_of_steps
+from sfr_loc_map.metrics.table import Figure, figure_row
+from sfr_loc_map.report.tables import Cell, Column, Table, Unit, fitting
+
+MIN_PATH_M = 1.0
+"""Minimum path between two visits, m. Chosen by hand: a stationary rover does not revisit its place."""
+NEAR_M = 0.5  #: Maximum distance between two visits, m. Chosen by hand: images at 2 to 5 m overlap.
+MAX_TURN_DEG = 30.0  #: Maximum rotation between two visits, deg. Chosen by hand: half of a field of view overlaps.
+PAIRS_BEFORE = 10
+"""Pairs up to the first visit in the direct run. Chosen by hand: enough for several keyframes."""
+MOST_TRIES = 10  #: Maximum number of direct runs.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Closure:
+    """A place that was visited twice."""
+
+    first: int  #: Number of the pair of the first visit, from 0.
+    again: int  #: Number of the pair of the second visit.
+    path_m: float  #: Path between both visits.
+    error: FloatArray  #: `(6,)` difference of both motions, m and rad, in the axes of the forward run.
+    square: float | None  #: Normalised square of the difference; None where a covariance is unknown.
+
+    @property
+    def misclosure_m(self) -> float:
+        """Difference of the positions."""
+        return float(np.linalg.norm(self.error[:3]))
+
+    @property
+    def name(self) -> str:
+        """The pairs of both visits."""
+        return f"pairs {self.first} and {self.again}"
+
+
+def find_closures(drive: PairsInMemory, forward: Run, config: LocalisationConfig) -> list[Closure]:
+    """Return the misclosures of places that a drive revisits; their paths share no pair."""
+    worth = worth_of_visits(forward)
+    found = []
+    for _ in range(MOST_TRIES):
+        first, again = map(int, np.unravel_index(np.argmax(worth), worth.shape))
+        if worth[first, again] == 0.0:
+            break
+        kept = [*drive.kept[max(first - PAIRS_BEFORE, 0) : first + 1], drive.kept[again]]
+        closure = close(forward, run_pairs(drive, config, "direct", kept), first, again)
+        if closure is None:
+            rows, columns = (slice(max(at - PAIRS_BEFORE, 0), at + PAIRS_BEFORE + 1) for at in (first, again))
+            worth[rows, columns] = 0.0
+        else:
+            found.append(closure)
+            worth[:again, first + 1 :] = 0.0
+    return sorted(found, key=lambda item: item.first)
+
+
+def worth_of_visits(forward: Run) -> FloatArray:
+    """Return the worth `(N, N)` of each two pairs as visits of one place: path times closeness, 0 if they are not.
+
+    The row is the first visit, the column the second.
+    """
+    poses = forward.estimates.trajectory
+    length_m = formulas.path_length_m(poses.positions).astype(np.float64)
+    path_m = length_m[None] - length_m[:, None]
+    closeness = 1.0 - cdist(poses.positions, poses.positions) / NEAR_M
+    cosine = np.abs(poses.quats_xyzw @ poses.quats_xyzw.T)
+    turn_deg = np.degrees(2.0 * np.arccos(np.clip(cosine, 0.0, 1.0)))
+    is_known = ~forward.estimates.lost
+    is_place = (path_m >= MIN_PATH_M) & (closeness > 0.0) & (turn_deg <= MAX_TURN_DEG)
+    return np.where(is_place & is_known[:, None] & is_known[None], path_m * closeness, 0.0)
+
+
+def close(forward: Run, direct: Run, first: int, again: int) -> Closure | None:
+    """Return the difference of two runs between two pairs; None if the direct run is degraded or lost at one."""
+    poses = forward.estimates.trajectory
+    ends = np.array([first, again])
+    rows = rows_at(direct, poses.stamps_ns[ends])
+    if (direct.estimates.lost | direct.estimates.degraded)[rows].any():
+        return None
+    frames, _ = associate(poses[ends], direct.estimates.trajectory[rows], AssociationConfig(truth="match"))
+    start, end = np.array([0]), np.array([1])
+    error = relative_errors(frames, start, end)[0]
+    path_m = float(np.linalg.norm(np.diff(poses.positions[first : again + 1], axis=0), axis=1).sum())
+    own, others = growth_between(forward, first, again), growth_between(direct, int(rows[0]), int(rows[1]))
+    if own is None or others is None:
+        return Closure(first, again, path_m, error, None)
+    turn = matrix_from_quat(frames.est_quat[0]) @ matrix_from_quat(frames.gt_quat[0]).T
+    turns = np.kron(np.eye(2), turn)
+    return Closure(first, again, path_m, error, normalised_square(error, own + turns @ others @ turns.T))
+
+
+def growth_between(run: Run, start: int, end: int) -> FloatArray | None:
+    """Return the covariance of one estimate given another, with all errors that the run states."""
+    if run.estimates.steps is None:
+        return None
+    sums = sums_of_steps(run.estimates, run.estimates.steps, np.array([start, end]))
+    return relative_covariance(sums[start], sums[end], run.estimates.trajectory.positions[end])
+
+
+# ---- figures
+
+
+def agreement_at(closures: Sequence[Closure]) -> Agreement:
+    """Return the misclosures as a comparison of two runs; one place is enough, because its square has a known law."""
+    errors = np.array([item.error for item in closures])
+    squares = np.array([item.square for item in closures if item.square is not None])
+    lengths_m = np.zeros((len(closures), 2))
+    attitude_deg = np.degrees(np.linalg.norm(errors[:, 3:], axis=1))
+    windows = Windows(errors[:, :3], attitude_deg, squares, lengths_m, apart=len(closures), lost=0)
+    probability = probability_of(squares) if len(squares) else None
+    return Agreement(name="forward - direct", condition=None, windows=windows, probability=probability)
+
+
+def closure_rows(closure: Closure) -> Iterator[Figure]:
+    """Yield the rows of a revisited place."""
+    yield figure_row("revisited_path", part=closure.name, value=closure.path_m)
+    yield figure_row("misclosure", part=closure.name, value=closure.misclosure_m)
+    yield figure_row("misclosure_of_path", part=closure.name, value=closure.misclosure_m / closure.path_m)
+    yield figure_row("misclosure_nees", part=closure.name, value=closure.square)
+
+
+def closure_table(figures: Sequence[Figure]) -> Table:
+    """Return the revisited places as a table."""
+    places: dict[str, dict[str, int]] = {}  # of the figures of a place, by name
+    for place, row in enumerate(figures):
+        if row.figure in ("revisited_path", "misclosure", "misclosure_of_path", "misclosure_nees"):
+            places.setdefault(row.part or "", {})[row.figure] = place
+    rows = []
+    for name, at in places.items():
+        misclosure = figures[at["misclosure"]].value
+        unit = fitting(Unit("m"), misclosure)
+        units = {"revisited_path": Unit("m"), "misclosure": unit, "misclosure_of_path": Unit("%")}
+        cells = [Cell.number(figures[at[key]].value, f"figures.{at[key]}.value", units[key]) for key in units]
+        nees = Cell.number(figures[at["misclosure_nees"]].value, f"figures.{at['misclosure_nees']}.value")
+        rows.append((Cell.head(name), cells[0], Cell(unit.symbol), cells[1], cells[2], nees))
+    columns = (
+        Column("revisited place", words=True),
+        Column("path", Unit("m")),
+        Column("unit"),
+        Column("misclosure"),
+        Column("of the path", Unit("%")),
+        Column("NEES"),
+    )
+    note = (
+        "Misclosure: the motion between both visits as accumulated along the path, against the motion that a direct "
+        "run measures from the landmarks of the first visit. NEES: 6 on average if the covariances are consistent. A "
+        "scale error does not show, because it cancels in a closed loop."
+    )
+    return Table("revisited", "Revisited places", columns, tuple(rows), note)
