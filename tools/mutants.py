@@ -65,7 +65,7 @@ class Mutation(NamedTuple):
     instead: str
 
 
-ANSWERS, STORE = "scoring/answer_book.py", "suite/running/store.py"
+ANSWERS, STORE = "nodes/replay/answer_book.py", "suite/running/store.py"
 JUDGE = "metrics/judging/judge.py"
 OTHER_FRAMES = "metrics/other_frames.py"
 FORMULAS, SCORE, SHORTFALLS = "metrics/formulas.py", "metrics/trajectory_errors.py", "metrics/shortfall_kinds.py"
@@ -259,8 +259,8 @@ MUTATIONS = (
     Mutation("metrics/calls.py", "float(np.mean(known)) / period_s", "float(np.median(known)) / period_s"),
     Mutation("metrics/calls.py", "float(np.median(apart_s))", "float(np.mean(apart_s))"),
     Mutation("metrics/calls.py", "np.isin(estimate_ns, localised).mean()", "np.isin(localised, estimate_ns).mean()"),
-    Mutation("metrics/calls.py", "(self._clock_ns() - begin) * 1e-9", "(self._clock_ns() - begin) * 0.5e-9"),
-    Mutation("metrics/calls.py", "peak_bytes - self._idle_bytes, 0)", "peak_bytes, 0)"),
+    Mutation("metrics/call_meter.py", "(self._clock_ns() - begin) * 1e-9", "(self._clock_ns() - begin) * 0.5e-9"),
+    Mutation("metrics/call_meter.py", "peak_bytes - self._idle_bytes, 0)", "peak_bytes, 0)"),
     Mutation("metrics/calls.py", "if row.call in kinds else row for", "if row.part in kinds else row for"),
     # the judge
     Mutation(SHORTFALLS, '"missing", DRIVE, 0.0', '"missing", DRIVE, 0.01'),
@@ -281,7 +281,7 @@ MUTATIONS = (
     ),
     Mutation(SHORTFALLS, '"doubled", DRIVE, 0.0', '"doubled", DRIVE, 0.1'),
     # calls belong to the estimate that they gave
-    Mutation("scoring/run.py", "stats = [beside] if beside.is_file() else []", "stats = []"),
+    Mutation("scoring/inputs.py", "stats = [beside] if beside.is_file() else []", "stats = []"),
     Mutation(
         "suite/running/digests.py",
         "files_hash(source.path, source.truth, *map(str, calls))",

@@ -38,7 +38,7 @@ from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import BUILT_IN, OURS_IN_TABLES, PEERS, Method, MethodLimits, find_method, find_peer
 from sfr_loc_map.metrics.association import Estimates
-from sfr_loc_map.metrics.calls import METHOD
+from sfr_loc_map.metrics.call_meter import METHOD
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map
 from sfr_loc_map.metrics.config import MapScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import Score

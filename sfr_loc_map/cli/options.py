@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
     from sfr_loc_map.metrics.limits import Limits
     from sfr_loc_map.runs.offline import UnderTest
-    from sfr_loc_map.scoring.run import Correction
+    from sfr_loc_map.scoring.inputs import Correction
 
 MORE = "More"
 METHOD = "Method under test"
@@ -247,7 +247,7 @@ def judgement(limits_file: Path | None, conditions: list[str] | None, config: Pa
 def correction_of(settings: list[str] | None, apply_diagnosis: bool, *, has_poses: bool = True) -> Correction:
     """Return how an estimate is converted; raise ConfigError if a setting is invalid, or there are no poses."""
     from sfr_loc_map.metrics.pose_convention import PoseConvention
-    from sfr_loc_map.scoring.run import Correction
+    from sfr_loc_map.scoring.inputs import Correction
 
     correction = Correction(PoseConvention.parse(settings or ()), apply_diagnosis)
     if not has_poses and correction != Correction():

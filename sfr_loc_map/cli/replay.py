@@ -46,8 +46,8 @@ if TYPE_CHECKING:
     from sfr_loc_map.metrics.limits import Limits
     from sfr_loc_map.nodes.replay.options import ReplayOptions
     from sfr_loc_map.nodes.replay.run import ScoredReplay
-    from sfr_loc_map.scoring.replay_result import ReplayFiles
-    from sfr_loc_map.scoring.run import Correction
+    from sfr_loc_map.runs.replay_result import ReplayFiles
+    from sfr_loc_map.scoring.inputs import Correction
 
 PLAYED = "How the source is played"
 UNDER_TEST = "A node of anyone in place of ours"
@@ -164,7 +164,7 @@ def replay(
     """Play a source to the nodes over topics, record what they answer, score it."""
     propose("... --out out", why="keeps report, estimate and cloud")
     with live_beside(live, live_port, isolated=True) as page:  # first: its imports are the quicker ones
-        from sfr_loc_map.scoring.replay_result import ReplayFiles
+        from sfr_loc_map.runs.replay_result import ReplayFiles
         from sfr_loc_map.scoring.settings import score_settings
 
         opened, read_from = open_as(source, remap, config)

@@ -45,7 +45,7 @@ from sfr_loc_map.metrics.config import ScoreConfig, aligned_error_config
 if TYPE_CHECKING:
     from sfr_loc_map.io.source_config import SourceConfig
     from sfr_loc_map.metrics.score import Score
-    from sfr_loc_map.scoring.run import Run, ScoreInputs
+    from sfr_loc_map.scoring.inputs import Run, ScoreInputs
 
 
 SHOWN_HYPOTHESES = 5
@@ -185,8 +185,8 @@ def score(
     ] = None,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
+    from sfr_loc_map.scoring.inputs import ScoreInputs
     from sfr_loc_map.scoring.load import load_run
-    from sfr_loc_map.scoring.run import ScoreInputs
     from sfr_loc_map.scoring.score_run import converted_run, score_run
     from sfr_loc_map.scoring.settings import score_settings
 

@@ -7,6 +7,7 @@ from .clouds.cloud_file import save_cloud as save_cloud
 from .layouts.folder import FolderWriter as FolderWriter
 from .layouts.folder import rig_json as rig_json
 from .registry import open_source as open_source
+from .registry import read_truth as read_truth
 from .sequence import LocSequence as LocSequence
 from .sequence import NavSequence as NavSequence
 from .sequence import Source as Source

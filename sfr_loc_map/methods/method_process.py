@@ -32,7 +32,7 @@ from sfr_loc_map.methods.adapters.loop import Answer, Camera, Hello, Order, Orde
 from sfr_loc_map.methods.isolation import environment_of, rules_of
 from sfr_loc_map.methods.process_tree import ProcessTree, TreeUsage, bytes_of_files
 from sfr_loc_map.methods.registry import ADAPTERS, Method, MethodLimits
-from sfr_loc_map.metrics.calls import CallUsage
+from sfr_loc_map.metrics.call_meter import CallUsage
 from sfr_loc_map.metrics.records import FindingKind
 
 EXIT_TIMEOUT_S = 10.0

@@ -1,17 +1,12 @@
-"""Time and memory of the calls of a processing API [4.2.1, 4.2.2, 4.3.1, 4.3.2]: measured one by one, and scored.
+"""The figures of time and memory of the calls of a processing API [4.2.1, 4.2.2, 4.3.1, 4.3.2].
 
-Memory: before a call the kernel's high-water mark of the process' resident memory is reset to what is resident now
-(`5` written to `/proc/self/clear_refs`). After the call the mark is read (`VmHWM` in `/proc/self/status`). The mark is
-the kernel's own peak of all threads together, exact to some hundred KiB. Memory "above the idle process" is the peak
-less what was resident when the meter was made, or at the last `mark_idle`.
+`metrics.call_meter` measures the calls.
 """
 
 from __future__ import annotations
 
 import re
-import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import NamedTuple
@@ -24,8 +19,8 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
 from sfr_loc_map.inputs import NS_PER_S, Task
-from sfr_loc_map.memory_mark import peak_of, reset_peak
 from sfr_loc_map.metrics import formulas
+from sfr_loc_map.metrics.call_meter import HOST_CLOCK, METHOD_UNAVAILABLE
 from sfr_loc_map.metrics.catalogue import CALLS, MEMORY, Subject, clause_of
 from sfr_loc_map.metrics.completeness import calls_completeness, expected_row, share_of
 from sfr_loc_map.metrics.config import CallKind, MappingState
@@ -35,10 +30,7 @@ from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.table import Figure, figure_row
 
 UNKNOWN = "unknown"
-HOST_CLOCK = "host monotonic"
 OUTSIDE_CLOCK = "host monotonic, from publishing a pair to the answer"
-METHOD = "kernel high-water mark of resident memory (VmHWM), reset before each call"
-METHOD_UNAVAILABLE = "not measured: this system has no resettable high-water mark (/proc/self/clear_refs)"
 STATE_KINDS: dict[str, CallKind] = {
     MappingState.MAPPED: CallKind.MAPPING,
     MappingState.FUSED: CallKind.FUSION,
@@ -51,56 +43,6 @@ HISTOGRAM_BINS = 40
 SERIES_ROWS = 2000  #: Calls of each kind that are kept for plots.
 FIRST = "first call"  #: Part of the row of the first call that was measured.
 AFTER_FIRST = "after the first call"  #: Part of the row of the others.
-
-
-# ---- measuring
-
-
-@dataclass(slots=True)
-class CallUsage:
-    """What one call took: wall-clock time, peak resident memory, the same above the idle process."""
-
-    processing_time_s: float = 0.0
-    peak_rss_bytes: int | None = None
-    above_idle_bytes: int | None = None
-
-    def cost(self, state: str) -> tuple[float, str, int | None, int | None]:
-        """Return time, state after the call and memory, as a `CallRecord` has them."""
-        return self.processing_time_s, str(state), self.peak_rss_bytes, self.above_idle_bytes
-
-
-class CallMeter:
-    """Measures calls, one at a time; names its clock and how memory is measured."""
-
-    def __init__(self, clock_ns: Callable[[], int] = time.perf_counter_ns, clock: str = HOST_CLOCK) -> None:
-        """Take the present resident memory as that of the idle process."""
-        self.clock = clock
-        self._clock_ns = clock_ns
-        self._available = reset_peak("self") is not None and peak_of("self") is not None
-        self.method = METHOD if self._available else METHOD_UNAVAILABLE
-        self.mark_idle()
-
-    def mark_idle(self) -> None:
-        """Take the present resident memory as that of the idle process (after start and warm-up)."""
-        self._idle_bytes = (reset_peak("self") or 0) if self._available else 0
-
-    @contextmanager
-    def measure(self) -> Iterator[CallUsage]:
-        """Measure what is done in the `with` block; the usage is filled in at its end, an error passes through."""
-        usage = CallUsage()
-        if self._available:
-            reset_peak("self")
-        begin = self._clock_ns()
-        try:
-            yield usage
-        finally:
-            usage.processing_time_s = (self._clock_ns() - begin) * 1e-9
-            if self._available and (peak_bytes := peak_of("self")) is not None:
-                usage.peak_rss_bytes = peak_bytes
-                usage.above_idle_bytes = max(peak_bytes - self._idle_bytes, 0)
-
-
-# ---- scoring
 
 
 @dataclass(frozen=True, slots=True, eq=False)

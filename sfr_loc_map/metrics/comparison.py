@@ -22,8 +22,7 @@ from sfr_loc_map.metrics.catalogue import KINDS, TOTAL, Subject
 from sfr_loc_map.metrics.details import SubTrajectoryRows
 from sfr_loc_map.metrics.formulas import statistics
 from sfr_loc_map.metrics.intervals import Interval, holm, scatter_of_difference
-from sfr_loc_map.metrics.record import Record
-from sfr_loc_map.metrics.records import MethodRecord
+from sfr_loc_map.metrics.records import MethodRecord, Record
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.table import Figure

@@ -39,7 +39,7 @@ from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates, a
 from sfr_loc_map.metrics.config import AssociationConfig
 from sfr_loc_map.metrics.formulas import pose_reading
 from sfr_loc_map.metrics.pose_convention import FIRST_POSE, MIRROR, PoseConvention, aligned, converted
-from sfr_loc_map.metrics.record import Record
+from sfr_loc_map.metrics.records import Record
 
 GAIN, GAIN_FITTED = 2.0, 3.0
 """Undoing a mismatch must make the disagreement this many times smaller; the second where numbers were fitted."""

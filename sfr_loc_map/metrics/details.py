@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.metrics.record import Record
+from sfr_loc_map.metrics.records import Record
 
 Values = tuple[float | None, ...]  #: One entry a row; None where a value is undefined.
 Integers = tuple[int, ...]

@@ -168,7 +168,7 @@ def standard_deviation(errors: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.sum(squares, axis=0) / (len(errors) - 1)))
 
 
-# ---- 4.2.1 and 4.2.2, time and memory of a localisation call, are in `metrics.calls`
+# ---- 4.2.1 and 4.2.2, time and memory of a localisation call, are in `metrics.call_meter` and `metrics.calls`
 
 
 # ---- 4.2.3.1 3D position error
@@ -226,7 +226,7 @@ def heading_error_deg(estimated: FloatArray, actual: FloatArray) -> FloatArray:
     return np.asarray(error - 360.0 * np.ceil((error - 180.0) / 360.0))
 
 
-# ---- 4.3.1 and 4.3.2, time and memory of a mapping call, are in `metrics.calls`; 4.3.3 is the heading of 4.3.4
+# ---- 4.3.1 and 4.3.2, time and memory of a mapping call, are in the same modules; 4.3.3 is the heading of 4.3.4
 
 
 # ---- 4.3.4 Error in the output point cloud

@@ -15,7 +15,7 @@ import msgspec
 from sfr_loc_map.metrics.catalogue import ALIGNED, CALLS, CATALOGUE, KINDS, MAP, FigureKind, Subject
 from sfr_loc_map.metrics.config import CallKind, Condition
 from sfr_loc_map.metrics.formulas import STATISTICS
-from sfr_loc_map.metrics.record import Record
+from sfr_loc_map.metrics.records import Record
 from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.tolerance import CONFIDENCE, THREE_SIGMA

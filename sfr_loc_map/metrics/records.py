@@ -5,9 +5,15 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Any
 
+import msgspec
+
 from sfr_loc_map.metrics.config import SPACING_FRAMES, AssociationMode, CloudKind, Rebase
 from sfr_loc_map.metrics.formulas import Statistics
-from sfr_loc_map.metrics.record import Record
+
+
+class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
+    """Base of everything that is written as JSON: frozen structs, whose types are checked when they are read."""
+
 
 # ---- how estimates were compared with the ground truth
 

@@ -25,7 +25,6 @@ from sfr_loc_map.metrics.catalogue import ANY, Subject
 from sfr_loc_map.metrics.config import Condition, VerdictState
 from sfr_loc_map.metrics.details import Details, ErrorRows, columns_of
 from sfr_loc_map.metrics.limits import Rules
-from sfr_loc_map.metrics.record import Record
 from sfr_loc_map.metrics.records import (
     Alignment,
     Association,
@@ -37,6 +36,7 @@ from sfr_loc_map.metrics.records import (
     MethodRecord,
     ProcessUsage,
     Provenance,
+    Record,
     TargetRun,
     TruthRecord,
 )

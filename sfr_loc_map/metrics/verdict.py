@@ -8,7 +8,7 @@ from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.intervals import Interval
 from sfr_loc_map.metrics.limits import is_lower_bound, is_on_target
-from sfr_loc_map.metrics.record import Record
+from sfr_loc_map.metrics.records import Record
 
 
 class ProofRecord(Record, frozen=True, kw_only=True):

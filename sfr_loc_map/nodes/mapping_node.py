@@ -28,7 +28,7 @@ from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.mapping.pose_matching import PoseMatching
 from sfr_loc_map.mapping.terrain.grid import elevation_grid
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.metrics.calls import CallUsage
+from sfr_loc_map.metrics.call_meter import CallUsage
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
 from sfr_loc_map.nodes.input.waiting import Input

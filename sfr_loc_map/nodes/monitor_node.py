@@ -47,6 +47,7 @@ from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.lifecycle.worker import Overload
+from sfr_loc_map.nodes.report_file import ReportFile
 from sfr_loc_map.nodes.ros.messages import (
     cloud_from_msg,
     covariance_of,
@@ -62,7 +63,6 @@ from sfr_loc_map.nodes.ros.transport import TransportGaps
 from sfr_loc_map.nodes.score_messages import figure_topics, score_statuses
 from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.scoring.monitor_score import MonitorScore
-from sfr_loc_map.scoring.report_file import ReportFile
 from sfr_loc_map.topics import (
     CLOUD,
     ESTIMATE,

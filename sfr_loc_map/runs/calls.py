@@ -24,7 +24,8 @@ from sfr_loc_map.inputs import MAX_TEXT_BYTES, Task, read_table_text, refusing
 from sfr_loc_map.io.tables.text_table import parse_stamp_ns
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.metrics.association import UPPER, Estimates, lost_by_covariance
-from sfr_loc_map.metrics.calls import METHOD, Calls, CallUsage, concatenated, stacked, stage_of
+from sfr_loc_map.metrics.call_meter import METHOD, CallUsage
+from sfr_loc_map.metrics.calls import Calls, concatenated, stacked, stage_of
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.consistency import STEP_SIZE, WITHOUT_NOISE
 from sfr_loc_map.metrics.records import FindingKind, FindingRecord, MethodKind, MethodRecord, ProcessUsage

@@ -30,7 +30,7 @@ from sfr_loc_map.mapping.search_range import search_range
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.registry import Method, MethodLimits, record_of_ours
-from sfr_loc_map.metrics.calls import CallMeter
+from sfr_loc_map.metrics.call_meter import CallMeter
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.metrics.records import MethodRecord
 from sfr_loc_map.runs.calls import CallRecord, call_of_estimate, call_of_fusion, call_of_stages

@@ -1,4 +1,3 @@
-from .replay_result import save_replay as save_replay
-from .replay_result import score_replay as score_replay
+from .score_replay import score_replay as score_replay
 from .score_run import diagnose_run as diagnose_run
 from .score_run import score_files as score_files

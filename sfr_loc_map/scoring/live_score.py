@@ -14,7 +14,7 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.scoring.run import Run
+from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.score_parts import (
     CallsResult,
     DriveResult,

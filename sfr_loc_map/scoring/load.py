@@ -12,7 +12,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from sfr_loc_map import io  # whose `open_source` is loaded late: files of trajectories need no images
+from sfr_loc_map import (
+    io,  # its readers of sources are loaded when they are called, because files of trajectories need no images
+)
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
@@ -28,7 +30,8 @@ from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.cloud_error import PairTruth, truths_of
 from sfr_loc_map.metrics.records import MethodKind, MethodRecord, TargetRecord
 from sfr_loc_map.runs.calls import CallStats, estimates_of, load_call_stats, united
-from sfr_loc_map.scoring.run import IN_MEMORY, CloudToScore, DriveToScore, Run, ScoreInputs
+from sfr_loc_map.scoring.inputs import IN_MEMORY, CloudToScore, DriveToScore, Run, ScoreInputs
+from sfr_loc_map.topics import ESTIMATE
 
 _log = logging.getLogger(__name__)
 SAME_POSITION_M = 0.002  #: Difference by which a file may have rounded a position: to 1 mm, and twice.
@@ -324,3 +327,29 @@ def with_read_files(inputs: ScoreInputs, how: SourceConfig) -> ScoreInputs:
 def _existing(name: str) -> Path | None:
     """Return the file of a name in a configuration; None where it is empty or the name of a topic."""
     return Path(name) if name and Path(name).exists() else None
+
+
+def load_trajectories(paths: list[Path], truth: Path | None) -> tuple[dict[str, Trajectory], Trajectory | None]:
+    """Return the trajectories that a page draws, by the shortest names that differ, and the truth, None without one.
+
+    Poses without stamps have those of the truth. Of a source without estimates the truth is returned.
+    """
+    file_names = [path.name for path in paths]
+    poses: dict[str, Trajectory] = {}
+    true_poses: Trajectory | None = None
+    for path in paths:
+        name = path.name if file_names.count(path.name) == 1 else str(path)
+        is_source = path.is_dir()
+        if is_bag(path):
+            is_source = truth is None and not io.Bag(path).matches(ESTIMATE)
+        if is_source:
+            poses[name] = io.read_truth(path)
+        elif truth is None:
+            poses[name] = load_estimates(path).trajectory
+        else:
+            drive = load_drive(path, truth)
+            poses[name] = drive.estimates.trajectory
+            true_poses = true_poses or drive.truth
+    if truth is not None and true_poses is None:
+        true_poses = io.read_truth(truth)
+    return poses, true_poses

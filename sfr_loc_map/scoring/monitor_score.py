@@ -25,7 +25,8 @@ from sfr_loc_map.inputs import JUMP_BACK_NS, NS_PER_S
 from sfr_loc_map.io.truth import RB_ITSELF, TrackedBody
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates
-from sfr_loc_map.metrics.calls import METHOD, Calls, stage_of
+from sfr_loc_map.metrics.call_meter import METHOD
+from sfr_loc_map.metrics.calls import Calls, stage_of
 from sfr_loc_map.metrics.cloud_error import PairTruth, ScoredMap, score_map
 from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.consistency import STEP_SIZE
@@ -33,8 +34,8 @@ from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.runs.calls import CallRecord, CallStats, estimates_of, is_covariance_reported
+from sfr_loc_map.scoring.inputs import DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.live_score import LiveRun, score_so_far
-from sfr_loc_map.scoring.run import DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.score_run import convention_mismatch
 
 T = TypeVar("T")

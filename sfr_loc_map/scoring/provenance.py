@@ -23,7 +23,7 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import load_limits
 from sfr_loc_map.metrics.records import InputFile, Provenance
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.scoring.run import IN_MEMORY, Run
+from sfr_loc_map.scoring.inputs import IN_MEMORY, Run
 
 
 def provenance_of(run: Run, config: ScoreConfig, truth_sha256: str | None, map_truth_sha256: str | None) -> Provenance:

@@ -36,7 +36,7 @@ from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.runs.calls import CallStats
-from sfr_loc_map.scoring.run import CloudToScore, DriveToScore, Run
+from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run
 
 FEW_TRUE_POSES = 0.5  #: Below so many true poses an image it is said that frames count true poses.
 MAX_PIXEL_OFFSET = 5.0  #: Typical distance of points from the pixels that they name, px: matching errs by less.

@@ -22,9 +22,9 @@ from sfr_loc_map.metrics.pose_convention import PoseConvention
 from sfr_loc_map.metrics.records import ConventionRecord, MethodKind, MethodRecord, Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.runs.calls import CallStats
+from sfr_loc_map.scoring.inputs import Correction, DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.scoring.provenance import provenance_of
-from sfr_loc_map.scoring.run import Correction, DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.score_parts import (
     CallsResult,
     DriveResult,

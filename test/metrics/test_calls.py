@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.inputs import Task
-from sfr_loc_map.metrics import calls as module
+from sfr_loc_map.metrics import call_meter
+from sfr_loc_map.metrics.call_meter import HOST_CLOCK, METHOD_UNAVAILABLE, CallMeter
 from sfr_loc_map.metrics.calls import (
     AFTER_FIRST,
     FIRST,
-    HOST_CLOCK,
-    METHOD_UNAVAILABLE,
-    CallMeter,
     Calls,
     completeness_of_answers,
     completeness_rows,
@@ -46,7 +44,7 @@ def test_a_known_allocation_is_measured_and_that_of_an_earlier_call_is_not() -> 
 
 @pytest.mark.clause("4.2.1", "4.2.2")
 def test_a_clock_can_be_plugged_in_an_error_passes_and_memory_may_be_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "reset_peak", lambda process: None)
+    monkeypatch.setattr(call_meter, "reset_peak", lambda process: None)
     ticks = iter([1_000, 2_500_001_000])
     meter = CallMeter(lambda: next(ticks), "test clock")
     with pytest.raises(ValueError, match="inside"), meter.measure() as call:

@@ -27,12 +27,12 @@ from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_trajectory
+from sfr_loc_map.nodes.replay.answer_book import AnswerBook
 from sfr_loc_map.nodes.replay.results import Results
+from sfr_loc_map.nodes.report_file import ReportFile
 from sfr_loc_map.runs.calls import CallRecord, encode_call, estimates_of, stats_of
-from sfr_loc_map.scoring.answer_book import AnswerBook
 from sfr_loc_map.scoring.bag_estimates import bag_estimates
 from sfr_loc_map.scoring.monitor_score import MonitorScore
-from sfr_loc_map.scoring.report_file import ReportFile
 from sfr_loc_map.topics import ESTIMATE, call_topic
 
 CONFIG = TrajectoryScoreConfig(conditions=("distance=0.5",), spacing=3)

@@ -6,7 +6,7 @@ from helpers.made_suites import straight
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.config import ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.scoring.run import ScoreInputs
+from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.scoring.score_run import score_files
 
 

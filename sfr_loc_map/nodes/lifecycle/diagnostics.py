@@ -27,7 +27,7 @@ from rclpy.qos import QoSProfile
 from sfr_loc_map.config import param
 from sfr_loc_map.inputs import NS_PER_S, one_line
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.metrics.calls import CallMeter
+from sfr_loc_map.metrics.call_meter import CallMeter
 from sfr_loc_map.nodes.ros.messages import header_msg
 from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.topics import DIAGNOSTICS

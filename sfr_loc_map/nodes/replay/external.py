@@ -33,7 +33,7 @@ from sfr_loc_map.nodes.replay.options import ExternalOptions
 from sfr_loc_map.nodes.replay.results import Results
 from sfr_loc_map.nodes.ros import messages
 from sfr_loc_map.nodes.ros.qos import LATCHED
-from sfr_loc_map.scoring.replay_result import ExternalRun
+from sfr_loc_map.runs.replay_result import ExternalRun
 
 DEPTH = 1000
 PUBLISHER_GRACE_S = 2.0

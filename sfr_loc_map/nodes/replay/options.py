@@ -23,7 +23,7 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.pose_convention import PoseConvention
 from sfr_loc_map.nodes.launch.live_process import LiveProcess
 from sfr_loc_map.runs.offline import start_pose
-from sfr_loc_map.scoring.run import Correction
+from sfr_loc_map.scoring.inputs import Correction
 from sfr_loc_map.topics import RESULTS
 
 CONVERTED = "external/converted"

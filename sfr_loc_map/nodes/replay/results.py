@@ -11,9 +11,9 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.metrics.config import MappingState
+from sfr_loc_map.nodes.replay.answer_book import AnswerBook
 from sfr_loc_map.runs.calls import CallRecord, published_or_of_call
-from sfr_loc_map.scoring.answer_book import AnswerBook
-from sfr_loc_map.scoring.replay_result import CollectedRun, ExternalRun
+from sfr_loc_map.runs.replay_result import CollectedRun, ExternalRun
 
 
 @dataclass(slots=True)

@@ -11,13 +11,14 @@ from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.nodes.replay.external_poses import with_converted_poses
 from sfr_loc_map.nodes.replay.options import ReplayOptions
 from sfr_loc_map.nodes.replay.results import Results
 from sfr_loc_map.nodes.replay.session import replay
 from sfr_loc_map.runs.offline import states_text, tracking_warning
-from sfr_loc_map.scoring.external_poses import with_converted_poses
-from sfr_loc_map.scoring.replay_result import CollectedRun, ReplayFiles, save_replay, score_replay
-from sfr_loc_map.scoring.run import Correction
+from sfr_loc_map.runs.replay_result import CollectedRun, ReplayFiles, save_replay
+from sfr_loc_map.scoring.inputs import Correction
+from sfr_loc_map.scoring.score_replay import score_replay
 
 
 @dataclass(frozen=True, slots=True)

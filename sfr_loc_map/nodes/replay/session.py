@@ -19,6 +19,7 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.completeness import MISSING_SHARE
 from sfr_loc_map.nodes.input.extrinsics import publish_extrinsics
 from sfr_loc_map.nodes.launch.processes import Supervisor, user_command
+from sfr_loc_map.nodes.replay.answer_book import AnswerBook
 from sfr_loc_map.nodes.replay.collector import ResultCollector
 from sfr_loc_map.nodes.replay.external import external_node
 from sfr_loc_map.nodes.replay.graph_node import ReplayNode
@@ -28,7 +29,6 @@ from sfr_loc_map.nodes.replay.player import Player
 from sfr_loc_map.nodes.replay.results import Results
 from sfr_loc_map.nodes.ros import environment
 from sfr_loc_map.runs.offline import check_count
-from sfr_loc_map.scoring.answer_book import AnswerBook
 from sfr_loc_map.topics import RECTIFIED, Role, names
 
 Say = Callable[[str], None]

@@ -18,7 +18,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import Task, hash_path
 from sfr_loc_map.io.source_config import config_beside
 from sfr_loc_map.methods.registry import find_method
-from sfr_loc_map.scoring.run import ScoreInputs
+from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.suite.running.job import JobSource, SourceKind, digest
 
 T = TypeVar("T")

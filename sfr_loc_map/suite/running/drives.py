@@ -12,8 +12,8 @@ import numpy as np
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.io.sequence import Source
+from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.scoring.load import load_run
-from sfr_loc_map.scoring.run import ScoreInputs
 from sfr_loc_map.suite.running.job import JobSource, SourceKind
 
 PLACES = 100  #: Poses of the ground truth that are compared, evenly distributed over the drive.

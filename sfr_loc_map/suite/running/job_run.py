@@ -35,8 +35,8 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_json, to_plain
 from sfr_loc_map.runs.calls import load_call_stats, save_stats
 from sfr_loc_map.runs.offline import DriveRun, UnderTest, drive, panorama, start_pose
+from sfr_loc_map.scoring.inputs import CloudToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_run
-from sfr_loc_map.scoring.run import CloudToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.suite.running.job import Job, JobKind
 from sfr_loc_map.suite.running.sources import local_path

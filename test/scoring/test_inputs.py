@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from sfr_loc_map.scoring.run import ScoreInputs
+from sfr_loc_map.scoring.inputs import ScoreInputs
 
 
 def test_calls_beside_an_estimate_are_read_unless_others_are_named(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from sfr_loc_map.metrics.records import FindingKind
-from sfr_loc_map.scoring.answer_book import EARLY_S, AnswerBook
+from sfr_loc_map.nodes.replay.answer_book import EARLY_S, AnswerBook
 
 TIMEOUT_S = 1.0
 PAIR_NS = 1_000
