@@ -39,12 +39,13 @@ GROUPS = (
     ("test/metrics",),
     ("test/geometry",),
     ("test/scoring/test_incomplete_everywhere.py",),
-    ("test/scoring/test_hidden_shortfalls.py",),
-    ("test/scoring/test_unjudged_frames.py",),
-    ("test/scoring/test_judged_as_given.py",),
+    ("test/scoring/test_copied_poses.py", "test/scoring/test_unjudged_frames.py"),
+    ("test/scoring/test_drive_completeness.py", "test/scoring/test_map_completeness.py"),
+    ("test/scoring/test_judged_calls.py", "test/scoring/test_target_calls.py"),
     ("test/test_host_clock.py",),
-    ("test/scoring/test_edited_scores.py",),
-    ("test/cli/test_signed_verdict.py", "test/report/test_test_report.py"),
+    ("test/scoring/test_edited_scores.py", "test/scoring/test_verdicts.py"),
+    ("test/scoring/test_score_command.py", "test/scoring/test_several_scores.py"),
+    ("test/scoring/test_deviations.py", "test/report/test_test_report.py"),
 )
 """The tests."""
 OF_METHODS = (

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from rosbags.rosbag2 import Reader, Writer
 
+from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
@@ -79,6 +80,15 @@ def nav_pair(index: int) -> PosedStereoPair:
     pair = stereo_pair(START_NS + index * PERIOD_NS, T_lm_navsb, NAV_RIG)
     truth = wall_points(T_lm_navsb @ NAV_RIG.T_sb_left, NAV_RIG).astype(np.float32)
     return PosedStereoPair(pair, T_lm_navsb, truth)
+
+
+def true_cloud(number: int = 0) -> PointCloud:
+    """Return a point at the true place of each pixel of a mapping pair, with a sigma of 50 mm."""
+    truth = nav_pair(number).truth
+    assert truth is not None
+    v, u = (part.ravel().astype(np.uint16) for part in np.indices(truth.shape[:2]))
+    same = np.full(len(u), 0.05, np.float32)
+    return PointCloud(truth.reshape(-1, 3), same, same, u, v, np.full(len(u), number, np.uint8), fused=False)
 
 
 def fill(writer: FolderWriter | BagWriter, loc_pairs: int, nav_pairs: int) -> None:

@@ -1,4 +1,4 @@
-"""Score files that were edited, with verdicts that follow from the edited figures: the rest of the file says so."""
+"""Score files that were edited are refused: verdicts that do not follow from figures, rows that are absent."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from helpers.cli_result import Sfr
-from helpers.straight_drive import COUNT, PERIOD_NS, POSITION, limits
+from helpers.judge import OVER_5_M, Judge
+from helpers.scored_drives import COUNT, PERIOD_NS, POSITION, limits
 from sfr_loc_map.metrics.judging.judge import judged_again
 from sfr_loc_map.metrics.score_json import decoded, to_json
 
@@ -79,6 +80,63 @@ def test_an_edited_file_is_refused(tmp_path: Path, files: tuple[Path, Path], sfr
     made.write_text(to_json(judged_again(decoded(json.dumps(content)))))
     done = sfr("report", made, "-o", page, "--overwrite")
     assert (done.code, said in done.err) == (2, True), done.err
+
+
+def edited(score: dict[str, Any], place: str, value: Any) -> dict[str, Any]:
+    """A score with another value at a place, such as `verdicts.0.verdict`."""
+    made = json.loads(json.dumps(score))
+    at, names = made, place.split(".")
+    for name in names[:-1]:
+        at = at[int(name)] if isinstance(at, list) else at[name]
+    last = int(names[-1]) if isinstance(at, list) else names[-1]
+    if value is None:
+        del at[last]
+    else:
+        at[last] = value
+    return made
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "said"),
+    [
+        ("verdicts.0.verdict", "pass", "verdict of the verdict on position_mean_plus_3sigma_m is 'pass'"),
+        ("verdicts.0.value", 0.0005, "value of the verdict on position_mean_plus_3sigma_m is 0.0005"),
+        ("verdicts.0.limit", 1.0, "limit of the verdict on position_mean_plus_3sigma_m is 1"),
+        ("verdict", "pass", "verdict is 'pass', from the figures follows 'fail'"),
+        ("rules.limits.0.limit", 1.0, "limit of the verdict on position_mean_plus_3sigma_m is 0.001"),
+        ("rules.limits.0.name", "position_mean_m", "name of the verdict on position_mean_plus_3sigma_m is"),
+        ("rules.limits.0.name", "position_mode_m", "'position_mode_m' is not a limit of the part 'trajectory'"),
+        ("rules.limits.0.condition", "distance=-5", "'distance=-5' is not a condition"),
+        ("rules.limits", None, "it has 1 verdicts, from its figures and limits follow 0"),
+        ("figures.0.mean_plus_3sigma", 0.0005, "|mean| + 3 sigma is"),
+        ("verdicts.0", None, "it has 0 verdicts, from its figures and limits follow 1"),
+    ],
+)
+def test_a_verdict_that_was_edited_is_refused_and_named(judge: Judge, place: str, value: Any, said: str) -> None:
+    result, score = judge(limits=OVER_5_M + "0.001\n")
+    assert result.code == 1
+    path = judge.folder / "edited.json"
+    path.write_text(json.dumps(edited(score, place, value)))
+    for options in (("-o", judge.folder / "p.html"), ("--test-report", judge.folder / "t.html")):
+        result = judge.sfr("report", path, *options, "--overwrite")
+        assert result.code == 2
+        assert said in result.err
+        assert result.err.count("\n") == 1
+    path.write_text(json.dumps(score))
+    assert judge.sfr("report", path, "--overwrite").code == 1  # exits as the verdict
+
+
+def test_a_score_without_its_rows_of_completeness_is_incomplete(judge: Judge) -> None:
+    _, score = judge(limits=OVER_5_M + "1\n")
+    assert score["verdict"] == "pass"
+    of_drive = [row for row in score["figures"] if row["subject"] != "completeness"]
+    beyond = [row for row in score["figures"] if row["figure"] == "errors_beyond"]
+    path = judge.folder / "edited.json"
+    for kept, words in ((of_drive, "errors_beyond position is absent"), ([*of_drive, *beyond], "limits follow 2")):
+        path.write_text(json.dumps({**score, "figures": kept}))
+        result = judge.sfr("report", path, "--overwrite")
+        assert result.code == 2
+        assert words in result.err
 
 
 def test_limits_whose_file_is_absent_or_changed_are_reported(

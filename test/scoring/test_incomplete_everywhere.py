@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from helpers.made_scene import LOC_RIG, NAV_RIG, nav_pair
+from helpers.made_scene import LOC_RIG, NAV_RIG, nav_pair, true_cloud
 from helpers.made_suites import JOB
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -62,14 +62,8 @@ def drive(noise_m: float = 0.002, rows: Any = slice(None)) -> Trajectory:
 
 
 def points_of(number: int, every: int = 1) -> PointCloud:
-    """A point at the true place of each pixel of a mapping pair."""
-    truth = NAV[number].truth
-    assert truth is not None
-    known = np.isfinite(truth).all(axis=2)
-    v, u = (part[known].astype(np.uint16)[::every] for part in np.indices(truth.shape[:2]))
-    same = np.full(len(u), 0.05, np.float32)
-    number_of_pair = np.full(len(u), number, np.uint8)
-    return PointCloud(truth[known].astype(np.float32)[::every], same, same, u, v, number_of_pair, fused=False)
+    """The true point of every n-th pixel of a mapping pair."""
+    return PointCloud.from_structured(true_cloud(number).to_structured()[::every], fused=False)
 
 
 def calls(stamps: Any = STAMPS, state: str = "tracking") -> list[CallRecord]:

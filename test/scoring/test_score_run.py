@@ -15,7 +15,7 @@ from helpers import score_rows
 from helpers.cli_result import Sfr
 from helpers.made_scene import NAV_RIG, nav_pair, write_folder
 from helpers.message_bags import write_messages
-from helpers.straight_drive import PERIOD_NS, straight
+from helpers.scored_drives import PERIOD_NS, straight
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory

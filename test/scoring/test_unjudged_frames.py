@@ -10,7 +10,7 @@ import pytest
 
 from helpers.cli_result import Sfr
 from helpers.honest_drives import honest_drive
-from helpers.straight_drive import COUNT, POSITION, limits, straight
+from helpers.scored_drives import COUNT, POSITION, limits, straight
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.association import Estimates

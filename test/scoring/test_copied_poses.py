@@ -1,0 +1,129 @@
+"""Poses that were copied, from the ground truth or from another pose of the estimate, judged by `sfr score`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from helpers.cli_result import Sfr
+from helpers.scored_drives import COUNT, LOOSE, PERIOD_NS, limits, wandering
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+
+
+def test_a_copy_of_the_truth_is_found_if_it_is_changed_rounded_resampled_or_moved(tmp_path: Path, sfr: Sfr) -> None:
+    paths, truth = (tmp_path / "e.csv", tmp_path / "t.csv"), wandering(0.0)
+    save_trajectory(paths[1], truth)
+    fine_ns = truth.stamps_ns[:-1] + 3 * PERIOD_NS // 7
+    at_s, time_s = fine_ns * 1e-9, truth.stamps_ns * 1e-9
+    linear = np.stack([np.interp(at_s, time_s, axis) for axis in truth.positions.T], axis=1)
+    moved = truth.positions @ np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]).T + 3.0
+    half = np.sqrt(0.5)
+    x, y, z, w = truth.quats_xyzw.T
+    turned = np.column_stack((half * (x - y), half * (x + y), half * (z + w), half * (w - z)))
+    part = wandering(1e-3).positions
+    part[100:200] = part[100] - truth.positions[100] + truth.positions[100:200]
+    copies = {
+        "itself": (truth.stamps_ns, truth.positions, truth.quats_xyzw),
+        "every second pose": (truth.stamps_ns[::2], truth.positions[::2], truth.quats_xyzw[::2]),
+        "a bit": (truth.stamps_ns, np.nextafter(truth.positions, 9.0), truth.quats_xyzw),
+        "own attitudes": (truth.stamps_ns, truth.positions, wandering(1e-3).quats_xyzw),
+        "linear": (fine_ns, linear, truth.quats_xyzw[:-1]),
+        "spline": (fine_ns, CubicSpline(time_s, truth.positions)(at_s), truth.quats_xyzw[:-1]),
+        "moved": (truth.stamps_ns, moved, turned),
+        "a third of the drive": (truth.stamps_ns, part, truth.quats_xyzw),
+    }
+    for digits in (3, 4, 5, 6):
+        copies[f"{digits} decimals"] = (truth.stamps_ns, np.round(truth.positions, digits), truth.quats_xyzw)
+    for name, columns in copies.items():
+        save_trajectory(paths[0], Trajectory(*columns))
+        for option in ((), ("--partial",)):
+            done = sfr("score", *paths, "--limits", limits(tmp_path, LOOSE), *option)
+            assert (done.code, "of the steps are those of the ground truth" in done.err) == (3, True), (name, done.err)
+    save_trajectory(paths[0], truth)
+    assert sfr("score", *paths).code == 0, "without limits there is no verdict"
+    labelled = limits(tmp_path, {**LOOSE, "completeness": {"poses_of_truth_max_share": 1.0}})
+    assert sfr("score", *paths, "--limits", labelled).code == 0, "a simulated estimate without an error says so"
+
+
+@pytest.mark.parametrize("kept", [10, 2])
+def test_true_poses_at_starts_and_ends_alone_are_a_copy(tmp_path: Path, sfr: Sfr, kept: int) -> None:
+    """Sub-trajectories of 5 m start and end at every tenth frame; no two successive poses are of the truth."""
+    paths, truth, own = (tmp_path / "e.csv", tmp_path / "t.csv"), wandering(0.0), wandering(1e-3)
+    is_true = np.arange(COUNT) % kept == 0
+    positions = np.where(is_true[:, None], truth.positions, own.positions)
+    quats = np.where(is_true[:, None], truth.quats_xyzw, own.quats_xyzw)
+    save_trajectory(paths[0], Trajectory(truth.stamps_ns, positions, quats))
+    save_trajectory(paths[1], truth)
+    condition = {"condition": "frames=50", "position_mean_plus_3sigma_m": 1.0}
+    for option in ((), ("--partial",)):
+        done = sfr("score", *paths, "--limits", limits(tmp_path, {"trajectory": [condition]}), *option)
+        assert (done.code, "of the judged motions from a start to an end" in done.err) == (3, True), done.err
+
+
+def test_a_rover_that_returns_to_its_start_has_no_true_motion(tmp_path: Path, sfr: Sfr) -> None:
+    """It stands for a third of the drive, where estimate and truth agree exactly."""
+    paths, truth, own = (tmp_path / "e.csv", tmp_path / "t.csv"), wandering(0.0), wandering(1e-3)
+    stands = np.minimum(np.arange(COUNT), 200)
+    for path, drive in zip(paths, (own, truth), strict=True):
+        save_trajectory(path, Trajectory(drive.stamps_ns, drive.positions[stands], drive.quats_xyzw[stands]))
+    condition = {"condition": "frames=20", "position_mean_plus_3sigma_m": 1.0}
+    assert sfr("score", *paths, "--limits", limits(tmp_path, {"trajectory": [condition]})).code == 0
+
+
+@pytest.mark.parametrize("digits", [3, 4, 6, 12])
+@pytest.mark.parametrize("sigma_m", [1e-4, 1e-3])
+def test_an_excellent_estimate_is_no_copy_of_the_truth(tmp_path: Path, sfr: Sfr, sigma_m: float, digits: int) -> None:
+    """Noise of 0.1 mm a step of 100 mm: at the end of 30 m the error is a few mm."""
+    paths, good = (tmp_path / "e.csv", tmp_path / "t.csv"), wandering(sigma_m)
+    save_trajectory(paths[1], wandering(0.0))
+    save_trajectory(paths[0], Trajectory(good.stamps_ns, np.round(good.positions, digits), good.quats_xyzw))
+    done = sfr("score", *paths, "--limits", limits(tmp_path, LOOSE))
+    assert done.code == 0, done.err
+
+
+def test_every_stamp_that_occurs_twice_and_every_pose_that_repeats_another_counts(tmp_path: Path, sfr: Sfr) -> None:
+    """One pose of 300, which earlier versions did not mention below a tenth; a slow start repeats nothing."""
+    paths, score = (tmp_path / "e.csv", tmp_path / "t.csv"), tmp_path / "s.json"
+    truth, good = wandering(0.0), wandering(1e-3)
+    save_trajectory(paths[1], truth)
+    again = np.insert(np.arange(COUNT), 50, 49)
+    doubled = Trajectory(good.stamps_ns[again], good.positions[again], good.quats_xyzw[again])
+    copied = np.arange(COUNT)
+    copied[101:104] = 100
+    repeated = Trajectory(good.stamps_ns, good.positions[copied], good.quats_xyzw[copied])
+    for estimate, figure, count, code in (
+        (good, "doubled", 0, 0),
+        (doubled, "doubled", 1, 3),
+        (repeated, "poses_repeated", 3, 3),
+    ):
+        save_trajectory(paths[0], estimate)
+        for more, expected in (({}, code), ({"completeness": {f"{figure}_max_share": 0.02}}, 0)):
+            rules = limits(tmp_path, {**LOOSE, **more})
+            assert sfr("score", *paths, "--limits", rules, "--json", score, "--overwrite").code == expected, figure
+            (row,) = (
+                row
+                for row in json.loads(score.read_text())["figures"]
+                if (row["figure"], row.get("part")) == (figure, "count")
+            )
+            assert row["value"] == count
+    calls = tmp_path / "e.stats.csv"
+    states = ["lost" if row in (101, 102, 103) else "tracking" for row in range(COUNT)]
+    rows = [f"{stamp},0.1,{state}" for stamp, state in zip(good.stamps_ns, states, strict=True)]
+    calls.write_text("\n".join(["stamp_ns,processing_time_s,state", *rows]) + "\n")
+    assert sfr("score", *paths, "--limits", limits(tmp_path, LOOSE)).code == 0, "reported as lost"
+
+
+def test_a_rover_that_stands_and_a_slow_start_repeat_no_pose(tmp_path: Path, sfr: Sfr) -> None:
+    """The truth has noise of 1 mm; the estimate knows that the rover stands."""
+    truth, good = wandering(0.0), wandering(1e-3)
+    stands = np.minimum(np.arange(COUNT), 250)
+    noise = np.random.default_rng(2).normal(0.0, 1e-3, (COUNT, 3))
+    save_trajectory(tmp_path / "t.csv", Trajectory(truth.stamps_ns, truth.positions[stands] + noise, truth.quats_xyzw))
+    save_trajectory(tmp_path / "e.csv", Trajectory(good.stamps_ns, good.positions[stands], good.quats_xyzw[stands]))
+    rules = limits(tmp_path, {**LOOSE, "minimum_independent": 1})
+    assert sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", rules).code == 0

@@ -1,0 +1,78 @@
+"""Deviations from the source document that a test report lists: of settings, of limits, and of unknown inputs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from helpers.cli_result import Sfr
+from helpers.judge import FEW_INDEPENDENT, OVER_5_M, Judge
+from helpers.made_scene import true_cloud, write_folder
+from helpers.scored_drives import POSITION, limits, straight, write_calls_of
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.io.clouds.cloud_file import save_cloud
+from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+
+
+def test_deviations_are_found_by_comparison_with_the_document(judge: Judge) -> None:
+    """Spacing, reading, host, and what the limits allow: what was used, not what was meant."""
+    calls = judge.calls(judge.estimate.stamps_ns)
+    limits = f"{FEW_INDEPENDENT}{OVER_5_M}1\n  missing_max_share: 0.5\ntiming:\n  localisation_max_s: 1\n"
+    result, _ = judge("--spacing", "20", "--stats", calls, limits=limits)
+    assert result.code == 0, result.err
+    report = judge.folder / "t.html"
+    options = ("--test-report", report, "--number", "TR-7", "--issue", "2")
+    assert judge.sfr("report", judge.folder / "score.json", *options).code == 0
+    text = report.read_text()
+    for said in (
+        "start every 20 frames; the document says 10",
+        "by the reading &#39;pose&#39;; to the letter the document compares displacements",
+        "was measured on the host; the document requires the target",
+        "missing_max_share 0.5 is allowed by the limits; without it 0 is",
+        "2 independent sub-trajectories are enough by the limits; without them 5 are",
+        "Number TR-7, issue 2",
+        "SHA-256 ",
+        "kernel ",
+        "<th>Independent</th>",
+    ):
+        assert said in text, said
+
+
+def test_other_ranges_of_coverage_are_a_deviation(tmp_path: Path, sfr: Sfr) -> None:
+    folder, cloud = write_folder(tmp_path / "data", 0, 1), tmp_path / "c.ply"
+    points = true_cloud()
+    save_cloud(cloud, replace(points, xyz=points.xyz + np.float32(0.001)))
+    rules = limits(tmp_path, {"map": {"coverage_min": 0.1}})
+    for options, is_deviation in (((), False), (("--range", "0.5", "9"), True)):
+        score, page = tmp_path / "s.json", tmp_path / "r.html"
+        done = sfr("score", cloud, folder, "--limits", rules, "--json", score, "--overwrite", *options)
+        assert done.code == 0, done.err
+        sfr("report", score, "--test-report", page, "--overwrite")
+        assert ("Coverage counts true points from 0.5 m to 9 m" in page.read_text()) == is_deviation
+
+
+def test_settings_that_change_the_truth_are_a_deviation(tmp_path: Path, sfr: Sfr) -> None:
+    """The truth is a second late; the setting that corrects it is listed and stands in the control document."""
+    late, truth, score = straight(), straight(scale=1.001), tmp_path / "s.json"
+    late = Trajectory(late.stamps_ns + NS_PER_S, late.positions, late.quats_xyzw)
+    paths = tmp_path / "e.csv", tmp_path / "t.csv"
+    for path, poses in zip(paths, (late, truth), strict=True):
+        save_trajectory(path, poses)
+    setting = "truth.clock_offset_s=1.0"
+    done = sfr("score", *paths, "--limits", limits(tmp_path, POSITION), "--json", score, "--set", setting)
+    assert done.code == 0, done.err
+    page, table = tmp_path / "r.html", tmp_path / "c.csv"
+    sfr("report", score, "--test-report", page, "--control", table)
+    assert all(f"The ground truth was read with {setting}" in path.read_text() for path in (page, table))
+
+
+def test_unknown_calls_are_a_deviation(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
+    rules, score, page = limits(tmp_path, POSITION), tmp_path / "s.json", tmp_path / "r.html"
+    stats = write_calls_of(tmp_path / "calls.csv", "mine")
+    for options, is_deviation in (((), True), (("--stats", stats), False)):
+        assert sfr("score", *files, "--limits", rules, "--json", score, "--overwrite", *options).code == 0
+        assert sfr("report", score, "--test-report", page, "--overwrite").code == 0
+        assert ("The calls of the run are unknown" in page.read_text()) == is_deviation

@@ -1,0 +1,184 @@
+"""Times, memory and states of the calls of a run, by `sfr score`: they belong to the estimate and to its images."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from helpers import score_rows
+from helpers.cli_result import Sfr
+from helpers.judge import POSES, Judge
+from helpers.made_scene import write_folder
+from helpers.scored_drives import COUNT, POSITION, limits, straight, write_calls
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.runs.calls import CallRecord, save_stats
+
+
+@pytest.mark.clause("4.2.2")
+@pytest.mark.parametrize("peak", ["0", ""])
+@pytest.mark.parametrize("part", ["memory", "target"])
+def test_memory_of_zero_is_not_known(judge: Judge, peak: str, part: str) -> None:
+    calls = judge.calls(judge.estimate.stamps_ns, peak=peak)
+    options = ["--stats", calls] if part == "memory" else ["--target", "board", "--target-timing", calls]
+    result, score = judge(*options, limits=f"{part}:\n  localisation_peak_bytes: 1000000\n")
+    assert result.code == 3
+    assert [item["verdict"] for item in score["verdicts"]] == ["not enough data"]
+    result, score = judge(
+        *options[:-1],
+        judge.calls(judge.estimate.stamps_ns, peak="900000"),
+        limits=f"{part}:\n  localisation_peak_bytes: 1000000\n",
+    )
+    assert (result.code, score["verdicts"][0]["value"]) == (0, 900_000)
+
+
+def test_lost_and_degraded_frames_have_limits_of_their_own(judge: Judge) -> None:
+    calls = judge.calls(judge.estimate.stamps_ns[:40], state="lost")
+    more = judge.calls(judge.estimate.stamps_ns[40:], "more.csv")
+    calls.write_text(calls.read_text() + "".join(more.read_text().splitlines(keepends=True)[1:]))
+    for limit, code in ((0.2, 0), (0.05, 1)):
+        result, score = judge("--stats", calls, limits=f"completeness:\n  lost_max_share: {limit}\n")
+        assert result.code == code
+        assert score["verdicts"][0]["value"] == pytest.approx(40 / POSES)
+
+
+def test_a_limit_on_lost_poses_needs_their_states(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
+    """Without a call of every pose the lost ones are unknown; those of several files count together."""
+    rules = limits(tmp_path, {"trajectory": [{"condition": "distance=5", "lost_max_share": 0.0}]})
+    first = write_calls(tmp_path / "first.csv", range(50))
+    second, good = (
+        write_calls(tmp_path / name, range(50, COUNT), lost)
+        for name, lost in (("2.csv", range(90, 100)), ("3.csv", range(0)))
+    )
+    for stats, code in (([], 3), ([first], 3), ([first, second], 1), ([first, second, good], 1), ([first, good], 0)):
+        options = [option for path in stats for option in ("--stats", path)]
+        assert sfr("score", *files, "--limits", rules, *options).code == code, stats
+
+
+def test_times_of_several_files_are_those_of_one_run(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
+    """A run in two files passes; the file of a second run does not take the place of the slow first one."""
+    rules = limits(tmp_path, {"timing": {"localisation_max_s": 1.0}})
+    parts = [write_calls(tmp_path / "1.csv", range(50)), write_calls(tmp_path / "2.csv", range(50, COUNT))]
+    slow, fast = (
+        write_calls(tmp_path / "slow.csv", range(COUNT), seconds=9.5),
+        write_calls(tmp_path / "fast.csv", range(COUNT)),
+    )
+    for stats, code in ((parts, 0), ([slow, fast], 1), ([fast, slow], 1), ([fast, parts[0]], 3)):
+        options = [option for path in stats for option in ("--stats", path)]
+        assert sfr("score", *files, "--limits", rules, *options).code == code, stats
+
+
+@pytest.mark.clause("1.3", "4.3.1", "4.3.2")
+def test_three_pairs_to_one_cloud_are_one_call_with_time_and_memory(sfr: Sfr, judge: Judge, source: Path) -> None:
+    made, stats = judge.folder / "made.ply", judge.folder / "made.csv"
+    assert sfr("map", source, "-o", made, "--stats", stats).code == 0
+    sky = "map:\n  points_without_truth_max_share: 0.5\n"
+    limits = judge.limits(f"{sky}timing:\n  mapping_call_s: 600\nmemory:\n  mapping_call_peak_bytes: 100000000000\n")
+    result = sfr("score", made, source, "--stats", stats, "--limits", limits, "--json", "-")
+    assert result.code == 0, result.err
+    score = json.loads(result.out)
+    whole = score_rows.row(score, "mapping_call")
+    assert whole["n"] == 1
+    parts = score_rows.number(score, "mapping", "mean") * 2 + score_rows.number(score, "fusion", "mean")
+    assert whole["max"] >= 0.99 * parts
+    assert [item["verdict"] for item in score["verdicts"]] == ["pass", "pass", "pass"]
+
+
+@pytest.mark.clause("4.2.1")
+@pytest.mark.parametrize(
+    ("rows", "code"),
+    [
+        (lambda stamps: stamps, 0),
+        (lambda stamps: stamps[:2], 3),
+        (lambda stamps: stamps + 10**12, 3),
+        (lambda stamps: np.append(stamps, np.repeat(stamps[:1], 2000)), 3),
+    ],
+    ids=["each image", "two images", "another run", "one image 2,001 times"],
+)
+def test_calls_are_those_of_the_images(judge: Judge, images: Path, localised: Trajectory, rows: Any, code: int) -> None:
+    """Times of 2 of all calls, of another run, of one call many times."""
+    estimate, calls = judge.poses("estimate.csv", localised), judge.calls(rows(localised.stamps_ns))
+    limits = judge.limits("timing: {localisation_p95_s: 1}\n")
+    assert judge.sfr("score", estimate, images / "all", "--stats", calls, "--limits", limits).code == code
+
+
+def test_calls_belong_to_the_estimate_that_they_gave(tmp_path: Path, sfr: Sfr) -> None:
+    """The file may be written in millimetres or hold a part of the poses; poses of another run are refused."""
+    drive, stats = straight(scale=0.999), tmp_path / "calls.csv"
+    records = [CallRecord(stamp_ns, 0.1, "tracking") for stamp_ns in drive.stamps_ns.tolist()]
+    save_stats(stats, records, None, drive)
+    save_trajectory(tmp_path / "t.csv", straight())
+    away = drive.positions + np.array([0.0, 0.01, 0.0]) * (np.arange(COUNT) == 7)[:, None]
+    cases = {
+        "as written": (drive, 0),
+        "in mm": (replace(drive, positions=np.round(drive.positions, 3)), 0),
+        "one pose differs": (replace(drive, positions=away), 2),
+    }
+    rules = limits(tmp_path, {**POSITION, "completeness": {"poses_of_truth_max_share": 1.0}})
+    for name, (trajectory, code) in cases.items():
+        save_trajectory(tmp_path / "e.csv", trajectory)
+        done = sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", rules, "--stats", stats)
+        assert done.code == code, (name, done.err)
+    assert "are of another estimate: at 1 of 300 stamps" in done.err
+    header, *lines = stats.read_text().splitlines()
+    places = [header.split(",").index(f"position_{axis}_m") for axis in "xyz"]
+    emptied = [",".join("" if n in places else cell for n, cell in enumerate(line.split(","))) for line in lines]
+    stats.write_text("\n".join([header, *emptied]) + "\n")
+    done = sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--stats", stats)
+    assert done.code == 2
+    assert "state no position at 300 of 300 stamps" in done.err
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"timing": {"localisation_max_s": 1.0}},
+        {"memory": {"localisation_peak_bytes": 1e9}},
+        {"trajectory": [{"condition": "distance=5", "lost_max_share": 0.0}]},
+    ],
+)
+def test_without_calls_a_limit_on_them_is_incomplete(
+    tmp_path: Path, files: tuple[Path, Path], sfr: Sfr, content: dict[str, object]
+) -> None:
+    score = tmp_path / "s.json"
+    done = sfr("score", *files, "--limits", limits(tmp_path, content), "--json", score)
+    assert (done.code, json.loads(score.read_text())["verdict"]) == (3, "incomplete")
+    assert "give the calls of the run (--stats)" in done.err
+
+
+FAILING = """
+import numpy as np
+
+
+class Failing:
+    version = "1"
+
+    def __init__(self, rig, config):
+        self.count = 0
+
+    def process(self, pair):
+        self.count += 1
+        if self.count == 5:
+            raise RuntimeError("out of features")
+        pose = np.eye(4)
+        pose[0, 3] = 0.02 * self.count
+        return pose
+"""
+
+
+def test_a_failed_call_is_found_although_nobody_names_the_calls(tmp_path: Path, sfr: Sfr) -> None:
+    """Without `--stats` the calls are written beside the result, and the score reads them."""
+    source, method, estimate = write_folder(tmp_path / "data", 12, 0), tmp_path / "mine.py", tmp_path / "e.csv"
+    method.write_text(FAILING)
+    done = sfr("localise", source, "-o", estimate, "--start", "truth", "--method", f"{method}:Failing")
+    assert done.code == 1
+    assert (tmp_path / "e.stats.csv").is_file()
+    loose = {"minimum_independent": 1, "trajectory": [{"condition": "frames=2", "position_mean_plus_3sigma_m": 9.0}]}
+    rules, score = limits(tmp_path, loose), tmp_path / "s.json"
+    assert sfr("score", estimate, source, "--limits", rules, "--json", score).code == 1
+    assert [item["kind"] for item in json.loads(score.read_text())["findings"]] == ["raised"]

@@ -1,0 +1,117 @@
+"""Reports of several scores and of scores without limits, by `sfr report`: which have a verdict in common."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from helpers.cli_result import Sfr
+from helpers.judge import OVER_5_M, POSES, Judge, rows_of
+from helpers.scored_drives import LOOSE, POSITION, limits, wandering
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.tables.trajectory_file import save_trajectory
+from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.score_json import from_json, to_json
+
+
+def test_scores_of_several_runs_have_no_pass_in_common(tmp_path: Path, sfr: Sfr) -> None:
+    """Other items, versions, configurations and sources: each score passes, and the test report has no verdict."""
+    paths = tmp_path / "e.csv", tmp_path / "t.csv"
+    save_trajectory(paths[1], wandering(0.0))
+    save_trajectory(paths[0], wandering(1e-3))
+    header = "stamp_ns,processing_time_s,state,method,method_version,method_kind"
+    stamps = wandering(0.0).stamps_ns
+
+    def scored(name: str, *options: str, version: str = "1", truth: Path = paths[1]) -> Path:
+        rows = [f"{stamp},0.1,tracking,mine,{version},python" for stamp in stamps]
+        (tmp_path / "e.stats.csv").write_text("\n".join([header, *rows]) + "\n")
+        found = tmp_path / f"{name}.json"
+        assert sfr("score", paths[0], truth, "--limits", rules, "--json", found, *options).code == 0
+        return found
+
+    rules, moved = limits(tmp_path, LOOSE), tmp_path / "moved.csv"
+    other = wandering(0.0)
+    save_trajectory(moved, Trajectory(stamps, other.positions + 1.0, other.quats_xyzw))
+    first, same = scored("first"), scored("same")
+    changed = json.loads(first.read_text())
+    changed["provenance"]["version"] = "0.0.1"
+    (tmp_path / "version.json").write_text(json.dumps(changed))
+    (tmp_path / "unknown.json").write_text(json.dumps({**changed, "provenance": None}))
+    mixed = {
+        "2 items under test": scored("item", version="2"),
+        "several versions": tmp_path / "version.json",
+        "not every score says what it was made of": tmp_path / "unknown.json",
+        "several configurations (trajectory.spacing)": scored("spacing", "--spacing", "5"),
+        "several ground truths": scored("source", truth=moved),
+    }
+    page = tmp_path / "report.html"
+    assert sfr("report", first, same, "--test-report", page).code == 0
+    for text, path in mixed.items():
+        done = sfr("report", first, path, "--test-report", page, "--overwrite")
+        assert (done.code, text in done.err) == (3, True), (text, done.err)
+        assert "<strong>NO COMMON VERDICT" in page.read_text()
+
+
+def test_a_report_of_scores_passes_only_what_limits_judged(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
+    """A score without limits beside one that passes, and a score that contradicts its truth."""
+    good, bare, turned = (tmp_path / f"{name}.json" for name in ("good", "bare", "turned"))
+    options = ["--test-report", tmp_path / "t.html", "--junit", tmp_path / "t.xml", "--overwrite"]
+    assert sfr("score", *files, "--limits", limits(tmp_path, POSITION), "--json", good).code == 0
+    assert sfr("score", *files, "--json", bare).code == 0
+    assert sfr("report", good, bare, *options).code == 3
+    assert (tmp_path / "t.xml").read_text().count("<error") == 1
+    assert sfr("report", good, *options).code == 0
+    score = from_json(bare.read_text())
+    turned.write_text(to_json(judged(msgspec.structs.replace(score, contradiction="conjugated"), None)))
+    assert sfr("report", turned, *options).code == 3
+    assert sfr("report", turned, "-o", tmp_path / "page.html").code == 3
+
+
+def test_nothing_that_is_signed_is_green_without_limits(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
+    bare, xml, table = tmp_path / "s.json", tmp_path / "j.xml", tmp_path / "c.csv"
+    assert sfr("score", *files, "--json", bare).code == 0
+    assert sfr("score", *files, "--junit", xml).code == 3
+    assert '<error message="the score was judged by no limits"' in xml.read_text()
+    for options in (("--junit", xml), ("--control", table), ("--test-report", tmp_path / "t.html")):
+        done = sfr("report", bare, *options, "--overwrite")
+        assert (done.code, "the score was judged by no limits" in done.err) == (3, True), options
+    assert xml.read_text().count("<error") == 1
+
+
+def test_a_report_keeps_the_drive_that_cannot_be_judged(judge: Judge) -> None:
+    """Two drives by one limits file: that of the short one stays `not enough data`, and so does the report."""
+    paths = []
+    for name, rows in (("short", slice(0, 50)), ("long", slice(None))):
+        estimate, truth = (rows_of(each, rows) for each in (judge.estimate, judge.truth))
+        _, score = judge(limits=OVER_5_M + "1\n", estimate=estimate, truth=truth)
+        paths.append(judge.folder / f"{name}.json")
+        paths[-1].write_text(json.dumps(score))
+    report = judge.folder / "t.html"
+    result = judge.sfr("report", *paths, "--test-report", report)
+    assert result.code == 3
+    text = report.read_text()
+    assert "<strong>NOT ENOUGH DATA</strong>" in text
+    assert "1 not enough data, 1 pass" in text
+
+
+def test_a_difference_that_may_be_chance_is_neither_better_nor_worse(sfr: Sfr, judge: Judge) -> None:
+    """One rule: the interval and p corrected for the number of comparisons have to say it both."""
+    paths, rng = [], np.random.default_rng(7)
+    for number in range(8):
+        noise = np.cumsum(rng.normal(0.0, 0.0025 if number else 0.002, (POSES, 3)), axis=0)
+        paths.append(judge.folder / f"{number}.json")
+        estimate = judge.poses("e.csv", replace(judge.truth, positions=judge.truth.positions + noise))
+        options = ("--condition", "distance=1", "--json", paths[-1])
+        assert sfr("score", estimate, judge.poses("t.csv", judge.truth), *options).code == 0
+    result = sfr("report", *paths, "--json", "-")
+    assert result.code == 0, result.err
+    pairs = [item for item in json.loads(result.out)["pairs"] if item["ci95"] is not None]
+    clear = [item for item in pairs if not item["ci95"][0] <= 0.0 <= item["ci95"][1]]
+    assert any(item["p_corrected"] > 0.05 for item in clear)  # the interval alone would say it
+    for item in pairs:
+        told = item["verdict"] in ("better", "worse")
+        assert told == (item in clear and item["p_corrected"] <= 0.05)
