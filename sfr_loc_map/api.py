@@ -35,9 +35,10 @@ from sfr_loc_map.metrics.pose_convention import PoseConvention
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.runs import offline
 from sfr_loc_map.runs.calls import CallStats, stats_of
+from sfr_loc_map.scoring.conversion import converted_run
 from sfr_loc_map.scoring.inputs import CloudToScore, Correction, Run, ScoreInputs
 from sfr_loc_map.scoring.load import load_map_truth, load_run, with_fusion_flag
-from sfr_loc_map.scoring.score_run import converted_run, score_run
+from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.scoring.settings import ScoreSettings, score_settings
 
 C = TypeVar("C")

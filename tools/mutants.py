@@ -324,7 +324,7 @@ MUTATIONS = (
     Mutation("metrics/raw_values.py", 'for name in ("lost", "degraded"):', 'for name in ("degraded",):'),
     Mutation("scoring/provenance.py", "if given != (limits.limits,", "if given == (limits.limits,"),
     # what is given besides the poses
-    Mutation("scoring/score_run.py", "[*run.stats, *([] if run.target is None else [run.target])]", "[*run.stats]"),
+    Mutation("scoring/inputs.py", "[*self.stats, *([] if self.target is None else [self.target])]", "[*self.stats]"),
     Mutation("scoring/load.py", "    check_one_estimate(found.trajectory, stats)\n", ""),
     Mutation("scoring/load.py", "SAME_POSITION_M = 0.002", "SAME_POSITION_M = 0.0"),
     Mutation("scoring/load.py", "    check_one_method(stats, target)\n", ""),

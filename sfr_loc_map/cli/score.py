@@ -185,9 +185,10 @@ def score(
     ] = None,
 ) -> None:
     """Score an estimate against the truth: exit 1 if a limit is missed, 3 if something could not be judged."""
+    from sfr_loc_map.scoring.conversion import converted_run
     from sfr_loc_map.scoring.inputs import ScoreInputs
     from sfr_loc_map.scoring.load import load_run
-    from sfr_loc_map.scoring.score_run import converted_run, score_run
+    from sfr_loc_map.scoring.score_run import score_run
     from sfr_loc_map.scoring.settings import score_settings
 
     found = ScoreInputs.of(estimate, truth, stats)
@@ -326,7 +327,7 @@ def _diagnose(inputs: ScoreInputs, estimate: Path, json_path: str | None, *, len
     """
     from sfr_loc_map.metrics.convention import MIN_POSES
     from sfr_loc_map.report.tables import Cell, Column, Table
-    from sfr_loc_map.scoring.score_run import diagnose_run
+    from sfr_loc_map.scoring.conversion import diagnose_run
 
     diagnosis = diagnose_run(inputs, ScoreConfig())
     rows = [(Cell.head("as it is"), Cell.number(diagnosis.disagreement, undefined="no stamp in common"), Cell(""))]

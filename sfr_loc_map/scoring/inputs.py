@@ -122,3 +122,8 @@ class Run:
     in_memory: Mapping[str, str] = field(default_factory=dict)  #: Hash of inputs that are no file, by role.
     #: Settings of localiser and mapper that differ from the defaults, for provenance.
     settings: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def all_calls(self) -> list[CallStats]:
+        """The calls of the run, those on this host before those on a target."""
+        return [*self.stats, *([] if self.target is None else [self.target])]

@@ -1,4 +1,4 @@
-"""The score of a run in progress, put together of the same parts as that of a run that is over."""
+"""The score of a run in progress, assembled from the same parts as the score of a finished run."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.scoring.assembly import all_kept, score_of_parts, with_conditions
 from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.score_parts import (
     CallsResult,
@@ -23,7 +24,6 @@ from sfr_loc_map.scoring.score_parts import (
     drive_result,
     expected_calls,
 )
-from sfr_loc_map.scoring.score_run import all_kept, assembled, judged_with_warnings, with_conditions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +58,7 @@ def score_so_far(run: Run, live: LiveRun, config: ScoreConfig, limits: Limits | 
     if (made := live.scored_map) is not None:
         surface = MapResult(figures=made.figures, cloud=made.cloud, details=made.details if live.details else None)
     calls = _with_transport(calls_result(run, _due_calls(run, live.in_flight_ns), details=live.details), live)
-    return judged_with_warnings(assembled(run, trajectory, surface, calls, live.provenance), config, limits)
+    return score_of_parts(run, trajectory, surface, calls, live.provenance, config, limits)
 
 
 def _due_calls(run: Run, in_flight_ns: int) -> Mapping[Task, IntArray | None]:

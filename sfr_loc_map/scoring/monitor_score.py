@@ -34,9 +34,9 @@ from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.runs.calls import CallRecord, CallStats, estimates_of, is_covariance_reported
+from sfr_loc_map.scoring.conversion import convention_mismatch
 from sfr_loc_map.scoring.inputs import DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.live_score import LiveRun, score_so_far
-from sfr_loc_map.scoring.score_run import convention_mismatch
 
 T = TypeVar("T")
 MAX_STAGES = 16  #: Stages whose times are kept: their names come from the network.

@@ -1,7 +1,7 @@
 """The parts of a score: what the trajectory, the map and the calls of a run add to it, of files and live.
 
-The functions take values and know nothing of where a run comes from. `score_run` assembles the score of a finished run,
-`score_so_far` that of a run in progress.
+The functions take values and are independent of the source of the run. `score_run` (a finished run) and
+`live_score.score_so_far` (a run in progress) make the parts, and `assembly.score_of_parts` makes the score of them.
 """
 
 from __future__ import annotations

@@ -1,0 +1,113 @@
+"""The assembly of a score from its parts, with its verdicts and its warnings, for a finished and for a live run."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
+
+from msgspec.structs import replace as struct_replace
+
+from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND
+from sfr_loc_map.metrics.caveats import reading_caveats
+from sfr_loc_map.metrics.config import Condition, ScoreConfig
+from sfr_loc_map.metrics.details import CallPlots, Details, MapDetails, TrajectoryDetails
+from sfr_loc_map.metrics.judging.incomplete import why_not_whole
+from sfr_loc_map.metrics.judging.judge import judged
+from sfr_loc_map.metrics.limits import Limits
+from sfr_loc_map.metrics.records import ConventionRecord, MethodKind, MethodRecord, Provenance
+from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.scoring.inputs import Run
+from sfr_loc_map.scoring.score_parts import CallsResult, DriveResult, MapResult
+
+OUTSIDE_SHARE, OUTSIDE_S = 0.5, 0.2
+"""Processor time outside the calls of a method, as a fraction of all and in s, above which a warning names it."""
+
+
+def with_conditions(config: ScoreConfig, limits: Limits | None) -> ScoreConfig:
+    """Return settings with the conditions that only the limits name."""
+    present = [Condition.parse(text).setting for text in config.trajectory.conditions]
+    missing = [] if limits is None else [item for item in limits.conditions if item not in present]
+    conditions = (*config.trajectory.conditions, *missing)
+    return replace(config, trajectory=replace(config.trajectory, conditions=conditions))
+
+
+def all_kept(limits: Limits | None, further: Collection[tuple[str, str]] = ()) -> frozenset[tuple[str, str]]:
+    """Return the figures and conditions of the trajectory whose errors are all kept."""
+    limited = frozenset() if limits is None else limits.figures_with_all_errors
+    return limited.union(further)
+
+
+def score_of_parts(
+    run: Run,
+    trajectory: DriveResult,
+    surface: MapResult,
+    calls: CallsResult,
+    provenance: Provenance | None,
+    config: ScoreConfig,
+    limits: Limits | None,
+) -> Score:
+    """Return the score that the parts of a run make, with its verdicts, and with warnings of what they do not show."""
+    method = _method_of(run)
+    score = Score(
+        figures=(*trajectory.figures, *surface.figures, *calls.figures),
+        association=trajectory.association,
+        truth=trajectory.truth,
+        provenance=provenance,
+        alignment=trajectory.alignment,
+        cloud=surface.cloud,
+        calls=calls.records,
+        target=calls.target,
+        method=method,
+        findings=(*run.findings, *(finding for item in run.all_calls for finding in item.findings)),
+        processes=next((item.processes for item in run.stats if item.processes is not None), None),
+        external=run.external,
+        convention=run.convention,
+        contradiction=trajectory.contradiction,
+        errors=trajectory.errors,
+        details=_details(trajectory.details, surface.details, calls.plots),
+    )
+    score = judged(score, limits, partial=config.trajectory.partial)
+    warnings = [*_convention_warnings(run.convention), *trajectory.warnings, *surface.warnings, *calls.warnings]
+    warnings += () if method is None else _process_warnings(method, run)
+    warnings += [*_partial_warnings(score), *reading_caveats(score)]
+    if any(item.figure == ERRORS_BEYOND for item in score.verdicts):
+        warnings += trajectory.unjudged
+    return struct_replace(score, warnings=tuple(warnings))
+
+
+def _details(
+    trajectory: TrajectoryDetails | None, cloud: MapDetails | None, calls: Mapping[str, CallPlots]
+) -> Details | None:
+    found = Details(trajectory=trajectory, map=cloud, calls=dict(calls))
+    return None if found == Details() else found
+
+
+def _partial_warnings(score: Score) -> Iterator[str]:
+    """Yield what is missing of the whole that nothing but the user's consent lets pass."""
+    if score.incomplete is None and (text := why_not_whole(score)) is not None:
+        yield f"a part of the drive is judged: {text}"
+
+
+def _convention_warnings(convention: ConventionRecord | None) -> Iterator[str]:
+    if convention is not None and convention.diagnosed is not None:
+        fitted = "; numbers of it were fitted to the truth, which flatters the figures" if convention.fitted else ""
+        yield f"--apply-diagnosis converted the estimate by {convention.diagnosed} before scoring it{fitted}"
+
+
+def _method_of(run: Run) -> MethodRecord | None:
+    """Return whose run it is; a method under test rather than the one of this suite beside it."""
+    methods = [item.method for item in run.all_calls if item.method is not None]
+    others = [method for method in methods if method.kind is not MethodKind.BUILT_IN]
+    return run.method or next(iter([*others, *methods]), None)
+
+
+def _process_warnings(method: MethodRecord, run: Run) -> Iterator[str]:
+    if "not " in (method.isolation or ""):
+        yield f"method {method.name} was not isolated, it may have read any file: {method.isolation}"
+    for usage in (item.processes for item in run.stats if item.processes is not None):
+        outside_s = usage.cpu_outside_s or 0.0
+        if outside_s > max(OUTSIDE_SHARE * usage.cpu_s, OUTSIDE_S):
+            yield (
+                f"the method works outside its calls: {outside_s:.3g} s of its {usage.cpu_s:.3g} s of processor time; "
+                "no time of a call has them"
+            )

@@ -1,0 +1,71 @@
+"""Conversion of an estimate to poses of RB in DS, and the convention mismatches that a diagnosis finds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from msgspec.structs import replace as struct_replace
+
+from sfr_loc_map.errors import MetricsError
+from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.convention import Diagnosis, diagnose
+from sfr_loc_map.metrics.pose_convention import PoseConvention
+from sfr_loc_map.metrics.records import ConventionRecord
+from sfr_loc_map.scoring.inputs import Correction, DriveToScore, Run, ScoreInputs
+from sfr_loc_map.scoring.load import load_run
+
+
+def converted_run(run: Run, config: ScoreConfig, correction: Correction) -> Run:
+    """Return a run whose estimate is converted as its convention says."""
+    if run.drive is None:
+        return run
+    drive, convention = corrected(run.drive, correction, config)
+    return replace(run, drive=drive, convention=convention)
+
+
+def corrected(
+    drive: DriveToScore, correction: Correction, config: ScoreConfig
+) -> tuple[DriveToScore, ConventionRecord | None]:
+    """Return a drive as its convention says, and what was done; None where nothing was."""
+    done = ConventionRecord(declared=correction.declared.settings)
+    if done.declared:
+        drive = drive.converted(correction.declared)
+        done = struct_replace(done, fitted=correction.declared.has_fitted_unit)
+    found = None
+    if correction.apply_diagnosis:
+        found = diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, drive.rig).found
+    if found is not None and found.setting:
+        drive = drive.converted(PoseConvention.parse([found.setting]))
+        done = struct_replace(done, diagnosed=found.setting, fitted=found.fitted, sentence=found.sentence)
+    return drive, None if done == ConventionRecord() else done
+
+
+def convention_mismatch(drive: DriveToScore, config: ScoreConfig) -> str | None:
+    """Return the convention mismatch that explains how estimate and truth disagree, and its remedy; None without."""
+    association = config.trajectory.association
+    found = diagnose(drive.estimates.trajectory, drive.truth, association, drive.rig, every=False).found
+    if found is None:
+        return None
+    remedy = f"--convention {found.setting} or --apply-diagnosis corrects it; " if found.setting else ""
+    return f"{found.sentence} ({remedy}sfr score EST TRUTH --diagnose shows every hypothesis)"
+
+
+def fitted_unit(convention: ConventionRecord | None) -> str | None:
+    """Return why an estimate with a declared unit is not judged; None if it is a unit of length."""
+    if convention is None or not PoseConvention.parse(convention.declared).has_fitted_unit:
+        return None
+    return (
+        f"the declared factor of the positions ({', '.join(convention.declared)}) is no unit of length: a factor that "
+        "was fitted to the ground truth hides a scale error; give a power of ten of a metre, inch, foot or yard"
+    )
+
+
+def diagnose_run(inputs: ScoreInputs, config: ScoreConfig) -> Diagnosis:
+    """Return which single convention mismatch explains how the trajectories of files disagree."""
+    drive = load_run(inputs).drive
+    if drive is None:
+        raise MetricsError(f"'{inputs.truth}' and the estimate are no trajectories: a diagnosis requires poses")
+    if not drive.truth.has_attitude:
+        text = "has only positions: a convention mismatch cannot be detected from them"
+        raise MetricsError(f"the truth '{inputs.truth}' {text}")
+    return diagnose(drive.estimates.trajectory, drive.truth, config.trajectory.association, drive.rig)
