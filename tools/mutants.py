@@ -48,11 +48,7 @@ GROUPS = (
     ("test/scoring/test_deviations.py", "test/report/test_test_report.py"),
 )
 """The tests."""
-OF_METHODS = (
-    "test/methods/test_loop.py",
-    "test/methods/test_measured_outside.py",
-    "test/methods/test_misbehaviour.py::test_shared_memory_of_other_methods_is_shut_off",
-)
+OF_METHODS = ("test/methods/test_loop.py", "test/methods/test_method_process.py", "test/methods/test_misbehaviour.py")
 """The tests of how methods are shown pairs and measured."""
 LIBRARIES = ("hypothesis", "msgspec", "numba", "numpy", "scipy.spatial.transform", "scipy.stats", "yaml")
 """What is loaded once for all mutations."""

@@ -1,7 +1,7 @@
 """Methods under test that misbehave, and what the suite makes of each: `make misbehaviour` prints the table.
 
-Each is run by `sfr localise` and scored against limits that standing still meets, but for the cheaters: theirs only the
-truth itself meets.
+Each is run by `sfr localise`, a node by `sfr replay`. A stationary estimate meets the limits on the poses. Only the
+truth meets those of the cheaters.
 """
 
 from __future__ import annotations
@@ -18,8 +18,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import psutil
+
 from helpers import HELPERS, ROOT
 from helpers.cli_result import Result, Sfr
+from helpers.compile_c import compile_c
 from helpers.made_scene import true_pose, write_folder
 
 SFR = (sys.executable, "-P", "-m", "sfr_loc_map")
@@ -43,6 +46,14 @@ class Case:
     pairs: int = 12
     says: str = ""  # what is told beside the findings
     daily: bool = False  # in each run of the tests
+    limit: str = ""  # beside that on the poses
+    least: tuple[str, float] | None = None  # a column of the file of calls, and its least value in each call
+    leaves: int = 0  # processes that run after the last call, and end with it
+
+    @property
+    def cheats(self) -> bool:
+        """Whether it looks for the truth."""
+        return self.config in ("parent", "guesses", "named", "memory")
 
 
 def python(what: str, config: str, finding: str, **more: Any) -> Case:
@@ -53,6 +64,18 @@ def python(what: str, config: str, finding: str, **more: Any) -> Case:
 def library(what: str, config: str, finding: str, **more: Any) -> Case:
     """Return a library in C with a finding, which fails."""
     return Case(what, "library", config, (finding,), "fail", (1, 1), **more)
+
+
+def slow(what: str, config: str, least_s: float, *findings: str) -> Case:
+    """Return a class that misses a limit of 0.2 s by the measured time, although it states a time that meets it."""
+    limit, least = "timing: {localisation_p50_s: 0.2}\n", ("processing_time_s", 0.99 * least_s)
+    return Case(what, "class", config, findings, "fail", (len(findings), 1), 6, daily=True, limit=limit, least=least)
+
+
+def large(what: str, config: str, says: str = "") -> Case:
+    """Return a class that misses a limit of 200 MB by the measured memory, which is 211 MB."""
+    limit, least = "memory: {localisation_peak_bytes: 200000000}\n", ("above_idle_bytes", 0.99 * 211e6)
+    return Case(what, "class", config, (), "fail", (0, 1), 6, says, daily=True, limit=limit, least=least)
 
 
 EACH = " ".join(["ok"] * 7)
@@ -75,18 +98,21 @@ CASES = (
     python("keeps 500 MB in a child process", "child", "out of memory", daily=True),
     python("leaks 3 MB a call behind a saw-tooth of 90 MB", "sawtooth", "leaking", pairs=52, daily=True),
     Case("works on in 8 threads while its result is read", "class", "later", (), STANDING, (0, 3)),
-    python("works when its result is read", "lazy", "misstated", daily=True),
-    python("slows its clock to a tenth", "clock", "misstated", daily=True),
+    slow("works when its result is read", "lazy", 0.35, "misstated"),
+    slow("slows its clock to a tenth", "clock", 0.4, "misstated"),
+    slow("works while images are written, with a lease on its log", "lease", 0.35),
+    large("takes 211 MB and tries to reset the mark of its memory", "marks", says="opened 0"),
+    large("keeps 211 MB in files of its scratch folder", "files"),
     Case("prints 60 MB a call", "class", "prints", (), STANDING, (0, 3), daily=True),
-    Case("leaves a process in a session of its own", "class", "session", (), STANDING, (0, 3), daily=True),
-    Case("leaves an orphan", "class", "orphan", (), STANDING, (0, 3)),
+    Case("leaves a process in a session of its own", "class", "session", (), STANDING, (0, 3), leaves=1, daily=True),
+    Case("leaves an orphan", "class", "orphan", (), STANDING, (0, 3), leaves=1, daily=True),
     Case("reads /proc/PPID/cmdline and the truth", "class", "parent", (), "fail", (0, 1), says="opened 0", daily=True),
     Case("guesses, searches, links to the truth", "class", "guesses", (), "fail", (0, 1), says="opened 0", daily=True),
     Case("reads the truth that sfr.yaml names", "class", "named", (), "fail", (0, 1), says="opened 0", daily=True),
     Case("reads its parents' memory", "class", "memory", (), "fail", (0, 1), says="opened 0", daily=True),
     library("aborts", f"{EACH} crash", "crashed"),
     library("does not return", f"{EACH} hang", "hanging"),
-    library("leaks 30 MB a call", "leak", "out of memory", pairs=16, daily=True),
+    library("leaks 30 MB a call", "leak", "out of memory", pairs=16),
     library("writes beyond its arrays", f"{EACH} beyond", "invalid result"),
     library("returns no rotation", f"{EACH} quaternion", "invalid result"),
     library("states a negative variance", f"{EACH} covariance", "invalid result"),
@@ -114,56 +140,85 @@ class Outcome:
     said: str  # all that was printed
     seconds: float
     score: dict[str, Any]
+    calls: tuple[dict[str, str], ...] = ()  # rows of the file of calls
 
 
 def run_case(case: Case, folder: Path, sfr: Sfr, library: Path | None = None) -> Outcome:
     """Run a case in an empty folder; the truth lies beside it, in `source`."""
     began = time.monotonic()
-    source = write_folder(folder / "source", case.pairs, 0)
-    poses = {"before": lambda k: true_pose(max(k - 1, 0)), "inverse": lambda k: true_pose(k).inverse()}
-    config, limits, report = folder / "config.txt", folder / "limits.yaml", folder / "report.json"
-    word, _, which = case.config.partition(" ")
-    cheats = word in ("parent", "guesses", "memory", "named")
-    truth = source / "groundtruth.csv"
-    if word == "named":  # beside the candidate, where it may read
-        truth = truth.rename(folder / "station.csv")
-        (source / "sfr.yaml").write_text("truth: {source: ../station.csv}\n")
-    limits.write_text(LIMITS.format(limit=1e-3 if cheats else 1e3))
-    text = {"parent": str(os.getpid()), "memory": str(os.getpid()), "guesses": str(truth), "named": str(truth)}.get(
-        word
-    )
-    if case.kind == "class" and which:  # in RB at the first pair, which the true pose of it takes to DS
-        first = true_pose(0).inverse()
-        text = json.dumps([(first @ poses[which](k)).matrix.ravel().tolist() for k in range(case.pairs)])
-    config.write_text(case.config if case.kind == "library" else f"{word}\n{text or ''}")
-    (folder / "candidate.py").write_text((HELPERS / "misbehaving_class.py").read_text())
-    method = f"lib:{library}" if case.kind == "library" else f"{folder / 'candidate.py'}:Misbehaving"
-    estimate, stats, scoring = (
-        folder / "t.csv",
-        folder / "s.csv",
-        ("--limits", limits, "--condition", "frames=3", "--spacing", 1),
-    )
+    source, truth = _source(case, folder)
+    limits, report, stats = folder / "limits.yaml", folder / "report.json", folder / "s.csv"
+    limits.write_text(LIMITS.format(limit=1e-3 if case.cheats else 1e3) + case.limit)
+    scoring = ("--limits", limits, "--condition", "frames=3", "--spacing", 1)
     start = ("--start", "truth")
-    options = ("--call-timeout", CALL_TIMEOUT_S, "--memory-limit", MEMORY_MB, "--stats", stats, *start)
     if case.kind == "node":
         node = f"{sys.executable} {HELPERS / 'misbehaving_node.py'} '{case.config}'"
-        if word == "restarts":
+        if case.config == "restarts":
             node = f'sh -c "while true; do {node}; done"'
         under_test = ("--external", "localisation", "--command", node, "--answer-timeout", "1", "--out", folder / "out")
-        under_test += ("--rate", "1") if word == "early" else ()
+        under_test += ("--rate", "1") if case.config == "early" else ()
         ran, report = [sfr("replay", source, *under_test, *scoring, *start)], folder / "out" / "report.json"
     else:
+        estimate, config = folder / "t.csv", folder / "config.txt"
+        config.write_text(_config(case, truth))
+        (folder / "candidate.py").write_text((HELPERS / "misbehaving_class.py").read_text())
+        method = f"lib:{library}" if case.kind == "library" else f"{folder / 'candidate.py'}:Misbehaving"
+        options = ("--call-timeout", CALL_TIMEOUT_S, "--memory-limit", MEMORY_MB, "--stats", stats, *start)
         ran = [sfr("localise", source, "-o", estimate, "--method", method, "--config", config, *options)]
         ran += [sfr("score", estimate, source, "--stats", stats, *scoring, "--json", report)]
     score: dict[str, Any] = json.loads(report.read_text()) if report.exists() else {}
+    calls: list[dict[str, str]] = []
+    if stats.exists():
+        with stats.open(newline="") as file:
+            calls = list(csv.DictReader(file))
     said = "\n".join(item.out + item.err for item in ran)
+    if calls and "opened" in calls[0]:
+        said += f"\nopened {sum(float(row['opened']) for row in calls):.0f}"
     found = [line.rpartition("verdict: ")[2].partition(".")[0] for line in said.splitlines() if "verdict: " in line]
     verdict = CONVENTION if score.get("contradiction") else (found or ["none"])[-1]
-    if cheats and stats.exists():
-        with stats.open(newline="") as file:
-            said += f"\nopened {sum(float(row['opened']) for row in csv.DictReader(file)):.0f}"
     kinds = tuple(item["kind"] for item in score.get("findings", []))
-    return Outcome(kinds, verdict, tuple(item.code for item in ran), said, time.monotonic() - began, score)
+    codes = tuple(item.code for item in ran)
+    return Outcome(kinds, verdict, codes, said, time.monotonic() - began, score, tuple(calls))
+
+
+def _source(case: Case, folder: Path) -> tuple[Path, Path]:
+    """Write the source of a case; return it and its truth."""
+    source = write_folder(folder / "source", case.pairs, 0)
+    truth = source / "groundtruth.csv"
+    if case.config == "named":  # beside the candidate, where it may read
+        truth = truth.rename(folder / "station.csv")
+        (source / "sfr.yaml").write_text("truth: {source: ../station.csv}\n")
+    return source, truth
+
+
+def _config(case: Case, truth: Path) -> str:
+    """Return the configuration of a case: what it does and, for a class, on the next line with what."""
+    if case.kind == "library":
+        return case.config
+    word, _, which = case.config.partition(" ")
+    if word in ("session", "orphan"):
+        return f"{word}\n{_sleep_s()}"
+    if word in ("parent", "memory"):
+        return f"{word}\n{os.getpid()}"
+    if word in ("guesses", "named"):
+        return f"{word}\n{truth}"
+    if word == "poses":  # in RB at the first pair, which the true pose of it takes to DS
+        poses = {"before": lambda k: true_pose(max(k - 1, 0)), "inverse": lambda k: true_pose(k).inverse()}
+        first = true_pose(0).inverse()
+        matrices = [(first @ poses[which](k)).matrix.ravel().tolist() for k in range(case.pairs)]
+        return f"{word}\n{json.dumps(matrices)}"
+    return f"{word}\n"
+
+
+def _sleep_s() -> str:
+    """Return the seconds by which the processes that a method leaves are recognised."""
+    return f"{10_000 + os.getpid()}"
+
+
+def left_processes() -> list[int]:
+    """Return the processes that methods have left: those of a `sleep` that no other program starts."""
+    sleeping = ["sleep", _sleep_s()]
+    return [item.pid for item in psutil.process_iter(["cmdline"]) if item.info["cmdline"] == sleeping]
 
 
 def differences(case: Case, outcome: Outcome) -> list[str]:
@@ -173,6 +228,13 @@ def differences(case: Case, outcome: Outcome) -> list[str]:
     found += [f"verdict {outcome.verdict}"] if outcome.verdict != case.verdict else []
     found += [f"exit codes {outcome.codes}"] if outcome.codes != case.codes else []
     found += [f"'{case.says}' is not said"] if case.says not in outcome.said else []
+    if case.least is not None:
+        name, least = case.least
+        values = [float(row[name]) for row in outcome.calls]
+        found += [f"{name} is {values}"] if not values or min(values) < least else []
+    if case.leaves and float(outcome.calls[-1]["processes"]) != 1 + case.leaves:
+        found.append(f"{outcome.calls[-1]['processes']} processes after the last call")
+    found += ["processes are left"] if left_processes() else []
     return found
 
 
@@ -201,8 +263,7 @@ def main(names: list[str]) -> int:
     wrong, outcomes = [], []
     with tempfile.TemporaryDirectory(prefix="sfr-misbehaviour-") as scratch:
         built = Path(scratch) / "libfaulty.so"
-        flags = ("-std=c99", "-D_POSIX_C_SOURCE=200112L", "-O2", "-fPIC", "-shared", f"-I{ROOT / 'include'}")
-        subprocess.run(["cc", *flags, str(HELPERS / "faulty_candidate.c"), "-o", str(built), "-lm"], check=True)
+        compile_c(HELPERS / "faulty_candidate.c", output=built)
         for number, case in enumerate(item for item in CASES if not names or item.config in names):
             folder = Path(scratch) / str(number)
             folder.mkdir()

@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import json
-import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -15,7 +13,6 @@ pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(180)]
 
 from campaigns.misbehaviour import CASES, differences, run_case
-from helpers import HELPERS
 from helpers.cli_result import Sfr
 from helpers.made_scene import write_folder
 from helpers.processes import Process
@@ -88,23 +85,6 @@ def test_no_answer_counts_before_its_question_after_its_time_or_of_a_node_that_c
     (case,) = [item for item in CASES if item.config == how]
     outcome = run_case(case, tmp_path, sfr)
     assert not differences(case, outcome), outcome.said
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
-def test_a_slowed_clock_of_the_replay_measures_nothing(
-    tmp_path: Path, own_domain: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    library = tmp_path / "libslow_clock.so"
-    subprocess.run(["cc", "-shared", "-fPIC", str(HELPERS / "slow_clock.c"), "-o", str(library)], check=True)
-    source = write_folder(tmp_path / "source", 8, 0)
-    monkeypatch.setenv("LD_PRELOAD", str(library))
-    node = f"{sys.executable} {HELPERS / 'misbehaving_node.py'} stands"
-    words = ["replay", str(source), "--external", "localisation", "--command", node, "--out", str(tmp_path / "out")]
-    with Process(tmp_path / "log", *COMMAND, *words, "--rate", "1") as replay:
-        code = replay.popen.wait(150)
-    assert code == 2, replay.text
-    assert "times cannot be measured" in replay.text
 
 
 @pytest.mark.parametrize(

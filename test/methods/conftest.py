@@ -1,13 +1,12 @@
 """Libraries of candidates, compiled once."""
 
-import shutil
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from helpers import HELPERS, ROOT
+from helpers.compile_c import LIBRARY, compile_c
 from helpers.made_scene import write_folder
 
 Build = Callable[..., Path]
@@ -16,17 +15,10 @@ Build = Callable[..., Path]
 @pytest.fixture(scope="session")
 def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
     """`build(source, option...)`: the library of a source in C, or with `-o` as option a program."""
-    compiler = shutil.which("cc")
-    if compiler is None:
-        pytest.skip("there is no C compiler (cc)")
     folder = tmp_path_factory.mktemp("libraries")
 
-    def made(*sources: Path, name: str, options: tuple[str, ...] = ("-fPIC", "-shared")) -> Path:
-        output = folder / name
-        strict = ("-std=c99", "-D_POSIX_C_SOURCE=200112L", "-Wall", "-Wextra", "-Werror", "-Wpedantic", "-O2")
-        words = [compiler, *strict, *options, "-I", ROOT / "include", *sources, "-o", output, "-lm"]
-        subprocess.run(list(map(str, words)), check=True)
-        return output
+    def made(*sources: Path, name: str, options: tuple[str, ...] = LIBRARY) -> Path:
+        return compile_c(*sources, output=folder / name, options=options)
 
     return made
 

@@ -1,14 +1,12 @@
-"""Candidates that crash, hang, leak, lie: each is named, every pair has an estimate, the run goes on."""
+"""Libraries that crash, hang, leak or answer wrongly: each call is named, every pair has an estimate."""
 
 import hashlib
 import json
-import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import psutil
 import pytest
 
 from helpers import HELPERS, score_rows
@@ -22,7 +20,7 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
-from sfr_loc_map.methods.method_process import LEAK_CALLS, MB, MethodCall, leak_in
+from sfr_loc_map.methods.method_process import MethodCall
 from sfr_loc_map.methods.registry import MethodLimits, find_method
 from sfr_loc_map.runs.offline import UnderTest, map_pairs_with
 
@@ -87,31 +85,6 @@ def test_after_too_many_crashes_it_is_not_started_again(faulty: Path) -> None:
 def test_a_process_over_the_memory_limit_is_ended(faulty: Path) -> None:
     found = [call.reason for _, call in calls(faulty, "leak", 14) if call.finding]  # 30 MB a pair, to 400 MB
     assert found == ["out of memory"]
-
-
-def test_a_growth_over_all_calls_is_a_leak_and_a_saw_tooth_is_none() -> None:
-    tooth = [90 * MB * (number % 4) for number in range(LEAK_CALLS)]
-    assert not leak_in(tooth)
-    assert leak_in([level + 2 * number * MB for number, level in enumerate(tooth)]).startswith("leaking")
-
-
-@pytest.mark.parametrize("word", ["session", "orphan"])
-def test_what_it_leaves_is_counted_and_ends_with_it(word: str, tmp_path: Path) -> None:
-    """A process in a session of its own, and one whose parent has ended."""
-    seconds = f"{10_000 + os.getpid()}"  # names the process
-    (tmp_path / "candidate.py").write_text((HELPERS / "misbehaving_class.py").read_text())
-    method = find_method(f"{tmp_path / 'candidate.py'}:Misbehaving", Task.LOCALISATION, f"{word}\n{seconds}")
-
-    def is_there() -> bool:
-        return any(["sleep", seconds] == process.info["cmdline"] for process in psutil.process_iter(["cmdline"]))
-
-    with IsolatedLocaliser(method, LOC_RIG, true_pose(0), LIMITS) as localiser:
-        for _ in range(9):
-            _, call = localiser.localise(PAIRS[0])
-        assert is_there()
-        assert call.statistics["processes"] == 2
-        assert not call.finding
-    assert not is_there()
 
 
 @pytest.mark.clause("4.2.2")

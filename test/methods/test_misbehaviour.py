@@ -1,8 +1,13 @@
-"""Methods under test that misbehave have no pass, and cheaters no truth; all of them: `make misbehaviour`."""
+"""Methods under test that misbehave, by the commands: they do not pass, and cheaters open no truth.
+
+`campaigns.misbehaviour.CASES` is the table; `make misbehaviour` runs the cases that are not run daily, too. The
+answers of a library, each with its message, are in `test_faulty_candidates.py`.
+"""
 
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 import tempfile
 from pathlib import Path
@@ -29,12 +34,15 @@ class Aborting:
 DAILY = [case for case in CASES if case.daily]
 
 
+@pytest.mark.clause("4.2.1", "4.2.2")
 @pytest.mark.parametrize("case", DAILY, ids=[case.config.replace(" ", "-") for case in DAILY])
 def test_what_misbehaves_is_named_and_does_not_pass(case: Case, tmp_path: Path, sfr: Sfr, faulty: Path) -> None:
     outcome = run_case(case, tmp_path, sfr, faulty)
     assert not differences(case, outcome), outcome.said
     if case.kind == "class":
-        assert outcome.score["method"]["isolation"] == "files, TCP"
+        method, config = outcome.score["method"], (tmp_path / "config.txt").read_bytes()
+        assert method["isolation"] == "files, TCP"
+        assert method["config_sha256"] == hashlib.sha256(config).hexdigest()
 
 
 def test_shared_memory_of_other_methods_is_shut_off(drive: Path, tmp_path: Path, sfr: Sfr) -> None:
