@@ -59,6 +59,7 @@ def check(
     from sfr_loc_map.evidence.agreement import PLACES, CheckResult
     from sfr_loc_map.evidence.calibration import calibration_table
     from sfr_loc_map.evidence.check import check_drive, check_table, hat_table
+    from sfr_loc_map.evidence.predicted import predicted_table
     from sfr_loc_map.evidence.revisited import closure_table
     from sfr_loc_map.evidence.variants import Run, Variant
     from sfr_loc_map.io.sequence import drive_of
@@ -83,7 +84,13 @@ def check(
         "calibration": list(found.calibration),
         "figures": to_plain(found.figures),
     }
-    tables = (check_table(found), closure_table(found.figures), hat_table(found), calibration_table(found.figures))
+    tables = (
+        check_table(found),
+        closure_table(found.figures),
+        predicted_table(found.figures),
+        hat_table(found),
+        calibration_table(found.figures),
+    )
     show(content, json_path, [table for table in tables if table.rows])
     say(
         f"check: {found.result}. This is no accuracy: what all runs share does not show",

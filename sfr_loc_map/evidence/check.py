@@ -18,6 +18,7 @@ from sfr_loc_map.evidence.agreement import (
     three_cornered_hat,
 )
 from sfr_loc_map.evidence.calibration import corrected_drive, cost_row, offset_rows, right_camera_offsets
+from sfr_loc_map.evidence.predicted import predicted_rows
 from sfr_loc_map.evidence.revisited import agreement_at, closure_rows, find_closures
 from sfr_loc_map.evidence.variants import PairsInMemory, Run, Variant, run_pairs, run_variant
 from sfr_loc_map.io.sequence import LocSequence
@@ -68,6 +69,7 @@ def check_drive(
         ours.append(agreement_at(closures))
     theirs = [compare(runs[Variant.FORWARD], other, condition) for condition in conditions for other in others]
     figures = [row for agreement in (*ours, *theirs) for row in agreement_rows(agreement)]
+    figures += [row for condition in conditions for row in predicted_rows(runs[Variant.FORWARD], condition)]
     figures += [row for closure in closures for row in closure_rows(closure)]
     figures += [scale_row(agreement) for agreement in theirs]
     if len(others) == 2:

@@ -1,0 +1,118 @@
+"""Predicted error of a drive by its sources: the covariance of sub-trajectories, split as the localiser composes it.
+
+The steps of an estimate (`metrics.consistency`) keep apart what is independent from step to step, what is noise of a
+pose itself, and what all steps share. The mean squares of these parts add up to that of the whole. Errors that the
+localiser does not state are missing: a wrong baseline, focal length, mounting or clock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from enum import StrEnum
+
+import numpy as np
+
+from sfr_loc_map.evidence.agreement import SPACING
+from sfr_loc_map.evidence.variants import Run
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.transform import propagation
+from sfr_loc_map.metrics import formulas
+from sfr_loc_map.metrics.association import Frames
+from sfr_loc_map.metrics.config import Condition, label_of
+from sfr_loc_map.metrics.consistency import StepSums, sums_of_steps
+from sfr_loc_map.metrics.table import Figure, figure_row
+from sfr_loc_map.metrics.trajectory_errors import select
+from sfr_loc_map.report.tables import Cell, Column, Table, Unit, fitting
+
+
+class Source(StrEnum):
+    """Sources of error that the steps of an estimate keep apart."""
+
+    STEPS = "drift from step to step"
+    NOISE = "noise of single poses"
+    DISPARITY = "disparity error common to all steps"
+    LENS = "lens error common to all steps"
+    ALL = "all stated sources"
+
+
+def predicted_rows(run: Run, condition: Condition) -> Iterator[Figure]:
+    """Yield the root mean square error that a run states over the sub-trajectories of a condition, by its sources."""
+    poses = run.estimates.trajectory
+    if run.estimates.steps is None:
+        return
+    rows = np.arange(len(poses))
+    frames = Frames(poses.stamps_ns, poses.positions, poses.quats_xyzw, poses.positions, poses.quats_xyzw, rows)
+    starts, ends = select(condition, SPACING, frames, formulas.path_length_m(poses.positions))
+    sums = sums_of_steps(run.estimates, run.estimates.steps, np.unique(np.concatenate((starts, ends))))
+    parts = [
+        squares_by_source(sums[start], sums[end], poses.positions[end])
+        for start, end in zip(starts.tolist(), ends.tolist(), strict=True)
+        if sums[start].unknown_steps == sums[end].unknown_steps and not run.estimates.lost[[start, end]].any()
+    ]
+    if not parts:
+        return
+    means = {source: np.mean([part[source] for part in parts], axis=0) for source in parts[0]}
+    means[Source.ALL] = np.sum(list(means.values()), axis=0)
+    for source, (position_m2, attitude_rad2) in means.items():
+        where = (condition.setting, source.value)
+        yield figure_row("predicted", *where, n=len(parts), value=np.sqrt(position_m2))
+        yield figure_row("predicted_share", *where, n=len(parts), value=position_m2 / means[Source.ALL][0])
+        yield figure_row("predicted_attitude", *where, n=len(parts), value=np.degrees(np.sqrt(attitude_rad2)))
+
+
+def squares_by_source(start: StepSums, end: StepSums, position: FloatArray) -> Mapping[Source, FloatArray]:
+    """Return the variances `(2,)` of position, m^2, and attitude, rad^2, summed over the axes, by their sources.
+
+    The first three systematic errors displace each step, as a disparity error does. The other three rotate it, as a
+    lens error does that varies over the image.
+    """
+    carry = propagation(position)
+    systematic = carry @ (end.systematic - start.systematic)
+    disparity, lens = systematic[:, :3], systematic[:, 3:]
+    covariances = {
+        Source.STEPS: carry @ (end.covariance - start.covariance) @ carry.T,
+        Source.NOISE: carry @ (start.noise + end.noise) @ carry.T,
+        Source.DISPARITY: disparity @ disparity.T,
+        Source.LENS: lens @ lens.T,
+    }
+    variances = {source: covariance.diagonal() for source, covariance in covariances.items()}
+    return {source: np.array([values[:3].sum(), values[3:].sum()]) for source, values in variances.items()}
+
+
+def predicted_table(figures: Sequence[Figure]) -> Table:
+    """Return the predicted error by its sources as a table."""
+    places: dict[tuple[str | None, str | None], dict[str, int]] = {}  # of the figures of a source, by name
+    for place, row in enumerate(figures):
+        if row.figure in ("predicted", "predicted_share", "predicted_attitude"):
+            places.setdefault((row.condition, row.part), {})[row.figure] = place
+    rows = []
+    for (condition, source), at in places.items():
+        position_m = figures[at["predicted"]].value
+        unit = fitting(Unit("m"), position_m)
+        share = figures[at["predicted_share"]].value
+        rows.append(
+            (
+                Cell.head(source or ""),
+                Cell(label_of(condition)),
+                Cell.number(share, f"figures.{at['predicted_share']}.value", Unit("%")),
+                Cell(unit.symbol),
+                Cell.number(position_m, f"figures.{at['predicted']}.value", unit),
+                Cell.number(figures[at["predicted_attitude"]].value, f"figures.{at['predicted_attitude']}.value"),
+                Cell.number(figures[at["predicted"]].n, f"figures.{at['predicted']}.n"),
+            )
+        )
+    columns = (
+        Column("source", words=True),
+        Column("over", words=True),
+        Column("of the mean square", Unit("%")),
+        Column("unit"),
+        Column("position, rms"),
+        Column("attitude, rms", Unit("deg")),
+        Column("n"),
+    )
+    note = (
+        "Error budget by the covariance of the forward run. Disparity: a constant error, as by a yaw of the right "
+        "camera. Lens: an error that varies over the image. Sources that the localiser does not state are missing: "
+        "baseline, focal length, mounting, stamps. The prediction is no measurement of the error."
+    )
+    return Table("predicted", "Predicted error by its sources", columns, tuple(rows), note)
