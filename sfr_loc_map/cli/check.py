@@ -1,9 +1,9 @@
-"""`sfr check`: what a recording shows of its own localisation, without ground truth."""
+"""`sfr check`: what a recording shows of its own localisation and maps, without ground truth."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
@@ -23,6 +23,9 @@ from sfr_loc_map.config import read_config
 from sfr_loc_map.errors import ConfigError, FailedVerdictError, naming
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.metrics.config import Condition
+
+if TYPE_CHECKING:
+    from sfr_loc_map.metrics.table import Figure
 
 CONDITIONS = ("distance=1", "distance=5")
 
@@ -51,19 +54,22 @@ def check(
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
 ) -> None:
-    """Say whether runs over a recording agree as their covariances predict; no ground truth is needed.
+    """Say whether runs over a drive, and maps of several pairs, agree as predicted; no ground truth is needed.
 
     It shows that something is wrong, or a lower bound of the error. It never shows that an accuracy is met: what all
     runs share, as the calibration, stays hidden.
     """
-    from sfr_loc_map.evidence.agreement import PLACES, CheckResult
+    from sfr_loc_map.evidence.agreement import CheckResult, result_of_all
     from sfr_loc_map.evidence.calibration import calibration_table
     from sfr_loc_map.evidence.check import check_drive, check_table, hat_table
+    from sfr_loc_map.evidence.overlap import find_overlaps, overlap_rows, overlap_table, result_of_maps
     from sfr_loc_map.evidence.predicted import predicted_table
     from sfr_loc_map.evidence.revisited import closure_table
     from sfr_loc_map.evidence.variants import Run, Variant
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
+    from sfr_loc_map.mapping.config import MappingConfig
+    from sfr_loc_map.mapping.multiview.comparison import MIN_OVERLAP
     from sfr_loc_map.metrics.association import Estimates
     from sfr_loc_map.metrics.score_json import to_plain
 
@@ -72,39 +78,52 @@ def check(
         raise ConfigError("'--estimate': give one or two others, our own run is the third")
     conditions = [Condition.parse(text) for text in condition or CONDITIONS]
     opened, read_from = open_as(source, remap, config)
-    parameters, sequence = read_config(LocalisationConfig, read_from, "localisation"), drive_of(opened)
-    others = [Run(path.name, Estimates.of(read_trajectory_file(path).trajectory)) for path in estimate or ()]
-    with naming(source), progress_bar("pairs") as bar:
-        count = min(len(sequence), pairs)
-        task = bar.add_task("checking", total=count * len(Variant) - count // 2)
-        found = check_drive(sequence, parameters, conditions, pairs, others, lambda: bar.advance(task))
+    figures: list[Figure] = []
+    results: dict[str, CheckResult] = {}
+    disagreements: list[str] = []
+    calibration: tuple[str, ...] = ()
+    has_maps = opened.nav is not None and len(opened.nav) > 1
+    if opened.loc is not None or not has_maps:
+        parameters, sequence = read_config(LocalisationConfig, read_from, "localisation"), drive_of(opened)
+        others = [Run(path.name, Estimates.of(read_trajectory_file(path).trajectory)) for path in estimate or ()]
+        with naming(source), progress_bar("pairs") as bar:
+            count = min(len(sequence), pairs)
+            task = bar.add_task("checking", total=count * len(Variant) - count // 2)
+            drive = check_drive(sequence, parameters, conditions, pairs, others, lambda: bar.advance(task))
+        results["drive"] = drive.result
+        calibration = drive.calibration
+        disagreements.append(drive.disagreement)
+        figures += drive.figures
+    if opened.nav is not None and has_maps:
+        with naming(source):
+            overlaps = find_overlaps(opened.nav, read_config(MappingConfig, read_from, "mapping"))
+        results["maps"] = result_of_maps(overlaps)
+        disagreements += [overlap.disagreement for overlap in overlaps]
+        figures += [row for overlap in overlaps for row in overlap_rows(overlap)]
+    result = result_of_all(results.values())
     content = {
         "schema": "sfr-check/1",
-        "result": found.result.value,
-        "calibration": list(found.calibration),
-        "figures": to_plain(found.figures),
+        "result": result.value,
+        "results": {subject: item.value for subject, item in results.items()},
+        "calibration": list(calibration),
+        "figures": to_plain(tuple(figures)),
     }
-    tables = (
-        check_table(found),
-        closure_table(found.figures),
-        predicted_table(found.figures),
-        hat_table(found),
-        calibration_table(found.figures),
-    )
+    table_makers = (check_table, closure_table, predicted_table, hat_table, calibration_table, overlap_table)
+    tables = [make_table(figures) for make_table in table_makers]
     show(content, json_path, [table for table in tables if table.rows])
-    say(
-        f"check: {found.result}. This is no accuracy: what all runs share does not show",
-        err=json_path == STANDARD_OUTPUT,
-    )
-    for text in found.calibration:
-        say(f"calibration: {text}", err=json_path == STANDARD_OUTPUT)
-    if found.result is CheckResult.INCONSISTENT:
-        known = [item for item in found.agreements if item.probability is not None]
-        worst = min(known, key=lambda item: item.probability or 0.0)
-        over = worst.condition or PLACES
-        differing = f"{worst.name} over {over} differ by more than their covariances predict"
-        raise FailedVerdictError(f"{differing} (p {worst.probability:.2g})")
-    if found.calibration:
+    is_silent = json_path == STANDARD_OUTPUT
+    for subject, item in results.items():
+        say(f"{subject}: {item}. This is no accuracy: what all runs share does not show", err=is_silent)
+    for text in calibration:
+        say(f"calibration: {text}", err=is_silent)
+    if any(disagreements):
+        raise FailedVerdictError("; ".join(filter(None, disagreements)))
+    if calibration:
         raise FailedVerdictError("the calibration does not fit the recording: each offset is named above")
-    if found.result is CheckResult.NOT_ENOUGH_DATA:
-        not_judged(["fewer than three sub-trajectories: give a smaller --condition"], lenient=lenient)
+    few = {
+        "drive": "fewer than three sub-trajectories and no revisited place: give a smaller --condition",
+        "maps": f"no two mapping pairs have {MIN_OVERLAP} points in common",
+    }
+    not_judged(
+        [few[subject] for subject, item in results.items() if item is CheckResult.NOT_ENOUGH_DATA], lenient=lenient
+    )

@@ -8,7 +8,7 @@ large is a finding. At least one of both runs has an error of half of their diff
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
@@ -176,6 +176,13 @@ def result_of(agreements: Sequence[Agreement]) -> CheckResult:
     if not known:
         return CheckResult.NOT_ENOUGH_DATA
     return CheckResult.INCONSISTENT if min(known) * len(known) < SIGNIFICANCE else CheckResult.CONSISTENT
+
+
+def result_of_all(results: Iterable[CheckResult]) -> CheckResult:
+    """Return the result over several checks: the worst one, and consistent only if all are."""
+    found = set(results)
+    worst_first = (CheckResult.INCONSISTENT, CheckResult.NOT_ENOUGH_DATA)
+    return next((result for result in worst_first if result in found), CheckResult.CONSISTENT)
 
 
 def agreement_rows(agreement: Agreement) -> list[Figure]:

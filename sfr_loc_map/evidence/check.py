@@ -48,6 +48,16 @@ class Check:
     forward: Run  #: The run that a user makes.
     calibration: tuple[str, ...] = ()  #: What of the calibration file should be redone, one phrase each.
 
+    @property
+    def disagreement(self) -> str:
+        """The least probable difference, if the runs are inconsistent; else empty."""
+        if self.result is not CheckResult.INCONSISTENT:
+            return ""
+        known = [(item.probability, item) for item in self.agreements if item.probability is not None]
+        probability, worst = min(known, key=lambda item: item[0])
+        over = worst.condition or PLACES
+        return f"{worst.name} over {over} differ by more than their covariances predict (p {probability:.2g})"
+
 
 def check_drive(
     sequence: LocSequence,
@@ -97,21 +107,21 @@ def hat_rows(forward: Run, others: Sequence[Run], condition: Condition) -> list[
     ]
 
 
-def check_table(check: Check) -> Table:
+def check_table(figures: Sequence[Figure]) -> Table:
     """Return the comparisons as a table, one line each; the cells name their places in the figures."""
     titles = ("difference, rmse", "NEES", "expected below", "n", "p", "one of both is off by")
     columns = (Column("runs", words=True), Column("over", words=True), Column("unit"), *map(Column, titles))
     places: dict[tuple[str | None, str | None], dict[str, int]] = {}  # of the figures of a comparison, by name
-    for place, row in enumerate(check.figures):
+    for place, row in enumerate(figures):
         places.setdefault((row.condition, row.part), {})[row.figure] = place
     rows = []
     for (condition, part), at in places.items():
         if "difference" not in at:
             continue
-        difference = check.figures[at["difference"]]
-        nees = check.figures[at["difference_nees"]]
-        least = check.figures[at["error_at_least"]]
-        agreement = check.figures[at["agreement"]]
+        difference = figures[at["difference"]]
+        nees = figures[at["difference_nees"]]
+        least = figures[at["error_at_least"]]
+        agreement = figures[at["agreement"]]
         unit = fitting(Unit("m"), difference.rmse, least.value)
         rows.append(
             (
@@ -135,7 +145,7 @@ def check_table(check: Check) -> Table:
     return Table("check", "Runs that should agree", columns, tuple(rows), note)
 
 
-def hat_table(check: Check) -> Table:
+def hat_table(figures: Sequence[Figure]) -> Table:
     """Return the sigmas of three estimates."""
     rows = [
         (
@@ -144,7 +154,7 @@ def hat_table(check: Check) -> Table:
             Cell("m"),
             Cell.number(row.value, f"figures.{place}.value"),
         )
-        for place, row in enumerate(check.figures)
+        for place, row in enumerate(figures)
         if row.figure == "hat_sigma"
     ]
     columns = (Column("estimate", words=True), Column("over", words=True), Column("unit"), Column("sigma"))

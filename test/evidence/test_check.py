@@ -39,7 +39,7 @@ def test_a_drive_agrees_with_itself_and_every_comparison_is_a_row() -> None:
         row = score.figure("error_at_least", part=item.name)
         assert row.value == pytest.approx(0.5 * score.figure("difference", part=item.name).rmse)
         assert row.value < 0.05
-    assert [row[0].text for row in check_table(found).rows] == names
+    assert [row[0].text for row in check_table(found.figures).rows] == names
     again = check_drive(sequence, LocalisationConfig(), [condition], 40, [Run("ours", found.forward.estimates)])
     assert again.result == found.result
     same = Score(figures=again.figures).figure("difference", part="forward - ours")

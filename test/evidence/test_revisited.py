@@ -108,7 +108,7 @@ def test_the_check_has_the_places_in_its_figures_and_tables() -> None:
     misclosure_m = score.number("misclosure", "value", part=part)
     assert score.number("misclosure_of_path", "value", part=part) == pytest.approx(misclosure_m / path_m)
     assert score.number("error_at_least", "value", part="forward - direct") == pytest.approx(0.5 * misclosure_m)
-    over = {row[0].text: row[1].text for row in check_table(found).rows}
+    over = {row[0].text: row[1].text for row in check_table(found.figures).rows}
     assert over["forward - direct"] == "revisited places"
     (row,) = closure_table(found.figures).rows
     assert [cell.value for cell in row[1:]] == pytest.approx(

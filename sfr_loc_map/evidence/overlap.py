@@ -1,0 +1,136 @@
+"""Do the maps of several stereo pairs agree where they overlap?
+
+Each point of a pair is reprojected into another pair. The difference of both ranges is compared with that expected of
+the stated sigmas and poses. Both maps share the calibration and, for pairs of one position, the errors of the mast's
+mount. These errors are hidden, so that the result is never an accuracy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations, islice
+from typing import NamedTuple
+
+import numpy as np
+
+from sfr_loc_map.evidence.agreement import CheckResult
+from sfr_loc_map.io.sequence import NavSequence
+from sfr_loc_map.kernels import load_kernels
+from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
+from sfr_loc_map.mapping.mapper import Mapper
+from sfr_loc_map.mapping.multiview.comparison import MIN_OVERLAP
+from sfr_loc_map.mapping.multiview.fusion import MAX_GREY_RATIO, MAX_RANGE_RATIO
+from sfr_loc_map.mapping.multiview.projection import SHIFT_PX
+from sfr_loc_map.metrics.table import Figure, figure_row
+from sfr_loc_map.report.tables import Cell, Column, Table, Unit, fitting
+
+
+class Overlap(NamedTuple):
+    """Where two pairs see the same ground."""
+
+    first: int  #: Number of the pair, from 0.
+    other: int
+    fraction: float  #: Fraction of the points of the first pair that the other one sees.
+    points: int  #: Number of these points.
+    difference_m: float  #: Robust root mean square of the range differences: median and spread.
+    ratio: float  #: Range differences over those expected; about 1 if sigmas and poses are right.
+    grey_ratio: float  #: Grey level differences over those at `SHIFT_PX`; NaN without texture.
+
+    @property
+    def name(self) -> str:
+        """The two pairs."""
+        return f"pairs {self.first} and {self.other}"
+
+    @property
+    def disagreement(self) -> str:
+        """How the two pairs disagree; empty if they do not."""
+        if self.result is not CheckResult.INCONSISTENT:
+            return ""
+        return (
+            f"the maps of {self.name} disagree: range differences are {self.ratio:.2g} times the expected ones, grey "
+            f"level differences {self.grey_ratio:.2g} times those {SHIFT_PX} pixels away"
+        )
+
+    @property
+    def result(self) -> CheckResult:
+        """What the two pairs show, by the criteria of the fusion."""
+        if self.points <= MIN_OVERLAP:
+            return CheckResult.NOT_ENOUGH_DATA
+        disagrees = self.ratio > MAX_RANGE_RATIO or self.grey_ratio > MAX_GREY_RATIO
+        return CheckResult.INCONSISTENT if disagrees else CheckResult.CONSISTENT
+
+
+def find_overlaps(sequence: NavSequence, config: MappingConfig) -> list[Overlap]:
+    """Map the first pairs of a source, as many as one map has, and return how each two of them overlap."""
+    mapper = Mapper(sequence.rig, config)
+    load_kernels("mapping")
+    pairs = islice(sequence.pairs(), MAX_PAIRS)
+    maps = [mapper.process(item.pair, item.T_lm_navsb, index) for index, item in enumerate(pairs)]
+    found = mapper.fuse(maps).statistics
+    overlaps = []
+    for first, other in combinations(range(len(maps)), 2):
+        fraction = found[f"overlap_{first}_{other}"]
+        if fraction == 0.0:
+            continue
+        of_pairs = f"{first}_{other}"
+        difference_m = np.hypot(found[f"difference_median_m_{of_pairs}"], found[f"difference_spread_m_{of_pairs}"])
+        points = round(fraction * len(maps[first].cloud))
+        ratios = found[f"difference_over_sigma_{of_pairs}"], found[f"grey_difference_over_beside_{of_pairs}"]
+        overlaps.append(Overlap(first, other, fraction, points, float(difference_m), *ratios))
+    return overlaps
+
+
+def result_of_maps(overlaps: Sequence[Overlap]) -> CheckResult:
+    """Return the result over all overlaps; there is not enough data if no two pairs overlap enough."""
+    results = {item.result for item in overlaps}
+    order = (CheckResult.INCONSISTENT, CheckResult.CONSISTENT)
+    return next((result for result in order if result in results), CheckResult.NOT_ENOUGH_DATA)
+
+
+def overlap_rows(overlap: Overlap) -> Iterator[Figure]:
+    """Yield the rows of an overlap."""
+    yield figure_row("overlap", part=overlap.name, n=overlap.points, value=overlap.fraction)
+    yield figure_row("overlap_difference", part=overlap.name, n=overlap.points, value=overlap.difference_m)
+    yield figure_row("overlap_ratio", part=overlap.name, n=overlap.points, value=overlap.ratio)
+    grey_ratio = overlap.grey_ratio if np.isfinite(overlap.grey_ratio) else None
+    yield figure_row("overlap_grey", part=overlap.name, n=overlap.points, value=grey_ratio)
+
+
+def overlap_table(figures: Sequence[Figure]) -> Table:
+    """Return the overlaps of maps as a table."""
+    places: dict[str, dict[str, int]] = {}  # of the figures of an overlap, by name
+    for place, row in enumerate(figures):
+        if row.figure.startswith("overlap"):
+            places.setdefault(row.part or "", {})[row.figure] = place
+    rows = []
+    for name, at in places.items():
+        values = {figure: figures[place].value for figure, place in at.items()}
+        keys = {figure: f"figures.{place}.value" for figure, place in at.items()}
+        unit = fitting(Unit("m"), values["overlap_difference"])
+        rows.append(
+            (
+                Cell.head(name),
+                Cell.number(values["overlap"], keys["overlap"], Unit("%")),
+                Cell(unit.symbol),
+                Cell.number(values["overlap_difference"], keys["overlap_difference"], unit),
+                Cell.number(values["overlap_ratio"], keys["overlap_ratio"]),
+                Cell.number(values["overlap_grey"], keys["overlap_grey"]),
+                Cell.number(figures[at["overlap"]].n, f"figures.{at['overlap']}.n"),
+            )
+        )
+    columns = (
+        Column("maps", words=True),
+        Column("overlap", Unit("%")),
+        Column("unit"),
+        Column("range difference, rms"),
+        Column("over the expected one"),
+        Column(f"grey difference over that {SHIFT_PX} px away"),
+        Column("points"),
+    )
+    note = (
+        "Robust root mean square over the points that both pairs see. The expected difference is that of the stated "
+        f"sigmas and correct poses; maps disagree above {MAX_RANGE_RATIO:g}, or if grey levels differ by more than "
+        f"{MAX_GREY_RATIO:g} of their difference {SHIFT_PX} px away. The calibration of the cameras, which all pairs "
+        "share, does not show."
+    )
+    return Table("overlap", "Maps that should agree", columns, tuple(rows), note)

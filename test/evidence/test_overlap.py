@@ -1,0 +1,106 @@
+"""Maps of two pairs that see the same wall: they agree with true poses, and a wrong pose is found."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from helpers.cli_result import Sfr
+from helpers.made_scene import NAV_RIG, nav_pair
+from sfr_loc_map.evidence.agreement import CheckResult, result_of_all
+from sfr_loc_map.evidence.overlap import find_overlaps, overlap_rows, overlap_table, result_of_maps
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
+from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.sequence import Source, SourceFormat
+from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.metrics.score import Score
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Mapping pairs in memory."""
+
+    kept: Sequence[PosedStereoPair]
+    rig: StereoRig = NAV_RIG
+
+    @property
+    def stamps_ns(self) -> list[int]:
+        return [item.pair.stamp_ns for item in self.kept]
+
+    def __len__(self) -> int:
+        return len(self.kept)
+
+    def pairs(self) -> Iterator[PosedStereoPair]:
+        return iter(self.kept)
+
+
+def two_pairs(turn_deg: float = 0.0, forward_m: float = 0.0) -> Pairs:
+    """Return two pairs; the stated pose of the second one is off by a yaw and a distance towards the wall."""
+    first, other = nav_pair(0), nav_pair(1)
+    error = Transform(matrix_from_rotvec([0.0, 0.0, np.radians(turn_deg)]), np.array([forward_m, 0.0, 0.0]))
+    return Pairs([first, replace(other, T_lm_navsb=other.T_lm_navsb @ error)])
+
+
+def test_maps_with_true_poses_agree() -> None:
+    (overlap,) = find_overlaps(two_pairs(), MappingConfig())
+    assert (overlap.first, overlap.other) == (0, 1)
+    assert overlap.fraction > 0.5
+    assert overlap.ratio < 1.8
+    assert overlap.difference_m < 0.03
+    assert result_of_maps([overlap]) is CheckResult.CONSISTENT
+    assert overlap.disagreement == ""
+
+
+@pytest.mark.parametrize(("turn_deg", "forward_m"), [(1.0, 0.0), (0.0, 0.3)])
+def test_a_wrong_pose_is_found(turn_deg: float, forward_m: float) -> None:
+    (usual,) = find_overlaps(two_pairs(), MappingConfig())
+    (overlap,) = find_overlaps(two_pairs(turn_deg, forward_m), MappingConfig())
+    assert result_of_maps([overlap]) is CheckResult.INCONSISTENT
+    assert "pairs 0 and 1" in overlap.disagreement
+    if forward_m:
+        assert overlap.difference_m == pytest.approx(forward_m, abs=0.02 + usual.difference_m)
+
+
+def test_pairs_that_do_not_overlap_are_not_enough_data() -> None:
+    overlaps = find_overlaps(two_pairs(turn_deg=120.0), MappingConfig())
+    assert result_of_maps(overlaps) is CheckResult.NOT_ENOUGH_DATA
+    (usual,) = find_overlaps(two_pairs(), MappingConfig())
+    assert result_of_maps([usual._replace(points=1000)]) is CheckResult.NOT_ENOUGH_DATA
+    assert result_of_maps([usual._replace(points=1000), usual]) is CheckResult.CONSISTENT
+
+
+def test_the_result_of_several_checks_is_the_worst() -> None:
+    consistent, few, inconsistent = CheckResult.CONSISTENT, CheckResult.NOT_ENOUGH_DATA, CheckResult.INCONSISTENT
+    assert result_of_all([consistent, few]) is few
+    assert result_of_all([few, inconsistent, consistent]) is inconsistent
+    assert result_of_all([consistent, consistent]) is consistent
+
+
+def test_figures_and_table_have_each_overlap() -> None:
+    (overlap,) = find_overlaps(two_pairs(), MappingConfig())
+    figures = tuple(overlap_rows(overlap._replace(grey_ratio=float("nan"))))
+    score = Score(figures=figures)
+    assert score.number("overlap_difference", "value", part="pairs 0 and 1") == overlap.difference_m
+    (row,) = overlap_table(figures).rows
+    values = (overlap.fraction, None, overlap.difference_m, overlap.ratio, None, overlap.points)
+    assert [cell.value for cell in row[1:]] == list(values)
+
+
+@pytest.mark.parametrize(("forward_m", "code", "result"), [(0.0, 0, "consistent"), (0.3, 1, "inconsistent")])
+def test_the_command_checks_a_source_of_maps_alone(
+    sfr: Sfr, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, forward_m: float, code: int, result: str
+) -> None:
+    opened = Source(tmp_path, SourceFormat.FOLDER, None, two_pairs(forward_m=forward_m))
+    monkeypatch.setattr("sfr_loc_map.cli.check.open_as", lambda *_: (opened, None))
+    found = sfr("check", tmp_path, "--json", tmp_path / "check.json")
+    assert found.code == code
+    content = json.loads((tmp_path / "check.json").read_text())
+    assert content["results"] == {"maps": result}
+    assert content["result"] == result
+    assert f"maps: {result}. This is no accuracy" in found.out
