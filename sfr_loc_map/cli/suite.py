@@ -30,6 +30,7 @@ from sfr_loc_map.inputs import one_line
 from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.judging.proof import words_of
 from sfr_loc_map.metrics.score_json import json_line
+from sfr_loc_map.metrics.verdict import counts_of
 
 if TYPE_CHECKING:
     from sfr_loc_map.suite.run import Progress
@@ -303,9 +304,13 @@ def _present(
         counts = summary.counts
         reported = f"verdict: {summary.verdict}. {counts['done']} of {counts['tasks']} tasks have a result"
         say(reported, err=json_path == STANDARD_OUTPUT)
-    if missed := sum(item.state is VerdictState.FAIL for _, item in verdicts):
-        judged = sum(item.state is not VerdictState.INCOMPLETE for _, item in verdicts)
-        raise FailedVerdictError(f"{missed} of {judged} limits over all drives missed")
+    failed = [item for _, item in verdicts if item.state is VerdictState.FAIL]
+    if failed:
+        limits = counts_of(summary.on_limits)
+        found = [item.name for item in failed if item.figure is None]
+        reasons = [f"methods failed: {', '.join(found)}"] if found else []
+        reasons += [f"{limits.missed} of {limits.limits} limits over all drives missed"] if limits.missed else []
+        raise FailedVerdictError("; ".join(reasons))
     if count := len(summary.failures) + len(summary.refusals):
         raise InputError(f"{count} tasks or sources failed: each is named above")
     undecided = [

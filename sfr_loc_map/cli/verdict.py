@@ -36,9 +36,7 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
         raise ConfigError("nothing was scored: give an estimate and its truth")
     show(to_dict(score), json_path, tables)
     if json_path != STANDARD_OUTPUT:
-        if score.incomplete is not None:
-            say(f"incomplete: {score.incomplete}")
-        if score.verdicts:
+        if is_judged(score) and score.contradiction is None:  # a contradiction ends the command
             facts, overall, made = dict(run_facts(score)), overall_of(score), score.provenance
             limits = None if made is None else made.inputs.get("limits")
             by = "" if limits is None else f"; by {limits.path}"
@@ -62,18 +60,16 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
     A method that failed has failed. Figures of an estimate and a truth that contradict each other by convention judge
     nothing, whatever the limits; otherwise a limit that was missed counts before one that could not be judged.
     """
-    from sfr_loc_map.metrics.judging.judge import finding_verdicts
-    from sfr_loc_map.metrics.judging.reasons import reasons_not_judged
+    from sfr_loc_map.metrics.judging.reasons import incomplete_parts, reasons_not_judged
     from sfr_loc_map.report.verdict_view import VerdictView
 
     if score.missed:
-        wrong = {item.name for item in finding_verdicts(score)}
-        views = [VerdictView.of(item) for item in score.missed if item.name not in wrong]
+        views = [VerdictView.of(item) for item in score.on_limits if item.state is VerdictState.FAIL]
         missed = [f"{view.name}: {view.comparison}" for view in views]
-        count = len(score.on_limits)
-        reasons = [f"the method failed: {', '.join(item.kind for item in score.fatal_findings)}"] if wrong else []
-        reasons += [] if score.incomplete is None else [f"incomplete: {score.incomplete}"]
-        reasons += [f"{len(missed)} of {count} limits missed: {'; '.join(missed)}"] if missed else []
+        kinds = ", ".join(item.kind for item in score.fatal_findings)
+        reasons = [f"the method failed: {kinds}"] if kinds else []
+        reasons += [] if score.incomplete is None else [f"incomplete: {incomplete_parts(score)}"]
+        reasons += [f"{len(missed)} of {len(score.on_limits)} limits missed: {'; '.join(missed)}"] if missed else []
         raise FailedVerdictError("; ".join(reasons))
     # a score that passes has no limit on what was not judged, such as a condition that was asked for and never met
     is_pass = score.verdict is VerdictState.PASS

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import NamedTuple
+
 import msgspec
 
 from sfr_loc_map.metrics.catalogue import Subject
@@ -24,6 +27,26 @@ class ProofRecord(Record, frozen=True, kw_only=True):
     method: str
     independent: float  #: Independent errors: sub-trajectories of the drive that decides, or drives.
     more: int | None = None  #: Without a decision: how many more are needed; null if no number of errors like these is.
+
+
+class LimitCounts(NamedTuple):
+    """How many limits are met and missed, and how many are not decided."""
+
+    met: int
+    missed: int
+    incomplete: int  #: Met by the data there is, of a part that is incomplete.
+    undecided: int  #: Without enough data, or not judged.
+
+    @property
+    def limits(self) -> int:
+        """Number of all limits."""
+        return sum(self)
+
+    @property
+    def text(self) -> str:
+        """The counts in words."""
+        text = f"{self.met} of {self.limits} limits met, {self.missed} missed, {self.undecided} without enough data"
+        return f"{text}, {self.incomplete} on incomplete data" if self.incomplete else text
 
 
 class Verdict(Record, frozen=True, kw_only=True):
@@ -74,3 +97,10 @@ class Verdict(Record, frozen=True, kw_only=True):
     def is_within_truth_error(self) -> bool:
         """Whether the error of the ground truth exceeds the margin, so that nothing is decided."""
         return self.truth_error is not None and self.margin is not None and abs(self.margin) <= self.truth_error
+
+
+def counts_of(verdicts: Iterable[Verdict]) -> LimitCounts:
+    """Return the counts of the verdicts on limits."""
+    states = [item.state for item in verdicts]
+    met, missed, incomplete = map(states.count, (VerdictState.PASS, VerdictState.FAIL, VerdictState.INCOMPLETE))
+    return LimitCounts(met, missed, incomplete, undecided=len(states) - met - missed - incomplete)

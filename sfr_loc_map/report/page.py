@@ -19,6 +19,7 @@ from sfr_loc_map.metrics.catalogue import Subject
 from sfr_loc_map.metrics.config import ScoreConfig, VerdictState, label_of
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.metrics.verdict import counts_of
 from sfr_loc_map.report.plots import PALETTES, TEMPLATE, Plot
 from sfr_loc_map.report.score_plots import error_sizes, path_of, plotted_conditions, score_plots
 from sfr_loc_map.report.score_tables import EXACT, glossary, score_tables, truth_text
@@ -139,14 +140,10 @@ def overall_of(score: Score) -> Overall:
     part = "" if score.incomplete is None else f"Incomplete: {score.incomplete}. "
     if score.fatal_findings:
         part = f"The method under test failed: {', '.join(item.kind for item in score.fatal_findings)}. {part}"
-    states = [item.state for item in score.on_limits]
-    if not states:
+    if not score.on_limits:
         text = part.strip() or "No limits were given: there is no verdict."
         return _overall(state, text, NO_VERDICT_ICON if state is None else OPEN.icon)
-    passed, failed, partial = map(states.count, (VerdictState.PASS, VerdictState.FAIL, VerdictState.INCOMPLETE))
-    rest = len(states) - passed - failed - partial
-    text = f"{part}{passed} of {len(states)} limits met, {failed} missed, {rest} without enough data"
-    text += f", {partial} on incomplete data." if partial else "."
+    text = f"{part}{counts_of(score.on_limits).text}."
     certain = [item.certain for item in score.verdicts if item.certain is not None]
     if certain:
         text += (
@@ -220,17 +217,14 @@ class LookFirst(NamedTuple):
 
 
 def look_first(score: Score) -> tuple[LookFirst, ...]:
-    """Return what to look at, the worst first; without a finding, what would go wrong first."""
+    """Return what to look at, the worst first; without a finding, what would go wrong first.
+
+    The verdict itself states a contradiction of estimate and truth, and what is incomplete.
+    """
     return tuple(islice(_worth_a_look(score), MOST_TO_LOOK_AT))
 
 
 def _worth_a_look(score: Score) -> Iterator[LookFirst]:
-    if score.contradiction is not None:
-        why = f"Estimate and truth contradict each other, so that no figure of them judges: {score.contradiction}"
-        yield LookFirst("the convention of the poses", why)
-    if score.incomplete is not None:
-        why = f"A part of a drive never passes for the complete drive: {score.incomplete}."
-        yield LookFirst("what is missing of the drive", why)
     for finding in score.findings:
         yield LookFirst(str(finding.kind), f"The method under test did something wrong: {finding}.")
     views = list(verdict_views(score))

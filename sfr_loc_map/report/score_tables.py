@@ -218,10 +218,11 @@ def score_tables(score: Score) -> list[Table]:
 
 
 def summary_tables(score: Score) -> list[Table]:
-    """Return the tables for the terminal."""
+    """Return the tables for the terminal: completeness without zeros, and without the note, which the verdict has."""
     named = {table.name: table for table in score_tables(score)}
-    if (covered := named.get("covered")) is not None:  # what is missing; a page has the zeros, too
-        named["covered"] = replace(covered, rows=tuple(row for row in covered.rows if any(cell.value for cell in row)))
+    if (covered := named.get("covered")) is not None:
+        rows = tuple(row for row in covered.rows if any(cell.value for cell in row))
+        named["covered"] = replace(covered, rows=rows, note="")
     return [named[name] for name in SUMMARY if name in named]
 
 

@@ -27,9 +27,9 @@ def test_half_a_drive_is_incomplete_unless_asked_for(judge: Judge) -> None:
     result, score = judge(limits=FEW_INDEPENDENT + OVER_5_M + "1\n", estimate=half)
     assert result.code == 3
     assert [item["verdict"] for item in score["verdicts"]] == ["incomplete", "incomplete"]
-    assert "not judged: incomplete: the estimate covers 50.12 % of the true poses" in result.err
-    first = next(line for line in result.out.splitlines() if "verdict:" in line or "incomplete:" in line)
-    assert first.startswith("incomplete:")
+    assert "not judged: incomplete: drive" in result.err
+    assert "verdict: incomplete. Incomplete: the estimate covers 50.12 % of the true poses" in result.out
+    assert (result.out + result.err).count("the estimate covers 50.12 %") == 1
     assert score_rows.number(score, "missing", part="count") == 200
 
     result, score = judge("--partial", limits=FEW_INDEPENDENT + OVER_5_M + "1\n", estimate=half)
@@ -172,7 +172,7 @@ def test_a_truth_that_is_shorter_than_the_estimate_is_incomplete(tmp_path: Path,
     rules = limits(tmp_path, {**POSITION, "minimum_independent": 4})
     done = sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", rules)
     assert done.code == 3
-    assert "incomplete: 9.699 % of the images or true poses have no ground truth" in done.out
+    assert "Incomplete: 9.699 % of the images or true poses have no ground truth" in done.out
     assert sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", rules, "--partial").code == 0
 
 

@@ -8,7 +8,9 @@ import numpy as np
 
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.metrics.catalogue import DRIVE
 from sfr_loc_map.metrics.config import Condition, ConditionKind, VerdictState, label_of
+from sfr_loc_map.metrics.judging.incomplete import shortfalls
 from sfr_loc_map.metrics.judging.proof import words_of
 from sfr_loc_map.metrics.limits import Rules
 from sfr_loc_map.metrics.score import Score
@@ -19,7 +21,7 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
     """Return why something could not be judged, a phrase each; conditions of the settings count if none is asked."""
     if score.contradiction is not None:
         return (score.contradiction,)
-    whole = () if score.incomplete is None else (f"incomplete: {score.incomplete}",)
+    incomplete = () if score.incomplete is None else (f"incomplete: {incomplete_parts(score)}",)
     unmet: dict[str | None, str] = {}
     if (drive := score.association) is not None:
         extent = drive.matched, drive.path_length_m, drive.duration_s or 0.0
@@ -28,7 +30,7 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
                 condition = Condition.parse(row.condition)
                 if not asked or condition in asked:
                     unmet[row.condition] = _reason(condition, *extent)
-    reasons = [*whole, *unmet.values()]
+    reasons = [*incomplete, *unmet.values()]
     points = score.figure("point_error")
     if points is not None and not points.n:
         reasons.append("map: no point of the cloud has a true point")
@@ -37,6 +39,12 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
             over = "" if item.condition is None else f" over {label_of(item.condition)}"
             reasons.append(f"limit {item.name}{over}: {why_open(item, score)}")
     return tuple(reasons)
+
+
+def incomplete_parts(score: Score) -> str:
+    """Return the names of the incomplete parts of a score; `score.incomplete` states what of them is missing."""
+    parts = {str(item.part.text) for item in shortfalls(score)}
+    return ", ".join(sorted(parts)) or DRIVE
 
 
 def why_open(item: Verdict, score: Score) -> str:

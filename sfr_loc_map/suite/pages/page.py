@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from operator import itemgetter
 
 from sfr_loc_map.atomic import write_text
-from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.score_json import json_line
 from sfr_loc_map.metrics.table import Figure, find_rows
+from sfr_loc_map.metrics.verdict import counts_of
 from sfr_loc_map.report.page import render_overview, render_page
 from sfr_loc_map.report.plots import Plot, Values, axis, error_scale, largest, log_axis, marks, scaled, span
 from sfr_loc_map.suite.pages.export import write_parquet
@@ -35,11 +35,7 @@ def write_summary(summary: Summary, store: Store) -> None:
 def render_summary(summary: Summary) -> str:
     """Return the page of a suite as HTML."""
     counts = summary.counts
-    states = [item.state for group in summary.groups for item in group.verdicts]
-    missed = sum(state is VerdictState.FAIL for state in states)
-    text = f"{missed} of {len(states)} limits missed, " if states else ""
-    if unclear := sum(state not in (VerdictState.FAIL, VerdictState.PASS) for state in states):
-        text += f"{unclear} not judged, "
+    text = f"{counts_of(summary.on_limits).text}; " if summary.on_limits else ""
     text += f"{counts['done']} of {counts['tasks']} tasks done, {counts['failed']} failed, {counts['waiting']} waiting"
     text += f", {len(summary.refusals)} sources refused." if summary.refusals else "."
     sections = [("Error budget", [budget_plot(budget)]) for budget in summary.budgets[:1]]

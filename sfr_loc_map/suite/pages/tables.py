@@ -9,6 +9,7 @@ from typing import Any
 from sfr_loc_map.metrics.catalogue import ANY, DRIVE, KINDS, TOTAL, Subject, statistic_title
 from sfr_loc_map.metrics.config import CallKind, VerdictState, label_of
 from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.metrics.verdict import counts_of
 from sfr_loc_map.report.tables import (
     ABSENT,
     MIB,
@@ -269,7 +270,7 @@ def result_table(
         else:
             for _, unit, figure, statistic, part in OF_DRIVES:
                 cells.append(Cell.number(score.number(figure, statistic, part=part), figure, unit, ABSENT))
-        cells.append(Cell.number(len(score.missed)))
+        cells.append(Cell.number(counts_of(score.on_limits).missed))
         cells.append(Cell(job.key[:SHORT_KEY], link=f"results/{job.key}.json"))
         rows.append(tuple(cells))
     return Table(name, title, tuple(columns), tuple(rows), note)

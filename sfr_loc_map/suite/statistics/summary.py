@@ -145,6 +145,11 @@ class Summary:
         return worst_of(states if self.completeness.value == 1.0 else [*states, VerdictState.INCOMPLETE])
 
     @property
+    def on_limits(self) -> list[GroupVerdict]:
+        """The verdicts on limits; the others are on findings, contradictions and missing results, and on no figure."""
+        return [item for group in self.groups for item in group.verdicts if item.figure is not None]
+
+    @property
     def is_decided(self) -> bool:
         """Whether sequential tests have decided every limit, so that no more drives are needed."""
         items = [item for group in self.groups for item in group.verdicts]
