@@ -123,7 +123,7 @@ def report(
         _write_test_report(scores, test_report, (title, number, issue), junit, common.text)
         if control is not None:
             named = dict(zip(map(str, results), scores, strict=True))
-            _write_control_document(named, control, (number, issue), common.text)
+            _write_control_document(named, control, (number, issue))
         _conclude_all(scores, lenient=lenient)
         if common.text or not all(map(is_judged, scores)):
             not_judged([common.text or NO_LIMITS], lenient=lenient)
@@ -195,16 +195,14 @@ def _write_test_report(
         propose(f"open {test_report} in a browser, print it for the signatures")
 
 
-def _write_control_document(
-    scores: dict[str, Score], control: Path, report: tuple[str, str], no_common_verdict: str
-) -> None:
+def _write_control_document(scores: dict[str, Score], control: Path, report: tuple[str, str]) -> None:
     """Write the verification control document; `report` are the number and the issue of the test report."""
     from sfr_loc_map.report.control_document import control_csv
 
     number, issue = report
     parts = [f"test report {number}"] if number else []
     parts += [f"issue {issue}"] if issue else []
-    write_text(control_csv(scores, ", ".join(parts), no_common_verdict), control)
+    write_text(control_csv(scores, ", ".join(parts)), control)
     say(f"verification control document: {control}")
 
 

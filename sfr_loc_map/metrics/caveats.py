@@ -12,6 +12,7 @@ from sfr_loc_map.metrics.records import TruthRecord
 from sfr_loc_map.metrics.score import Score
 
 NOT_COMPARED = "its limits were not compared"  #: End of a warning that limits were not compared with their file.
+JUDGED_ELSEWHERE = "judged in another of the scores"  #: End of a warning that names the limits that are omitted.
 MAX_EXCESS = 0.05  #: Largest fraction of the path of a truth that may be noise without a warning.
 
 
@@ -50,5 +51,5 @@ def reading_caveats(score: Score) -> Iterator[str]:
 
 
 def limits_caveats(score: Score) -> Iterator[str]:
-    """Yield that the limits of a stored score were not compared with the file that it names."""
-    yield from (text for text in score.warnings if text.endswith(NOT_COMPARED))
+    """Yield that limits were not compared with the file that the score names, or are judged in another score."""
+    yield from (text for text in score.warnings if text.endswith((NOT_COMPARED, JUDGED_ELSEWHERE)))

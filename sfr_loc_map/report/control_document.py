@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 
 from sfr_loc_map.inputs import printable
 from sfr_loc_map.metrics.config import VerdictState
+from sfr_loc_map.metrics.judging.several_scores import Common, common_verdict, is_closed
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.report.deviations import deviations_of
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
@@ -42,25 +43,25 @@ METHOD = "test"
 """Verification method. Figures of a score come from tests, not from analysis, review of design or inspection."""
 
 
-def control_csv(scores: Mapping[str, Score], report: str = "", no_common_verdict: str = "") -> str:
+def control_csv(scores: Mapping[str, Score], report: str = "") -> str:
     """Return the verification control document of scores by the names of their files.
 
     `report` names the test report, with its number and issue; the file of the score is the evidence without one.
-    `no_common_verdict` is the reason why the scores have no verdict in common: no requirement is closed then.
+    Without a verdict in common no requirement is closed.
     """
+    common = common_verdict([*scores.values()])
     buffer = io.StringIO()
     writer = csv.DictWriter(buffer, COLUMNS, lineterminator="\n")
     writer.writeheader()
     for name, score in scores.items():
         evidence = f"{report}, {name}" if report else name
         for view in verdict_views(score):
-            writer.writerow(_row(view, score, evidence, no_common_verdict))
+            writer.writerow(_row(view, score, evidence, common))
     return buffer.getvalue()
 
 
-def _row(view: VerdictView, score: Score, evidence: str, no_common_verdict: str) -> dict[str, object]:
+def _row(view: VerdictView, score: Score, evidence: str, common: Common) -> dict[str, object]:
     item = view.item
-    is_closed = item.state is VerdictState.PASS and not no_common_verdict and not score.fatal_findings
     texts = {
         "requirement": item.id or item.name,
         "text": item.text or view.name,
@@ -71,8 +72,8 @@ def _row(view: VerdictView, score: Score, evidence: str, no_common_verdict: str)
         "figure": view.name,
         "unit": view.unit.of_values,
         "compliance": COMPLIANCE.get(item.state, "not verified"),
-        "close_out": "closed" if is_closed else "open",
-        "remarks": " ".join(filter(None, (no_common_verdict, *_findings(score), _remarks(view, score)))),
+        "close_out": "closed" if is_closed(item, score, common) else "open",
+        "remarks": " ".join(filter(None, (common.text, *_findings(score), _remarks(view, score)))),
     }
     numbers = {
         name: getattr(item, name) for name in ("limit", "value", "margin", "low95", "high95", "n", "independent")

@@ -22,7 +22,7 @@ from sfr_loc_map.metrics.records import MethodKind, MethodRecord, TruthRecord
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import load_score
 from sfr_loc_map.metrics.verdict import Verdict
-from sfr_loc_map.report.deviations import is_of_stage
+from sfr_loc_map.report.deviations import deviations_of, is_of_stage
 from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.page import overall_of
 from sfr_loc_map.report.printed_plot import printed_plots
@@ -237,6 +237,10 @@ def test_a_limit_stands_once_where_one_score_judges_it() -> None:
     page = render_test_report(each_by_its_limits([drive, cloud]))
     for name in ("R1", "R2", "R5", "R6"):
         assert len(re.findall(f'<th scope="row">{name}<', page)) == 1, name
+    for score, omitted in zip(each_by_its_limits([drive, cloud]), ("point_error", "position"), strict=True):
+        (text,) = (text for text in deviations_of(score) if text.endswith("judged in another of the scores."))
+        assert omitted in text
+        assert text in page
 
 
 def test_several_items_under_test_have_no_common_pass() -> None:

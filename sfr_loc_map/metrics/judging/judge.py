@@ -1,9 +1,11 @@
 """The judge: verdicts are a pure function of a score.
 
 Of the score it reads the figures, the rules, the findings, the errors of tolerance bounds, the association, the answers
-of an external node, and whether estimate and truth contradict each other. No view drops or edits a verdict.
-`metrics.score_json` derives the verdicts of a file again when the file is read, and refuses a file whose verdicts do
-not follow from its figures. docs/metrics.md, "Verdicts".
+of an external node, and whether estimate and truth contradict each other. `metrics.score_json` derives the verdicts of
+a file again when the file is read, and refuses a file whose verdicts do not follow from its figures.
+
+Views show the verdicts as they are. A report of several scores judges each score by the limits that are about it, and
+names the other limits (`several_scores.each_by_its_limits`). docs/metrics.md, "Verdicts".
 """
 
 from __future__ import annotations

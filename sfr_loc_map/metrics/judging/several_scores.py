@@ -1,4 +1,4 @@
-"""The common verdict of several scores, and the limits that each of several scores is judged by."""
+"""The common verdict of several scores, the requirements that it closes, and the limits by which each is judged."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ from typing import NamedTuple
 from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.metrics.catalogue import DRIVE, MAP
+from sfr_loc_map.metrics.caveats import JUDGED_ELSEWHERE
 from sfr_loc_map.metrics.config import VerdictState, worst_of
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limit_scope import limits_of, task_of, tasks_of
 from sfr_loc_map.metrics.records import MethodRecord
 from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.verdict import Verdict
 
 
 class Common(NamedTuple):
     """The verdict over several scores; None where there is none in common."""
 
     state: VerdictState | None
-    text: str = ""
+    text: str = ""  #: Why there is no verdict in common; empty if there is one, or if no score was judged.
 
 
 OF_PART = {DRIVE: ("trajectory", "localisation"), MAP: ("map", "mapping")}
@@ -54,6 +56,11 @@ def _item(method: MethodRecord | None) -> tuple[str | None, ...] | None:
     return None if method is None else (method.name, method.version, method.sha256, method.config_sha256)
 
 
+def is_closed(verdict: Verdict, score: Score, common: Common) -> bool:
+    """Return whether a verdict closes its requirement: a pass of a method without a finding, common to all scores."""
+    return verdict.state is VerdictState.PASS and not score.fatal_findings and not common.text
+
+
 def difference_of(scores: Sequence[Score]) -> str | None:
     """Return how scores of one item under test differ; None if they are of one run."""
     made = [score.provenance for score in scores if score.provenance is not None]
@@ -82,7 +89,8 @@ def each_by_its_limits(scores: Sequence[Score]) -> list[Score]:
     """Return scores that were judged by one limits file, each by the limits that are about it.
 
     A score is judged without a limit only if another score, which is of the part that the limit is about, is judged by
-    the same limit. A limit on a map therefore stays with every score where there are drives alone.
+    the same limit. A limit on a map therefore stays with every score where there are drives alone. A warning of the
+    score names the limits that it is judged without.
     """
     every = [(tasks_of(score), limits_of(score)) for score in scores]
     found = []
@@ -94,5 +102,8 @@ def each_by_its_limits(scores: Sequence[Score]) -> list[Score]:
         if limits is not None and len(kept) < len(limits.limits):
             is_partial = score.rules is not None and score.rules.partial
             score = judged(score, struct_replace(limits, limits=tuple(kept)) if kept else None, partial=is_partial)
+            names = ", ".join(item.shown_name for item in limits.limits if item not in kept)
+            warning = f"the limits {names} are {JUDGED_ELSEWHERE}"
+            score = struct_replace(score, warnings=(*score.warnings, warning))
         found.append(score)
     return found
