@@ -75,6 +75,18 @@ def sfr(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
     return run
 
 
+@pytest.fixture(scope="module")
+def scheduler() -> Iterator[str]:
+    """Address of a Dask scheduler whose worker is a thread of this process, for suites whose workers are no subject.
+
+    A suite that starts a worker of its own costs two seconds more.
+    """
+    distributed = pytest.importorskip("distributed", reason="needs the extra [suite]")
+    options = {"threads_per_worker": 1, "processes": False, "protocol": "tcp://", "dashboard_address": None}
+    with distributed.LocalCluster(n_workers=1, **options) as cluster:
+        yield cluster.scheduler_address
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the files that have slow tests: at the end all processes of `make test` have short ones left."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}

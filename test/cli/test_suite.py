@@ -138,11 +138,11 @@ def test_what_fails_is_named_and_left_alone_until_it_is_asked_for(sfr: Sfr, tmp_
 
 
 @pytest.mark.slow
-def test_the_calls_beside_an_estimate_are_judged_as_by_score(sfr: Sfr, tmp_path: Path) -> None:
+def test_the_calls_beside_an_estimate_are_judged_as_by_score(sfr: Sfr, tmp_path: Path, scheduler: str) -> None:
     """A finding of a call fails the suite; calls that appear later are another job."""
     suite = made_suite(tmp_path / "made", 2, limits=LIMITS)
     out = tmp_path / "out"
-    run = ("suite", "run", suite, "--out", out, "--workers", 1, "--json", "-")
+    run = ("suite", "run", suite, "--out", out, "--scheduler", scheduler, "--json", "-")
     assert sfr(*run).code == 0
     estimate = suite.parent / "drive0.csv"
     stamps = np.loadtxt(estimate, np.int64, delimiter=",", skiprows=1, usecols=0)
@@ -159,13 +159,15 @@ def test_the_calls_beside_an_estimate_are_judged_as_by_score(sfr: Sfr, tmp_path:
 
 
 @pytest.mark.slow
-def test_a_suite_without_its_bad_drive_and_an_edited_plan_pass_nothing(sfr: Sfr, tmp_path: Path) -> None:
+def test_a_suite_without_its_bad_drive_and_an_edited_plan_pass_nothing(
+    sfr: Sfr, tmp_path: Path, scheduler: str
+) -> None:
     suite = made_suite(tmp_path / "made", 3, limits=LIMITS)
     made_suite(tmp_path / "bad", 3, sigma_m=0.2)
     (tmp_path / "bad/drive2.csv").replace(tmp_path / "made/drive2.csv")
     content = suite.read_text()
     out = tmp_path / "out"
-    run = ("suite", "run", suite, "--out", out, "--workers", 1, "--json", "-")
+    run = ("suite", "run", suite, "--out", out, "--scheduler", scheduler, "--json", "-")
     report = ("suite", "report", out, "--json", "-")
     assert (ran := sfr(*run)).code == 1, ran.err
     plan = (out / "plan.json").read_text()
@@ -213,7 +215,9 @@ def test_usage_errors_are_one_line(sfr: Sfr, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_suite_with_half_a_drive_is_incomplete_unless_a_part_is_allowed(sfr: Sfr, tmp_path: Path) -> None:
+def test_a_suite_with_half_a_drive_is_incomplete_unless_a_part_is_allowed(
+    sfr: Sfr, tmp_path: Path, scheduler: str
+) -> None:
     cases: dict[str, tuple[dict[str, object], int, str]] = {
         "limits": ({"limits": LIMITS}, 3, "incomplete"),
         "none": ({}, 3, "incomplete"),
@@ -225,7 +229,7 @@ def test_a_suite_with_half_a_drive_is_incomplete_unless_a_part_is_allowed(sfr: S
         suite = made_suite(tmp_path / name, 2, rebase="displacement", **more)
         lines = (suite.parent / "drive0.csv").read_text().splitlines(keepends=True)
         (suite.parent / "drive0.csv").write_text("".join(lines[: len(lines) // 2]))
-        run = sfr("suite", "run", suite, "--out", tmp_path / name / "out", "--workers", 1, "--json", "-")
+        run = sfr("suite", "run", suite, "--out", tmp_path / name / "out", "--scheduler", scheduler, "--json", "-")
         found = json.loads(run.out)
         assert (run.code, found["verdict"]) == (code, verdict), name
         assert f"verdict: {verdict}. 2 of 2 tasks have a result" in run.err
@@ -240,13 +244,13 @@ def test_a_suite_with_half_a_drive_is_incomplete_unless_a_part_is_allowed(sfr: S
 
 
 @pytest.mark.slow
-def test_a_campaign_stops_when_its_limit_is_decided(sfr: Sfr, tmp_path: Path) -> None:
+def test_a_campaign_stops_when_its_limit_is_decided(sfr: Sfr, tmp_path: Path, scheduler: str) -> None:
     """75 % with 75 % and no failure: the sequential test passes after 6 of 12 drives, and that is a pass."""
     share = {"limit": 1.0, "prob": 0.75, "confidence": 0.75, "power": 0.75, "good": 0.05, "interpretation": "ensemble"}
     limits = {"trajectory": [{"condition": "distance=1", "position_bound_m": share}]}
     file = made_suite(tmp_path / "suite", 12, limits=limits, stop_when_decided=True)
     out = tmp_path / "out"
-    ended = sfr("suite", "run", file, "--out", out, "--workers", "1", "--json", "-")
+    ended = sfr("suite", "run", file, "--out", out, "--scheduler", scheduler, "--json", "-")
     assert ended.code == 0, ended.err
     summary = json.loads(ended.out)
     assert summary["verdict"] == "pass"

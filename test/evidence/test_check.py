@@ -30,7 +30,7 @@ def test_a_drive_agrees_with_itself_and_every_comparison_is_a_row() -> None:
     sequence = PairsInMemory(LOC_RIG, drive(40))
     condition = Condition.parse("frames=5")
     found = check_drive(sequence, LocalisationConfig(), [condition], 40)
-    assert found.result in ("consistent", "inconsistent")
+    assert found.result == "consistent"
     names = ["forward - backward", "forward - every second pair", "left half - right half"]
     assert [item.name for item in found.agreements] == names
     score = Score(figures=found.figures)

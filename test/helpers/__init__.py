@@ -1,4 +1,32 @@
-"""Worlds, drives, processes and checks that the tests share."""
+"""Worlds, drives, processes and checks that the tests share.
+
+Images of known geometry
+    made_scene: a rover before a textured wall, as pairs, folder or bag. The usual source of a test.
+    loc_drive: pairs of `made_scene` for the localiser. node_scenes: the same as messages.
+    made_worlds: random pairs in each format that is written, and blobs at known pixels.
+    wall, disparity_world, map_scenes: surfaces for the parts of the mapper and for its score.
+Sources of others, and broken ones
+    kalibr_chains, made_layouts, made_ros1, message_bags, pose_tables: as other programs write them.
+    broken_sources: with one thing wrong in each.
+Trajectories and scores
+    scored_drives, judge: drives with their limits, for tests of `sfr score`.
+    random_drives, honest_drives, trajectory_pairs, strategies: random ones, and ten that differ in all respects.
+    metrics_reference: the figures once more, by loops. hazard_truth: the hazards of the true points.
+    made_scores, score_rows: scores with every part, and their rows. made_suites: suites of estimates.
+Processes
+    cli_result, processes: commands, and nodes as processes. compile_c: libraries in C.
+    peer: a node that publishes and listens. manager: a peer that manages one node in the process of the test.
+    own_domain, ros_domain, dds_client, rover_process: DDS of its own, and who takes part in it.
+    misbehaving_class, misbehaving_node, misbehaving_jobs, faulty_external_node: methods, nodes and jobs that fail.
+    faulty_candidate.c, slow_clock.c: a library under test, and one that slows the clock.
+Live page
+    live_run, page_server, browser, foxglove_client.
+
+Fixtures are in the `conftest.py` of the folder of a test or above: `sfr` (a command), `scheduler` (of a suite),
+`own_domain` and `shared_data` in `test/`; `files`, `judge`, `source`, `cloud`, `images` and `localised` in `scoring/`;
+`drive`, `build`, `faulty` and `example` in `methods/`; `folder`, `estimate` and `cloud` in `api/`; `ros` in `nodes/`;
+`made_once` in `cli/`; `config` in `simulation/`; `world` in `io/`; `score` in `suite/`.
+"""
 
 from pathlib import Path
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-WITHOUT_ROS = (*("test_answer_book.py", "test_environment.py", "test_launch_parts.py", "test_worker.py"),)
+WITHOUT_ROS = ("test_environment.py", "test_launch_parts.py", "test_worker.py")  #: Files that import nothing of ROS.
 
 
 class Skipped(pytest.Module):
