@@ -225,7 +225,7 @@ MUTATIONS = (
     Mutation("metrics/comparison.py", "difference = other - first", "difference = first - other"),
     Mutation("metrics/catalogue.py", 'return kind.clause if part == Place.TARGET else ""', "return kind.clause"),
     Mutation("metrics/catalogue.py", 'CallKind.MAPPING_CALL: "4.3.2"}', 'CallKind.MAPPING: "4.3.2"}'),
-    Mutation("report/deviations.py", "item.figure in STAGES or VerdictView", "VerdictView"),
+    Mutation("report/deviations.py", "item.figure in STAGES or RowPart", "RowPart"),
     Mutation("metrics/raw_values.py", "(stored is None and name in STATISTICS)", "stored is None"),
     Mutation("metrics/score.py", "if row.part in ((reading, POOLED) if is_of_pieces else (None,)):", "if True:"),
     Mutation("metrics/association.py", "is_enough = MATCHES_PER_STAMP *", "is_enough = 1 *"),

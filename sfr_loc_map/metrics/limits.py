@@ -126,13 +126,6 @@ PLACES[LimitSection.TARGET] = {
 }
 """The number that each name of a limits file limits, by the sections of the file; names follow from the catalogue."""
 ON_TARGET = f"{Place.TARGET} "  #: What the name of a limit on the target begins with in a verdict.
-PART_OF_MEMORY = {
-    prefix + name: limited.part or RowPart()
-    for prefix, part in (("", LimitSection.MEMORY), (ON_TARGET, LimitSection.TARGET))
-    for name, limited in PLACES[part].items()
-    if limited.subject is Subject.MEMORY
-}
-"""Part of the row that a limit on memory is on, by the name of the limit in a verdict."""
 OF_MAP = [kind.figure for kind in SHORTFALLS if kind.part == MAP]
 """Figures of completeness that are about the map."""
 

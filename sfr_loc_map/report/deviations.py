@@ -9,6 +9,7 @@ from sfr_loc_map.metrics.catalogue import TOTAL, Subject
 from sfr_loc_map.metrics.caveats import limits_caveats, reading_caveats, truth_caveats
 from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, MapScoreConfig, Rebase, label_of
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
+from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.verdict import Verdict
@@ -123,7 +124,7 @@ def caveats_of(score: Score) -> Iterator[str]:
 
 def is_of_stage(item: Verdict) -> bool:
     """Return whether a verdict is on the time or the memory of a stage; the kind of call of memory is the part."""
-    return item.figure in STAGES or VerdictView.of(item).part.call in STAGES
+    return item.figure in STAGES or RowPart.of(item.part).call in STAGES
 
 
 def _allowed(score: Score) -> Iterator[str]:

@@ -14,8 +14,7 @@ from sfr_loc_map.metrics.catalogue import KINDS, clause_of, defines, statistic_t
 from sfr_loc_map.metrics.config import Rebase, VerdictState, label_of
 from sfr_loc_map.metrics.judging.proof import words_of
 from sfr_loc_map.metrics.judging.reasons import why_open
-from sfr_loc_map.metrics.limits import BOUND, PART_OF_MEMORY
-from sfr_loc_map.metrics.row_part import RowPart
+from sfr_loc_map.metrics.limits import BOUND
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.report.tables import (
@@ -102,20 +101,15 @@ class VerdictView:
         return f"{self.value_text}, limit {self.limit_text}"
 
     @property
-    def part(self) -> RowPart:
-        """Part of the row that is limited; the limit on a memory that was not measured names its part."""
-        return RowPart.of(self.item.part) if self.item.part else PART_OF_MEMORY.get(self.item.name, RowPart())
-
-    @property
     def clause(self) -> str:
         """The clause of the specification that defines the figure; empty if none does."""
-        return "" if self.item.figure is None else clause_of(self.item.figure, self.part.text)
+        return "" if self.item.figure is None else clause_of(self.item.figure, self.item.part)
 
     @property
     def is_defined(self) -> bool:
         """Whether the specification defines what is limited: the statistic, and not the figure alone."""
         figure, statistic = self.item.figure, self.item.statistic
-        return figure is not None and defines(figure, self.part.text, statistic or "")
+        return figure is not None and defines(figure, self.item.part, statistic or "")
 
     @property
     def use(self) -> float | None:

@@ -20,7 +20,7 @@ from sfr_loc_map.metrics.judging.incomplete import Shortfall, shortfalls, why_in
 from sfr_loc_map.metrics.judging.limit_scope import limits_of, needed_part
 from sfr_loc_map.metrics.judging.limited_figure import LimitedFigure, figure_of, truth_error_of
 from sfr_loc_map.metrics.judging.proof import Proof, bound_row, prove, sample_of
-from sfr_loc_map.metrics.limits import BOUND, Limit, Limits, LimitSection, Rules, margin_of, meets
+from sfr_loc_map.metrics.limits import BOUND, Limit, Limited, Limits, LimitSection, Rules, margin_of, meets
 from sfr_loc_map.metrics.row_part import RowPart
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
@@ -181,7 +181,7 @@ def open_verdict(limit: Limit, figure: LimitedFigure) -> Verdict:
         row=figure.place,
         subject=limited.subject,
         condition=limit.condition,
-        part=None if figure.row is None else figure.row.part,
+        part=part_of(limited, figure.row),
         figure=limited.figure,
         statistic=limited.statistic,
         limit=limit.limit,
@@ -195,6 +195,13 @@ def open_verdict(limit: Limit, figure: LimitedFigure) -> Verdict:
         state=VerdictState.NOT_ENOUGH_DATA,
         needs_certainty=limit.certain,
     )
+
+
+def part_of(limited: Limited, row: Figure | None) -> str | None:
+    """Return the part of the row that is limited; a limit on one part names the part without a row as well."""
+    if row is not None:
+        return row.part
+    return None if limited.part is None else limited.part.text
 
 
 def proofs_of(score: Score) -> dict[Limit, Proof]:
