@@ -157,7 +157,8 @@ DRIVE, MAP, LIVE, SUITE, CALLS, MEMORY = "drive", "map", "live", "suite", "calls
 """What a row `judged` is about (`RowPart.what`): the last two are followed by the kind of call."""
 OTHER_FRAMES = "other frames"  #: Part of the row of the errors of frames that are in no judged error.
 CLAUSES_OF_MEMORY = {CallKind.LOCALISATION: "4.2.2", CallKind.MAPPING_CALL: "4.3.2"}  #: By the kind of call.
-DIRECTIONS = ("x", "y", "z", "along", "cross", "vertical")  #: Parts of the position errors along one direction.
+DIRECTIONS = {"x": "x (east)", "y": "y (north)", "z": "z (up)", "along": "along the path", "cross": "across the path"}
+"""Parts of the position error along one direction, and their titles; x, y and z are axes of DS."""
 DEFINED = {Subject.TRAJECTORY: ("mean", "sigma", TOTAL), Subject.MAP: ()}
 """Statistics that the specification defines of a figure. Of the error of a point it defines none, of calls it leaves
 the statistic open."""

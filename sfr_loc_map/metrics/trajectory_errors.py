@@ -46,11 +46,11 @@ class SubTrajectories(NamedTuple):
         return formulas.displacement(self.poses.true_position, self.starts, self.ends)
 
     def by_direction(self) -> dict[str, FloatArray]:
-        """Return the position errors along x, y and z of DS, along and across the true displacement, and upright."""
+        """Return the position errors along x, y and z of DS, and along and across the true displacement."""
         x, y, z = self.errors.position_m.T
         true_heading = formulas.heading(self.poses.true_attitude[self.ends])
         along, cross = formulas.along_and_cross(self.errors.position_m, self.true_displacement(), true_heading)
-        return {"x": x, "y": y, "z": z, "along": along, "cross": cross, "vertical": z}
+        return {"x": x, "y": y, "z": z, "along": along, "cross": cross}
 
 
 class ErrorFigure(NamedTuple):

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.metrics.catalogue import Subject, statistic_title
+from sfr_loc_map.metrics.catalogue import DIRECTIONS, Subject, statistic_title
 from sfr_loc_map.metrics.config import CallKind, label_of
 from sfr_loc_map.metrics.details import ErrorImage, MapDetails, PathRows, PointRows, SubTrajectoryRows
 from sfr_loc_map.metrics.score import Score
@@ -34,7 +34,7 @@ from sfr_loc_map.report.plots import (
     segments,
     span,
 )
-from sfr_loc_map.report.score_tables import DIRECTIONS, HOST, limits_on
+from sfr_loc_map.report.score_tables import HOST, limits_on
 from sfr_loc_map.report.tables import MIB
 
 SYMBOLS = ("circle", "diamond", "square", "triangle-up", "cross")
@@ -95,10 +95,7 @@ def _drive_plots(score: Score) -> list[Plot]:
     if not parts:
         return plots
     first, rows, condition = parts[0], parts[0].rows, parts[0].rows.condition
-    errors = {
-        **{"x": rows.x_m, "y": rows.y_m, "z": rows.z_m},
-        **{"along": rows.along_m, "cross": rows.cross_m, "vertical": rows.z_m},
-    }
+    errors = {"x": rows.x_m, "y": rows.y_m, "z": rows.z_m, "along": rows.along_m, "cross": rows.cross_m}
     by_direction = {
         title: (errors[name], score.figure("position", condition=condition, part=name))
         for name, title in DIRECTIONS.items()

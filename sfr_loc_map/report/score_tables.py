@@ -12,7 +12,7 @@ from typing import NamedTuple
 import msgspec
 
 from sfr_loc_map.metrics.calls import AFTER_FIRST, FIRST
-from sfr_loc_map.metrics.catalogue import ALIGNED, KINDS, Subject, statistic_title, title_of
+from sfr_loc_map.metrics.catalogue import ALIGNED, DIRECTIONS, KINDS, Subject, statistic_title, title_of
 from sfr_loc_map.metrics.config import CallKind, Rebase, label_of
 from sfr_loc_map.metrics.formulas import STATISTICS
 from sfr_loc_map.metrics.row_part import Place
@@ -51,10 +51,6 @@ EVIDENCE = (
     "if errors are normal. One axis that dominates lowers it."
 )
 CALL_PARTS = (None, FIRST, AFTER_FIRST)  #: Parts of the times of complete calls on this host.
-DIRECTIONS = {
-    **{"x": "x (east)", "y": "y (north)", "z": "z (up)"},
-    **{"along": "along the path", "cross": "across the path", "vertical": "vertical"},
-}
 READINGS = {
     Rebase.POSE: "the estimate is re-based at the start by its complete pose, then poses are compared",
     Rebase.DISPLACEMENT: "displacements in DS and changes of attitude and heading since the start are compared: the "

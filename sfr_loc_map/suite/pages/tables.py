@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from operator import itemgetter
 from typing import Any
 
 from sfr_loc_map.metrics.catalogue import ANY, DRIVE, KINDS, TOTAL, Subject, statistic_title
-from sfr_loc_map.metrics.config import CallKind, VerdictState, label_of
+from sfr_loc_map.metrics.config import CallKind, label_of
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.verdict import counts_of
 from sfr_loc_map.report.tables import (
@@ -28,12 +29,13 @@ from sfr_loc_map.report.verdict_view import VerdictView
 from sfr_loc_map.suite.running.job import NO_CONFIGURATION, SHORT_KEY
 from sfr_loc_map.suite.statistics.budget import Budget
 from sfr_loc_map.suite.statistics.comparison import SuiteComparison
+from sfr_loc_map.suite.statistics.figures import map_error_of
 from sfr_loc_map.suite.statistics.history import MIN_REFERENCE, History
 from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary
 
 PAGES = "pages"  #: Folder of the pages of single results, beside the page of the suite.
 MAX_PAGES = 200  #: Pages of the worst results; of the others the score is there, of which `sfr report` makes a page.
-HEAD, WORDS, INTERVAL, VERDICT, FILE, SHOWN = "head", "words", "interval", "verdict", "file", "shown"
+HEAD, WORDS, INTERVAL, FILE, SHOWN = "head", "words", "interval", "file", "shown"
 """Kinds of columns without one unit; of `SHOWN` each row names its own."""
 Columns = tuple[tuple[str, Unit | str, str], ...]
 """Title, unit or kind, and the keys that lead to the value in a row, joined by dots."""
@@ -46,18 +48,10 @@ GROUPS: Columns = (
     ("frames", NONE, "matched"),
     ("lost", NONE, "lost"),
 )
-VERDICTS: Columns = (
-    ("verdict", VERDICT, "verdict"),
-    ("runs", HEAD, "runs"),
-    ("figure", WORDS, "figure"),
-    ("unit", WORDS, "unit"),
-    ("value", SHOWN, "value"),
-    ("limit", SHOWN, "limit"),
-    ("95 % interval", INTERVAL, "ci95"),
-    ("of", WORDS, "over"),
-    ("n", NONE, "n"),
-    ("drives that miss it", NONE, "missed_by"),
-    ("shown by", WORDS, "shown_by"),
+VERDICTS = (
+    *(Column("verdict", words=True), Column("runs", words=True), Column("figure", words=True)),
+    *(Column("unit", words=True), Column("value"), Column("limit"), Column("margin"), Column("95 % interval")),
+    *(Column("of", words=True), Column("n"), Column("drives that miss it"), Column("shown by", words=True)),
 )
 POOLED: Columns = (
     ("runs", HEAD, "runs"),
@@ -137,7 +131,7 @@ NAMED = 5  #: Drives of a change that are named in a table.
 
 def _table(name: str, title: str, columns: Columns, rows: Iterable[Mapping[str, Any]], note: str = "") -> Table:
     heads = tuple(
-        Column(title, kind if isinstance(kind, Unit) else NONE, kind in (HEAD, WORDS, VERDICT, FILE))
+        Column(title, kind if isinstance(kind, Unit) else NONE, kind in (HEAD, WORDS, FILE))
         for title, kind, _ in columns
     )
     cells = tuple(tuple(_cell(row, kind, keys) for _, kind, keys in columns) for row in rows)
@@ -157,12 +151,28 @@ def _cell(row: Mapping[str, Any], kind: Unit | str, keys: str) -> Cell:
         return replace(Cell.head(text), link=row.get("link", ""))
     if kind == FILE:
         return Cell(text[:SHORT_KEY], link="" if text == ABSENT else f"{row.get('folder', 'results')}/{text}.json")
-    return Cell.verdict(text) if kind == VERDICT else Cell(text)
+    return Cell(text)
+
+
+def verdict_table(summary: Summary) -> Table:
+    """Return the verdicts over all drives, the worst first."""
+    verdicts = []
+    for place, group in enumerate(summary.groups):
+        for row, item in enumerate(group.verdicts):
+            view = VerdictView.of(item, f"groups.{place}.verdicts.{row}")
+            runs = replace(Cell.head(_joined(*group.runs)), link="suite.json")
+            numbers = (view.value, view.limit, view.margin, view.interval, Cell(item.over), view.count)
+            shown_by = Cell(ABSENT if item.proof is None else view.confidence)
+            head = (Cell.verdict(item.state.value), runs, Cell(view.title), Cell(view.unit.symbol or ABSENT))
+            verdicts.append((item.state.severity, (*head, *numbers, Cell.number(item.missed_by), shown_by)))
+    rows = tuple(cells for _, cells in sorted(verdicts, key=itemgetter(0)))
+    note = "Pooled: the sub-trajectories of all drives are one sample. Worst drive: the figure cannot be pooled."
+    return Table("verdicts", "Verdicts over all drives", VERDICTS, rows, note)
 
 
 def suite_tables(summary: Summary) -> list[Table]:
     """Return the tables of a suite: counts, verdicts, pooled errors, drives from the worst on, failures."""
-    groups, verdicts, pooled = [], [], []
+    groups, pooled = [], []
     for place, group in enumerate(summary.groups, 1):
         head = {"runs": _joined(*group.runs), "link": "suite.json"}
         row = {**to_plain(group), **head, "number": place, "faults": group.faults or "none"}
@@ -172,24 +182,17 @@ def suite_tables(summary: Summary) -> list[Table]:
                 shown = fitting(Unit(figure.unit), figure.mean_plus_3sigma)
                 named = {"over": label_of(figure.condition), "error": figure.figure, "unit": shown.symbol}
                 pooled.append(figure.as_dict() | head | named | {"ci95": figure.interval, "shown": shown})
-        for item in group.verdicts:
-            view = VerdictView.of(item)
-            told: dict[str, Any] = {"figure": view.name, "unit": view.unit.symbol, "shown": view.unit}
-            told |= {"ci95": item.interval, "shown_by": "" if item.proof is None else view.confidence}
-            verdicts.append({**to_plain(item), **head, **told})
-    verdicts.sort(key=lambda row: VerdictState(row["verdict"]).severity)
     failures = [to_plain(item) | {"folder": "failures"} for item in summary.failures]
     failures += [{"label": item.path, "cause": "source refused", "message": item.reason} for item in summary.refusals]
     pages = {drive.job.key for drive in linked(summary)}
     maps = [drive for drive in summary.drives if drive.score.has(Subject.MAP)]
-    maps.sort(key=lambda drive: -(drive.score.number("point_error", "mean_plus_3sigma") or 0.0))
+    maps.sort(key=lambda drive: -map_error_of(drive.score))
     counts = summary.counts | {"sources refused": len(summary.refusals)}
-    of_verdicts = "Pooled: the sub-trajectories of all drives are one sample. Worst drive: the figure cannot be pooled."
     of_pooled = "95 % interval of mean + 3 sigma by resampling whole drives; it needs five of them."
     of_workers = "A worker with other code was set aside and got no task."
     of_drives = "Errors over the sub-trajectories of the first condition."
     tables = (
-        _table("verdicts", "Verdicts over all drives", VERDICTS, verdicts, of_verdicts),
+        verdict_table(summary),
         _table("failures", "Tasks without a result", FAILURES, failures),
         *budget_tables(summary.budgets),
         _table("counts", "Tasks", tuple((name, NONE, name) for name in counts), [counts]),

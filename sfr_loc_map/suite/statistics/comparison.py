@@ -20,12 +20,12 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.metrics.intervals import Interval, holm
 from sfr_loc_map.metrics.score_json import to_plain
-from sfr_loc_map.suite.statistics.figures import FigureKind, FigureName, figures_of
+from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName, figures_of
 from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights
 from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary
 
 SIGNIFICANCE = 0.05
-COMPARED = (FigureKind.ACCURACY, FigureKind.MEMORY)  #: As ratios; times depend on what else the host did.
+COMPARED = (ComparedKind.ACCURACY, ComparedKind.MEMORY)  #: As ratios; times depend on what else the host did.
 DRAWS, SEED = 20_000, 20260202
 MIN_TESTED = 6  #: With fewer drives no choice of signs has a probability under 0.03.
 
@@ -45,7 +45,7 @@ class FigureComparison:
 
     runs: str  #: Task, configuration and faults.
     baseline: str  #: Name of the run that it is compared with.
-    kind: FigureKind
+    kind: ComparedKind
     figure: str  #: Name with unit.
     drives: int  #: Drives in both.
     ratio: float  #: Geometric mean over the drives of other over first.

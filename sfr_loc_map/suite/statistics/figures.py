@@ -5,15 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from sfr_loc_map.metrics.catalogue import KINDS, TOTAL, Subject, statistic_title
+from sfr_loc_map.metrics.catalogue import CATALOGUE, KINDS, TOTAL, Subject, statistic_title
 from sfr_loc_map.metrics.config import CallKind, label_of
 from sfr_loc_map.metrics.score import Score
 
+MAP_ERRORS = [kind for kind in CATALOGUE if kind.subject is Subject.MAP and TOTAL in kind.compared]
+"""Errors of a map by which runs are compared."""
 LEAST_SHARE = 1e-4  #: Shares are compared in logarithms: that of a map that is covered as a whole.
 
 
-class FigureKind(StrEnum):
-    """What a figure is about."""
+class ComparedKind(StrEnum):
+    """What a compared figure is about."""
 
     ACCURACY = "accuracy"
     NEES = "nees"
@@ -29,7 +31,7 @@ class FigureKind(StrEnum):
 class FigureName:
     """A figure, smaller is better: what it is about, and its name with unit, such as `position over 5 m, m`."""
 
-    kind: FigureKind
+    kind: ComparedKind
     name: str
 
 
@@ -41,25 +43,37 @@ def figures_of(score: Score) -> dict[FigureName, float]:
         over = label_of(condition)
         for kind in errors:
             for statistic in kind.compared:
-                title = kind.name if statistic == TOTAL else f"{kind.name} {statistic_title(statistic)}"
-                name = FigureName(FigureKind.ACCURACY, f"{title} over {over}, {kind.unit}")
+                title = f"{_compared_title(kind.name, statistic)} over {over}, {kind.unit}"
+                name = FigureName(ComparedKind.ACCURACY, title)
                 found[name] = score.number(kind.name, statistic, condition=condition)
         nees = score.figure("nees", condition=condition, part="pose")
-        expected = FigureName(FigureKind.NEES, f"NEES over {over}, over that expected")
+        expected = FigureName(ComparedKind.NEES, f"NEES over {over}, over that expected")
         found[expected] = None if nees is None or nees.mean is None or not nees.value else nees.mean / nees.value
-    point_error = score.number("point_error", "mean_plus_3sigma", part=None)
-    found[FigureName(FigureKind.ACCURACY, "map point error, m")] = point_error
+    for kind in MAP_ERRORS:
+        for statistic in kind.compared:
+            name = FigureName(ComparedKind.ACCURACY, f"map {_compared_title(kind.title, statistic)}, {kind.unit}")
+            found[name] = score.number(kind.name, statistic, part=None)
     coverage = score.number("coverage", part=None)
     uncovered = None if coverage is None else max(1.0 - coverage, LEAST_SHARE)
-    found[FigureName(FigureKind.ACCURACY, "map not covered, share")] = uncovered
+    found[FigureName(ComparedKind.ACCURACY, "map not covered, share")] = uncovered
     for call in (CallKind.LOCALISATION, CallKind.MAPPING_CALL, CallKind.MAPPING):
-        found[FigureName(FigureKind.TIME, f"{call} mean, s")] = score.number(call, "mean", part=None)
-        found[FigureName(FigureKind.MEMORY, f"{call} peak, bytes")] = score.number("peak", part=call)
+        found[FigureName(ComparedKind.TIME, f"{call} mean, s")] = score.number(call, "mean", part=None)
+        found[FigureName(ComparedKind.MEMORY, f"{call} peak, bytes")] = score.number("peak", part=call)
     defined = {name: value for name, value in found.items() if value is not None and value > 0.0}
     if (drive := score.association) is not None:
-        defined[FigureName(FigureKind.LOST, "lost, frames")] = drive.lost
-        defined[FigureName(FigureKind.DEGRADED, "degraded, frames")] = drive.degraded
+        defined[FigureName(ComparedKind.LOST, "lost, frames")] = drive.lost
+        defined[FigureName(ComparedKind.DEGRADED, "degraded, frames")] = drive.degraded
         missing = score.number("missing", part="count")
         if missing is not None:
-            defined[FigureName(FigureKind.MISSING, "missing, frames")] = missing
+            defined[FigureName(ComparedKind.MISSING, "missing, frames")] = missing
     return defined
+
+
+def map_error_of(score: Score) -> float:
+    """Return the error of a map by which results are ranked, 0 without one."""
+    errors = (score.number(kind.name, kind.compared[0], part=None) for kind in MAP_ERRORS)
+    return next((error for error in errors if error is not None), 0.0)
+
+
+def _compared_title(title: str, statistic: str) -> str:
+    return title if statistic == TOTAL else f"{title} {statistic_title(statistic)}"

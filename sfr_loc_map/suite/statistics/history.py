@@ -25,7 +25,7 @@ from sfr_loc_map.inputs import refusing
 from sfr_loc_map.metrics.comparison import Outcome
 from sfr_loc_map.metrics.intervals import Interval
 from sfr_loc_map.metrics.score_json import MAX_NUMBER, to_plain
-from sfr_loc_map.suite.statistics.figures import FigureKind, FigureName
+from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName
 
 WINDOWS = (1, 4)  #: Nights whose mean is compared with those before: a large change at once, a small one later.
 FALSE_ALARM_RATE = 1.0 / 365.0  #: Probability of an alarm in a night without a change, over all figures and drives.
@@ -51,18 +51,18 @@ COUNT = Scale(lambda x: 2.0 * np.sqrt(x + 0.375), lambda value: max(0.0, (0.5 * 
 """`2 sqrt(n + 3/8)` (Anscombe 1948): of deviation 1."""
 #: Floors (chosen): relative changes that count as noise: 5 % of an error or a time,
 #: 10 % of a NEES, 2 % of memory, a tenth of the drives.
-SCALES: Mapping[FigureKind, Scale] = {
-    FigureKind.ACCURACY: LOG(0.05),
-    FigureKind.NEES: LOG(0.1),
-    FigureKind.LOST: COUNT,
-    FigureKind.DEGRADED: COUNT,
-    FigureKind.MISSING: COUNT,
-    FigureKind.FAILED: Scale(np.copy, float, 0.1),
-    FigureKind.TIME: LOG(0.05, of_host=True),
-    FigureKind.MEMORY: LOG(0.02, of_host=True),
+SCALES: Mapping[ComparedKind, Scale] = {
+    ComparedKind.ACCURACY: LOG(0.05),
+    ComparedKind.NEES: LOG(0.1),
+    ComparedKind.LOST: COUNT,
+    ComparedKind.DEGRADED: COUNT,
+    ComparedKind.MISSING: COUNT,
+    ComparedKind.FAILED: Scale(np.copy, float, 0.1),
+    ComparedKind.TIME: LOG(0.05, of_host=True),
+    ComparedKind.MEMORY: LOG(0.02, of_host=True),
 }
 SHORT_COMMIT = 9
-WITHOUT_RESULT = FigureName(FigureKind.FAILED, "drives without a result, share")
+WITHOUT_RESULT = FigureName(ComparedKind.FAILED, "drives without a result, share")
 
 
 def _figure(value: object) -> float:
@@ -90,7 +90,7 @@ class Night:
             drives = [*content["drives"], *content["failures"]]
             keys = [f"{drive['pairing']} {drive['configuration']}" for drive in drives]
             figures = [
-                {FigureName(FigureKind(kind), name): _figure(value) for kind, name, value in drive["figures"]}
+                {FigureName(ComparedKind(kind), name): _figure(value) for kind, name, value in drive["figures"]}
                 for drive in content["drives"]
             ]
             labels = {key: drive["label"] for key, drive in zip(keys, drives, strict=True)}
@@ -112,7 +112,7 @@ class Change:
     night: str  #: First night after it.
     before_night: str  #: Last night before it.
     commits: tuple[str | None, str | None]  #: Of the last night before and the first after.
-    kind: FigureKind
+    kind: ComparedKind
     figure: str  #: Name with unit.
     outcome: Outcome
     drives: tuple[str, ...]  #: Drives that changed; all if none shows the change by itself, or more than half do.
@@ -190,7 +190,7 @@ def find_changes(nights: Sequence[Night]) -> History:
         for found in changes_of(x, scale, FALSE_ALARM_RATE / len(tables)):
             changed = [drives[index] for index in found.drives]
             before, after = scale.undo(found.before), scale.undo(found.after)
-            worse = abs(found.after) > abs(found.before) if name.kind is FigureKind.NEES else after > before
+            worse = abs(found.after) > abs(found.before) if name.kind is ComparedKind.NEES else after > before
             pair = nights[found.night - 1], nights[found.night]
             low, high = scale.undo(found.after - found.half_width), scale.undo(found.after + found.half_width)
             change = Change(

@@ -11,7 +11,7 @@ import pytest
 from helpers.cli_result import Sfr
 from sfr_loc_map.errors import MetricsError
 from sfr_loc_map.metrics.comparison import Outcome
-from sfr_loc_map.suite.statistics.figures import FigureKind, FigureName
+from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName
 from sfr_loc_map.suite.statistics.history import (
     FALSE_ALARM_RATE,
     SCALES,
@@ -24,29 +24,29 @@ from sfr_loc_map.suite.statistics.history import (
 
 DRIVES = [f"drive {number}" for number in range(45)]
 NAMES = {
-    FigureKind.ACCURACY: "position over 5 m, m",
-    FigureKind.LOST: "lost, frames",
-    FigureKind.TIME: "localisation mean, s",
-    FigureKind.NEES: "NEES over 5 m, over that expected",
+    ComparedKind.ACCURACY: "position over 5 m, m",
+    ComparedKind.LOST: "lost, frames",
+    ComparedKind.TIME: "localisation mean, s",
+    ComparedKind.NEES: "NEES over 5 m, over that expected",
 }
 
 
-def nights(count: int, seed: int = 0) -> dict[FigureKind, np.ndarray]:
+def nights(count: int, seed: int = 0) -> dict[ComparedKind, np.ndarray]:
     rng = np.random.default_rng(seed)
     shape = (len(DRIVES), count)
     level = np.exp(rng.normal(0.0, 0.5, (len(DRIVES), 1)))
     return {
-        FigureKind.ACCURACY: 0.01 * level * np.exp(rng.normal(0.0, 0.03, shape)),
-        FigureKind.LOST: rng.poisson(0.5, shape) * 1.0,
-        FigureKind.TIME: 0.1 * np.exp(rng.normal(0.0, 0.02, shape) + rng.normal(0.0, 0.03, count)),
-        FigureKind.NEES: np.exp(rng.normal(0.0, 0.1, shape)),
+        ComparedKind.ACCURACY: 0.01 * level * np.exp(rng.normal(0.0, 0.03, shape)),
+        ComparedKind.LOST: rng.poisson(0.5, shape) * 1.0,
+        ComparedKind.TIME: 0.1 * np.exp(rng.normal(0.0, 0.02, shape) + rng.normal(0.0, 0.03, count)),
+        ComparedKind.NEES: np.exp(rng.normal(0.0, 0.1, shape)),
     }
 
 
-def found(tables: dict[FigureKind, np.ndarray], gone: tuple[int, int] | None = None) -> History:
+def found(tables: dict[ComparedKind, np.ndarray], gone: tuple[int, int] | None = None) -> History:
     """Return the changes of nights; of `gone` drives there is no result from a night on."""
     made = []
-    for night in range(tables[FigureKind.ACCURACY].shape[1]):
+    for night in range(tables[ComparedKind.ACCURACY].shape[1]):
         there = DRIVES[gone[0] :] if gone and night >= gone[1] else DRIVES
         figures = {
             key: {FigureName(kind, NAMES[kind]): float(x[DRIVES.index(key), night]) for kind, x in tables.items()}
@@ -60,21 +60,21 @@ def found(tables: dict[FigureKind, np.ndarray], gone: tuple[int, int] | None = N
 @pytest.mark.parametrize("worse", ["three drives", "one drive", "lost", "no result", "all drives", "nees"])
 def test_what_changed_at_night_13_of_20_is_named(worse: str) -> None:
     tables, gone = nights(20), None
-    figure, drives = NAMES[FigureKind.ACCURACY], DRIVES
+    figure, drives = NAMES[ComparedKind.ACCURACY], DRIVES
     if worse == "three drives":
-        tables[FigureKind.ACCURACY][4:7, 12:] *= 5.0
+        tables[ComparedKind.ACCURACY][4:7, 12:] *= 5.0
         drives = DRIVES[4:7]
     elif worse == "one drive":
-        tables[FigureKind.ACCURACY][8, 12:] *= 10.0
+        tables[ComparedKind.ACCURACY][8, 12:] *= 10.0
         drives = DRIVES[8:9]
     elif worse == "all drives":
-        tables[FigureKind.ACCURACY][:, 12:] *= 1.1
+        tables[ComparedKind.ACCURACY][:, 12:] *= 1.1
     elif worse == "lost":
-        tables[FigureKind.LOST][:, 12:] += 8.0
-        figure = NAMES[FigureKind.LOST]
+        tables[ComparedKind.LOST][:, 12:] += 8.0
+        figure = NAMES[ComparedKind.LOST]
     elif worse == "nees":
-        tables[FigureKind.NEES][:, 12:] /= 3.0
-        figure = NAMES[FigureKind.NEES]
+        tables[ComparedKind.NEES][:, 12:] /= 3.0
+        figure = NAMES[ComparedKind.NEES]
     else:
         gone, figure, drives = (15, 12), "drives without a result, share", DRIVES[:15]
     history = found(tables, gone)
@@ -90,14 +90,14 @@ def test_what_changed_at_night_13_of_20_is_named(worse: str) -> None:
 
 def test_slower_calls_need_more_nights_since_nights_differ() -> None:
     tables = nights(200)
-    tables[FigureKind.TIME][:, 100:] *= 1.3
+    tables[ComparedKind.TIME][:, 100:] *= 1.3
     (change,) = found(tables).worse
-    assert (change.figure, change.night) == (NAMES[FigureKind.TIME], "night 100")
+    assert (change.figure, change.night) == (NAMES[ComparedKind.TIME], "night 100")
 
 
 def test_what_was_fixed_is_closed_and_the_new_level_is_the_reference() -> None:
     tables = nights(60)
-    tables[FigureKind.ACCURACY][:, 20:40] *= 1.5
+    tables[ComparedKind.ACCURACY][:, 20:40] *= 1.5
     history = found(tables)
     assert [(item.outcome, item.night) for item in history.changes] == [
         (Outcome.WORSE, "night 20"), (Outcome.BETTER, "night 40"),
@@ -106,7 +106,7 @@ def test_what_was_fixed_is_closed_and_the_new_level_is_the_reference() -> None:
 
 
 def test_false_alarms_do_not_grow_with_the_history() -> None:
-    scale, alarms = SCALES[FigureKind.ACCURACY], np.zeros(2, int)
+    scale, alarms = SCALES[ComparedKind.ACCURACY], np.zeros(2, int)
     for seed in range(30):
         rng = np.random.default_rng([7, seed])
         x = rng.standard_t(5, (20, 400)) * 0.1 + rng.normal(0.0, 0.05, 400)
@@ -121,21 +121,21 @@ def test_an_alarm_of_one_night_has_the_stated_rate() -> None:
     alarms = 0
     for _ in range(runs):
         x = rng.normal(0.0, 0.2, (10, 9))
-        alarms += compare_nights(x[:, :8], x[:, 8:], SCALES[FigureKind.ACCURACY], rate) is not None
+        alarms += compare_nights(x[:, :8], x[:, 8:], SCALES[ComparedKind.ACCURACY], rate) is not None
     assert 0.01 * runs < alarms < rate * runs + 3 * np.sqrt(rate * runs)
 
 
 def test_few_nights_are_judged_by_the_scatter_of_drives() -> None:
     tables = nights(4)
-    tables[FigureKind.ACCURACY][:, 2:] *= 1.3
-    tables[FigureKind.TIME][:, 2:] *= 1.3
+    tables[ComparedKind.ACCURACY][:, 2:] *= 1.3
+    tables[ComparedKind.TIME][:, 2:] *= 1.3
     (change,) = found(tables).worse
-    assert (change.kind, change.night) == (FigureKind.ACCURACY, "night 2"), "two hosts may differ in speed"
+    assert (change.kind, change.night) == (ComparedKind.ACCURACY, "night 2"), "two hosts may differ in speed"
     with pytest.raises(MetricsError, match="two suites"):
         find_changes([Night("a", None, {}, {}, {})])
 
 
-def written(folder: Path, commits: list[str], tables: dict[FigureKind, np.ndarray]) -> list[Path]:
+def written(folder: Path, commits: list[str], tables: dict[ComparedKind, np.ndarray]) -> list[Path]:
     """Write the `suite.json` of nights."""
     for night, commit in enumerate(commits):
         drives = [
@@ -154,7 +154,7 @@ def written(folder: Path, commits: list[str], tables: dict[FigureKind, np.ndarra
 @pytest.mark.parametrize("names", [["default", "fast"], ["default"], ["other"]])
 def test_a_night_with_other_configurations_loses_no_drive(names: list[str]) -> None:
     keys = [f"{number:032x}" for number in range(45)]
-    value = {FigureName(FigureKind.ACCURACY, NAMES[FigureKind.ACCURACY]): 0.01}
+    value = {FigureName(ComparedKind.ACCURACY, NAMES[ComparedKind.ACCURACY]): 0.01}
     made = []
     for night in range(20):
         labels = {f"{key} {name}": key for key in keys for name in (names if night > 12 else ["default"])}
@@ -164,7 +164,7 @@ def test_a_night_with_other_configurations_loses_no_drive(names: list[str]) -> N
 
 def test_the_command_names_commits_and_its_json_the_interval(sfr: Sfr, tmp_path: Path) -> None:
     tables = nights(20)
-    tables[FigureKind.ACCURACY][3:5, 12:] *= 6.0
+    tables[ComparedKind.ACCURACY][3:5, 12:] *= 6.0
     folders = written(tmp_path, ["a" * 40] * 12 + ["b" * 40] * 8, tables)
     done = sfr("suite", "history", *folders, "--json", "-")
     assert done.code == 1
