@@ -23,6 +23,9 @@ Rows = NDArray[np.intp]
 Number = TypeVar("Number", bound=np.generic)
 UPPER = np.triu_indices(6)  #: Places of the upper triangle of a 6 x 6 covariance, row by row.
 COVARIANCE_SIZE = len(UPPER[0])
+DIAGONAL = UPPER[0] == UPPER[1]  #: Which numbers of the upper triangle of a covariance are variances.
+POSITION_VARIANCES = np.flatnonzero(DIAGONAL & (UPPER[0] < 3))
+"""Places of the variances of x, y and z in the upper triangle."""
 AUTO_STAMPS = 16  #: Stamps of each kind in the common span that `auto` examines.
 MATCHES_PER_STAMP = 4  #: `auto` matches if at least one of this number of stamps has a partner, else it interpolates.
 
@@ -62,17 +65,16 @@ class Estimates:
         return frozenset(name for name, flags in known.items() if not flags[rows].all())
 
 
-def symmetric(triangle: FloatArray) -> FloatArray:
-    """Return the matrix `(6, 6)` of an upper triangle `(21,)`."""
-    full = np.zeros((6, 6))
-    full[UPPER] = triangle
-    full[UPPER[1], UPPER[0]] = triangle
+def symmetric(upper: FloatArray) -> FloatArray:
+    """Return the symmetric matrices `(..., 6, 6)` of upper triangles `(..., 21)`."""
+    full = np.empty((*upper.shape[:-1], 6, 6))
+    full[..., UPPER[0], UPPER[1]] = full[..., UPPER[1], UPPER[0]] = upper
     return full
 
 
 def lost_by_covariance(covariance: FloatArray) -> Mask:
     """Return for which covariances `(N, 21)` the pose is unknown: the complete diagonal is 9999."""
-    return np.asarray((covariance[:, UPPER[0] == UPPER[1]] >= LOST_VARIANCE).all(axis=1))
+    return np.asarray((covariance[:, DIAGONAL] >= LOST_VARIANCE).all(axis=1))
 
 
 class Frames(NamedTuple):

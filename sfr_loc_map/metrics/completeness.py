@@ -76,9 +76,10 @@ def completeness(
     has_truth = is_spanned(needed, true_ns, round(association.max_gap_s * NS_PER_S), tolerance_ns)
     has_truth &= has_frame | ~has_estimate | ~needs_frame(needed, true_ns, near_ns, association.mode)
     gaps = gaps_of(needed, ~has_estimate)
-    covered = gaps if images else gaps_in_truth(stamps, true_ns)
-    sizes = sizes_of(covered, stamps, true_ns, travelled_m, images)
-    incomplete = why_not_covered(covered, sizes, conditions, images)
+    # a truth may be denser than the images: without images, only a long time without an estimate is a gap of the path
+    gaps_of_path = gaps if images else gaps_in_truth(stamps, true_ns)
+    sizes = sizes_of(gaps_of_path, stamps, true_ns, travelled_m, images)
+    incomplete = why_not_covered(gaps_of_path, sizes, conditions, images)
     given, matched, expected = len(estimate.stamps_ns), association.matched, len(needed)
     unmatched, doubled = len(stamps) - matched, association.estimate_duplicates
     counts = {
@@ -152,13 +153,13 @@ def nearness_ns(needed: IntArray, tolerance_ns: int = 0) -> int:
 
 
 def has_near(stamps: IntArray, among: IntArray, near_ns: int) -> Mask:
-    """Tell which stamps have one of the other stamps near them; both go up."""
+    """Return which stamps have one of the other stamps near them; both go up."""
     first = np.searchsorted(among, stamps - near_ns, "left")
     return np.asarray(first < np.searchsorted(among, stamps + near_ns, "right"))
 
 
 def needs_frame(needed: IntArray, true_ns: IntArray, near_ns: int, mode: AssociationMode | str) -> Mask:
-    """Tell which needed stamps are judged only if their estimate is a frame; stamps of both go up.
+    """Return which needed stamps are judged only if their estimate is a frame; stamps of both go up.
 
     No figure contains the error of an estimate that is no frame. Interpolated truth makes every estimate a frame.
     Matched truth makes a frame of the estimates at true poses, which are all estimates unless the truth is sparser than
@@ -176,7 +177,7 @@ def needs_frame(needed: IntArray, true_ns: IntArray, near_ns: int, mode: Associa
 
 
 def is_spanned(needed: IntArray, true_ns: IntArray, max_gap_ns: int, tolerance_ns: int) -> Mask:
-    """Tell which needed stamps the ground truth covers; stamps of both go up.
+    """Return which needed stamps the ground truth covers; stamps of both go up.
 
     A true pose stands for one usual period of the truth before and after it, so that a truth that is sparser than the
     images covers the images at both ends. A hole that is longer than `max_gap_ns`, and than five usual periods, covers

@@ -25,14 +25,13 @@ from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import matrix_from_quat, quat_conjugate, quat_multiply, quat_normalised, quat_rotate
 from sfr_loc_map.geometry.transform import propagated_covariance, propagation
 from sfr_loc_map.inputs import LOST_VARIANCE
-from sfr_loc_map.metrics.association import UPPER, Estimates, Frames, unique_rows
+from sfr_loc_map.metrics.association import DIAGONAL, Estimates, Frames, symmetric, unique_rows
 from sfr_loc_map.metrics.intervals import chi2_interval95
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.truth_error import truth_noise
 
 PARTS = {"pose": slice(0, 6), "position": slice(0, 3), "attitude": slice(3, 6)}
 """Components of a pose's error, in ROS order."""
-DIAGONAL = UPPER[0] == UPPER[1]  #: Which numbers of the upper triangle of a covariance are variances.
 STEP_SIZE: Final = 48
 """Numbers of a step: upper triangle of its covariance, systematic errors, upper triangle of the noise of its pose."""
 WITHOUT_NOISE: Final = 27  #: Of a step without the last of these.
@@ -82,13 +81,6 @@ def to_origin(rotations: FloatArray, positions: FloatArray) -> FloatArray:
     carry[:, :3, :3] = carry[:, 3:, 3:] = rotations
     carry[:, :3, 3:] = cross @ rotations
     return carry
-
-
-def symmetric(upper: FloatArray) -> FloatArray:
-    """Return symmetric matrices `(N, 6, 6)` from their upper triangles `(N, 21)`."""
-    full = np.empty((len(upper), 6, 6))
-    full[:, UPPER[0], UPPER[1]] = full[:, UPPER[1], UPPER[0]] = upper
-    return full
 
 
 def carried(carry: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -56,7 +56,7 @@ def scatter_m(positions: FloatArray) -> float:
 
 
 def repeats_pose(frames: Frames) -> Mask:
-    """Tell which poses `(F,)` equal the pose before although the rover has moved since that pose was new.
+    """Return which poses `(F,)` equal the pose before although the rover has moved since that pose was new.
 
     A motion is larger than the smallest and than half of the usual step of the estimate, so that the resolution of a
     file and a slow start are not taken for copies, and than the scatter of the truth.
@@ -77,7 +77,7 @@ def repeats_pose(frames: Frames) -> Mask:
 
 
 def moving_steps(true_pos: FloatArray) -> Mask:
-    """Tell at which frames `(F,)` the step from the frame before is a motion of the rover."""
+    """Return at which frames `(F,)` the step from the frame before is a motion of the rover."""
     is_moving = np.zeros(len(true_pos), np.bool_)
     if len(true_pos) < 2:
         return is_moving
@@ -89,7 +89,7 @@ def moving_steps(true_pos: FloatArray) -> Mask:
 
 
 def is_of_truth(frames: Frames, references: list[FloatArray], is_moving: Mask) -> Mask:
-    """Tell which poses `(F,)` of a moving rover are those of the truth, whose positions at the frames are given."""
+    """Return which poses `(F,)` of a moving rover are those of the truth, whose positions at the frames are given."""
     resolution_m = resolution_of(frames.est_pos)
     found = np.zeros(len(frames.stamps_ns), np.bool_)
     for true_pos in references:
@@ -100,7 +100,7 @@ def is_of_truth(frames: Frames, references: list[FloatArray], is_moving: Mask) -
 
 
 def has_true_step(frames: Frames, true_pos: FloatArray, resolution_m: float) -> Mask:
-    """Tell at which frames `(F,)` the step is the true one, in DS or in RB before the step."""
+    """Return at which frames `(F,)` the step is the true one, in DS or in RB before the step."""
     found = np.zeros(len(true_pos), np.bool_)
     later = np.arange(1, len(true_pos))
     found[1:] = is_true_motion(frames, true_pos, later - 1, later, resolution_m)
@@ -108,7 +108,7 @@ def has_true_step(frames: Frames, true_pos: FloatArray, resolution_m: float) -> 
 
 
 def is_true_motion(frames: Frames, true_pos: FloatArray, starts: IntArray, ends: IntArray, resolution_m: float) -> Mask:
-    """Tell which motions from a frame to another are the true ones, in DS or in RB at the start."""
+    """Return which motions from a frame to another are the true ones, in DS or in RB at the start."""
     motion, true_motion = frames.est_pos[ends] - frames.est_pos[starts], true_pos[ends] - true_pos[starts]
     in_body = quat_rotate(quat_conjugate(frames.est_quat[starts]), motion)
     true_in_body = quat_rotate(quat_conjugate(frames.gt_quat[starts]), true_motion)
@@ -145,7 +145,7 @@ def resolution_of(positions: FloatArray) -> float:
 
 
 def is_rounded_truth(positions: FloatArray, true_pos: FloatArray, resolution_m: float, is_moving: Mask) -> Mask:
-    """Tell which positions `(F, 3)` are the rounded true ones, in a row of so many of a moving rover and over a path.
+    """Return which positions `(F, 3)` are the rounded true ones, in a row of so many of a moving rover and over a path.
 
     Over a short path the error of an honest estimate is smaller than its rounding.
     """

@@ -134,7 +134,7 @@ class Limit(Record, frozen=True, kw_only=True):
     """One limit of a requirements file."""
 
     section: LimitSection = msgspec.field(name="part")  #: Section of the limits file.
-    name: str  #: Name of the limit there, which names figure, statistic and unit.
+    name: str  #: Name of the limit in the section, which names figure, statistic and unit.
     limit: float  #: Bound in the unit of the name.
     condition: str | None = None  #: Condition of the sub-trajectories, null outside the part `trajectory`.
     id: str | None = None  #: Number of the requirement.

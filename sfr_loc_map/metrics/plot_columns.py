@@ -6,14 +6,12 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.metrics import formulas
-from sfr_loc_map.metrics.association import Estimates, Frames
+from sfr_loc_map.metrics.association import POSITION_VARIANCES, Estimates, Frames
 from sfr_loc_map.metrics.details import NAMED_ERRORS, PathRows, SubTrajectoryRows, Values, column
 from sfr_loc_map.metrics.formulas import Lengths
 from sfr_loc_map.metrics.trajectory_errors import SubTrajectories, error_figures
 
 PATH_ROWS, DETAIL_ROWS = 2000, 1000  #: Frames, and sub-trajectories of each condition, that are kept for plots.
-POSITION_VARIANCES = [0, 6, 11]
-"""Columns of the upper triangle of a 6 x 6 covariance that hold the variances of x, y and z."""
 
 
 def every_nth(count: int, most: int) -> int:

@@ -63,7 +63,7 @@ def comparison_tables(result: Comparison) -> list[Table]:
             )
             rows.append(row)
         titles = (names[0], "other", "difference", "95 % interval", "n", "p, corrected")
-        words = (Column(title, words=True) for title in ("figure", "of", "the other is"))
+        words = (Column(title, words=True) for title in ("figure", "method", "outcome"))
         columns = (next(words), next(words), *map(Column, titles), next(words))
         title = f"Mean + 3 sigma, compared with {names[0]}, paired by sub-trajectory"
         note = f"The other is better or worse where p is not above {SIGNIFICANT} and the interval does not hold zero. "

@@ -73,8 +73,6 @@ def render_overview(
         version=__version__,
         time=datetime.now(UTC).isoformat(timespec="seconds"),
         overall=_overall(heading or state, text, NO_VERDICT_ICON),
-        provenance=None,
-        every=1,
         sortable=True,
     )
 
@@ -84,7 +82,21 @@ def render_tables(title: str, tables: Sequence[Table]) -> str:
     return render_overview(title, None, "", tables, (), heading="tables")
 
 
-def _rendered(tables: Sequence[Table], sections: Sections, **values: Any) -> str:  # noqa: ANN401 - of the template
+def _rendered(
+    tables: Sequence[Table],
+    sections: Sections,
+    *,
+    title: str,
+    version: str,
+    time: str,
+    overall: Overall,
+    facts: Sequence[tuple[str, str]] = (),
+    look_first: Sequence[LookFirst] = (),
+    provenance: Sequence[tuple[str, Any]] | None = None,
+    every: int = 1,
+    sortable: bool = False,
+) -> str:
+    """Return a page of tables and sections with plots, with what the template shows of the score."""
     plots, plotly = [plot for _, group in sections for plot in group], ""
     if plots:
         from plotly.offline import get_plotlyjs
@@ -95,7 +107,22 @@ def _rendered(tables: Sequence[Table], sections: Sections, **values: Any) -> str
         html[table.name in FIRST_TABLES] += to_html(table)
     shown = {"first": html[True], "tables": html[False], "sections": sections}
     template = {**TEMPLATE, "palettes": PALETTES}
-    return from_template("page.html.j2", plotly=plotly, specs=plots, template=template, **shown, **values)
+    return from_template(
+        "page.html.j2",
+        title=title,
+        version=version,
+        time=time,
+        overall=overall,
+        facts=facts,
+        look_first=look_first,
+        provenance=provenance,
+        every=every,
+        sortable=sortable,
+        plotly=plotly,
+        specs=plots,
+        template=template,
+        **shown,
+    )
 
 
 def from_template(name: str, **values: Any) -> str:  # noqa: ANN401 - of the template
@@ -243,7 +270,7 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
     for row in score.rows("nees", subject=Subject.CONSISTENCY, part="pose"):
         if row.mean is not None and row.interval is not None and not row.interval[0] <= row.mean <= row.interval[1]:
             why = f"Over {label_of(row.condition)} the normalised squared error (NEES) is {number(row.mean)}, expected "
-            why += f"is 6. {truth_text(score) or EXACT}"
+            why += f"is {number(row.value)}. {truth_text(score) or EXACT}"
             size = "large" if row.mean < row.interval[0] else "small"
             yield LookFirst(f"the covariance of the odometry, which is too {size}", why.strip())
     met = [view for view in views if view.item.state is VerdictState.PASS]

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from sfr_loc_map.report.tables import METRE, fitting
+
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
@@ -141,8 +143,9 @@ def from_above() -> dict[str, Any]:
 
 
 def error_scale(largest: float) -> tuple[float, str]:
-    """Return factor and unit for errors in metres: millimetres as long as all are under a metre."""
-    return (1e3, "mm") if largest < 1.0 else (1.0, "m")
+    """Return factor and unit for errors in metres, as in the tables."""
+    unit = fitting(METRE, largest)
+    return 1.0 / unit.size, unit.symbol
 
 
 def scaled(values: Values, factor: float) -> list[float | None]:

@@ -149,7 +149,7 @@ def _limit_lines(
     return traces
 
 
-def _upright(title: str, values: Values, limits: Sequence[float]) -> dict[str, Any]:
+def _error_axis(title: str, values: Values, limits: Sequence[float]) -> dict[str, Any]:
     """Return an axis from 0 for values and their limits, logarithmic where a limit is far above all values."""
     if max(limits, default=0.0) > 3.0 * largest(values):
         return log_axis(title, *span([*values, *limits]))
@@ -293,7 +293,7 @@ def _position(score: Score, parts: list[PlottedCondition]) -> Plot:
     on = (limits_on(score, "position", part.rows.condition) for part in parts)
     limits = [limit * factor for found in on for limit in found.values()]
     sizes = [value for part in parts for value in scaled(error_sizes(part.rows), factor)]
-    layout = {"xaxis": axis(AT_THE_END), "yaxis": _upright(f"size of the position error, {unit}", sizes, limits)}
+    layout = {"xaxis": axis(AT_THE_END), "yaxis": _error_axis(f"size of the position error, {unit}", sizes, limits)}
     caption = "Each mark is one sub-trajectory: point at it for its frames and stamps. A click on a name of the legend "
     caption += "shows or hides a condition."
     return Plot("position", "Position error against distance travelled", caption, data, layout, width="full")
@@ -379,7 +379,7 @@ def _timeline(score: Score, kind: CallKind) -> list[Plot]:
     limits = list(limits_on(score, kind).values())
     layout: dict[str, Any] = {
         "xaxis": axis("time since the first pair, s"),
-        "yaxis": _upright(f"{clock} per call, s", series.processing_time_s, limits),
+        "yaxis": _error_axis(f"{clock} per call, s", series.processing_time_s, limits),
     }
     if any(peak is not None for peak in series.peak_rss_bytes):
         peaks = scaled(series.peak_rss_bytes, 1 / MIB.size)

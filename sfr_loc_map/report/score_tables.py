@@ -488,11 +488,11 @@ def method_table(score: Score) -> Table:
     if (usage := score.processes) is not None:
         facts["processor time"] = f"{usage.cpu_s:.3g} s, {number(usage.cpu_outside_s)} s of it outside the calls"
         threads, processes = (UNKNOWN if count is None else count for count in (usage.threads, usage.processes))
-        facts["at most"] = f"threads: {threads}, processes: {processes}"
+        facts["largest numbers"] = f"{threads} threads, {processes} processes"
     if text := convention_text(score):
         facts["converted"] = text
     rows = tuple((Cell.head(name), Cell(text)) for name, text in facts.items())
-    return Table("method", "Method under test", (Column("of", words=True), Column("is", words=True)), rows)
+    return Table("method", "Method under test", (Column("property", words=True), Column("value", words=True)), rows)
 
 
 def convention_text(score: Score) -> str:

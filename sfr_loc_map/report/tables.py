@@ -49,9 +49,7 @@ class Unit:
         return SHOWN_UNITS.get(self.symbol, (self.symbol, 1.0))[0]
 
 
-NONE, METRE, SECOND, DEGREE, PIXEL, SHARE, MILLIMETRE, MILLISECOND, PERCENT, MIB = map(
-    Unit, ("", "m", "s", "deg", "px", "share", "mm", "ms", "%", "MiB")
-)
+NONE, METRE, MILLIMETRE, MILLISECOND, PERCENT, MIB = map(Unit, ("", "m", "mm", "ms", "%", "MiB"))
 
 
 def fitting(unit: Unit, *values: float | None) -> Unit:
@@ -61,7 +59,7 @@ def fitting(unit: Unit, *values: float | None) -> Unit:
     return smaller if 0.0 < largest < limit else unit
 
 
-def number(value: float | int | None, undefined: str = UNKNOWN, unit: Unit = NONE, *, signed: bool = False) -> str:
+def number(value: float | int | None, unit: Unit = NONE, undefined: str = UNKNOWN, *, signed: bool = False) -> str:
     """Return a value in a unit with four significant digits, whole numbers in full; `undefined` stands for None."""
     if value is None:
         return undefined
@@ -132,7 +130,7 @@ class Cell:
         cls, value: float | None, key: str = "", unit: Unit = NONE, undefined: str = UNKNOWN, *, signed: bool = False
     ) -> Cell:
         """Return a figure shown in a unit."""
-        return cls(number(value, undefined, unit, signed=signed), value, key)
+        return cls(number(value, unit, undefined, signed=signed), value, key)
 
     @classmethod
     def interval(

@@ -60,7 +60,7 @@ def judged_at_the_end(score: Score, missing: str) -> Score:
     if allows or score.incomplete is not None or not missing:
         return score
     limits = () if rules is None else rules.limits
-    needed: list[RowPart | None] = [None for _ in range(len(score.verdicts) - len(limits))]
+    needed: list[RowPart | None] = [None] * (len(score.verdicts) - len(limits))
     needed += [needed_part(limit) for limit in limits]
     found = []
     for item, part in zip(score.verdicts, needed, strict=True):
