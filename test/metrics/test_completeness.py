@@ -223,6 +223,15 @@ def test_estimates_in_short_holes_of_a_matched_truth_are_not_judged() -> None:
     assert (sparse.without_truth, sparse.judged_share) == (0, 1.0)
 
 
+@pytest.mark.parametrize(("missing", "is_gap"), [(4, False), (5, True)])
+def test_more_than_five_periods_between_estimates_are_a_gap(missing: int, is_gap: bool) -> None:
+    """Four missing estimates leave five periods between their neighbours; the truth is denser, the images unknown."""
+    part = straight(every=4)
+    keep = np.delete(np.arange(len(part)), np.arange(50, 50 + missing))
+    holed = Trajectory(part.stamps_ns[keep], part.positions[keep], part.quats_xyzw[keep])
+    assert (covered(holed, straight()).incomplete is not None) == is_gap
+
+
 def test_stamps_that_a_file_has_rounded_cover_their_images() -> None:
     images, dense = straight(every=5), straight()
     for every, share in ((5, 1.0), (10, 0.5)):

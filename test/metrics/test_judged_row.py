@@ -71,12 +71,21 @@ def test_a_figure_of_a_part_that_is_not_complete_does_not_pass(absent: float, st
     assert score.verdict == state
 
 
-@pytest.mark.parametrize(("share", "state"), [(0.01, "pass"), (0.05, "incomplete")])
-def test_one_map_point_in_a_hundred_may_be_without_truth(share: float, state: str) -> None:
+@pytest.mark.parametrize(
+    ("figure", "share", "state"),
+    [
+        ("points_without_truth", 0.01, "pass"),
+        ("points_without_truth", 0.05, "incomplete"),
+        ("pixels_without_point", 0.5, "pass"),
+        ("pixels_without_point", 0.51, "incomplete"),
+    ],
+)
+def test_a_share_of_a_map_may_be_absent(figure: str, share: float, state: str) -> None:
+    """One point in a hundred may lack a truth, and half of the true pixels may lack a point."""
     rows = (
         figure_row("point_error", n=100, mean=0.01, sigma=0.01, p95=0.02),
         figure_row("judged", part="map", n=2, value=1.0),
-        figure_row("points_without_truth", n=100, value=share),
+        figure_row(figure, n=100, value=share),
     )
     limits = parse_limits({"map": {"point_error_p95_m": 1.0}}, "test")
     assert judged(Score(figures=rows), limits).verdict == state
