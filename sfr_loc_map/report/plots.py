@@ -1,7 +1,7 @@
 """What all plots share: plots as plain values, with colours by name so that light and dark themes share a plot.
 
-A colour is written `@name`. The page's script inserts the colour of its theme, `to_figure` that of the light theme. No
-text of a user goes into a plot, since plotly reads some tags in texts.
+A colour is written `@name`. The page's script inserts the colour of its theme, `to_figure` that of the light theme.
+Plotly reads some tags in texts, so that a text of a user goes into a plot only through `plain`.
 """
 
 from __future__ import annotations
@@ -9,8 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 from typing import TYPE_CHECKING, Any
 
+from sfr_loc_map.inputs import printable
 from sfr_loc_map.report.tables import METRE, fitting
 
 if TYPE_CHECKING:
@@ -79,6 +81,11 @@ class Plot:
     layout: dict[str, Any]  #: Without what all figures share.
     height: int = 380  #: In CSS pixels.
     width: str = "half"  #: Share of the width of the page: `full`, `half` or `third`.
+
+
+def plain(text: str) -> str:
+    """Return a text of a user as plotly shows it literally: without the tags that plotly reads."""
+    return escape(printable(text), quote=False)
 
 
 def axis(title: str, **more: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever plotly takes

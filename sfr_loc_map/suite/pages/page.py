@@ -10,7 +10,7 @@ from sfr_loc_map.metrics.score_json import json_line
 from sfr_loc_map.metrics.table import Figure, find_rows
 from sfr_loc_map.metrics.verdict import counts_of
 from sfr_loc_map.report.page import render_overview, render_page
-from sfr_loc_map.report.plots import Plot, Values, axis, error_scale, largest, log_axis, marks, scaled, span
+from sfr_loc_map.report.plots import Plot, Values, axis, error_scale, largest, log_axis, marks, plain, scaled, span
 from sfr_loc_map.suite.pages.export import write_parquet
 from sfr_loc_map.suite.pages.tables import PAGES, history_tables, linked, suite_tables
 from sfr_loc_map.suite.running.store import Store
@@ -68,25 +68,22 @@ def _error_plots(summary: Summary) -> list[Plot]:
 
 
 def budget_plot(budget: Budget) -> Plot:
-    """Return the shares of an error budget as bars, by the place of a source in the table."""
+    """Return the fractions of an error budget as bars, the largest source first."""
     rows = sorted(budget.rows, key=lambda row: -(row.alone.value or 0.0))
-    places = [float(place) for place in range(1, len(rows) + 1)]
+    names = [plain(row.source) for row in rows]
     traces = []
     for name, color, figures in (
         ("alone", "@one", [row.alone for row in rows]),
-        ("removed without it", "@two", [row.removed for row in rows]),
+        ("removed", "@two", [row.removed for row in rows]),
     ):
         values = scaled([figure.value for figure in figures], 100.0)
         above = [None if figure.ci95 is None else 50.0 * (figure.ci95[1] - figure.ci95[0]) for figure in figures]
         bars = {"type": "data", "array": above, "visible": None not in above}
-        bar = {"type": "bar", "name": name, "x": places, "y": values, "error_y": bars, "marker": {"color": color}}
+        bar = {"type": "bar", "name": name, "x": names, "y": values, "error_y": bars, "marker": {"color": color}}
         traces.append(bar)
-    layout = {
-        "xaxis": axis("source of error, by its row in the table", dtick=1),
-        "yaxis": axis("share of the mean square, %"),
-    }
-    caption = "Share of each source of error alone, and the share that vanishes without it; 95 % intervals over drives."
-    return Plot("budget", "Error budget", caption, traces, layout, width="full")
+    layout = {"xaxis": axis("", type="category"), "yaxis": axis("of the mean square, %")}
+    caption = "Fraction that each source of error causes alone, and that vanishes without the source; 95 % intervals."
+    return Plot("budget", "Error budget", caption, traces, layout, height=460, width="full")
 
 
 def first_position(figures: tuple[Figure, ...]) -> Figure | None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from sfr_loc_map.metrics.catalogue import statistic_title, title_of
 from sfr_loc_map.metrics.config import VerdictState, label_of
 from sfr_loc_map.report.page import render_overview
-from sfr_loc_map.report.plots import Plot, axis, colour_bar, log_axis, marks, span
+from sfr_loc_map.report.plots import Plot, axis, colour_bar, log_axis, marks, plain, span
 from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table
 from sfr_loc_map.suite.search.run import SearchResult
 from sfr_loc_map.suite.search.worst_case import Coverage, Slice
@@ -69,7 +69,7 @@ def render_search(result: SearchResult) -> str:
     if result.until_first_miss is not None:
         text += f", first at point {result.until_first_miss}"
     if result.left_out:
-        text += f"; {len(result.left_out)} scenarios cannot be run and are left out"
+        text += f"; {len(result.left_out)} scenarios cannot be run and are skipped"
     state = VerdictState.FAIL if missed else None
     plots = [_course(result), *(_slice_plot(result, number) for number in range(len(result.slices)))]
     return render_overview("Search for the worst case", state, f"{text}.", search_tables(result), [("Search", plots)])
@@ -100,6 +100,6 @@ def _slice_plot(result: SearchResult, number: int) -> Plot:
         "showscale": False,
         "name": "limit",
     }
-    layout = {"xaxis": axis(first), "yaxis": axis(second)}
+    layout = {"xaxis": axis(plain(first)), "yaxis": axis(plain(second))}
     caption = "All other parameters as in the reduced case; the line is where the limit begins to be missed."
     return Plot(f"search-slice-{number}", f"{first} and {second}", caption, [levels, border], layout)

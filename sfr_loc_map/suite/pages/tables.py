@@ -75,9 +75,9 @@ OF_DRIVES: tuple[tuple[str, Unit, str, str, str | None], ...] = (
 """Columns of the table of drives after the errors that the catalogue compares: title, unit, figure, statistic, part."""
 BUDGET: Columns = (
     ("source of error", HEAD, "source"),
-    ("share alone", PERCENT, "alone.value"),
+    ("fraction alone", PERCENT, "alone.value"),
     ("95 % interval", INTERVAL, "alone.ci95"),
-    ("share removed without it", PERCENT, "removed.value"),
+    ("fraction removed", PERCENT, "removed.value"),
     ("95 % interval", INTERVAL, "removed.ci95"),
     ("interaction", PERCENT, "interaction.value"),
     ("95 % interval", INTERVAL, "interaction.ci95"),
@@ -219,8 +219,8 @@ def budget_tables(budgets: Sequence[Budget]) -> list[Table]:
         rows.append({"source": "not named in the budget", "alone": to_plain(budget.rest), "shown": PERCENT})
         rows.append({"source": "sum", "alone": to_plain(budget.total), "shown": PERCENT})
         note = (
-            f"Shares of the mean square position error over {label_of(budget.condition)}; {budget.drives} drives, "
-            f"{budget.left_out} left out because a variant has no result. Mean and sigma: what the source adds alone."
+            f"Fractions of the mean square position error over {label_of(budget.condition)}; {budget.drives} drives, "
+            f"{budget.left_out} skipped because a variant has no result. Mean and sigma: what the source adds alone."
         )
         title = f"Error budget, {_joined(budget.configuration)}: root mean square " + (
             "unknown" if budget.rms_m is None else number(budget.rms_m, unit=MILLIMETRE) + " mm"
