@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -68,6 +69,14 @@ def report(
         Path | None,
         Option(metavar="F.csv", rich_help_panel=SIGNED, help="Write the verification control document: close-out."),
     ] = None,
+    evidence: Annotated[
+        list[Path] | None,
+        Option(
+            metavar="E.json",
+            rich_help_panel=SIGNED,
+            help="Evidence for the test report: JSON of sfr check, suite.json with a budget, search.json.",
+        ),
+    ] = None,
     truth: Annotated[
         Path | None,
         Option(
@@ -89,8 +98,12 @@ def report(
     check_suffix(output, FORMATS)
     check_suffix(test_report, HTML_SUFFIXES)
     check_suffix(control, (".csv",))
-    check_outputs(json_path, output, test_report, junit, control, inputs=(*results, truth), overwrite=overwrite)
+    check_outputs(
+        json_path, output, test_report, junit, control, inputs=(*results, *(evidence or ()), truth), overwrite=overwrite
+    )
     is_test = any(path is not None for path in (test_report, junit, control))
+    if evidence and test_report is None:
+        raise ConfigError("'--evidence' is shown in the test report: give --test-report T.html, too")
     if not all(path.suffix == ".json" for path in results):
         if is_test:
             raise ConfigError(f"'{results[0]}': a test report is of scores: give files *.json of sfr score or replay")
@@ -120,7 +133,7 @@ def report(
         if output is not None:
             raise ConfigError(f"'-o {output}' is the page: omit it beside '--test-report', '--junit', '--control'")
         common = common_verdict(scores)
-        _write_test_report(scores, test_report, (title, number, issue), junit, common.text)
+        _write_test_report(scores, test_report, (title, number, issue), junit, common.text, evidence or ())
         if control is not None:
             named = dict(zip(map(str, results), scores, strict=True))
             _write_control_document(named, control, (number, issue))
@@ -178,6 +191,7 @@ def _write_test_report(
     heading: tuple[str, str, str],
     junit: Path | None,
     no_common_verdict: str,
+    evidence: Sequence[Path],
 ) -> None:
     """Write the test report of scores, and their verdicts as JUnit XML, as far as they are asked for."""
     from sfr_loc_map.report.junit import junit as junit_of
@@ -190,7 +204,9 @@ def _write_test_report(
             without = {"all scores together": no_common_verdict}
         write_text(junit_of({name: score for name, score in named.items() if name not in without}, without), junit)
     if test_report is not None:
-        write_text(render_test_report(scores, *heading), test_report)
+        from sfr_loc_map.suite.pages.evidence_files import read_evidence
+
+        write_text(render_test_report(scores, *heading, read_evidence(evidence)), test_report)
         say(f"test report: {test_report}")
         propose(f"open {test_report} in a browser, print it for the signatures")
 

@@ -1,7 +1,7 @@
 """The test report, which a reviewer signs: made from scores alone, in the order of a verification report.
 
 The order is that of the verification report of ECSS-E-ST-10-02C: item, documents, procedure, data, results,
-deviations, anomalies, open points, signatures.
+evidence beside the results (if there is any), deviations, anomalies, open points, signatures.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from sfr_loc_map.report.deviations import caveats_of, deviations_of
 from sfr_loc_map.report.page import NO_VERDICT, Overall, from_template, overall_of
 from sfr_loc_map.report.printed_plot import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, printed_plots
 from sfr_loc_map.report.score_tables import NO_INTERVAL, table_of
-from sfr_loc_map.report.tables import OPEN, UNKNOWN, to_html
+from sfr_loc_map.report.tables import OPEN, UNKNOWN, Table, to_html
 from sfr_loc_map.report.verdict_view import VerdictView, verdict_views
 
 TABLES = ("headline", "covered", "readings")  #: Tables of figures below the results.
@@ -55,7 +55,19 @@ def clauses_used(scores: Sequence[Score]) -> list[str]:
     return sorted(found)
 
 
-def render_test_report(scores: Sequence[Score], title: str = "", number: str = "", issue: str = "") -> str:
+class Evidence(NamedTuple):
+    """What supports the verdicts, from a file that another command wrote. It never changes a verdict."""
+
+    heading: str
+    path: str
+    sha256: str
+    tables: tuple[Table, ...]
+    open_points: tuple[str, ...]
+
+
+def render_test_report(
+    scores: Sequence[Score], title: str = "", number: str = "", issue: str = "", evidence: Sequence[Evidence] = ()
+) -> str:
     """Return the report of scores as they were judged as HTML, without script; it prints on A4."""
     common = common_verdict(scores)
     results = [row for command, score in enumerate(scores, 1) for row in _results(score, command)]
@@ -87,9 +99,18 @@ def render_test_report(scores: Sequence[Score], title: str = "", number: str = "
         ],
         drawn=[printed_plots(item) for item in scores],
         size=(WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT),
+        evidence=[
+            (
+                item.heading,
+                printable(item.path),
+                item.sha256,
+                "".join(to_html(replace(table, name=f"{table.name}-evidence-{n}")) for table in item.tables),
+            )
+            for n, item in enumerate(evidence, 1)
+        ],
         deviations=_of_all(scores, deviations_of),
         anomalies=_of_all(scores, _anomalies),
-        open_points=_of_all(scores, _open_points),
+        open_points=[*_of_all(scores, _open_points), *(text for item in evidence for text in item.open_points)],
     )
 
 

@@ -54,10 +54,15 @@ def main(arguments: list[str]) -> int:
                 "nan"
             )
             shown = "" if worst is None else f"{worst.name} over {worst.condition}, p {worst.probability:.2g}"
+            closures = "; ".join(
+                f"misclosure {1e3 * row.value:.2f} mm of {row.part}"
+                for row in found.figures
+                if row.figure == "misclosure" and row.value is not None
+            )
             lost = int(found.forward.estimates.lost.sum())
             print(
                 f"{path.name}; {text or 'none'}; {found.result}; {shown}; at least {1e3 * bound:.2f} mm; "
-                f"true rmse {1e3 * error:.2f} mm; {lost} lost; "
+                f"true rmse {1e3 * error:.2f} mm; {lost} lost; {closures or 'no revisited place'}; "
                 f"{'; '.join(found.calibration) or 'calibration: nothing'}",
                 flush=True,
             )

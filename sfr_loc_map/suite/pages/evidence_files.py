@@ -1,0 +1,173 @@
+"""Evidence beside the scores of a test report, read from what other commands wrote.
+
+A check without ground truth, the error budget of a suite, and a search for the worst case are shown in this order. They
+support a verdict and never change it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import msgspec
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.evidence.agreement import CheckResult
+from sfr_loc_map.evidence.calibration import calibration_table
+from sfr_loc_map.evidence.check import check_table, hat_table
+from sfr_loc_map.evidence.overlap import overlap_table
+from sfr_loc_map.evidence.predicted import predicted_table
+from sfr_loc_map.evidence.revisited import closure_table
+from sfr_loc_map.inputs import MAX_JSON_BYTES, hash_path, read_text
+from sfr_loc_map.metrics.catalogue import statistic_title, title_of
+from sfr_loc_map.metrics.config import label_of
+from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table
+from sfr_loc_map.report.test_report import Evidence
+from sfr_loc_map.suite.pages.tables import budget_tables
+from sfr_loc_map.suite.statistics.budget import Budget
+
+CHECK_TABLES = (check_table, closure_table, overlap_table, predicted_table, calibration_table, hat_table)
+
+
+class CheckFile(msgspec.Struct):
+    """The JSON of `sfr check`, as far as it is shown."""
+
+    schema: ClassVar = "sfr-check/1"
+    heading: ClassVar = "Check without ground truth"
+    results: dict[str, CheckResult]
+    calibration: list[str]
+    figures: list[Figure]
+
+    def tables(self) -> list[Table]:
+        """Return the tables that the command prints."""
+        return [make_table(self.figures) for make_table in CHECK_TABLES]
+
+    def open_points(self) -> Iterator[str]:
+        """Yield what is not consistent."""
+        for subject, result in self.results.items():
+            if result is not CheckResult.CONSISTENT:
+                yield f"The result of the check of the {subject} without ground truth is '{result.value}'."
+        yield from (f"Calibration: {text}." for text in self.calibration)
+
+
+class BudgetFile(msgspec.Struct):
+    """`suite.json` of a suite with an error budget, as far as it is shown."""
+
+    schema: ClassVar = "sfr-suite/1"
+    heading: ClassVar = "Error budget"
+    budgets: list[Budget]
+
+    def tables(self) -> list[Table]:
+        """Return a table for each budget."""
+        return budget_tables(self.budgets)
+
+    def open_points(self) -> Iterator[str]:
+        """Yield what the budgets leave open."""
+        if not self.budgets:
+            yield "The suite has no error budget."
+        for budget in self.budgets:
+            over = label_of(budget.condition)
+            if budget.left_out:
+                yield f"Drives without a complete result in the error budget over {over}: {budget.left_out}."
+            bounds = budget.total.ci95
+            if bounds is not None and not bounds[0] <= 1.0 <= bounds[1]:
+                yield f"The fractions of the error budget over {over} do not add up to 100 %: sources interact."
+
+
+class PointRecord(msgspec.Struct):
+    """A point of a search: its figure over the limit, and the values of the parameters."""
+
+    ratio: float
+    point: dict[str, float]
+
+
+class ParameterRecord(msgspec.Struct):
+    """A parameter of a search with its range."""
+
+    name: str
+    low: float
+    high: float
+
+
+class SearchFile(msgspec.Struct):
+    """`search.json`, as far as it is shown."""
+
+    schema: ClassVar = "sfr-search/1"
+    heading: ClassVar = "Worst case"
+    figure: str
+    statistic: str
+    condition: str
+    limit: float
+    parameters: list[ParameterRecord]
+    points: list[PointRecord]
+    usual: PointRecord
+    found: PointRecord
+    case: PointRecord
+
+    def tables(self) -> list[Table]:
+        """Return the worst case as a table."""
+        cases = (self.usual, self.found, self.case)
+        rows = [
+            (
+                Cell.head(parameter.name),
+                Cell.number(parameter.low),
+                Cell.number(parameter.high),
+                *(Cell.number(case.point.get(parameter.name)) for case in cases),
+            )
+            for parameter in self.parameters
+        ]
+        rows.append((Cell.head("figure over limit"), *[Cell(ABSENT)] * 2, *(Cell.number(case.ratio) for case in cases)))
+        columns = ("parameter", "low", "high", "usual", "worst point", "reduced case")
+        heads = tuple(Column(title, words=title == "parameter") for title in columns)
+        figure = f"{title_of(self.figure)}, {statistic_title(self.statistic)}, over {label_of(self.condition)}"
+        note = (
+            f"{figure}; limit {self.limit:g}. {len(self.points)} scenarios were run. The reduced case is the smallest "
+            "change of the usual scenario that still misses the limit."
+        )
+        return [Table("case", "Worst case", heads, tuple(rows), note)]
+
+    def open_points(self) -> Iterator[str]:
+        """Yield that the limit is missed somewhere."""
+        missed = sum(item.ratio > 1.0 for item in self.points)
+        if missed:
+            yield (
+                f"The limit is missed in {missed} of {len(self.points)} searched scenarios; the worst has "
+                f"{self.found.ratio:.3g} times the limit."
+            )
+
+
+KINDS: tuple[type[CheckFile | BudgetFile | SearchFile], ...] = (CheckFile, BudgetFile, SearchFile)
+"""Kinds of evidence, in the order of a report."""
+
+
+def read_evidence(paths: Sequence[Path]) -> list[Evidence]:
+    """Return the evidence of files, in the order of a report; InputError for any other file."""
+    read = [(path, read_file(path)) for path in paths]
+    read.sort(key=lambda item: KINDS.index(type(item[1])))
+    return [
+        Evidence(
+            heading=content.heading,
+            path=str(path),
+            sha256=hash_path(path),
+            tables=tuple(table for table in content.tables() if table.rows),
+            open_points=tuple(content.open_points()),
+        )
+        for path, content in read
+    ]
+
+
+def read_file(path: Path) -> CheckFile | BudgetFile | SearchFile:
+    """Return the content of a file by its schema; InputError if it is none of the kinds."""
+    try:
+        content = msgspec.json.decode(read_text(path, MAX_JSON_BYTES), type=dict[str, Any])
+        kinds = {kind.schema: kind for kind in KINDS}
+        kind = kinds.get(content.get("schema", ""))
+        if kind is None:
+            raise ValueError(f"its schema is {content.get('schema')!r}, one of {', '.join(kinds)} is required")
+        return msgspec.convert(content, kind)
+    except (OSError, ValueError) as error:
+        problem = error.strerror if isinstance(error, OSError) else error
+        advice = "give the JSON of sfr check, suite.json or search.json"
+        raise InputError(f"cannot read evidence '{path}': {problem}; {advice}") from error

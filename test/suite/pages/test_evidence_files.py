@@ -1,0 +1,126 @@
+"""Evidence of a test report: what check, budget and search wrote, in the order of a review, without a verdict."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from helpers.cli_result import Sfr
+from helpers.made_scores import json_of, whole_score
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.evidence.overlap import Overlap, overlap_rows
+from sfr_loc_map.inputs import hash_path
+from sfr_loc_map.metrics.score_json import to_plain
+from sfr_loc_map.suite.pages.evidence_files import read_evidence
+from sfr_loc_map.suite.statistics.budget import Budget, BudgetRow, Estimate
+
+
+def write(path: Path, content: dict[str, Any]) -> Path:
+    path.write_text(json.dumps(content))
+    return path
+
+
+def check_file(folder: Path) -> Path:
+    overlap = Overlap(0, 1, 0.4, 5000, 0.0125, 2.5, 0.2)
+    content = {"schema": "sfr-check/1", "result": "inconsistent", "results": {"drive": "consistent"}}
+    content["results"]["maps"] = "inconsistent"
+    figures = to_plain(tuple(overlap_rows(overlap)))
+    return write(folder / "check.json", content | {"calibration": ["yaw is off"], "figures": figures})
+
+
+def budget_file(folder: Path, total: Estimate) -> Path:
+    row = BudgetRow(
+        source="<b>noise</b>",
+        alone=Estimate(0.75, (0.5, 1.0)),
+        removed=Estimate(0.5),
+        interaction=Estimate(0.0),
+        mean_m=(0.0, 0.0, 0.0),
+        sigma_m=(0.001, 0.0, 0.0),
+    )
+    budget = Budget(
+        configuration="default",
+        condition="distance=5",
+        drives=6,
+        left_out=1,
+        rms_m=0.01,
+        rows=(row,),
+        rest=Estimate(0.25),
+        total=total,
+    )
+    return write(folder / "suite.json", {"schema": "sfr-suite/1", "budgets": [to_plain(budget)]})
+
+
+def search_file(folder: Path, *ratios: float) -> Path:
+    points = [{"ratio": ratio, "point": {"light": 10.0 * ratio}} for ratio in ratios]
+    worst = max(points, key=lambda item: item["ratio"])
+    content = {"schema": "sfr-search/1", "figure": "position", "statistic": "mean_plus_3sigma", "limit": 0.1}
+    content |= {"condition": "distance=5", "parameters": [{"name": "light", "low": 1.0, "high": 60.0}]}
+    return write(
+        folder / "search.json", content | {"points": points, "usual": points[0], "found": worst, "case": worst}
+    )
+
+
+def test_evidence_is_in_the_order_of_a_review_with_its_open_points(tmp_path: Path) -> None:
+    paths = [search_file(tmp_path, 0.5, 1.5), budget_file(tmp_path, Estimate(0.8, (0.7, 0.9))), check_file(tmp_path)]
+    found = read_evidence(paths)
+    assert [item.heading for item in found] == ["Check without ground truth", "Error budget", "Worst case"]
+    assert [item.sha256 for item in found] == [hash_path(path) for path in reversed(paths)]
+    check, budget, search = (" ".join(item.open_points) for item in found)
+    assert "maps" in check
+    assert "drive" not in check
+    assert "yaw is off" in check
+    assert "over 5 m: 1." in budget
+    assert "interact" in budget
+    assert "1 of 2 searched scenarios" in search
+    assert "1.5 times" in search
+    (overlap,) = found[0].tables
+    assert overlap.rows[0][3].value == 0.0125
+    assert [cell.value for cell in found[2].tables[0].rows[0]] == [None, 1.0, 60.0, 5.0, 15.0, 15.0]
+
+
+def test_evidence_without_a_problem_leaves_no_point_open(tmp_path: Path) -> None:
+    content = json.loads(check_file(tmp_path).read_text())
+    content |= {"results": {"drive": "consistent"}, "calibration": []}
+    paths = [write(tmp_path / "good.json", content), search_file(tmp_path, 0.5, 0.9)]
+    assert [item.open_points for item in read_evidence(paths)] == [(), ()]
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        ("{", "JSON"),
+        ('{"schema": "sfr-score/2"}', "sfr-score/2"),
+        ("[]", "object"),
+        ('{"schema": "sfr-search/1"}', "figure"),
+    ],
+)
+def test_another_file_is_refused(tmp_path: Path, content: str, problem: str) -> None:
+    path = tmp_path / "e.json"
+    path.write_text(content)
+    with pytest.raises(InputError, match=problem) as caught:
+        read_evidence([path])
+    assert "give the JSON of sfr check" in str(caught.value)
+
+
+def test_the_test_report_shows_the_evidence_and_keeps_the_verdict(sfr: Sfr, tmp_path: Path) -> None:
+    score = tmp_path / "score.json"
+    score.write_text(json.dumps(json_of(whole_score())))
+    plain, shown = tmp_path / "plain.html", tmp_path / "shown.html"
+    paths = [search_file(tmp_path, 0.5, 1.5), budget_file(tmp_path, Estimate(1.0)), check_file(tmp_path)]
+    options = [word for path in paths for word in ("--evidence", path)]
+    usual = sfr("report", score, "--test-report", plain)
+    found = sfr("report", score, "--test-report", shown, *options)
+    assert found.code == usual.code
+    headings = re.findall(r"<h2>(\d+) ([^<]+)</h2>", shown.read_text())
+    assert [int(number) for number, _ in headings] == list(range(1, len(headings) + 1))
+    assert [text for _, text in headings][4:8] == ["Results", "Evidence beside the results", "Deviations", "Anomalies"]
+    assert "Evidence beside" not in plain.read_text()
+    assert "<b>noise" not in shown.read_text()
+    assert hash_path(paths[0]) in shown.read_text()
+    alone = sfr("report", score, "-o", tmp_path / "page.html", *options)
+    assert alone.code == 2
+    assert "--test-report" in alone.err
