@@ -350,7 +350,7 @@ MUTATIONS = (
     Mutation("metrics/copies.py", "ROUNDED_IN_A_ROW = 50", "ROUNDED_IN_A_ROW = 49"),
     Mutation("metrics/copies.py", "MIN_STEPS = 10", "MIN_STEPS = 9"),
     Mutation("metrics/copies.py", "repeats_pose(frames) & ~is_reported", "repeats_pose(frames)"),
-    Mutation("metrics/copies.py", "frames.gt_pos[new], axis=1", "frames.gt_pos[new - 1], axis=1"),
+    Mutation("metrics/copies.py", "frames.true_position[new], axis=1", "frames.true_position[new - 1], axis=1"),
     Mutation("metrics/copies.py", "max(least_m, float(own_m.min()), 0.5", "max(least_m, 0.5"),
     Mutation("metrics/copies.py", "float(own_m.min()), 0.5 *", "float(own_m.min()), 1.5 *"),
     Mutation("metrics/copies.py", "return found & is_moving", "return found"),

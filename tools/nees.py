@@ -66,18 +66,18 @@ def stretches(path: Path) -> dict[float, list[Stretch]]:
     assert estimates.steps is not None
     print(f"{path}: {len(calls)} poses, {np.count_nonzero(estimates.degraded)} degraded")
     frames, _, _ = associate(estimates.trajectory, truth, AssociationConfig())
-    sums = sums_of_steps(estimates, estimates.steps, frames.est_rows)
+    sums = sums_of_steps(estimates, estimates.steps, frames.estimate_rows)
     result: dict[float, list[Stretch]] = {}
     for least in INTERVALS_M:
         start, result[least] = 0, []
-        for end in range(1, len(frames.est_rows)):
-            first, last = (int(frames.est_rows[k]) for k in (start, end))
+        for end in range(1, len(frames.estimate_rows)):
+            first, last = (int(frames.estimate_rows[k]) for k in (start, end))
             if estimates.degraded[last] or estimates.lost[last]:
                 start = end
-            elif np.linalg.norm(frames.est_pos[end] - frames.est_pos[start]) >= least:
-                covariance = relative_covariance(sums[first], sums[last], frames.est_pos[end])
+            elif np.linalg.norm(frames.position[end] - frames.position[start]) >= least:
+                covariance = relative_covariance(sums[first], sums[last], frames.position[end])
                 if covariance is not None:
-                    to_start = np.kron(np.eye(2), matrix_from_quat(frames.est_quat[start]).T)
+                    to_start = np.kron(np.eye(2), matrix_from_quat(frames.attitude[start]).T)
                     error = to_start @ relative_errors(frames, np.array([start]), np.array([end]))[0]
                     result[least].append(judged(error, to_start @ covariance @ to_start.T))
                 start = end

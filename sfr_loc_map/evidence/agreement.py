@@ -75,14 +75,14 @@ def compare(first: Run, other: Run, condition: Condition) -> Agreement:
     """Return how two runs differ over the sub-trajectories of a condition; distances are those of the first run."""
     moved = as_forward(other)
     frames, _ = associate(first.estimates.trajectory, moved, AssociationConfig(truth="match"))
-    length_m = formulas.path_length_m(frames.est_pos)
-    starts, ends = select(condition, SPACING, frames._replace(gt_pos=frames.est_pos), length_m)
+    length_m = formulas.path_length_m(frames.position)
+    starts, ends = select(condition, SPACING, frames._replace(true_position=frames.position), length_m)
     differences = relative_errors(frames, starts, ends)
     squares = np.array(squares_of(first, other, frames, starts, ends))
     rows_of_other = rows_at(other, frames.stamps_ns)
-    lost = first.estimates.lost[frames.est_rows] | other.estimates.lost[rows_of_other]
+    lost = first.estimates.lost[frames.estimate_rows] | other.estimates.lost[rows_of_other]
     attitude_deg = np.degrees(np.linalg.norm(differences[:, 3:], axis=1))
-    moves = (frames.est_pos[ends] - frames.est_pos[starts], frames.gt_pos[ends] - frames.gt_pos[starts])
+    moves = (frames.position[ends] - frames.position[starts], frames.true_position[ends] - frames.true_position[starts])
     lengths_m = np.stack([np.linalg.norm(move, axis=1) for move in moves], axis=1)
     windows = Windows(
         differences[:, :3], attitude_deg, squares, lengths_m, count_apart(starts, ends), int(np.count_nonzero(lost))
@@ -125,18 +125,18 @@ def squares_of(first: Run, other: Run, frames: Frames, starts: IntArray, ends: I
     if first.estimates.steps is None or other.estimates.steps is None:
         return []
     compared = np.unique(np.concatenate((starts, ends)))
-    sums = sums_of_steps(first.estimates, first.estimates.steps, frames.est_rows[compared])
+    sums = sums_of_steps(first.estimates, first.estimates.steps, frames.estimate_rows[compared])
     rows = rows_at(other, frames.stamps_ns)
     others = sums_of_steps(other.estimates, other.estimates.steps, rows[compared])
-    turns = matrix_from_quat(frames.est_quat) @ np.swapaxes(matrix_from_quat(frames.gt_quat), -1, -2)
+    turns = matrix_from_quat(frames.attitude) @ np.swapaxes(matrix_from_quat(frames.true_attitude), -1, -2)
     found, free_from = [], 0
     for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
         between = slice(start, end + 1)
-        if start < free_from or first.estimates.lost[frames.est_rows[between]].any():
+        if start < free_from or first.estimates.lost[frames.estimate_rows[between]].any():
             continue
         if other.estimates.lost[rows[between]].any():
             continue
-        own = growth(sums[int(frames.est_rows[start])], sums[int(frames.est_rows[end])], frames.est_pos[end])
+        own = growth(sums[int(frames.estimate_rows[start])], sums[int(frames.estimate_rows[end])], frames.position[end])
         theirs = growth_of_other(other, others, rows, frames, start, end)
         if own is None or theirs is None:
             continue
@@ -162,9 +162,13 @@ def growth_of_other(
     negative, carried over the displacement.
     """
     if not other.is_backward:
-        return growth(sums[int(rows[start])], sums[int(rows[end])], frames.gt_pos[end])
-    reverse = growth(sums[int(rows[end])], sums[int(rows[start])], frames.gt_pos[start])
-    return None if reverse is None else propagated_covariance(reverse, frames.gt_pos[end] - frames.gt_pos[start])
+        return growth(sums[int(rows[start])], sums[int(rows[end])], frames.true_position[end])
+    reverse = growth(sums[int(rows[end])], sums[int(rows[start])], frames.true_position[start])
+    return (
+        None
+        if reverse is None
+        else propagated_covariance(reverse, frames.true_position[end] - frames.true_position[start])
+    )
 
 
 # ---- what follows

@@ -106,7 +106,7 @@ def close(forward: Run, direct: Run, first: int, again: int) -> Closure | None:
     own, others = growth_between(forward, first, again), growth_between(direct, int(rows[0]), int(rows[1]))
     if own is None or others is None:
         return Closure(first, again, path_m, error, None)
-    turn = matrix_from_quat(frames.est_quat[0]) @ matrix_from_quat(frames.gt_quat[0]).T
+    turn = matrix_from_quat(frames.attitude[0]) @ matrix_from_quat(frames.true_attitude[0]).T
     turns = np.kron(np.eye(2), turn)
     return Closure(first, again, path_m, error, normalised_square(error, own + turns @ others @ turns.T))
 

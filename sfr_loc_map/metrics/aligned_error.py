@@ -105,10 +105,10 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
         raise MetricsError("'--align origin' needs attitudes, the truth has none: use --align se3 or none")
     if not truth.has_attitude and isinstance(truth, Truth):
         estimate = at_point(estimate, truth.lever_arm_m)
-    est_rows, gt_rows = unique_rows(estimate.stamps_ns), unique_rows(truth.stamps_ns)
-    est_stamps, gt_stamps = estimate.stamps_ns[est_rows], truth.stamps_ns[gt_rows]
-    estimate_is_longer = len(est_rows) > len(gt_rows)
-    few, many = (gt_stamps, est_stamps) if estimate_is_longer else (est_stamps, gt_stamps)
+    estimate_rows, true_rows = unique_rows(estimate.stamps_ns), unique_rows(truth.stamps_ns)
+    estimate_stamps, true_stamps = estimate.stamps_ns[estimate_rows], truth.stamps_ns[true_rows]
+    estimate_is_longer = len(estimate_rows) > len(true_rows)
+    few, many = (true_stamps, estimate_stamps) if estimate_is_longer else (estimate_stamps, true_stamps)
     short = long = np.zeros(0, np.intp)
     if len(few):  # the nearest of the other for each pose of the one that has fewer
         nearest, difference = nearest_stamps(few, many)
@@ -126,7 +126,7 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
             each.positions[rows],
             quat_normalised(each.quats_xyzw[rows]) if each.has_attitude else each.quats_xyzw[rows],
         )
-        for each, rows in ((estimate, est_rows[mine]), (truth, gt_rows[theirs]))
+        for each, rows in ((estimate, estimate_rows[mine]), (truth, true_rows[theirs]))
     )
     similarity = None
     if config.align == "origin":

@@ -78,21 +78,21 @@ def lost_by_covariance(covariance: FloatArray) -> Mask:
 
 
 class Frames(NamedTuple):
-    """Estimated and true poses side by side, in time order; metres, DS; unit quaternions; which estimate each is."""
+    """True and estimated poses of the same frames, as in `formulas.Poses`, with stamps and rows; in time order."""
 
     stamps_ns: IntArray
-    gt_pos: FloatArray
-    gt_quat: FloatArray
-    est_pos: FloatArray
-    est_quat: FloatArray
-    est_rows: Rows
+    true_position: FloatArray
+    true_attitude: FloatArray
+    position: FloatArray
+    attitude: FloatArray
+    estimate_rows: Rows
 
 
 class Matches(NamedTuple):
     """Pairs of an estimate and a true pose whose stamps agree, by rows of both; stamps go up."""
 
-    est_rows: Rows
-    gt_rows: Rows
+    estimate_rows: Rows
+    true_rows: Rows
     alone: Rows  #: Rows of estimates without a partner.
 
 
@@ -103,25 +103,25 @@ def associate(estimate: Trajectory, truth: Trajectory, config: AssociationConfig
     """
     if not estimate.has_attitude:
         raise MetricsError("the estimate has only positions: give one with attitudes (unit quaternions)")
-    est_rows, gt_rows = unique_rows(estimate.stamps_ns), unique_rows(truth.stamps_ns)
+    estimate_rows, true_rows = unique_rows(estimate.stamps_ns), unique_rows(truth.stamps_ns)
     tolerance_ns = round(config.tolerance_s * NS_PER_S)
     mode = AssociationMode(config.truth)
     if mode is AssociationMode.AUTO:
-        est_stamps, gt_stamps = taken(estimate.stamps_ns, est_rows), taken(truth.stamps_ns, gt_rows)
-        mode = mode_of_stamps(est_stamps, gt_stamps, tolerance_ns)
-    matches = matches_of_stamps(estimate, truth, est_rows, gt_rows, tolerance_ns)
+        estimate_stamps, true_stamps = taken(estimate.stamps_ns, estimate_rows), taken(truth.stamps_ns, true_rows)
+        mode = mode_of_stamps(estimate_stamps, true_stamps, tolerance_ns)
+    matches = matches_of_stamps(estimate, truth, estimate_rows, true_rows, tolerance_ns)
     frames = matched_frames(estimate, truth, matches)
-    difference = np.abs(taken(estimate.stamps_ns, matches.est_rows) - frames.stamps_ns)
+    difference = np.abs(taken(estimate.stamps_ns, matches.estimate_rows) - frames.stamps_ns)
     gaps = np.empty(0, np.int64)
     if mode is AssociationMode.INTERPOLATE:
-        between, gaps = interpolated_frames(estimate, truth, matches.alone, gt_rows, config.max_gap_s)
+        between, gaps = interpolated_frames(estimate, truth, matches.alone, true_rows, config.max_gap_s)
         frames = in_time_order(frames, between)
     association = Association(
-        matched=len(frames.est_rows),
+        matched=len(frames.estimate_rows),
         estimate_poses=len(estimate.stamps_ns),
         truth_poses=len(truth.stamps_ns),
-        estimate_duplicates=len(estimate.stamps_ns) - len(est_rows),
-        truth_duplicates=len(truth.stamps_ns) - len(gt_rows),
+        estimate_duplicates=len(estimate.stamps_ns) - len(estimate_rows),
+        truth_duplicates=len(truth.stamps_ns) - len(true_rows),
         estimate_unordered=unordered(estimate.stamps_ns),
         truth_unordered=unordered(truth.stamps_ns),
         exact=int(np.count_nonzero(difference == 0)),
@@ -136,12 +136,12 @@ def associate(estimate: Trajectory, truth: Trajectory, config: AssociationConfig
     return frames, association
 
 
-def mode_of_stamps(est_stamps: IntArray, gt_stamps: IntArray, tolerance_ns: int) -> AssociationMode:
+def mode_of_stamps(estimate_stamps: IntArray, true_stamps: IntArray, tolerance_ns: int) -> AssociationMode:
     """Return whether the first common stamps of both suit matching, or the truth has to be interpolated."""
-    if not len(est_stamps) or not len(gt_stamps):
+    if not len(estimate_stamps) or not len(true_stamps):
         return AssociationMode.MATCH
-    begin_ns = max(est_stamps[0], gt_stamps[0]) - tolerance_ns
-    est, gt = est_stamps[est_stamps >= begin_ns], gt_stamps[gt_stamps >= begin_ns]
+    begin_ns = max(estimate_stamps[0], true_stamps[0]) - tolerance_ns
+    est, gt = estimate_stamps[estimate_stamps >= begin_ns], true_stamps[true_stamps >= begin_ns]
     if not len(est) or not len(gt):
         return AssociationMode.MATCH
     last = AUTO_STAMPS - 1
@@ -156,54 +156,54 @@ def mode_of_stamps(est_stamps: IntArray, gt_stamps: IntArray, tolerance_ns: int)
 
 
 def matches_of_stamps(
-    estimate: Trajectory, truth: Trajectory, est_rows: Rows, gt_rows: Rows, tolerance_ns: int
+    estimate: Trajectory, truth: Trajectory, estimate_rows: Rows, true_rows: Rows, tolerance_ns: int
 ) -> Matches:
     """Return the pairs of equal stamps, then those of the nearest stamps within the tolerance."""
-    est_stamps, gt_stamps = taken(estimate.stamps_ns, est_rows), taken(truth.stamps_ns, gt_rows)
-    partner = np.full(len(est_stamps), -1, dtype=np.intp)
-    if len(gt_stamps):
-        at = np.minimum(np.searchsorted(gt_stamps, est_stamps), len(gt_stamps) - 1)
-        is_equal = gt_stamps[at] == est_stamps
+    estimate_stamps, true_stamps = taken(estimate.stamps_ns, estimate_rows), taken(truth.stamps_ns, true_rows)
+    partner = np.full(len(estimate_stamps), -1, dtype=np.intp)
+    if len(true_stamps):
+        at = np.minimum(np.searchsorted(true_stamps, estimate_stamps), len(true_stamps) - 1)
+        is_equal = true_stamps[at] == estimate_stamps
         partner[is_equal] = at[is_equal]
-    if tolerance_ns and np.count_nonzero(partner >= 0) < min(len(est_stamps), len(gt_stamps)):
-        match_nearest(partner, est_stamps, gt_stamps, tolerance_ns)
+    if tolerance_ns and np.count_nonzero(partner >= 0) < min(len(estimate_stamps), len(true_stamps)):
+        match_nearest(partner, estimate_stamps, true_stamps, tolerance_ns)
     is_matched = partner >= 0
-    return Matches(est_rows[is_matched], gt_rows[partner[is_matched]], est_rows[~is_matched])
+    return Matches(estimate_rows[is_matched], true_rows[partner[is_matched]], estimate_rows[~is_matched])
 
 
 def matched_frames(estimate: Trajectory, truth: Trajectory, matches: Matches) -> Frames:
     """Return the frames of matched stamps; a frame has the stamp of the truth."""
-    est, gt = matches.est_rows, matches.gt_rows
+    est, gt = matches.estimate_rows, matches.true_rows
     return Frames(
         stamps_ns=taken(truth.stamps_ns, gt),
-        gt_pos=taken(truth.positions, gt),
-        gt_quat=unit_quats(taken(truth.quats_xyzw, gt)),
-        est_pos=taken(estimate.positions, est),
-        est_quat=unit_quats(taken(estimate.quats_xyzw, est)),
-        est_rows=est,
+        true_position=taken(truth.positions, gt),
+        true_attitude=unit_quats(taken(truth.quats_xyzw, gt)),
+        position=taken(estimate.positions, est),
+        attitude=unit_quats(taken(estimate.quats_xyzw, est)),
+        estimate_rows=est,
     )
 
 
 def interpolated_frames(
-    estimate: Trajectory, truth: Trajectory, alone: Rows, gt_rows: Rows, max_gap_s: float
+    estimate: Trajectory, truth: Trajectory, alone: Rows, true_rows: Rows, max_gap_s: float
 ) -> tuple[Frames, IntArray]:
     """Return the frames of estimates between two true poses that are not too far apart, and the gaps of the truth."""
-    gt_stamps = truth.stamps_ns[gt_rows]
-    after = np.searchsorted(gt_stamps, estimate.stamps_ns[alone])
-    is_between = (after > 0) & (after < len(gt_stamps))
+    true_stamps = truth.stamps_ns[true_rows]
+    after = np.searchsorted(true_stamps, estimate.stamps_ns[alone])
+    is_between = (after > 0) & (after < len(true_stamps))
     alone, after = alone[is_between], after[is_between]
-    is_near = gt_stamps[after] - gt_stamps[after - 1] <= round(max_gap_s * NS_PER_S)
-    alone, before, later = alone[is_near], gt_rows[after[is_near] - 1], gt_rows[after[is_near]]
+    is_near = true_stamps[after] - true_stamps[after - 1] <= round(max_gap_s * NS_PER_S)
+    alone, before, later = alone[is_near], true_rows[after[is_near] - 1], true_rows[after[is_near]]
     gaps = truth.stamps_ns[later] - truth.stamps_ns[before]
     share = (estimate.stamps_ns[alone] - truth.stamps_ns[before]) / gaps
     move = truth.positions[later] - truth.positions[before]
     frames = Frames(
         stamps_ns=estimate.stamps_ns[alone],
-        gt_pos=truth.positions[before] + share[:, None] * move,
-        gt_quat=slerp(unit_quats(truth.quats_xyzw[before]), unit_quats(truth.quats_xyzw[later]), share),
-        est_pos=estimate.positions[alone],
-        est_quat=unit_quats(estimate.quats_xyzw[alone]),
-        est_rows=alone,
+        true_position=truth.positions[before] + share[:, None] * move,
+        true_attitude=slerp(unit_quats(truth.quats_xyzw[before]), unit_quats(truth.quats_xyzw[later]), share),
+        position=estimate.positions[alone],
+        attitude=unit_quats(estimate.quats_xyzw[alone]),
+        estimate_rows=alone,
     )
     return frames, gaps
 
@@ -233,11 +233,11 @@ def taken(values: NDArray[Number], rows: Rows) -> NDArray[Number]:
     return values
 
 
-def match_nearest(partner: Rows, est_stamps: IntArray, gt_stamps: IntArray, tolerance: int) -> None:
+def match_nearest(partner: Rows, estimate_stamps: IntArray, true_stamps: IntArray, tolerance: int) -> None:
     """Give estimates without a partner (-1) the nearest truth left over, each truth once; of equals the earlier."""
     free_est = np.flatnonzero(partner < 0)
-    free_gt = np.setdiff1d(np.arange(len(gt_stamps)), partner, assume_unique=True)
-    nearest, difference = nearest_stamps(est_stamps[free_est], gt_stamps[free_gt])
+    free_gt = np.setdiff1d(np.arange(len(true_stamps)), partner, assume_unique=True)
+    nearest, difference = nearest_stamps(estimate_stamps[free_est], true_stamps[free_gt])
     candidates = np.flatnonzero(difference <= tolerance)
     candidates = candidates[np.argsort(difference[candidates], kind="stable")]
     _, first = np.unique(nearest[candidates], return_index=True)

@@ -109,9 +109,9 @@ def nees_rows(
     pairs = independent_pairs(estimates.covariance, frames, starts, ends)
     errors = relative_errors(frames, pairs[:, 0], pairs[:, 1])
     for (start, end), error in zip(pairs.tolist(), errors, strict=True):
-        first, last = int(frames.est_rows[start]), int(frames.est_rows[end])
-        move = frames.est_pos[end] - frames.est_pos[start]
-        growth = relative_covariance(sums[first], sums[last], frames.est_pos[end]) if sums else None
+        first, last = int(frames.estimate_rows[start]), int(frames.estimate_rows[end])
+        move = frames.position[end] - frames.position[start]
+        growth = relative_covariance(sums[first], sums[last], frames.position[end]) if sums else None
         is_of_steps = growth is not None
         if growth is None:
             before, after = symmetric(estimates.covariance[[first, last]])
@@ -140,7 +140,7 @@ def independent_pairs(covariance: FloatArray, frames: Frames, starts: IntArray, 
     """Return starts and ends `(M, 2)` of sub-trajectories that share no frame and whose covariances are known."""
     is_finite = np.isfinite(covariance).all(axis=1)
     is_known = np.asarray(is_finite & (covariance[:, DIAGONAL] < LOST_VARIANCE).all(axis=1))
-    has_both = is_known[frames.est_rows[starts]] & is_known[frames.est_rows[ends]]
+    has_both = is_known[frames.estimate_rows[starts]] & is_known[frames.estimate_rows[ends]]
     chosen = []
     free_from = 0
     for start, end in zip(starts[has_both].tolist(), ends[has_both].tolist(), strict=True):
@@ -164,11 +164,11 @@ def normalised_square(error: FloatArray, covariance: FloatArray) -> float:
 
 def relative_errors(frames: Frames, starts: IntArray, ends: IntArray) -> FloatArray:
     """Return the errors `(M, 6)` of position (m) and attitude (rad) over sub-trajectories, in the estimate's DS."""
-    to_estimate = quat_multiply(frames.est_quat[starts], quat_conjugate(frames.gt_quat[starts]))
-    true_move = quat_rotate(to_estimate, frames.gt_pos[ends] - frames.gt_pos[starts])
-    position = (frames.est_pos[ends] - frames.est_pos[starts]) - true_move
-    true_quat = quat_multiply(to_estimate, frames.gt_quat[ends])
-    turn = quat_normalised(quat_multiply(frames.est_quat[ends], quat_conjugate(true_quat)))
+    to_estimate = quat_multiply(frames.attitude[starts], quat_conjugate(frames.true_attitude[starts]))
+    true_move = quat_rotate(to_estimate, frames.true_position[ends] - frames.true_position[starts])
+    position = (frames.position[ends] - frames.position[starts]) - true_move
+    true_quat = quat_multiply(to_estimate, frames.true_attitude[ends])
+    turn = quat_normalised(quat_multiply(frames.attitude[ends], quat_conjugate(true_quat)))
     turn = np.where(turn[:, 3:] < 0.0, -turn, turn)
     sine = np.linalg.norm(turn[:, :3], axis=1)
     is_small = sine < 1e-9

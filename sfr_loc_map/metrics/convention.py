@@ -103,7 +103,7 @@ def diagnose(
     estimate = _in_order(estimate, max(1, len(estimate.stamps_ns) // MAX_POSES))
     truth = _in_order(truth, 1)
     frames = associate(estimate, truth, config)[0]
-    true, found = (frames.gt_pos, frames.gt_quat), (frames.est_pos, frames.est_quat)
+    true, found = (frames.true_position, frames.true_attitude), (frames.position, frames.attitude)
     has_frames = len(frames.stamps_ns) >= MIN_POSES
     plain = disagreements(true, found) if has_frames else None
     before = None if plain is None else float(np.mean(plain))
@@ -469,12 +469,12 @@ def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Trans
             raise MetricsError("there is no pose to align the world frame at: give an estimate with poses")
         return estimates.trajectory.pose(0).inverse()
     frames = associate(estimates.trajectory, truth, AssociationConfig())[0]
-    known = np.flatnonzero(~estimates.lost[frames.est_rows])
+    known = np.flatnonzero(~estimates.lost[frames.estimate_rows])
     if not len(known):
         raise MetricsError("no pose has a true pose to align the world frame with: check the stamps, or world=ds")
     first = int(known[0])
-    true = Transform.from_quat(frames.gt_pos[first], frames.gt_quat[first])
-    return true @ Transform.from_quat(frames.est_pos[first], frames.est_quat[first]).inverse()
+    true = Transform.from_quat(frames.true_position[first], frames.true_attitude[first])
+    return true @ Transform.from_quat(frames.position[first], frames.attitude[first]).inverse()
 
 
 def _carried(covariance: FloatArray, carry: FloatArray) -> FloatArray:

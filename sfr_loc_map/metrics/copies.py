@@ -38,10 +38,10 @@ def copy_rows(frames: Frames, truth: Trajectory, is_reported: Mask, *, interpola
     count = len(frames.stamps_ns)
     repeated = int(np.count_nonzero(repeats_pose(frames) & ~is_reported))
     yield from share_rows("poses_repeated", repeated, count)
-    references = [frames.gt_pos]
+    references = [frames.true_position]
     if interpolated:
         references.append(spline_positions(truth, frames))
-    is_moving = moving_steps(frames.gt_pos)
+    is_moving = moving_steps(frames.true_position)
     moving = int(np.count_nonzero(is_moving))
     copied = int(np.count_nonzero(is_of_truth(frames, references, is_moving)))
     yield figure_row("poses_of_truth", n=moving, value=copied / moving if moving >= MIN_STEPS else None)
@@ -65,12 +65,12 @@ def repeats_pose(frames: Frames) -> Mask:
     is_same = np.zeros(count, np.bool_)
     if count < 2:
         return is_same
-    steps_m = np.linalg.norm(np.diff(frames.est_pos, axis=0), axis=1)
-    is_same[1:] = (steps_m == 0.0) & (frames.est_quat[1:] == frames.est_quat[:-1]).all(axis=1)
+    steps_m = np.linalg.norm(np.diff(frames.position, axis=0), axis=1)
+    is_same[1:] = (steps_m == 0.0) & (frames.attitude[1:] == frames.attitude[:-1]).all(axis=1)
     new = np.maximum.accumulate(np.where(is_same, 0, np.arange(count)))
-    moved_m = np.linalg.norm(frames.gt_pos - frames.gt_pos[new], axis=1)
+    moved_m = np.linalg.norm(frames.true_position - frames.true_position[new], axis=1)
     own_m = steps_m[steps_m > 0.0]
-    least_m = NOISES * scatter_m(frames.gt_pos)
+    least_m = NOISES * scatter_m(frames.true_position)
     if len(own_m):
         least_m = max(least_m, float(own_m.min()), 0.5 * float(np.median(own_m)))
     return np.asarray(is_same & (moved_m > least_m))
@@ -90,12 +90,12 @@ def moving_steps(true_pos: FloatArray) -> Mask:
 
 def is_of_truth(frames: Frames, references: list[FloatArray], is_moving: Mask) -> Mask:
     """Return which poses `(F,)` of a moving rover are those of the truth, whose positions at the frames are given."""
-    resolution_m = resolution_of(frames.est_pos)
+    resolution_m = resolution_of(frames.position)
     found = np.zeros(len(frames.stamps_ns), np.bool_)
     for true_pos in references:
         found |= has_true_step(frames, true_pos, resolution_m if resolution_m <= FINE_M else 0.0)
         if resolution_m > FINE_M:
-            found |= is_rounded_truth(frames.est_pos, true_pos, resolution_m, is_moving)
+            found |= is_rounded_truth(frames.position, true_pos, resolution_m, is_moving)
     return found & is_moving
 
 
@@ -109,9 +109,9 @@ def has_true_step(frames: Frames, true_pos: FloatArray, resolution_m: float) -> 
 
 def is_true_motion(frames: Frames, true_pos: FloatArray, starts: IntArray, ends: IntArray, resolution_m: float) -> Mask:
     """Return which motions from a frame to another are the true ones, in DS or in RB at the start."""
-    motion, true_motion = frames.est_pos[ends] - frames.est_pos[starts], true_pos[ends] - true_pos[starts]
-    in_body = quat_rotate(quat_conjugate(frames.est_quat[starts]), motion)
-    true_in_body = quat_rotate(quat_conjugate(frames.gt_quat[starts]), true_motion)
+    motion, true_motion = frames.position[ends] - frames.position[starts], true_pos[ends] - true_pos[starts]
+    in_body = quat_rotate(quat_conjugate(frames.attitude[starts]), motion)
+    true_in_body = quat_rotate(quat_conjugate(frames.true_attitude[starts]), true_motion)
     error_m = np.minimum(np.linalg.norm(motion - true_motion, axis=1), np.linalg.norm(in_body - true_in_body, axis=1))
     return np.asarray(error_m <= EXACT_SHARE * np.linalg.norm(true_motion, axis=1) + np.sqrt(3.0) * resolution_m)
 
@@ -121,13 +121,15 @@ def judged_of_truth(frames: Frames, chosen: Sequence[tuple[IntArray, IntArray]])
 
     Poses of the ground truth at the starts and ends alone are no two successive poses.
     """
-    resolution_m = resolution_of(frames.est_pos)
+    resolution_m = resolution_of(frames.position)
     worst = figure_row("errors_of_truth")
     for starts, ends in chosen:
-        lengths_m = np.linalg.norm(frames.gt_pos[ends] - frames.gt_pos[starts], axis=1)
+        lengths_m = np.linalg.norm(frames.true_position[ends] - frames.true_position[starts], axis=1)
         is_moving = lengths_m > MOVING_SHARE * np.max(lengths_m, initial=0.0)
         starts, ends = starts[is_moving], ends[is_moving]
-        is_true = is_true_motion(frames, frames.gt_pos, starts, ends, resolution_m if resolution_m <= FINE_M else 0.0)
+        is_true = is_true_motion(
+            frames, frames.true_position, starts, ends, resolution_m if resolution_m <= FINE_M else 0.0
+        )
         count = len(is_true)
         share = share_of(int(np.count_nonzero(is_true)), count) if count >= MIN_STEPS else None
         if share is not None and share >= (worst.value or 0.0):
@@ -166,6 +168,6 @@ def spline_positions(truth: Trajectory, frames: Frames) -> FloatArray:
 
     stamps_ns, rows = np.unique(truth.stamps_ns, return_index=True)
     if len(stamps_ns) < 4:
-        return frames.gt_pos
+        return frames.true_position
     at_s = (frames.stamps_ns - stamps_ns[0]) * 1e-9
     return np.asarray(CubicSpline((stamps_ns - stamps_ns[0]) * 1e-9, truth.positions[rows])(at_s))

@@ -75,16 +75,16 @@ def placed_frames(
         )
         rebase = Rebase.YAW_ALIGNED if placement.tilt_deg is None else Rebase.ROTATION_ALIGNED
         reading = formulas.position_reading
-    true_position = frames.gt_pos
+    true_position = frames.true_position
     if not known.has_height:
         true_position = true_position.copy()
         true_position[:, 2] = np.nan
-    poses = Poses(true_position, frames.gt_quat, frames.est_pos, frames.est_quat)
-    length_m = formulas.path_length_m(frames.gt_pos)
+    poses = Poses(true_position, frames.true_attitude, frames.position, frames.attitude)
+    length_m = formulas.path_length_m(frames.true_position)
     association = msgspec.structs.replace(
         association,
-        lost=int(np.count_nonzero(estimates.lost[frames.est_rows])),
-        degraded=int(np.count_nonzero(estimates.degraded[frames.est_rows])),
+        lost=int(np.count_nonzero(estimates.lost[frames.estimate_rows])),
+        degraded=int(np.count_nonzero(estimates.degraded[frames.estimate_rows])),
         spacing_frames=config.spacing,
         rebase=rebase,
         path_length_m=float(length_m[-1]) if len(length_m) else 0.0,
@@ -110,10 +110,10 @@ def with_estimated_tilt(frames: Frames) -> Frames:
 
     The estimate is re-based at N by the difference of the headings alone: unknown roll and pitch turn nothing.
     """
-    half_turn = 0.5 * (formulas.heading(frames.gt_quat) - formulas.heading(frames.est_quat))
+    half_turn = 0.5 * (formulas.heading(frames.true_attitude) - formulas.heading(frames.attitude))
     zeros = np.zeros_like(half_turn)
     about_z = np.column_stack((zeros, zeros, np.sin(half_turn), np.cos(half_turn)))
-    return frames._replace(gt_quat=quat_multiply(about_z, frames.est_quat))
+    return frames._replace(true_attitude=quat_multiply(about_z, frames.attitude))
 
 
 def associate_positions(
@@ -134,12 +134,12 @@ def associate_positions(
     frames, association = associate(poses, truth, config)
     turn, translation, tilt_deg = np.eye(3), np.zeros(3), None
     if len(frames.stamps_ns):
-        middle, true_middle = frames.est_pos.mean(axis=0), frames.gt_pos.mean(axis=0)
-        estimated, true = frames.est_pos - middle, frames.gt_pos - true_middle
+        middle, true_middle = frames.position.mean(axis=0), frames.true_position.mean(axis=0)
+        estimated, true = frames.position - middle, frames.true_position - true_middle
         turn, tilt_deg = fitted_rotation(frames, estimated, true, has_height=known_of(truth).has_height)
         translation = true_middle - turn @ middle
-        est_quat = quat_multiply(quat_from_matrix(turn), frames.est_quat)
-        frames = frames._replace(est_pos=frames.est_pos @ turn.T + translation, est_quat=est_quat)
+        attitude = quat_multiply(quat_from_matrix(turn), frames.attitude)
+        frames = frames._replace(position=frames.position @ turn.T + translation, attitude=attitude)
     known = replace(estimates, trajectory=poses, covariance=None, steps=None)  # a covariance is not of the fit
     yaw_deg = float(np.degrees(np.arctan2(turn[1, 0], turn[0, 0])))
     return known, frames, association, Placement(yaw_deg, tilt_deg, tuple(translation.tolist()))
@@ -162,7 +162,7 @@ def fitted_rotation(
     sine = float(np.linalg.norm(across))
     found = [upright, matrix_from_rotvec(across * (np.arctan2(sine, cosine) / max(sine, 1e-12))) @ upright]
     with suppress(MetricsError):  # a straight line has no rotation about itself
-        found.append(umeyama(frames.est_pos, frames.gt_pos, with_scale=False).rotation)
+        found.append(umeyama(frames.position, frames.true_position, with_scale=False).rotation)
     left = [float(np.linalg.norm(estimated @ each.T - true)) for each in found]
     best = 1 if left[1] <= ROLL_GAIN * left[-1] else -1
     tilt_deg = float(np.degrees(np.arccos(np.clip(found[best][2, 2], -1.0, 1.0))))

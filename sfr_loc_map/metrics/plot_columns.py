@@ -54,12 +54,12 @@ def path_rows(estimates: Estimates, frames: Frames, length_m: Lengths) -> PathRo
     shown = slice(None, None, every)
     sigma: dict[str, Values] = {}
     if estimates.covariance is not None:
-        variances = estimates.covariance[frames.est_rows[shown]][:, POSITION_VARIANCES]
+        variances = estimates.covariance[frames.estimate_rows[shown]][:, POSITION_VARIANCES]
         deviations = np.sqrt(np.where(variances >= 0.0, variances, np.nan))
         if np.isfinite(deviations).any():
             sigma = {f"sigma_{axis}_m": column(values) for axis, values in zip("xyz", deviations.T, strict=True)}
-    truth_x, truth_y, truth_z = (column(values) for values in frames.gt_pos[shown].T)
-    estimate_x, estimate_y, estimate_z = (column(values) for values in frames.est_pos[shown].T)
+    truth_x, truth_y, truth_z = (column(values) for values in frames.true_position[shown].T)
+    estimate_x, estimate_y, estimate_z = (column(values) for values in frames.position[shown].T)
     return PathRows(
         every=every,
         stamp_ns=tuple(frames.stamps_ns[shown].tolist()),
@@ -70,7 +70,7 @@ def path_rows(estimates: Estimates, frames: Frames, length_m: Lengths) -> PathRo
         estimate_x_m=estimate_x,
         estimate_y_m=estimate_y,
         estimate_z_m=estimate_z,
-        lost=tuple(estimates.lost[frames.est_rows[shown]].tolist()),
-        degraded=tuple(estimates.degraded[frames.est_rows[shown]].tolist()),
+        lost=tuple(estimates.lost[frames.estimate_rows[shown]].tolist()),
+        degraded=tuple(estimates.degraded[frames.estimate_rows[shown]].tolist()),
         **sigma,
     )

@@ -110,7 +110,7 @@ def select(condition: Condition, spacing: int, frames: Frames, length_m: Lengths
         else:
             turn_deg = part.value
     if metres or turn_deg:
-        ends = formulas.ends_apart(starts, ends, frames.gt_pos, frames.gt_quat, metres, turn_deg)
+        ends = formulas.ends_apart(starts, ends, frames.true_position, frames.true_attitude, metres, turn_deg)
     is_met = ends < count
     return starts[is_met], ends[is_met]
 

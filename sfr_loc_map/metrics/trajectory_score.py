@@ -77,9 +77,9 @@ def score_trajectory(
     association, covered = completeness(
         estimates.trajectory, truth, placed.association, frames.stamps_ns, conditions, image_stamps_ns, in_flight_ns
     )
-    unknown = placed.estimates.unknown_states(frames.est_rows)
+    unknown = placed.estimates.unknown_states(frames.estimate_rows)
     covered = [msgspec.structs.replace(row, value=None) if row.figure in unknown else row for row in covered]
-    is_reported = (placed.estimates.lost | placed.estimates.degraded)[frames.est_rows]
+    is_reported = (placed.estimates.lost | placed.estimates.degraded)[frames.estimate_rows]
     covered += copy_rows(frames, truth, is_reported, interpolated=association.interpolated > 0)
     chosen = [select(condition, config.spacing, frames, placed.length_m) for condition in conditions]
     covered.append(judged_of_truth(frames, chosen))
@@ -173,13 +173,13 @@ def step_sums(estimates: Estimates, frames: Frames, chosen: Sequence[tuple[IntAr
     if estimates.steps is None or estimates.covariance is None:
         return {}
     compared = np.unique(np.concatenate([np.concatenate(pair) for pair in chosen]))
-    return sums_of_steps(estimates, estimates.steps, frames.est_rows[compared])
+    return sums_of_steps(estimates, estimates.steps, frames.estimate_rows[compared])
 
 
 def truth_record(truth: Trajectory, frames: Frames, placement: Placement | None) -> TruthRecord:
     """Return what is known of the ground truth."""
     known = known_of(truth)
-    steps = np.linalg.norm(np.diff(frames.gt_pos, axis=0), axis=1)
+    steps = np.linalg.norm(np.diff(frames.true_position, axis=0), axis=1)
     step = float(np.median(steps)) if len(steps) else 0.0
     return TruthRecord(
         attitude=truth.has_attitude,

@@ -30,7 +30,9 @@ def associated(est: Any, gt: Any, mode: str = "match", tolerance: int = 0, gap: 
 @given(STAMPS, STAMPS, st.integers(0, 5))
 def test_each_truth_is_used_once_and_within_the_tolerance(est: np.ndarray, gt: np.ndarray, tolerance: int) -> None:
     frames, counts = associated(est, gt, tolerance=tolerance)
-    partner = dict(zip(est[frames.est_rows].tolist(), frames.gt_pos[:, 0].astype(int).tolist(), strict=True))
+    partner = dict(
+        zip(est[frames.estimate_rows].tolist(), frames.true_position[:, 0].astype(int).tolist(), strict=True)
+    )
     assert len(set(partner.values())) == len(partner) == counts.exact + counts.near
     free_gt = sorted(set(range(len(gt))) - set(np.searchsorted(gt, np.intersect1d(est, gt)).tolist()))
     rivals = [s for s in est.tolist() if s not in gt]
@@ -53,14 +55,14 @@ def test_of_one_stamp_the_last_counts(stamps: list[int]) -> None:
     wanted = [last[stamp] for stamp in sorted(last)]
     assert unique_rows(np.array(stamps, np.int64)).tolist() == wanted
     frames, counts = associated(stamps, range(21))
-    assert frames.est_rows.tolist() == wanted
+    assert frames.estimate_rows.tolist() == wanted
     assert counts.estimate_duplicates == len(stamps) - len(wanted)
 
 
 def test_estimates_between_true_poses_get_interpolated_truth() -> None:
     frames, counts = associated([5, 10, 15, 35, 99], [0, 10, 20, 40, 50], "interpolate")
     assert frames.stamps_ns.tolist() == [5, 10, 15], "35 lies in a gap of 20, 99 after the end"
-    assert frames.gt_pos[:, 0].tolist() == [0.5, 1.0, 1.5]
+    assert frames.true_position[:, 0].tolist() == [0.5, 1.0, 1.5]
     assert (counts.exact, counts.interpolated, counts.largest_gap_ns) == (1, 2, 10)
 
 

@@ -98,7 +98,7 @@ def test_each_mismatch_is_found_among_the_others_and_its_setting_corrects_it(cas
     convention = PoseConvention.parse([hypothesis.setting])
     corrected = converted_estimates(Estimates.of(wrong), convention, convention.T_rb_child(None), true).trajectory
     frames = associate(corrected, true, config)[0]
-    after = disagreement((frames.gt_pos, frames.gt_quat), (frames.est_pos, frames.est_quat))
+    after = disagreement((frames.true_position, frames.true_attitude), (frames.position, frames.attitude))
     assert after == pytest.approx(hypothesis.disagreement, rel=0.2 if name == "time offset" else 1e-6)
     assert name != "time offset" or corrected.stamps_ns.tolist() == estimate[0].tolist()
 

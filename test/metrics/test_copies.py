@@ -17,15 +17,15 @@ def along_x(places: np.ndarray) -> np.ndarray:
     return np.column_stack((places, np.zeros((len(places), 2))))
 
 
-def frames(est_pos: np.ndarray, gt_pos: np.ndarray) -> Frames:
-    return Frames(STAMPS, gt_pos, LEVEL, est_pos, LEVEL, np.arange(COUNT))
+def frames(position: np.ndarray, true_position: np.ndarray) -> Frames:
+    return Frames(STAMPS, true_position, LEVEL, position, LEVEL, np.arange(COUNT))
 
 
-def counted(est_pos: np.ndarray, gt_pos: np.ndarray, reported: np.ndarray | None = None) -> tuple[float, float]:
+def counted(position: np.ndarray, true_position: np.ndarray, reported: np.ndarray | None = None) -> tuple[float, float]:
     """Return how many poses repeat the pose before, and how many are of the truth."""
     none = np.zeros(COUNT, np.bool_) if reported is None else reported
-    truth = Trajectory(STAMPS, gt_pos, LEVEL)
-    rows = Score(figures=tuple(copy_rows(frames(est_pos, gt_pos), truth, none, interpolated=False)))
+    truth = Trajectory(STAMPS, true_position, LEVEL)
+    rows = Score(figures=tuple(copy_rows(frames(position, true_position), truth, none, interpolated=False)))
     repeated, copied = (rows.number(name, part="count") for name in ("poses_repeated", "poses_of_truth"))
     assert repeated is not None
     assert copied is not None
