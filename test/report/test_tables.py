@@ -5,11 +5,9 @@ import io
 from rich.console import Console
 
 from sfr_loc_map.report.tables import (
-    DEGREE,
     METRE,
     MIB,
     MILLISECOND,
-    SECOND,
     Cell,
     Column,
     Table,
@@ -46,7 +44,7 @@ def test_numbers_have_four_digits_and_their_unit() -> None:
     assert [number(value, signed=True) for value in (0.25, -0.25, 20000.0, 3)] == ["+0.25", "-0.25", "+20000", "+3"]
     assert [number(500 * 2**20, unit=unit) for unit in (MIB, Unit("byte"))] == ["500", "524288000"]
 
-    suits = ((METRE, 0.003, None), (METRE, 0.003, -1.5), (SECOND, 1.8, 0.04), (SECOND, 12.0), (DEGREE, 0.1))
+    suits = ((METRE, 0.003, None), (METRE, 0.003, -1.5), (Unit("s"), 1.8, 0.04), (Unit("s"), 12.0), (Unit("deg"), 0.1))
     assert [fitting(unit, *values).symbol for unit, *values in suits] == ["mm", "m", "ms", "s", "deg"]
 
 
