@@ -9,9 +9,9 @@ from .camera import Pose as Pose
 from .camera import Poses as Poses
 from .camera import StereoCamera as StereoCamera
 from .cloud import PointCloud as PointCloud
+from .frame_tree import FrameTree as FrameTree
 from .stereo import PosedStereoPair as PosedStereoPair
 from .stereo import StereoPair as StereoPair
 from .stereo import StereoRig as StereoRig
 from .trajectory import Trajectory as Trajectory
-from .transform import FrameTree as FrameTree
 from .transform import Transform as Transform

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
-from sfr_loc_map.geometry.transform import FrameTree, Transform
+from sfr_loc_map.geometry.transform import Transform
 
 RB_FRAME = "rb"  #: Frame of the rover [3.2.2].
 LOCSB_FRAME = "locsb"  #: Frame of the stereo rig for localisation [3.2.3].

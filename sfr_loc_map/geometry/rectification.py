@@ -282,9 +282,9 @@ def rectified_cameras(name: str, left: CalibratedCamera, right: CalibratedCamera
             except cv2.error as error:
                 raise ValueError(str(error)) from error
         projections = (one, other)
-        if _is_absurd((left, right), rotations, projections):
+        if _coverage_problem((left, right), rotations, projections):
             projections = _kept_projections((left, right), rotations, float(other[0, 3] / other[0, 0]))
-            if problem := _is_absurd((left, right), rotations, projections):
+            if problem := _coverage_problem((left, right), rotations, projections):
                 raise InputError(f"{name}: the cameras cannot be rectified: {problem}; correct the calibration")
             other = projections[1]
         if not other[0, 3] < 0 or other[1, 3] != 0:
@@ -307,7 +307,7 @@ def _kept_projections(
     return one, other
 
 
-def _is_absurd(
+def _coverage_problem(
     cameras: Sequence[CalibratedCamera], rotations: Sequence[FloatArray], projections: Sequence[FloatArray]
 ) -> str:
     """Return why a rectification does not cover the field of view of the cameras; empty if it does."""

@@ -1,8 +1,7 @@
-"""Rigid transforms, and trees of frames that they join."""
+"""Rigid transforms, and how the covariance of a pose propagates through them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite
 
@@ -143,44 +142,3 @@ def interpolated(before: Transform, after: Transform, fraction: float) -> Transf
     rotvec = rotvec_from_matrix(before.rotation.T @ after.rotation)
     rotation = before.rotation @ matrix_from_rotvec(fraction * rotvec)
     return Transform(rotation, before.translation + fraction * (after.translation - before.translation))
-
-
-class FrameTree:
-    """Static transforms by child frame, each of which has one parent, as `/tf_static` gives them."""
-
-    def __init__(self) -> None:
-        self._parents: dict[str, tuple[str, Transform]] = {}
-
-    def add(self, parent: str, child: str, T_parent_child: Transform) -> None:
-        """Set the parent of a frame; a later call replaces an earlier one."""
-        self._parents[child] = (parent, T_parent_child)
-
-    def find(self, target: str, frame: str) -> Transform | None:
-        """Return `T_target_frame`; None if the frames are not joined."""
-        if target == frame:
-            return None if frame not in self.joined_to(frame) else Transform.identity()
-        above = dict(self._above(frame))
-        for name, T_name_target in self._above(target):
-            if name in above:
-                if name == target:
-                    return above[name]
-                return T_name_target.inverse() if name == frame else T_name_target.inverse() @ above[name]
-        return None
-
-    def joined_to(self, frame: str) -> list[str]:
-        """Return a frame and all frames that are joined to it, nearest parents first; empty if the frame is unknown."""
-        above = [name for name, _ in self._above(frame)]
-        known = {name for child, (parent, _) in self._parents.items() for name in (child, parent)}
-        others = sorted(name for name in known - {*above} if [*self._above(name)][-1][0] == above[-1])
-        return [*above, *others] if frame in known else []
-
-    def _above(self, frame: str) -> Iterator[tuple[str, Transform]]:
-        """Yield the frame and its ancestors, each with the transform `T_ancestor_frame`."""
-        pose = Transform.identity()
-        yield frame, pose
-        for depth in range(len(self._parents)):  # bounded, because frames may form a loop
-            if frame not in self._parents:
-                return
-            frame, step = self._parents[frame]
-            pose = step @ pose if depth else step
-            yield frame, pose

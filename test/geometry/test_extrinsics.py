@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from sfr_loc_map.geometry.extrinsics import mast_head_in_rb, rig_in_body
+from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.geometry.transform import FrameTree, Transform
+from sfr_loc_map.geometry.transform import Transform
 
 RIG = StereoRig(640, 480, 500.0, 500.0, 320.0, 240.0, 0.12)
 T_RB_SB = Transform(matrix_from_rotvec([0.02, 0.3, -0.1]), np.array([0.4, -0.1, 0.6]))

@@ -19,9 +19,10 @@ from rosbags.typesys import Stores, get_typestore
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.extrinsics import RigInBody, rig_in_body
+from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.plausibility import check_extrinsics, plausible_positions, plausible_quats
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.geometry.transform import FrameTree, Transform
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, Task, parse_json, refusing, serialised_stamp
 from sfr_loc_map.io.bag.encoding import readable
 from sfr_loc_map.io.bag.files import is_unfinished, reader_paths

@@ -10,8 +10,9 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.extrinsics import BASE_FRAMES, NAVSB_FRAME, mast_head_in_rb, rig_in_body
+from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.stamped_poses import covered, sampled
-from sfr_loc_map.geometry.transform import FrameTree, Transform
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import refusing, stamp_of
 from sfr_loc_map.io.bag.bag import Bag, Topic
 from sfr_loc_map.io.bag.frames import chain_above, read_frames

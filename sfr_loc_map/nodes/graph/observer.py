@@ -27,7 +27,7 @@ from sfr_loc_map.doctor.observation import (
 )
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME
-from sfr_loc_map.geometry.transform import FrameTree
+from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.inputs import NS_PER_S, PLAYER_NODE, SUITE_NODES, Task, stamp_of
 from sfr_loc_map.nodes.input.extrinsics import add_static_transforms
 from sfr_loc_map.nodes.ros import environment

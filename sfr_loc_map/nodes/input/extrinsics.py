@@ -11,7 +11,8 @@ from rclpy.node import Node
 
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.extrinsics import LOCSB_FRAME, RB_FRAME, rig_in_body
-from sfr_loc_map.geometry.transform import FrameTree, Transform
+from sfr_loc_map.geometry.frame_tree import FrameTree
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.source_config import ExtrinsicsConfig
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
 from sfr_loc_map.nodes.ros.messages import header_msg, pose_msg, tf_message_type, transform_msg

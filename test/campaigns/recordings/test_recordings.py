@@ -10,8 +10,9 @@ from campaigns.recordings.bags import Recording, add_static, nav_sat_fix
 from campaigns.recordings.drive import Drive, load_drive
 from campaigns.recordings.rows import ROWS, Made
 from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.frame_tree import FrameTree
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.geometry.transform import FrameTree, Transform
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.true_poses import enu_m
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig, source_config
