@@ -36,7 +36,7 @@ _ONE_AT_A_TIME = threading.Lock()
 PARTS: Mapping[str, Callable[[], None]] = {
     "localisation": lambda: import_module("sfr_loc_map.localisation.localiser").Localiser.warm_up(),
     "mapping": lambda: import_module("sfr_loc_map.mapping.mapper").Mapper.warm_up(),
-    "terrain": lambda: import_module("sfr_loc_map.mapping.terrain.grid").warm_up(),
+    "terrain": lambda: import_module("sfr_loc_map.mapping.terrain.terrain_grid").warm_up(),
 }
 
 

@@ -41,7 +41,7 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.registry import open_source
-from sfr_loc_map.mapping import FusedMap, Mapper, MappingConfig, PairMap, elevation_grid, point_covariances
+from sfr_loc_map.mapping import FusedMap, Mapper, MappingConfig, PairMap, point_covariances, terrain_grid
 from sfr_loc_map.mapping.config import MAX_PAIRS
 
 RIGHT_ROTATION_DEG = (0.06, 0.4, 0.08)  #: Pitch, yaw and roll of the right camera of the disturbed pairs.
@@ -121,7 +121,7 @@ def hashes_of_map(result: PairMap | FusedMap) -> dict[str, str]:
 def hashes_of_terrain(fused: FusedMap, rig: StereoRig, config: MappingConfig) -> dict[str, str]:
     """Return the hash of each grid and of the points' covariances; the reason where no grid can be made."""
     try:
-        grid = elevation_grid(fused.cloud, config.terrain, fused.T_lm_left, fused.random_sigma)
+        grid = terrain_grid(fused.cloud, config.terrain, fused.T_lm_left, fused.random_sigma)
     except MappingError as error:
         return {"terrain": digest(str(error))}
     layers = {item.name: getattr(grid, item.name) for item in fields(grid)}

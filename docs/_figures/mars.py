@@ -19,7 +19,7 @@ from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig  
 from sfr_loc_map.io.registry import open_source  # noqa: E402
 from sfr_loc_map.mapping.config import TerrainConfig  # noqa: E402
 from sfr_loc_map.mapping.mapper import Mapper, PairMap  # noqa: E402
-from sfr_loc_map.mapping.terrain.grid import elevation_grid  # noqa: E402
+from sfr_loc_map.mapping.terrain.terrain_grid import terrain_grid  # noqa: E402
 
 DOCS = Path(__file__).resolve().parents[1]
 PAIRS = ("spirit-1", "spirit-5")
@@ -77,7 +77,7 @@ def draw(name: str, item: PosedStereoPair, rig: StereoRig, found: PairMap) -> No
     shown = field.imshow(found.disparity_px[:, CUT:], cmap="turbo", extent=(CUT, rig.width, rig.height, 0))
     field.set_title("disparity, px; white: none")
     figure.colorbar(shown, ax=field)
-    grid = elevation_grid(found.cloud, TerrainConfig(cell_m=0.04), [found.T_lm_left], found.random_sigma)
+    grid = terrain_grid(found.cloud, TerrainConfig(cell_m=0.04), [found.T_lm_left], found.random_sigma)
     model = grid.elevation
     x, y = model.origin_m
     rows, columns = model.height_m.shape

@@ -7,5 +7,5 @@ from .mapper import Mapper as Mapper
 from .mapper import PairMap as PairMap
 from .point_covariance import point_covariances as point_covariances
 from .terrain.elevation import ElevationModel as ElevationModel
-from .terrain.grid import TerrainGrid as TerrainGrid
-from .terrain.grid import elevation_grid as elevation_grid
+from .terrain.terrain_grid import TerrainGrid as TerrainGrid
+from .terrain.terrain_grid import terrain_grid as terrain_grid

@@ -26,7 +26,7 @@ from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
 from sfr_loc_map.mapping.pose_matching import PoseMatching
-from sfr_loc_map.mapping.terrain.grid import elevation_grid
+from sfr_loc_map.mapping.terrain.terrain_grid import terrain_grid
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.call_meter import CallUsage
 from sfr_loc_map.metrics.config import MappingState
@@ -233,7 +233,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def _publish_terrain(self, fused: FusedMap, stamp_ns: int) -> None:
         try:
-            grid = elevation_grid(fused.cloud, self.config.mapping.terrain, fused.T_lm_left, fused.random_sigma)
+            grid = terrain_grid(fused.cloud, self.config.mapping.terrain, fused.T_lm_left, fused.random_sigma)
         except SfrError as error:
             self.status.warn(f"no elevation and no hazard of this map: {error}")
             return

@@ -23,7 +23,7 @@ from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.point_covariance import point_covariances
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel
-from sfr_loc_map.mapping.terrain.grid import TerrainGrid, elevation_grid
+from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid, terrain_grid
 from sfr_loc_map.runs.offline import MapRun
 
 SUFFIXES = (".npz", *geotiff.SUFFIXES, ".png")  # of files of an elevation model
@@ -70,7 +70,7 @@ def save_map(
     if outputs.dem:
         with beside():
             load_kernels("terrain")
-            grid = elevation_grid(cloud, outputs.terrain, T_lm_left, random_sigma)
+            grid = terrain_grid(cloud, outputs.terrain, T_lm_left, random_sigma)
             for path in outputs.dem:
                 with beside():
                     save_dem(path, grid)

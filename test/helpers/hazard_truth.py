@@ -8,7 +8,7 @@ import numpy as np
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.mapping.config import TerrainConfig
 from sfr_loc_map.mapping.mapper import FusedMap
-from sfr_loc_map.mapping.terrain.grid import elevation_grid
+from sfr_loc_map.mapping.terrain.terrain_grid import terrain_grid
 
 REACH_M = 5.0
 """From the cameras; cells beyond are not compared."""
@@ -31,8 +31,8 @@ def hazard_accuracy(fused: FusedMap, truths: Sequence[np.ndarray]) -> HazardAccu
     pair = np.repeat(np.arange(len(points), dtype=np.uint8), [len(part) for part in points])
     zeros = np.zeros(len(xyz), np.uint16)
     cloud = PointCloud(xyz, np.full(len(xyz), 0.01, np.float32), zeros.astype(np.float32), zeros, zeros, pair)
-    true = elevation_grid(cloud, config, fused.T_lm_left)
-    found = elevation_grid(fused.cloud, config, fused.T_lm_left, fused.random_sigma)
+    true = terrain_grid(cloud, config, fused.T_lm_left)
+    found = terrain_grid(fused.cloud, config, fused.T_lm_left, fused.random_sigma)
 
     offset = np.subtract(found.elevation.origin_m, true.elevation.origin_m) / true.elevation.cell_m
     column, row = np.rint(offset).astype(int)

@@ -16,7 +16,7 @@ from sfr_loc_map.inputs import stamp_of
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.mapping.config import MappingConfig, TerrainConfig
 from sfr_loc_map.mapping.mapper import Mapper
-from sfr_loc_map.mapping.terrain.grid import elevation_grid
+from sfr_loc_map.mapping.terrain.terrain_grid import terrain_grid
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.lifecycle.diagnostics import level_of, values_of
 from sfr_loc_map.nodes.mapping_node import MappingNode
@@ -55,7 +55,7 @@ def test_mapping_makes_disparities_and_clouds_of_sets_of_pairs(ros: None, capfd:
         peer.until(lambda: all(late.values()), "the last map for who comes late")
         assert late["points"] == clouds[1:]
         last = mapper.fuse(maps[2:])
-        grid = elevation_grid(last.cloud, TerrainConfig(), last.T_lm_left, last.random_sigma)
+        grid = terrain_grid(last.cloud, TerrainConfig(), last.T_lm_left, last.random_sigma)
         stamp_ns = stamp_of(clouds[1])
         # as text: there are NaN in it
         assert list(map(str, late["elevation"])) == [str(sent(elevation_msg(grid, stamp_ns, "lm")))]

@@ -9,7 +9,7 @@ import pytest
 
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.mapping.config import TerrainConfig
-from sfr_loc_map.mapping.terrain.grid import elevation_grid
+from sfr_loc_map.mapping.terrain.terrain_grid import terrain_grid
 from sfr_loc_map.runs import map_files
 
 rasterio = pytest.importorskip("rasterio", reason="extra dem")
@@ -30,7 +30,7 @@ def made_cloud() -> PointCloud:
 
 
 def test_geotiff_and_archive_hold_the_grid_itself(tmp_path: Path) -> None:
-    grid = elevation_grid(made_cloud(), TerrainConfig())
+    grid = terrain_grid(made_cloud(), TerrainConfig())
     for name in ("a.tif", "a.npz"):
         map_files.save_dem(tmp_path / name, grid)
     read = np.load(tmp_path / "a.npz")

@@ -44,7 +44,7 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, StepEstim
 
 if TYPE_CHECKING:
     from sfr_loc_map.mapping.search_range import SearchRange
-from sfr_loc_map.mapping.terrain.grid import TerrainGrid
+from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid
 
 _LETTERS = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
 POINT_TYPES = {np.dtype(name).type: code for code, name in enumerate(_LETTERS, PointField.INT8)}

@@ -24,8 +24,9 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.mapping.search_range import SearchRange
-from sfr_loc_map.mapping.terrain.elevation import CellGrid, ElevationModel
-from sfr_loc_map.mapping.terrain.grid import TerrainGrid
+from sfr_loc_map.mapping.terrain.cells import CellGrid
+from sfr_loc_map.mapping.terrain.elevation import ElevationModel
+from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid
 from sfr_loc_map.nodes.ros.messages import (
     ELEVATION_FIELDS,
     check_image,

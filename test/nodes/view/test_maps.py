@@ -12,8 +12,9 @@ from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import CloudSample, ElevationSample
-from sfr_loc_map.mapping.terrain.elevation import CellGrid, ElevationModel
-from sfr_loc_map.mapping.terrain.grid import TerrainGrid
+from sfr_loc_map.mapping.terrain.cells import CellGrid
+from sfr_loc_map.mapping.terrain.elevation import ElevationModel
+from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid
 from sfr_loc_map.nodes.ros.messages import byte_array, cloud_msg, elevation_from_msg, elevation_msg, hazard_msg
 from sfr_loc_map.nodes.view.maps import MapFeed
 from sfr_loc_map.runs.calls import CallRecord

@@ -1,4 +1,4 @@
-"""The elevation grid: height, slope, roughness, step and hazard of square cells in LM.
+"""The terrain grid: height, slope, roughness, step and hazard of square cells in LM.
 
 Slope and roughness are those of the plane fitted to the ground under the rover, as in Goldberg, Maimone and Matthies,
 "Stereo vision and rover navigation software for planetary exploration" (IEEE Aerospace Conference 2002). The hazard
@@ -22,7 +22,8 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.config import TerrainConfig
-from sfr_loc_map.mapping.terrain.elevation import CellGrid, ElevationModel, Square, elevation_model
+from sfr_loc_map.mapping.terrain.cells import CellGrid, Square
+from sfr_loc_map.mapping.terrain.elevation import ElevationModel, elevation_model
 
 MIN_POINTS = 3
 """Cells with fewer points have no height: no point would remain between the lowest and the highest one."""
@@ -76,7 +77,7 @@ class TerrainGrid:
     hazard: NDArray[np.int8]
 
 
-def elevation_grid(
+def terrain_grid(
     cloud: PointCloud,
     config: TerrainConfig,
     poses_lm_left: Sequence[Transform] | None = None,
@@ -93,9 +94,10 @@ def elevation_grid(
     """
     cell_m = config.cell_m
     poses = poses_lm_left or None  # an empty sequence is no poses
-    grid = CellGrid.over(cloud.xyz, cell_m, None if poses is None else _mapped_square(poses, config))
-    model = _without_sparse_cells(elevation_model(cloud, grid, poses, random_sigma))
-    outer = _outer_heights(grid.cell_of(cloud.xyz), cloud.xyz[:, 2], model.count)
+    cells = CellGrid.over(cloud.xyz, cell_m, None if poses is None else _mapped_square(poses, config))
+    cell_of_point = cells.cell_of(cloud.xyz)
+    model = _without_sparse_cells(elevation_model(cloud, cells, cell_of_point, poses, random_sigma))
+    outer = _outer_heights(cell_of_point, cloud.xyz[:, 2], model.count)
     footprint_cells = config.footprint_radius_m / cell_m
     planes = _fit_planes(model.height_m.astype(np.float64), _disc(max(footprint_cells, MIN_RADIUS_CELLS)), cell_m)
     slope_rad = np.arctan(np.hypot(planes.slope_x, planes.slope_y)).astype(F)
@@ -130,17 +132,18 @@ def _disc(radius_cells: float) -> IntArray:
     return np.column_stack((rows[inside], columns[inside])).astype(np.int64)
 
 
-def _outer_heights(cell: NDArray[np.int32], height: FloatArray32, count: NDArray[np.int32]) -> OuterHeights:
+def _outer_heights(cell_of_point: NDArray[np.int32], height: FloatArray32, count: NDArray[np.int32]) -> OuterHeights:
     """Return the quantiles `OUTLIER_FRACTION` and `1 - OUTLIER_FRACTION` of the heights of each cell, by nearest rank.
 
     The lowest and the highest point are always excluded: by nearest rank alone cells of three or four points would
     exclude none.
 
-    `cell` and `height` `(N,)` are those of each point, -1 for points outside; `count` `(R, C)` is the number of points.
+    `cell_of_point` `(N,)` is the cell of each point, -1 outside, and `height` `(N,)` its height. `count` `(R, C)` is the
+    number of points of each cell.
     """
     # Cell and height are packed into one integer whose order is that of both: sorting by two keys is much slower.
-    inside = cell >= 0
-    ordered = cell[inside].astype(np.int64)
+    inside = cell_of_point >= 0
+    ordered = cell_of_point[inside].astype(np.int64)
     ordered <<= 32
     ordered += _in_order(height[inside].view(np.int32))
     ordered.sort()
@@ -282,4 +285,4 @@ def warm_up() -> None:
     zeros = np.zeros(len(xyz), np.uint16)
     ones = np.ones(len(xyz), F)
     cloud = PointCloud(xyz, ones, ones, zeros, zeros, zeros.astype(np.uint8))
-    elevation_grid(cloud, TerrainConfig(), [Transform.identity()], ones)
+    terrain_grid(cloud, TerrainConfig(), [Transform.identity()], ones)

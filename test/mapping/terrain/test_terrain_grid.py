@@ -8,7 +8,7 @@ import pytest
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import TerrainConfig
-from sfr_loc_map.mapping.terrain.grid import STEP_RADIUS_M, TerrainGrid, elevation_grid
+from sfr_loc_map.mapping.terrain.terrain_grid import STEP_RADIUS_M, TerrainGrid, terrain_grid
 
 CONFIG = TerrainConfig()
 CAMERA = [Transform(np.eye(3), np.array([0.0, 0.0, 2.0]))]
@@ -31,7 +31,7 @@ def at(grid: TerrainGrid, layer: np.ndarray, x: float, y: float) -> float:
 
 @pytest.mark.parametrize(("rise_x", "rise_y"), [(0.0, 0.0), (0.3, 0.0), (-0.1, 0.25)])
 def test_a_plane_has_its_slope_and_neither_roughness_nor_step(rise_x: float, rise_y: float) -> None:
-    grid = elevation_grid(ground(lambda x, y: rise_x * x + rise_y * y), CONFIG, CAMERA)
+    grid = terrain_grid(ground(lambda x, y: rise_x * x + rise_y * y), CONFIG, CAMERA)
     rise = np.hypot(rise_x, rise_y)
     inside = np.isfinite(grid.slope_rad)
     assert inside[2:-2, 2:-2].all()  # at the corners less than half of the footprint is known
@@ -47,7 +47,7 @@ def test_a_rock_or_a_hole_is_a_hazard_as_far_as_the_footprint_reaches(sign: floa
     def rock(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return sign * 0.25 * ((np.abs(x - 0.05) < 0.15) & (np.abs(y - 0.05) < 0.15))
 
-    grid = elevation_grid(ground(rock), CONFIG, CAMERA)
+    grid = terrain_grid(ground(rock), CONFIG, CAMERA)
     assert at(grid, grid.step_m, 0.05, 0.05) == pytest.approx(0.25, abs=0.02)
     rows, columns = (np.nonzero(grid.hazard == 100) + np.array([[0.5], [0.5]])) * 0.1
     distance = np.hypot(grid.elevation.origin_m[0] + columns - 0.05, grid.elevation.origin_m[1] + rows - 0.05)
@@ -56,7 +56,7 @@ def test_a_rock_or_a_hole_is_a_hazard_as_far_as_the_footprint_reaches(sign: floa
     for x, y in ((reach, 0.05), (0.05, -reach + 0.1), (0.4, 0.4)):
         assert at(grid, grid.hazard, x, y) == 100
     assert at(grid, grid.hazard, 1.55, 1.55) == 0
-    low = elevation_grid(ground(lambda x, y: 0.5 * rock(x, y)), CONFIG, CAMERA)
+    low = terrain_grid(ground(lambda x, y: 0.5 * rock(x, y)), CONFIG, CAMERA)
     assert 50 <= low.hazard.max() < 100
 
 
@@ -72,7 +72,7 @@ def test_one_outlier_of_a_cell_of_few_points_is_no_step(points: int, sign: float
     zeros, sigma = np.zeros(len(xyz), np.uint16), np.full(len(xyz), 0.005, np.float32)
     cloud = PointCloud(xyz, sigma, sigma, zeros, zeros, zeros.astype(np.uint8))
     assert np.count_nonzero(cloud.xyz[:, 2]) == 1
-    grid = elevation_grid(cloud, CONFIG, CAMERA)
+    grid = terrain_grid(cloud, CONFIG, CAMERA)
     assert at(grid, grid.elevation.count, 0.05, 0.05) == points
     assert np.nanmax(grid.step_m) < 0.05
     assert grid.hazard.max() < 100
@@ -82,7 +82,7 @@ def test_rough_ground_is_rough() -> None:
     def waves(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return 0.065 * np.sqrt(2.0) * np.sin(2.0 * np.pi * x / 0.8)
 
-    grid = elevation_grid(ground(waves), replace(CONFIG, max_step_m=1.0), CAMERA)
+    grid = terrain_grid(ground(waves), replace(CONFIG, max_step_m=1.0), CAMERA)
     middle = np.s_[10:30, 10:30]
     assert np.median(grid.roughness_m[middle]) == pytest.approx(0.06, abs=0.01)
     assert (grid.hazard[middle] == 100).mean() > 0.5
@@ -90,20 +90,20 @@ def test_rough_ground_is_rough() -> None:
 
 def test_what_was_not_seen_is_not_known_unless_a_step_is_near() -> None:
     hidden = lambda x, y: ~((x > 0.5) & (np.abs(y) < 1.0))  # noqa: E731
-    flat = elevation_grid(ground(lambda x, y: 0.0 * x, keep=hidden), CONFIG, CAMERA)
+    flat = terrain_grid(ground(lambda x, y: 0.0 * x, keep=hidden), CONFIG, CAMERA)
     assert [at(flat, layer, 1.45, 0.05) for layer in (flat.hazard, flat.elevation.count)] == [-1, 0]
     assert np.isnan([at(flat, layer, 1.45, 0.05) for layer in (flat.slope_rad, flat.elevation.height_m)]).all()
     rock = lambda x, y: 0.3 * ((x > 0.3) & (np.abs(y) < 0.2))  # noqa: E731
-    shadow = elevation_grid(ground(rock, keep=hidden), CONFIG, CAMERA)
+    shadow = terrain_grid(ground(rock, keep=hidden), CONFIG, CAMERA)
     assert at(shadow, shadow.hazard, 0.65, 0.05) == 100
     assert at(shadow, shadow.hazard, 1.45, 0.05) == -1
 
 
 def test_poses_bound_the_range_and_lower_the_sigma() -> None:
     cloud = ground(lambda x, y: 0.0 * x)
-    near = elevation_grid(cloud, replace(CONFIG, range_m=1.0), CAMERA)
+    near = terrain_grid(cloud, replace(CONFIG, range_m=1.0), CAMERA)
     assert near.hazard.shape == (21, 21)
-    everything = elevation_grid(cloud, replace(CONFIG, range_m=1.0))
+    everything = terrain_grid(cloud, replace(CONFIG, range_m=1.0))
     assert everything.hazard.shape == (40, 40)
     known, unknown = (at(grid, grid.elevation.sigma_m, 0.75, 0.75) for grid in (near, everything))
     assert known < unknown == pytest.approx(0.005, rel=0.02)
