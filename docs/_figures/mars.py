@@ -18,7 +18,8 @@ from matplotlib import pyplot as plt  # noqa: E402
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig  # noqa: E402
 from sfr_loc_map.io.registry import open_source  # noqa: E402
 from sfr_loc_map.mapping.config import TerrainConfig  # noqa: E402
-from sfr_loc_map.mapping.mapper import Mapper, PairMap  # noqa: E402
+from sfr_loc_map.mapping.mapper import Mapper  # noqa: E402
+from sfr_loc_map.mapping.maps import PairMap  # noqa: E402
 from sfr_loc_map.mapping.terrain.terrain_grid import terrain_grid  # noqa: E402
 
 DOCS = Path(__file__).resolve().parents[1]

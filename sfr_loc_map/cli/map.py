@@ -25,7 +25,7 @@ from sfr_loc_map.cli.verdict import conclude_findings
 from sfr_loc_map.config import read_config
 from sfr_loc_map.errors import ConfigError, InterruptedRunError, naming
 from sfr_loc_map.inputs import OURS, Task
-from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.config import CalibrationUncertainty, MappingConfig
 from sfr_loc_map.signals import hold, stopping
 
 
@@ -106,7 +106,7 @@ def map_cloud(
         warn(line)
     say(f"{len(cloud)} points of {len(run.maps)} pairs: {output}", err=True)
     if theirs is None:
-        say(parameters.calibration.assumption, err=True)
+        say(_assumption(parameters.calibration), err=True)
     for path in outputs.more:
         say(str(path), err=True)
     given = () if theirs is not None or config is None else ("--config", config)
@@ -114,3 +114,12 @@ def map_cloud(
     if len(run.maps) < len(sequence):
         raise InterruptedRunError(f"interrupted: {len(run.maps)} of {len(sequence)} pairs were mapped, and written")
     conclude_findings(run.method, run.records)
+
+
+def _assumption(calibration: CalibrationUncertainty) -> str:
+    """Return what sigma assumes of the calibration and no pair can verify, in words."""
+    return (
+        f"sigma assumes the baseline within {calibration.baseline_share:.2%}, the focal length within "
+        f"{calibration.focal_share:.2%}, the yaw of the right camera within {calibration.yaw_deg:g} deg "
+        "(mapping.calibration)"
+    )

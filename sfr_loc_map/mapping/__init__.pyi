@@ -1,10 +1,10 @@
 from .config import MappingConfig as MappingConfig
 from .config import TerrainConfig as TerrainConfig
 from .disparity.pixel_status import PixelStatus as PixelStatus
-from .mapper import FusedMap as FusedMap
-from .mapper import MappedPair as MappedPair
 from .mapper import Mapper as Mapper
-from .mapper import PairMap as PairMap
+from .maps import FusedMap as FusedMap
+from .maps import MappedPair as MappedPair
+from .maps import PairMap as PairMap
 from .point_covariance import point_covariances as point_covariances
 from .terrain.elevation import ElevationModel as ElevationModel
 from .terrain.terrain_grid import TerrainGrid as TerrainGrid

@@ -38,14 +38,6 @@ class CalibrationUncertainty:
         high=10.0,
     )
 
-    @property
-    def assumption(self) -> str:
-        """Assumptions of sigma that no pair can verify, in words."""
-        return (
-            f"sigma assumes the baseline within {self.baseline_share:.2%}, the focal length within "
-            f"{self.focal_share:.2%}, the yaw of the right camera within {self.yaw_deg:g} deg (mapping.calibration)"
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class TerrainConfig:

@@ -11,7 +11,7 @@ The stages of `Mapper.process`, with their modules and results:
    left image, and the fraction of the textured pixels that are measured.
 3. `check_matches` (`checks`): a pair is refused if too few of its textured pixels are measured.
 4. `measure_right_rotation` (`disparity/right_camera`) -> `CameraRotation`: yaw, pitch and roll of the right camera
-   relative to its calibration, from the vertical disparity.
+   relative to its calibration, from the vertical disparity at measured pixels. Filled pixels are no measurements.
 5. `fill_holes` (`disparity/hole_filling`) -> `DisparityMap`: invalid pixels take the surface beside them where the
    images agree.
 6. `without_roll` (`disparity/right_camera`) -> `DisparityMap`: the effect of a roll is removed from the disparities.
@@ -42,94 +42,31 @@ hazard grids are made of a cloud by `terrain`, not by the mapper.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import checked
 from sfr_loc_map.errors import MappingError
-from sfr_loc_map.geometry.arrays import FloatArray32, FloatImage
-from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.mapping.calibration_sigma import CalibrationSigma, calibration_sigma, largest_of
+from sfr_loc_map.mapping.calibration_sigma import calibration_sigma, largest_of
 from sfr_loc_map.mapping.checks import check_images, check_index, check_matches, check_pair_count
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
 from sfr_loc_map.mapping.disparity.hole_filling import fill_holes
-from sfr_loc_map.mapping.disparity.pixel_status import StatusImage
 from sfr_loc_map.mapping.disparity.right_camera import measure_right_rotation, without_roll
-from sfr_loc_map.mapping.disparity.saturation import Saturation
+from sfr_loc_map.mapping.maps import FusedMap, FusionInput, MappedPair, PairMap
 from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
 from sfr_loc_map.mapping.multiview.registration import register_views
 from sfr_loc_map.mapping.pair_findings import findings_of_pair
-from sfr_loc_map.mapping.pair_view import PairView, read_only
+from sfr_loc_map.mapping.pair_view import read_only
 from sfr_loc_map.mapping.point_sigma import point_sigma, sigma_of_view
 from sfr_loc_map.mapping.reprojection import view_of_pair, within_range
 from sfr_loc_map.mapping.search_range import SearchRange, search_range
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FusionInput:
-    """What the fusion uses of a pair."""
-
-    rig: StereoRig  #: Rig of the pair.
-    view: PairView  #: Points with the sigma by which they are fused, disparities, and pose.
-    saturation: Saturation  #: Saturated pixels, which increase the sigma of fused points.
-    calibration: CalibrationSigma  #: Uncertainty of the calibration given what the pair shows.
-    # The values that `process` gave to the map. They are kept only to detect that a caller replaced one of them
-    # (`is_of`), because the fusion uses the view and would ignore the new value.
-    cloud: PointCloud
-    random_sigma: FloatArray32
-    disparity_px: FloatImage
-
-    def is_of(self, pair_map: PairMap) -> bool:
-        """Return whether a map has the points, sigmas, pose and disparities that `process` gave it."""
-        return (
-            pair_map.cloud is self.cloud
-            and pair_map.random_sigma is self.random_sigma
-            and pair_map.T_lm_left is self.view.T_lm_left
-            and pair_map.disparity_px is self.disparity_px
-        )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PairMap:
-    """The map of one stereo pair, by any method."""
-
-    stamp_ns: int  #: Stamp of the pair.
-    cloud: PointCloud  #: Points in LM with the total sigma; their `pair` is the index that was given to `process`.
-    #: `(N,)`, metres, part of sigma that differs from point to point: noise, smoothing and saturation.
-    random_sigma: FloatArray32
-    T_lm_left: Transform  #: Pose of the left camera.
-    disparity_px: FloatImage  #: Disparities of the left image `(H, W)` float32, pixels; NaN where invalid.
-    statistics: Mapping[str, float] = field(default_factory=dict)  #: Statistics of the call by name.
-    warnings: tuple[str, ...] = ()  #: Warnings of the call, one line each.
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class MappedPair(PairMap):
-    """The map of one stereo pair by `Mapper.process`, which `Mapper.fuse` accepts. Its arrays are read-only."""
-
-    #: `(H, W)` uint8, the `PixelStatus` of each pixel: measured, filled, or the reason why it has no disparity.
-    pixel_status: StatusImage
-    fusion_input: FusionInput
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FusedMap:
-    """The map of up to three pairs."""
-
-    cloud: PointCloud  #: Points in LM, each on the ray of its pair and pixel, with the total sigma.
-    #: `(N,)`, metres, part of sigma that differs from point to point: noise, smoothing and saturation.
-    random_sigma: FloatArray32
-    T_lm_left: tuple[Transform, ...] = ()  #: Poses of the pairs' left cameras, as given or as registered.
-    #: Statistics of the fusion by name (overlap and disagreement per pair, ...).
-    statistics: Mapping[str, float] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()  #: Warnings of the fusion, one line each.
 
 
 class Mapper:
@@ -183,12 +120,12 @@ class Mapper:
         rotation = measure_right_rotation(estimated, self._rig)
         filled = fill_holes(estimated)
         unrolled = without_roll(filled, rotation, self._rig)
-        disparity_map = within_range(unrolled, self._search.min_disparity_px)
-        view = view_of_pair(disparity_map, self._rig, T_lm_navsb @ self._rig.T_sb_left)
+        in_range = within_range(unrolled, self._search.min_disparity_px)
+        view = view_of_pair(in_range, self._rig, T_lm_navsb @ self._rig.T_sb_left)
         calibration_of_pair = calibration_sigma(rotation, self._rig, self._config.calibration)
-        saturation = disparity_map.saturation
+        saturation = in_range.saturation
         sigma = sigma_of_view(view, saturation, calibration_of_pair, self._rig)
-        findings = findings_of_pair(disparity_map, rotation, self._rig, self._config.calibration)
+        findings = findings_of_pair(in_range, rotation, self._rig, self._config.calibration)
         pair_in_set = np.full(view.points.size, index, np.uint8)
         cloud = view.points.to_cloud(sigma.total, pair_in_set, fused=False)
         random_sigma = read_only(sigma.random)
@@ -199,15 +136,13 @@ class Mapper:
             random_sigma=random_sigma,
             T_lm_left=view.T_lm_left,
             disparity_px=disparity_px,
-            pixel_status=read_only(disparity_map.status),
+            pixel_status=read_only(in_range.status),
             fusion_input=FusionInput(
-                self._rig,
-                view,
-                saturation,
-                calibration_of_pair,
-                cloud=cloud,
-                random_sigma=random_sigma,
-                disparity_px=disparity_px,
+                rig=self._rig,
+                view=view,
+                saturation=saturation,
+                calibration=calibration_of_pair,
+                original_values=(cloud, random_sigma, view.T_lm_left, disparity_px),
             ),
             statistics=findings.statistics,
             warnings=findings.warnings,
@@ -234,12 +169,19 @@ class Mapper:
         poses_lm_left = tuple(view.T_lm_left for view in views)
         saturations = [item.saturation for item in inputs]
         largest_calibration = largest_of(item.calibration for item in inputs)
-        sigma = point_sigma(fused.points, fused.pair, poses_lm_left, saturations, largest_calibration, self._rig)
+        sigma = point_sigma(
+            fused.points,
+            fused.pair,
+            poses_lm_left=poses_lm_left,
+            saturations=saturations,
+            calibration=largest_calibration,
+            rig=self._rig,
+        )
         cloud = fused.points.to_cloud(sigma.total, fused.pair, fused=len(maps) > 1)
         findings += fused.findings
         return FusedMap(
             cloud=replace(cloud, pair_stamps_ns=tuple(item.stamp_ns for item in maps)),
-            random_sigma=sigma.random,
+            random_sigma=read_only(sigma.random),
             T_lm_left=poses_lm_left,
             statistics=findings.statistics,
             warnings=findings.warnings,
@@ -249,8 +191,8 @@ class Mapper:
 def _fusion_input(pair_map: PairMap, rig: StereoRig) -> FusionInput:
     """Return what the fusion uses of a pair.
 
-    Raises MappingError for a map of another method or of other cameras, and for a map whose values were replaced. The
-    values cannot be changed in place, because their arrays are read-only.
+    Raises MappingError for a map of another method or of other cameras, and for a map whose values were replaced. Their
+    arrays are read-only, so that they are not changed in place.
     """
     if not isinstance(pair_map, MappedPair):
         raise MappingError(f"the map of stamp {pair_map.stamp_ns} was not made by `Mapper.process`: fuse maps of it")
@@ -260,7 +202,8 @@ def _fusion_input(pair_map: PairMap, rig: StereoRig) -> FusionInput:
             f"the map of stamp {pair_map.stamp_ns} was made with other cameras than those of this mapper: fuse maps of "
             "one rig"
         )
-    if not found.is_of(pair_map):
+    values = (pair_map.cloud, pair_map.random_sigma, pair_map.T_lm_left, pair_map.disparity_px)
+    if any(value is not original for value, original in zip(values, found.original_values, strict=True)):
         raise MappingError(
             f"the map of stamp {pair_map.stamp_ns} has another cloud, sigma, pose or disparity than `Mapper.process` "
             "gave it: fuse maps as they were made, and select or move points afterwards"

@@ -42,8 +42,8 @@ def findings_of_pair(
         "density": point_count / status.size,
         "filled_share": filled_count / max(point_count, 1),
         "noise_grey": disparity_map.noise_grey,
-        "gain": correction.gain,
-        "offset_grey": correction.offset_grey,
+        "gain": correction.exposure.gain,
+        "offset_grey": correction.exposure.offset_grey,
         "vertical_offset_px": correction.vertical.offset_px,
         "vertical_offset_largest_px": correction.vertical.max_px,
         "matched_share": disparity_map.measured_textured_fraction,
@@ -76,8 +76,9 @@ def _warnings_of_images(disparity_map: DisparityMap, configured: CalibrationUnce
             f"vertical disparity of up to {correction.vertical.max_px:.2f} px between left and right (compensated): "
             "check the rectification"
         )
-    if not 1.0 / MAX_GAIN < correction.gain < MAX_GAIN:
-        warnings.append(f"the right image has {correction.gain:.2f} times the contrast of the left (compensated)")
+    gain = correction.exposure.gain
+    if not 1.0 / MAX_GAIN < gain < MAX_GAIN:
+        warnings.append(f"the right image has {gain:.2f} times the contrast of the left (compensated)")
     if saturated > MAX_SATURATED_FRACTION:
         warnings.append(
             f"{100 * saturated:.0f} % of the pixels are saturated: saturated regions have no points, sigma is larger "

@@ -16,8 +16,8 @@ where                                  formula
 =====================================  =================================================================================
 image_noise.noise_variance             variance of a residual, which divides the information: at least the square of
                                        `rounding_noise`; DEFAULT_VARIANCE if too few residuals are available
-variational_refinement.linearise       information and information vector / max(mean chi2 / mean weight, correlation of
-                                       the noise over 4 x 4 pixels, which is at least 1), means over WINDOW_CELLS
+variational_refinement.linearise       information and information vector / max(mean chi2 / mean weight,
+                                       `block_variance_ratio` of the noise, at least 1), means over WINDOW_CELLS
 uncertainty.disparity_sigma            variance 1 / (8 sqrt(h s)) + (SMOOTHING_BIAS curvature)^2 s / h +
                                        (CREASE_BIAS crease)^2, with the information h less NOISE_INFORMATION, at least
                                        MIN_INFORMATION, the smoothness weight s, the curvature at most
@@ -120,7 +120,7 @@ def _widened(
     u: NDArray[np.uint16],
     nearby_fractions_255: NDArray[np.uint8],
 ) -> FloatArray32:
-    """Return the standard deviations `(N,)` times the factors of `(pairs, H, W)` saturated fractions."""
+    """Return the standard deviations `(N,)`, each times its factor by the saturated fraction `(pairs, H, W)` nearby."""
     out = np.empty_like(sigma)
     for n in prange(len(sigma)):
         out[n] = sigma[n] * SIGMA_FACTORS[nearby_fractions_255[pair[n], v[n], u[n]]]
@@ -137,14 +137,23 @@ def total_sigma(
 ) -> FloatArray32:
     """Return the total standard deviation along the ray of each point `(N,)`, metres.
 
-    The variance is that of the last row of the table above, with the random part sigma, the range r and the disparity
-    d. With the normalised coordinates (x, y) of the left pixel and (xr, y) of the right one, the angle a is given by
+    The variance is that of the last row of the module's table, with the random part sigma, the range r and the
+    disparity d. With the normalised coordinates (x, y) of the left pixel and (xr, y) of the right one, the angle a is
+    given by
 
         a^2 = (yaw (1 + xr^2))^2 + (pitch xr y)^2 + (roll y)^2 + distortion^2
     """
-    axes = np.stack([pose.rotation[:, 2] for pose in poses_lm_left])
-    centres = np.stack([pose.translation for pose in poses_lm_left])
-    return _total_sigma(points.xyz, random, points.u, points.v, pair, axes, centres, rig.camera, calibration)
+    return _total_sigma(
+        xyz=points.xyz,
+        sigma=random,
+        us=points.u,
+        vs=points.v,
+        pairs=pair,
+        axes=np.stack([pose.rotation[:, 2] for pose in poses_lm_left]),
+        centres=np.stack([pose.translation for pose in poses_lm_left]),
+        camera=rig.camera,
+        calibration=calibration,
+    )
 
 
 @jit_rows

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.config import MappingConfig
+from sfr_loc_map.mapping.disparity.semi_global_matching import DISPARITY_STEP
 
-DISPARITY_STEP = 16  #: A multiple of this many disparities is searched, as OpenCV's matcher requires.
 MAX_DISPARITY_FRACTION = 0.5
 """Largest disparity that is searched, as a fraction of the image's width: most of a nearer surface is visible to one
 camera only."""

@@ -18,7 +18,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import MAX_CLOUD_BYTES, read_bytes
 from sfr_loc_map.io.clouds.array_file import MAX_HEADER, parse_npy
 from sfr_loc_map.mapping.config import MAX_PAIRS
-from sfr_loc_map.mapping.mapper import FusedMap, PairMap
+from sfr_loc_map.mapping.maps import FusedMap, PairMap
 from sfr_loc_map.mapping.reprojection import points_from_disparity
 from sfr_loc_map.methods.adapters.loop import Answer, OrderedPair
 from sfr_loc_map.methods.isolated_method import IsolatedMethod, check_stamp

@@ -24,12 +24,13 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
-from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
-from sfr_loc_map.mapping.pose_matching import PoseMatching
+from sfr_loc_map.mapping.mapper import Mapper
+from sfr_loc_map.mapping.maps import FusedMap, PairMap
 from sfr_loc_map.mapping.terrain.terrain_grid import terrain_grid
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.call_meter import CallUsage
 from sfr_loc_map.metrics.config import MappingState
+from sfr_loc_map.nodes.input.pose_matching import PoseMatching
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
 from sfr_loc_map.nodes.input.waiting import Input
 from sfr_loc_map.nodes.lifecycle.runner import run

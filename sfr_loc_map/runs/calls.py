@@ -31,7 +31,7 @@ from sfr_loc_map.metrics.consistency import STEP_SIZE, WITHOUT_NOISE
 from sfr_loc_map.metrics.records import FindingKind, FindingRecord, MethodKind, MethodRecord, ProcessUsage
 
 if TYPE_CHECKING:
-    from sfr_loc_map.mapping.mapper import FusedMap
+    from sfr_loc_map.mapping.maps import FusedMap
 
 COVARIANCE_NAMES = tuple(f"cov_{i}{j}" for i, j in zip(*UPPER, strict=True))
 STEP_NAMES = (

@@ -25,7 +25,8 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose, TrackingState
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
-from sfr_loc_map.mapping.mapper import FusedMap, Mapper, PairMap
+from sfr_loc_map.mapping.mapper import Mapper
+from sfr_loc_map.mapping.maps import FusedMap, PairMap
 from sfr_loc_map.mapping.search_range import search_range
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper

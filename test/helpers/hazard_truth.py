@@ -7,7 +7,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.mapping.config import TerrainConfig
-from sfr_loc_map.mapping.mapper import FusedMap
+from sfr_loc_map.mapping.maps import FusedMap
 from sfr_loc_map.mapping.terrain.terrain_grid import terrain_grid
 
 REACH_M = 5.0

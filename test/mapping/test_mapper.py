@@ -25,7 +25,8 @@ from sfr_loc_map.mapping import mapper as mapper_module
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity import estimation
 from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus
-from sfr_loc_map.mapping.mapper import MappedPair, Mapper, PairMap
+from sfr_loc_map.mapping.mapper import Mapper
+from sfr_loc_map.mapping.maps import MappedPair, PairMap
 
 T_LM_NAVSB = Transform(matrix_from_rotvec([0.1, 0.35, -0.4]), np.array([1.0, -2.0, 2.0]))
 SAMPLE = Path(__file__).resolve().parents[2] / "sample"

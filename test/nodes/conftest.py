@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-WITHOUT_ROS = ("test_environment.py", "test_launch_parts.py", "test_worker.py")  #: Files that import nothing of ROS.
+WITHOUT_ROS = ("test_environment.py", "test_launch_parts.py", "test_pose_matching.py", "test_worker.py")
+"""Files that import nothing of ROS."""
 
 
 class Skipped(pytest.Module):

@@ -12,7 +12,8 @@ from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import panorama_of
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.mapper import FusedMap, Mapper
+from sfr_loc_map.mapping.mapper import Mapper
+from sfr_loc_map.mapping.maps import FusedMap
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.plan import Plan
 

@@ -78,7 +78,7 @@ def _cells_from_pixels(disparity: FloatImage) -> FloatImage:
 
 @jit_rows
 def _extended_from_farther(cells: FloatImage) -> FloatImage:
-    """Return the cells. Those without a disparity, mostly occluded ones, have that of the farther one along the row."""
+    """Return the cells, with gaps filled: mostly they are occluded, and have the farther neighbour along the row."""
     rows, cols = cells.shape
     out = cells.copy()
     for i in prange(rows):

@@ -36,28 +36,29 @@ of five pairs changes by 0.0015 or less (measurements/mapper_trials.md)."""
 SLOPE_PX = 2  #: Distance over which the slope of a surface is measured, pixels: one cell of the refined field.
 COST_PERCENTILE = 93.0
 """Percentile of the costs of valid pixels beside holes that is the largest cost of a filled pixel: 93 % of them cost
-less. Real images match less well than rendered ones, so that no fixed cost suits both."""
+less. Real images match less well than rendered ones, so that no fixed cost suits both (measurements/mapper_trials.md).
+"""
 BESIDE_HOLE_PX = 3
 """Distance within which a valid pixel is beside a hole, pixels: its window then reaches into the hole."""
 COST_STRIDE = 5  #: Every fifth valid pixel beside holes is used for the percentile: thousands of samples suffice.
 MIN_SAMPLES = 50  #: Samples that the percentile requires: three or four are then beyond it.
 MARGIN_SIGMAS = 1.5
 """Cost margin over other hypotheses, in standard deviations of the noise of one pixel. Chosen on two real pairs and
-rendered grounds."""
+rendered grounds (measurements/mapper_trials.md)."""
 ALTERNATIVE_PX = F(2.0)
 """A hypothesis that nothing else confirms must match better than disparities this far to either side, pixels, because
-noise matches any surface."""
+noise matches any surface. Chosen by hand: twice `SURFACE_JUMP_PX`."""
 SAME_HYPOTHESIS_PX = F(0.5)  #: Hypotheses that differ by less are judged once, pixels: half of `SURFACE_JUMP_PX`.
 MIN_SAME_SURFACE = 5
 """Neighbours out of eight that must belong to the surface of a filled pixel: single pixels had a third of the squared
-error that filling added."""
+error that filling added (measurements/mapper_trials.md)."""
 MIN_FILLED_SIGMA_PX = F(0.5)
 """Smallest standard deviation of a filled disparity, pixels: that of the refined field, which does not know the hole's
 surface, may be smaller. The RMS error of filled disparities within 3 px was 0.3 px on rendered ground and 0.8 to 1.0 px
 on real pairs, where the field states 1.2 px (measurements/mapper_trials.md)."""
 MAX_DEPTH_RATIO = F(4.0)
 """A hole takes no surface at this many times the depth of another one nearby, as behind the rim of a crater: one such
-pixel in ten thousand would be most of the error of a map."""
+pixel in ten thousand would be most of the error of a map. Chosen by hand."""
 NEARBY_PX = 7
 """Rows or columns within which the depths are compared. With 3 and 15 the density of five pairs changes by 0.0004 or
 less (measurements/mapper_trials.md)."""
@@ -82,7 +83,7 @@ class HoleScene(NamedTuple):
 class FilledPixels(NamedTuple):
     """Result of a pass, `(H, W)` each."""
 
-    px: FloatImage  #: Disparities, pixels.
+    px: FloatImage  #: Disparities, pixels, with those of the pass.
     accepted: Mask  #: Pixels that the pass has filled.
 
 
@@ -114,16 +115,19 @@ def fill_holes(disparity_map: DisparityMap) -> DisparityMap:
     if cost_limit is None:
         return disparity_map
     min_margin = F(MARGIN_SIGMAS * disparity_map.noise_grey)
-    for _ in range(PASSES):
-        filled = _filled(scene, cost_limit, min_margin)
+    filled = _filled(scene, cost_limit, min_margin)
+    valid = measured | filled.accepted
+    for _ in range(PASSES - 1):
         has_new_hypotheses = dilated(filled.accepted, REACH)
-        scene = _scene(disparity_map, filled.px, scene.valid | filled.accepted, unsaturated & has_new_hypotheses)
+        scene = _scene(disparity_map, filled.px, valid, unsaturated & has_new_hypotheses)
+        filled = _filled(scene, cost_limit, min_margin)
+        valid = valid | filled.accepted
     # After all passes: a pixel that is rejected here may have offered its surface to pixels of a later pass.
-    has_similar_depth = depth_ratio(np.where(scene.valid, scene.disparity, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
-    is_filled = scene.valid & ~measured & has_similar_depth
+    has_similar_depth = depth_ratio(np.where(valid, filled.px, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
+    is_filled = valid & ~measured & has_similar_depth
     return replace(
         disparity_map,
-        px=np.where(is_filled, scene.disparity, disparity_map.px),
+        px=np.where(is_filled, filled.px, disparity_map.px),
         sigma_px=np.where(is_filled, np.maximum(disparity_map.sigma_px, MIN_FILLED_SIGMA_PX), disparity_map.sigma_px),
         status=np.where(is_filled, np.uint8(PixelStatus.FILLED), disparity_map.status),
     )

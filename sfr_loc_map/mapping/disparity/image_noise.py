@@ -72,17 +72,17 @@ def noise_variance(
     weights = 1.0 / np.square(variances)
     mean_level = np.average(levels, weights=weights)
     mean_variance = float(np.average(variances, weights=weights))
-    spread_of_levels = float(np.average(np.square(levels - mean_level), weights=weights))
+    level_variance = float(np.average(np.square(levels - mean_level), weights=weights))
     covariance = float(np.average((levels - mean_level) * (variances - mean_variance), weights=weights))
-    slope = covariance / max(spread_of_levels, MIN_LEVEL_VARIANCE)
+    slope = covariance / max(level_variance, MIN_LEVEL_VARIANCE)
     line = F(mean_variance) + F(slope) * (grey - F(mean_level))
     return np.asarray(np.clip(line, F(variances.min()), F(variances.max())), F)
 
 
-def noise_correlation(means: FloatImage, offset: FloatImage, variance: FloatImage) -> np.float32:
+def block_variance_ratio(means: FloatImage, offset: FloatImage, variance: FloatImage) -> np.float32:
     """Return the variance of the mean of 4 x 4 residuals over that of white noise, at least 1.
 
-    Noise that a filter or a compression has left is correlated between pixels.
+    The ratio exceeds 1 if noise is correlated between pixels, as a filter or a compression leaves it.
     """
     blocks = downsample_mean(np.asarray((means - offset) / np.sqrt(variance), F), 2)
     # The mean of a cell without residuals is 0. Beside cells with residuals, whose offset reaches over it, its block is

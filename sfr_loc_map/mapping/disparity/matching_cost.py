@@ -19,16 +19,18 @@ from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
 from sfr_loc_map.jit import jit_rows_inline
 from sfr_loc_map.mapping.disparity.interpolation import linear
 
-# The network that judges pixels beside jumps was trained with the values of the window's constants (`wrong_surface`).
-WINDOW_RADIUS = 4  #: Half side of the window, pixels: it covers the surface of its centre and little else.
-MAX_DIFFERENCE = F(30.0)  #: Absolute differences are truncated to this, grey levels: more of them are occlusions.
+# `WINDOW_RADIUS`, `MAX_DIFFERENCE`, `GREY_SCALE` and `DISTANCE_SCALE_PX` were chosen by hand before the network that
+# judges pixels beside jumps was trained with them (`wrong_surface`). Other values require another training.
+WINDOW_RADIUS = 4  #: Half side of the window, pixels.
+MAX_DIFFERENCE = F(30.0)
+"""Absolute differences are truncated to this, grey levels, so that single occluded pixels do not decide the cost."""
 NO_COST = F(1e9)  #: Cost where no pixel of the window is inside the right image, grey levels: larger than any other.
 VALID_WEIGHT = F(0.3)
 """Weight of valid pixels in a window: they repeat the disparity that they already have. The optimum is flat
 (measurements/mapper_trials.md)."""
-GREY_SCALE = 8.0
-"""Difference at which the weight has decreased to 1/e, grey levels: a few times the noise."""
-DISTANCE_SCALE_PX = 3.0  #: Distance at which the weight has decreased to 1/e, pixels; 0.26 at the window's edge.
+GREY_SCALE = 8.0  #: Difference at which the weight has decreased to 1/e, grey levels.
+DISTANCE_SCALE_PX = 3.0
+"""Distance at which the weight has decreased to 1/e, pixels. At the middle of the window's edge the weight is 0.26."""
 
 WEIGHT_BY_GREY = np.exp(-np.arange(256.0) / GREY_SCALE).astype(F)
 """Weight of a pixel by the absolute difference of its grey level from the centre's."""

@@ -42,6 +42,6 @@ def is_valid(status: StatusImage) -> Mask:
 
 
 def with_reason(status: StatusImage, failed: Mask, reason: PixelStatus) -> StatusImage:
-    """Return the status of pixels of which the failed ones, if they were valid, are invalid for a reason."""
+    """Return the status in which the failed pixels that were valid have the reason."""
     newly_invalid = failed & is_valid(status)
     return np.where(newly_invalid, np.uint8(reason), status)

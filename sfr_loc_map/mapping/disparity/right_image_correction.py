@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage
-from sfr_loc_map.mapping.disparity.exposure import exposure_by_disparity
+from sfr_loc_map.mapping.disparity.exposure import Exposure, exposure_by_disparity
 from sfr_loc_map.mapping.disparity.interpolation import shift_rows
 from sfr_loc_map.mapping.disparity.vertical_disparity import fit_vertical_disparity
 
@@ -52,8 +52,7 @@ class VerticalDisparity(NamedTuple):
 class RightImageCorrection:
     """Deviation of the right image from a rectified image of equal exposure: exposure and vertical disparity."""
 
-    gain: float  #: Contrast of the right image over that of the left image.
-    offset_grey: float  #: Grey level of the right image where that of the left image is 0.
+    exposure: Exposure  #: Grey levels of the right image by those of the left one.
     vertical: VerticalDisparity  #: Vertical disparity of the right image; 0 if it is too small to be corrected.
 
 
@@ -86,7 +85,7 @@ def correct_right_image(left: FloatImage, right: FloatImage, disparity_px: Float
         if np.abs(step_px).sum() < MIN_VERTICAL_PX:
             break
     vertical = VerticalDisparity(*removed_px.tolist())
-    return CorrectedImage(corrected, RightImageCorrection(exposure.gain, exposure.offset_grey, vertical))
+    return CorrectedImage(corrected, RightImageCorrection(exposure, vertical))
 
 
 def _vertical_step(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> FloatArray:

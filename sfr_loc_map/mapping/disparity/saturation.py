@@ -14,8 +14,8 @@ SATURATED_SQUARE_PX = 5
 """A pixel is invalid if the square of this side around it is completely saturated, pixels: its slope, of five columns
 and three rows, is then 0."""
 NEARBY_SIDE_PX = 11
-"""Side of the square in which saturated pixels increase the sigma of a pixel (`point_sigma`), pixels: of the order of
-the radius over which the refinement smooths."""
+"""Side of the square in which saturated pixels increase the sigma of a pixel (`point_sigma`), pixels.
+Chosen by hand: the refinement smooths over a few cells of two pixels."""
 
 SATURATED_GREY_LEVELS = np.where(np.isin(np.arange(256), (0, 255)), 255, 0).astype(np.uint8)
 """By grey level: 255 if the level is saturated, otherwise 0."""

@@ -9,8 +9,8 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage
 from sfr_loc_map.mapping.disparity.exposure import with_exposure_of_left
-from sfr_loc_map.mapping.search_range import DISPARITY_STEP
 
+DISPARITY_STEP = 16  #: OpenCV's matcher searches a multiple of this many disparities.
 WIDE_COLUMNS = 800
 """Images of this width or more are matched at half their width: a quarter of the cost and less noise, and the
 refinement has cells of two pixels anyway. Smaller images are matched at full width, because edges are sharper

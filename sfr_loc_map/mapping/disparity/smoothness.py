@@ -169,7 +169,17 @@ def inverse_diagonal(information: FloatImage, weights: SmoothnessWeights) -> Flo
 
 @jit_rows
 def smoothness_gradient(field: FloatImage, weights: SmoothnessWeights) -> FloatImage:
-    """Return `A' W A field` `(h, w)`: half the gradient of the smoothness energy."""
+    """Return `A' W A field` `(h, w)`: half the gradient of the smoothness energy.
+
+    In numpy, with the field d and the weights w (the differences along y as those along x, transposed):
+
+        xx = w.along_x[:, 1:-1] * np.diff(d, 2, axis=1)
+        out[:, :-2] += xx; out[:, 1:-1] -= 2 * xx; out[:, 2:] += xx
+        xy = w.mixed[:-1, :-1] * np.diff(np.diff(d, axis=0), axis=1)
+        out[:-1, :-1] += xy; out[1:, :-1] -= xy; out[:-1, 1:] -= xy; out[1:, 1:] += xy
+
+    The kernels give the same in blocks of rows, without images between.
+    """
     rows, cols = field.shape
     out = np.empty((rows, cols), F)
     for block in prange((rows + BLOCK_ROWS - 1) // BLOCK_ROWS):

@@ -16,7 +16,8 @@ SURFACE_JUMP_PX = F(1.0)
 """Neighbouring disparities that differ by more belong to two surfaces, pixels: the disparity of ground changes by less
 from pixel to pixel, and a ramp of this slope is parallel to a ray of the right camera."""
 MIN_DIVISOR_DISPARITY_PX = F(0.3)
-"""Smallest disparity whose depth is compared with another one, pixels: it must not be 0."""
+"""Smallest disparity whose depth is compared with another one, pixels. Chosen by hand: the errors of smaller
+disparities may be as large as themselves."""
 CENTRAL_DIFFERENCE = np.array([[-0.5, 0.0, 0.5]], F)
 """Taps of the slope of a disparity. At the border, which is repeated, the slope is half of the difference to the only
 neighbour. Slopes of grey levels are smoothed as well: those along rows by a Gaussian (`photometric_residual`), those

@@ -10,7 +10,8 @@ from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.mapping.disparity.image_noise import image_noise
 from sfr_loc_map.mapping.filters import local_variance
 
-MIN_TEXTURED_FRACTION = 0.02  #: Fraction of the image that must be textured, so that its matches can be judged.
+MIN_TEXTURED_FRACTION = 0.02
+"""Fraction of the image that must be textured, so that its matches can be judged. Chosen by hand."""
 TEXTURE_SIGMAS = 2.0
 """A neighbourhood is textured if its standard deviation exceeds this many standard deviations of the noise: that of
 49 pixels of noise alone deviates from the noise by 10 %."""

@@ -17,14 +17,15 @@ NOISE_INFORMATION = F(SLOPE_NOISE_GAIN)
 a residual. The slope is measured in the mean of both images, whose noise has a quarter of the residual's variance."""
 MIN_INFORMATION = F(1e-3)  #: Smallest information of a cell, 1 / px^2; it must not be 0.
 MAX_SIGMA_PX = F(2.0)
-"""Larger standard deviations are capped to this, pixels: the linearisation holds within about a pixel, and larger
-changes by the refinement are invalid (`validity.MAX_CHANGE_PX`)."""
+"""Larger standard deviations are capped to this, pixels. Chosen by hand: the closed form is linear, and an error of
+more than one or two pixels is a wrong match, which the tests of validity judge."""
 SMOOTHING_BIAS = F(0.34)
 """Error per pixel of second difference and square cell of smoothing radius. Chosen on rendered ground of several kinds,
 lights and cameras together: measurements/mapper_trials.md."""
 MAX_CURVATURE_MEDIANS = 10.0
 """Larger second differences are clipped to this multiple of their median in the bias of smoothing, because they are
-creases, which have a term of their own."""
+creases, which have a term of their own. Chosen by hand, as `variational_refinement.EDGE_FACTOR`: of normally
+distributed second differences none would be larger."""
 CREASE_BIAS = F(1.2)
 """Error per pixel by which the second difference around a cell exceeds its median, chosen likewise: beside edges and
 creases the error is about as large as the second difference."""

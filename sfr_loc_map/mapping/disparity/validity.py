@@ -52,7 +52,14 @@ def judge_pixels(
     """Return the status of each pixel: measured, or the reason why its disparity is invalid."""
     disparity_px = refined.disparity_px
     status = status_before_wrong_surface(left, right, initial_px, refined)
-    scene = JumpScene(left, right, disparity_px, np.isfinite(initial_px), is_valid(status), sigma_px)
+    scene = JumpScene(
+        left=left,
+        right=right,
+        disparity=disparity_px,
+        has_initial=np.isfinite(initial_px),
+        valid=is_valid(status),
+        sigma=sigma_px,
+    )
     status = with_reason(status, wrong_surface_mask(scene), PixelStatus.WRONG_SURFACE)
     # What the last test has left of a segment may be small.
     status = with_reason(
@@ -81,12 +88,17 @@ def _changed_mask(initial_px: FloatImage, disparity_px: FloatImage) -> Mask:
     change_px = np.abs(disparity_px - initial_px)
     sampled = change_px[::CHANGE_STRIDE, ::CHANGE_STRIDE]
     change_sigma_px = mad_sigma(sampled[np.isfinite(sampled)])
+    # `max` keeps its first argument if the second one is NaN, as without any matched pixel.
     changed: Mask = change_px > max(MAX_CHANGE_PX, MAX_CHANGE_SIGMAS * change_sigma_px)
     return changed
 
 
 def _mismatch_mask(left: FloatImage, refined: RefinedDisparity) -> Mask:
-    """Return which pixels `(H, W)` have residuals larger than their noise and similar to the image's contrast."""
+    """Return which pixels `(H, W)` have residuals larger than their noise and similar to the image's contrast.
+
+    Residuals are normalised by the noise of each cell. Multiplied by the median noise of the pair, they are about those
+    in grey levels: noise that grows with the light makes them too small in bright regions and too large in dark ones.
+    """
     chi2_per_dof = box_mean(np.fmin(np.square(refined.normalised_residual), MAX_CHI2), CHI2_WINDOW)
     squared_residual = chi2_per_dof * F(refined.noise_grey * refined.noise_grey)
     is_suspicious = chi2_per_dof > MAX_CHI2_PER_DOF

@@ -23,7 +23,7 @@ from sfr_loc_map.mapping.disparity.cell_field import LEVELS, disparity_from_cell
 from sfr_loc_map.mapping.disparity.conjugate_gradients import conjugate_gradient_step
 from sfr_loc_map.mapping.disparity.image_noise import (
     SAMPLED_CELLS,
-    noise_correlation,
+    block_variance_ratio,
     noise_variance,
     overall_noise,
     rounding_noise,
@@ -70,15 +70,17 @@ hardly any noise. The optimum is flat (measurements/mapper_trials.md)."""
 TEMPLATE_SIGMAS = 4.0
 """The template is the left image alone where the residual exceeds this many standard deviations: the right image then
 shows another surface. The optimum is flat (measurements/mapper_trials.md)."""
-MIN_WEIGHT = F(0.1)  #: Smallest mean weight of a cell that divides its squared residuals; it must not be 0.
+MIN_WEIGHT = F(0.1)
+"""Smallest mean weight of a cell that divides its squared residuals. Chosen by hand: it limits the inflation of the
+variance where nearly all residuals around a cell are outliers."""
 ROUGHNESS_SPACING = 4
 """Spacing of the second differences that measure roughness, cells: at 8 pixels they exceed the noise of the field."""
 CAUCHY_SCALE = 10.0
 """Scale of the Cauchy weight of a second difference over the one that a surface of the measured curvature has. With
 half and twice the value the errors of rendered pairs are 7 to 14 % larger (measurements/mapper_trials.md)."""
 EDGE_FACTOR = 10.0
-"""Second differences above this multiple of the median are edges, not the shape of the ground: of normally distributed
-ones none would be."""
+"""Second differences above this multiple of the median are edges, not the shape of the ground. Chosen by hand: of
+normally distributed ones none would be larger."""
 LOCAL_SIZE_WINDOW = 9
 """Side of the square over which the second differences of roughness are averaged, in units of their spacing: the
 mean root of 81 independent ones has a relative standard deviation of 5 %."""
@@ -193,7 +195,7 @@ def linearise(left: LeftImage, right: FloatImage, cells: FloatImage) -> Linearis
     equations = normal_equations(slopes(template), residual, offset, F(1.0) / variance, ROBUST_FACTOR)
     mean_chi2 = box_mean(equations.chi2, WINDOW_CELLS)
     mean_weight = np.maximum(box_mean(equations.weight, WINDOW_CELLS), MIN_WEIGHT)
-    variance_inflation = np.maximum(mean_chi2 / mean_weight, noise_correlation(means, offset, variance))
+    variance_inflation = np.maximum(mean_chi2 / mean_weight, block_variance_ratio(means, offset, variance))
     return Linearisation(
         residual=residual,
         offset=offset,

@@ -199,7 +199,11 @@ def _surface_costs(scene: JumpScene, y: int, x: int) -> SurfaceCosts:
 
 @jit_rows_inline
 def _neighbourhood(scene: JumpScene, y: int, x: int) -> Neighbourhood:
-    """Return the contrast of the window around a pixel, and the surfaces in it; weights are by similarity of grey."""
+    """Return the contrast of the window around a pixel, and the surfaces in it; weights are by similarity of grey.
+
+    Only valid pixels count as those of the own surface, and all pixels as those of nearer ones: the network was trained
+    with these features.
+    """
     disparity = scene.disparity
     left = scene.left
     rows, cols = disparity.shape

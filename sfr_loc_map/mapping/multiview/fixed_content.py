@@ -18,9 +18,9 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import F, FloatImage, Mask
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
+from sfr_loc_map.mapping.disparity.texture import TEXTURE_SIGMAS
 from sfr_loc_map.mapping.filters import dilated, square
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.multiview.comparison import MIN_TEXTURE
 from sfr_loc_map.mapping.pair_view import PairView
 
 STRIDE = 3
@@ -110,7 +110,7 @@ def _similarity(a: FloatImage, b: FloatImage, noise: np.float32) -> FloatImage:
     difference = _window_mean(np.square(a - b)) / coverage
     variance_a = _window_mean(a * a) / coverage - np.square(_window_mean(a) / coverage)
     variance_b = _window_mean(b * b) / coverage - np.square(_window_mean(b) / coverage)
-    is_textured = np.minimum(variance_a, variance_b) > np.square(F(MIN_TEXTURE) * noise)
+    is_textured = np.minimum(variance_a, variance_b) > np.square(F(TEXTURE_SIGMAS) * noise)
     with np.errstate(divide="ignore", invalid="ignore"):
         similarity = F(1.0) - difference / (variance_a + variance_b)
     return np.asarray(np.where(is_textured & (known_fraction > MIN_WINDOW_FRACTION), similarity, F(0.0)), F)

@@ -21,9 +21,15 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import F, FloatArray32, Mask, median
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.mapping.disparity.texture import TEXTURE_SIGMAS
 from sfr_loc_map.mapping.findings import Findings
-from sfr_loc_map.mapping.multiview.comparison import MIN_OVERLAP, MIN_TEXTURE
-from sfr_loc_map.mapping.multiview.projection import SHIFT_PX, ObservedPoints, point_weights, project_into_view
+from sfr_loc_map.mapping.multiview.projection import (
+    MIN_OVERLAP,
+    SHIFT_PX,
+    ObservedPoints,
+    point_weights,
+    project_into_view,
+)
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 from sfr_loc_map.mapping.robust_statistics import mad_sigma, spread
 
@@ -176,7 +182,7 @@ def _pose_agreement(view: PairView, other: PairView, observed: ObservedPoints) -
     own_grey = view.points.intensity[thinned.indices]
     grey = _spread_of_finite(by_other.grey - own_grey)
     grey_shifted = _spread_of_finite(by_other.grey_shifted - own_grey)
-    is_textured = grey_shifted > MIN_TEXTURE * max(view.noise_grey, other.noise_grey)
+    is_textured = grey_shifted > TEXTURE_SIGMAS * max(view.noise_grey, other.noise_grey)
     return PoseAgreement(
         difference_median_m=median(difference),
         difference_spread_m=spread(difference),

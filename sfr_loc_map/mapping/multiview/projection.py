@@ -22,6 +22,7 @@ image's side, so that heights change by less than 2 mm where the set of pairs ch
 SHIFT_PX = 8
 """Grey levels are also compared at this offset along both axes, pixels: as if a pose were wrong by half a degree at a
 focal length of 800 pixels."""
+MIN_OVERLAP = 1000  #: Points in common that a statement about poses requires: their spreads are then known to 7 %.
 MIN_DEPTH_M = 1e-3  #: Smallest depth of a point that is projected into a camera, metres: it must be before the camera.
 
 

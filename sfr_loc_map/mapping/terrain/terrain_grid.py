@@ -138,8 +138,8 @@ def _outer_heights(cell_of_point: NDArray[np.int32], height: FloatArray32, count
     The lowest and the highest point are always excluded: by nearest rank alone cells of three or four points would
     exclude none.
 
-    `cell_of_point` `(N,)` is the cell of each point, -1 outside, and `height` `(N,)` its height. `count` `(R, C)` is the
-    number of points of each cell.
+    `cell_of_point` `(N,)` is the cell of each point, -1 outside, and `height` `(N,)` its height. `count` `(R, C)` is
+    the number of points of each cell.
     """
     # Cell and height are packed into one integer whose order is that of both: sorting by two keys is much slower.
     inside = cell_of_point >= 0

@@ -10,7 +10,7 @@ from sfr_loc_map.geometry.stamp_pairing import WAITING, StampPairing
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.bag.message_stream import Message
-from sfr_loc_map.mapping.pose_matching import PoseMatching
+from sfr_loc_map.nodes.input.pose_matching import PoseMatching
 from sfr_loc_map.topics import COMPRESSED_END, NAV_POSE
 
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from helpers.disparity_world import two_planes
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
+from sfr_loc_map.mapping.disparity.exposure import Exposure
 from sfr_loc_map.mapping.disparity.hole_filling import MAX_DEPTH_RATIO, MIN_FILLED_SIGMA_PX, fill_holes
 from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus
 from sfr_loc_map.mapping.disparity.right_image_correction import RightImageCorrection, VerticalDisparity
@@ -39,7 +40,7 @@ class TwoPlanes:
             initial_px=matched,
             left=self.left,
             right=self.right,
-            correction=RightImageCorrection(1.0, 0.0, VerticalDisparity(0.0, 0.0, 0.0)),
+            correction=RightImageCorrection(Exposure(1.0, 0.0), VerticalDisparity(0.0, 0.0, 0.0)),
             saturation=saturation,
             noise_grey=self.noise,
             measured_textured_fraction=1.0,

@@ -12,7 +12,8 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import CalibrationUncertainty, MappingConfig
-from sfr_loc_map.mapping.mapper import Mapper, PairMap
+from sfr_loc_map.mapping.mapper import Mapper
+from sfr_loc_map.mapping.maps import PairMap
 
 DEFAULTS = MappingConfig()
 INNER = np.s_[16:-16, 64:-16]

@@ -9,7 +9,8 @@ import pytest
 from helpers.made_scene import NAV_RIG, nav_pair
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.mapping.config import MappingConfig
-from sfr_loc_map.mapping.mapper import FusedMap, Mapper
+from sfr_loc_map.mapping.mapper import Mapper
+from sfr_loc_map.mapping.maps import FusedMap
 
 FIRST_ROW, DISPARITY = 80, 14
 

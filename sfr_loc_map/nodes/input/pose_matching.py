@@ -1,4 +1,4 @@
-"""The stereo pairs of one map to come, matched with their poses."""
+"""The stereo pairs of the next map, matched with their poses."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MAX_PAIRS
 
 T = TypeVar("T")
-MAX_POSES = 1000  # kept for pairs still to come
-MAX_WAITING = 2 * MAX_PAIRS  # pairs that are kept for poses still to come
+MAX_POSES = 1000  #: Poses that are kept for later pairs: 100 s at 10 Hz. The oldest one is forgotten first.
+MAX_WAITING = 2 * MAX_PAIRS  #: Pairs that wait for their poses: those of one map and of the next one.
 
 
 class PoseMatching(Generic[T]):
