@@ -35,7 +35,8 @@ class StereoRig:
     cx: float
     cy: float
     baseline_m: float  #: Distance between the optical centres.
-    T_rb_sb: Transform | None = None  #: Pose of the stereo rig's frame SB (LOCSB) in RB; None if unknown.
+    #: Pose of the rig's frame SB in RB; None if unknown. Only the localisation needs it, whose SB is LOCSB.
+    T_rb_sb: Transform | None = None
 
     def __post_init__(self) -> None:
         """Check the values; GeometryError if one cannot be that of a camera or a rover."""

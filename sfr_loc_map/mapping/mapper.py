@@ -30,8 +30,8 @@ The stages of `Mapper.fuse`:
 2. `register_views` (`multiview/registration`), on request -> views and `Findings`: later pairs are moved to fit those
    before.
 3. `fuse_views` (`multiview/fusion`, `multiview/projection`) -> `FusedViews`: points on which pairs agree move along
-   their rays to the mean by inverse variance. Of points that sample the same spot one is kept, and points are dropped
-   where a pair of larger weight observes a farther surface.
+   their rays to the mean by inverse variance. Of points that sample the same spot one is kept. A point is dropped if a
+   pair of larger weight sees through it, that is, observes a farther surface at its pixel.
 4. `point_sigma` (`point_sigma`) -> `PointSigma`: sigma of the fused points, as above.
 
 No stage changes its arguments, and the mapper has no state but its rig, its parameters and the search range of
@@ -189,7 +189,7 @@ class Mapper:
 
 
 def _fusion_input(pair_map: PairMap, rig: StereoRig) -> FusionInput:
-    """Return what the fusion uses of a pair.
+    """Return the input that `Mapper.process` stored in a map.
 
     Raises MappingError for a map of another method or of other cameras, and for a map whose values were replaced. Their
     arrays are read-only, so that they are not changed in place.

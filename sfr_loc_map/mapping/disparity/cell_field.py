@@ -78,7 +78,10 @@ def _cells_from_pixels(disparity: FloatImage) -> FloatImage:
 
 @jit_rows
 def _extended_from_farther(cells: FloatImage) -> FloatImage:
-    """Return the cells, with gaps filled: mostly they are occluded, and have the farther neighbour along the row."""
+    """Return the cells, of which those without a disparity have that of the farther neighbour along the row.
+
+    Most of them are occluded in the right image, and the occluded surface is the farther one.
+    """
     rows, cols = cells.shape
     out = cells.copy()
     for i in prange(rows):

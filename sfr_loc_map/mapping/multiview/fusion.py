@@ -2,8 +2,10 @@
 
 Every point is reprojected into the disparity images of the other pairs. If both agree within their uncertainty, the
 point moves along its own ray to the mean weighted by inverse variance, so that the points of all pairs are on one
-surface. If another pair with the larger weight observes a farther surface at that pixel, the point is dropped. Of two
-equal weights that of the earlier pair counts as the larger one. A weight is `1 / sigma^2`, reduced near the border.
+surface. If another pair with the larger weight observes a farther surface at that pixel, the other pair sees through
+the point, and the point is dropped. A nearer surface of the other pair only hides the point. A conflict with one pair
+outweighs agreement with a third, because a missing point is preferred to a wrong one. Of two equal weights that of the
+earlier pair counts as the larger one. A weight is `1 / sigma^2`, reduced near the border.
 
 The remaining points are samples of the ground and are kept, each on the ray of its own pixel. Where the ground is seen
 at a grazing angle, the rows of one image are centimetres apart, and those of another pair are between them. Of two
@@ -67,7 +69,7 @@ class Comparison(NamedTuple):
     weighted_variance: FloatArray32
     agrees: Mask  #: `(N,)`, another view agrees.
     is_duplicate: Mask  #: `(N,)`, a preferred view has the same sample.
-    is_conflict: Mask  #: `(N,)`, a preferred view observes a farther surface.
+    is_conflict: Mask  #: `(N,)`, a preferred view sees through the point: it observes a farther surface.
     findings: Findings  #: Agreement of the poses.
 
 
@@ -110,7 +112,7 @@ def _compare(index: int, views: Sequence[PairView], rig: StereoRig) -> Compariso
     """Return how the other views observe the points of the view of an index.
 
     At each point the preferred one of two views is that with the larger weight, or the first one if both are equal. A
-    point is dropped only if the other view is preferred.
+    point is dropped only if the other view is preferred and sees through it.
     """
     view = views[index]
     own_sigma = view.points.fusion_sigma
