@@ -69,7 +69,7 @@ def check(
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file
     from sfr_loc_map.mapping.config import MappingConfig
-    from sfr_loc_map.mapping.multiview.comparison import MIN_OVERLAP
+    from sfr_loc_map.mapping.multiview.projection import MIN_OVERLAP
     from sfr_loc_map.metrics.association import Estimates
     from sfr_loc_map.metrics.score_json import to_plain
 
