@@ -43,7 +43,7 @@ def test_a_copy_of_the_truth_is_found_if_it_is_changed_rounded_resampled_or_move
         save_trajectory(paths[0], Trajectory(*columns))
         for option in ((), ("--partial",)):
             done = sfr("score", *paths, "--limits", limits(tmp_path, LOOSE), *option)
-            assert (done.code, "of the steps are those of the ground truth" in done.err) == (3, True), (name, done.err)
+            assert (done.code, "of the steps are those of the ground truth" in done.out) == (3, True), (name, done.err)
     save_trajectory(paths[0], truth)
     assert sfr("score", *paths).code == 0, "without limits there is no verdict"
     labelled = limits(tmp_path, {**LOOSE, "completeness": {"poses_of_truth_max_share": 1.0}})
@@ -62,7 +62,7 @@ def test_true_poses_at_starts_and_ends_alone_are_a_copy(tmp_path: Path, sfr: Sfr
     condition = {"condition": "frames=50", "position_mean_plus_3sigma_m": 1.0}
     for option in ((), ("--partial",)):
         done = sfr("score", *paths, "--limits", limits(tmp_path, {"trajectory": [condition]}), *option)
-        assert (done.code, "of the judged motions from a start to an end" in done.err) == (3, True), done.err
+        assert (done.code, "of the judged motions from a start to an end" in done.out) == (3, True), done.err
 
 
 def test_a_rover_that_returns_to_its_start_has_no_true_motion(tmp_path: Path, sfr: Sfr) -> None:

@@ -132,7 +132,7 @@ def test_each_image_of_a_source_needs_a_pose_and_a_truth(
     result, score = judge(limits=limits + ONE_M, estimate=rows_of(localised, rows), truth=images / truth)
     assert (result.code, score["verdict"]) == (code, "incomplete" if code else "pass"), result.err
     assert score_rows.number(score, "images_without_truth") == pytest.approx(without_truth, abs=0.01)
-    assert ("% of the images" in result.err) == (code == 3)
+    assert ("% of the images" in result.out) == (code == 3)
 
 
 def test_pairs_whose_images_were_deleted_are_expected_all_the_same(tmp_path: Path, sfr: Sfr) -> None:
