@@ -45,14 +45,20 @@ class Advice(StrEnum):
 
     REDO = "redo"
     KEEP = "keep"
-    UNCLEAR = "unclear"  #: The interval contains both large and small offsets.
+    UNCLEAR = "unclear"  #: The interval contains both large and small offsets, or a yaw was not found.
 
 
-def advice_of(px: float, interval: Interval) -> Advice:
-    """Return what follows from an offset with its interval, px."""
+def advice_of(angle: str, px: float, interval: Interval) -> Advice:
+    """Return what follows from an offset with its interval, px.
+
+    The localiser reports a yaw of 0 until the yaw is significant, so that a small yaw does not show that the file is
+    right.
+    """
     low_px, high_px = interval
     if low_px * high_px > 0.0 and abs(px) >= LARGE_PX:
         return Advice.REDO
+    if angle == "yaw":
+        return Advice.UNCLEAR
     return Advice.KEEP if max(-low_px, high_px) < LARGE_PX else Advice.UNCLEAR
 
 
@@ -70,7 +76,7 @@ class CameraOffset(NamedTuple):
     @property
     def is_wrong(self) -> bool:
         """Whether the calibration file should be redone."""
-        return advice_of(self.px, (self.low_px, self.high_px)) is Advice.REDO
+        return advice_of(self.angle, self.px, (self.low_px, self.high_px)) is Advice.REDO
 
     @property
     def text(self) -> str:
@@ -140,7 +146,7 @@ def calibration_table(figures: Sequence[Figure]) -> Table:
             count = Cell.number(row.n, f"figures.{place}.n")
             advice = Cell(ABSENT)
             if row.figure == "right_camera" and row.value is not None and row.interval:
-                advice = Cell(advice_of(row.value, row.interval))
+                advice = Cell(advice_of(row.part or "", row.value, row.interval))
             rows.append((Cell.head(name), Cell(row.unit), cell, interval, count, advice))
     columns = (
         Column("calibration", words=True),
@@ -152,8 +158,8 @@ def calibration_table(figures: Sequence[Figure]) -> Table:
     )
     note = (
         "Against the calibration file. Interval of the mean over n runs, which share their images. Redo: the interval "
-        f"excludes zero and the offset is at least {LARGE_PX:g} px. Keep: the whole interval is below. Positions: root "
-        "mean square over n sub-trajectories; the localiser corrects the rest itself. A wrong baseline or focal length "
-        "does not show in a recording without a truth or wheels."
+        f"excludes zero and the offset is at least {LARGE_PX:g} px. Keep: the whole interval is below. A yaw is 0 "
+        "until it is significant. Positions: root mean square over n sub-trajectories; the localiser corrects "
+        "the rest itself. A wrong baseline or focal length does not show in a recording without a truth or wheels."
     )
     return Table("calibration", "Calibration of the right camera", columns, tuple(rows), note)

@@ -158,4 +158,5 @@ def test_a_right_camera_that_is_off_is_named_with_its_cost() -> None:
     ],
 )
 def test_the_advice_follows_from_the_complete_interval(px: float, interval: tuple[float, float], advice: str) -> None:
-    assert advice_of(px, interval) == advice
+    assert advice_of("pitch", px, interval) == advice
+    assert advice_of("yaw", px, interval) == ("redo" if advice == "redo" else "unclear")
