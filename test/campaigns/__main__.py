@@ -18,6 +18,7 @@ CAMPAIGNS = {
     "interval-coverage": "interval_coverage",
     "long-monitor": "long_monitor",
     "misbehaviour": "misbehaviour",
+    "misclosure": "misclosure",
     "random-faults": "random_faults",
     "recordings": "recordings.command",
     "signals": "signal_runs",

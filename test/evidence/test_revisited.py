@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from helpers.loc_drive import noisy
 from helpers.made_scene import LOC_RIG, PERIOD_NS, START_NS, T_RB_LOCSB, stereo_pair, true_pose
@@ -15,11 +16,15 @@ from sfr_loc_map.evidence.check import check_drive, check_table
 from sfr_loc_map.evidence.revisited import Closure, agreement_at, close, closure_table, find_closures, worth_of_visits
 from sfr_loc_map.evidence.variants import PairsInMemory, Run, Variant, run_pairs, run_variant
 from sfr_loc_map.geometry.stereo import StereoPair
+from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.config import Condition
+from sfr_loc_map.metrics.consistency import STEP_SIZE
 from sfr_loc_map.metrics.score import Score
 
+STEPS = 60  #: Steps around a made circle.
 OUT = 30  #: Pairs of the way out.
 OFFSET_M = [0.0, 0.02, 0.01]  #: Of the way back from the way out, so that no image repeats another.
 CONFIG = LocalisationConfig()
@@ -114,6 +119,41 @@ def test_the_check_has_the_places_in_its_figures_and_tables() -> None:
     assert [cell.value for cell in row[1:]] == pytest.approx(
         [path_m, None, misclosure_m, misclosure_m / path_m, score.number("misclosure_nees", "value", part=part)]
     )
+
+
+def circle(seed: int, steps: int, step_sigmas: tuple[float, float], heading: float) -> Run:
+    """Return a run around a circle whose steps have errors of the sigmas that they state, m and rad."""
+    rng = np.random.default_rng(seed)
+    turn = Rotation.from_rotvec([0.0, 0.0, 2.0 * np.pi / STEPS * (STEPS // steps)])
+    attitude, position = Rotation.from_rotvec([0.0, 0.0, heading]), np.zeros(3)
+    move = np.array([0.1, 0.0, 0.0]) if steps == STEPS else np.zeros(3)  # the direct run returns in one step
+    positions, quats = [position], [attitude.as_quat()]
+    for _ in range(steps):
+        position = position + attitude.apply(move + rng.normal(0.0, step_sigmas[0], 3))
+        attitude = attitude * turn * Rotation.from_rotvec(rng.normal(0.0, step_sigmas[1], 3))
+        positions.append(position)
+        quats.append(attitude.as_quat())
+    stamps = 1_000_000_000 + np.arange(STEPS + 1) * PERIOD_NS
+    stated = np.zeros((steps + 1, STEP_SIZE))
+    stated[:, :21] = np.diag([step_sigmas[0] ** 2] * 3 + [step_sigmas[1] ** 2] * 3)[UPPER]
+    chosen = stamps if steps == STEPS else stamps[[0, -1]]
+    poses = Trajectory(chosen, np.array(positions), np.array(quats))
+    return Run("made", Estimates.of(poses, steps=stated))
+
+
+def test_misclosures_are_as_large_as_consistent_covariances_predict() -> None:
+    """300 circles: NEES has the mean 6, and the probability is below 5 % in 5 % of the circles."""
+    squares, alarms = [], 0
+    for seed in range(300):
+        forward_run = circle(seed, STEPS, (1e-3, 4e-4), heading=0.3)
+        direct = circle(1000 + seed, 1, (2e-3, 1e-3), heading=2.0)
+        closure = close(forward_run, direct, 0, STEPS)
+        assert closure is not None
+        assert closure.square is not None
+        squares.append(closure.square)
+        alarms += result_of([agreement_at([closure])]) is CheckResult.INCONSISTENT
+    assert np.mean(squares) == pytest.approx(6.0, abs=4 * np.sqrt(12.0 / 300))
+    assert 3 <= alarms <= 30, "15 are expected"
 
 
 def test_the_law_of_several_places_adds_their_squares() -> None:

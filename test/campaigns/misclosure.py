@@ -1,0 +1,55 @@
+"""Does the misclosure show the true error? `python -m campaigns misclosure SRC ...`, drives with truth that return.
+
+Each drive is localised as it is and with a fault injected, one line for each revisited place. The true error is that of
+the forward run between both visits. Kept in docs/measurements.md.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from campaigns.check_detection import FAULTS
+from sfr_loc_map.evidence.revisited import find_closures, growth_between
+from sfr_loc_map.evidence.variants import PairsInMemory, Variant, run_variant
+from sfr_loc_map.faults.injector import FaultInjector
+from sfr_loc_map.faults.kinds import parse_fault
+from sfr_loc_map.io.registry import open_source
+from sfr_loc_map.io.sequence import drive_of
+from sfr_loc_map.localisation.config import LocalisationConfig
+from sfr_loc_map.metrics.association import associate
+from sfr_loc_map.metrics.config import AssociationConfig
+from sfr_loc_map.metrics.consistency import relative_errors
+
+
+def main(arguments: list[str]) -> int:
+    """Print the misclosure and the true error of each revisited place; exit code 1 if there is none at all."""
+    config, count = LocalisationConfig(), 0
+    for path in map(Path, arguments):
+        source = drive_of(open_source(path))
+        clean = list(source.pairs())
+        for text in FAULTS:
+            faults = [parse_fault(text)] if text else []
+            injector = FaultInjector(faults, 1, len(clean), source.rig)
+            drive = PairsInMemory(injector.rig, [pair for _, pair in injector.pairs(clean)])
+            forward = run_variant(drive, config, Variant.FORWARD, lambda: None)
+            poses = forward.estimates.trajectory
+            frames, _ = associate(poses, source.ground_truth, AssociationConfig(truth="match"))
+            closures = find_closures(drive, forward, config)
+            count += len(closures)
+            for closure in closures:
+                visits = np.searchsorted(frames.stamps_ns, poses.stamps_ns[[closure.first, closure.again]])
+                error = relative_errors(frames, visits[:1], visits[1:])[0]
+                predicted = growth_between(forward, closure.first, closure.again)
+                sigma_m = float("nan") if predicted is None else np.sqrt(np.trace(predicted[:3, :3]))
+                nees = float("nan") if closure.square is None else closure.square
+                print(
+                    f"{path.name}; {text or 'none'}; {closure.name}; path {closure.path_m:.2f} m; "
+                    f"misclosure {1e3 * closure.misclosure_m:.2f} mm; true {1e3 * np.linalg.norm(error[:3]):.2f} mm; "
+                    f"predicted {1e3 * sigma_m:.1f} mm; NEES {nees:.1f}",
+                    flush=True,
+                )
+            if not closures:
+                print(f"{path.name}; {text or 'none'}; no revisited place", flush=True)
+    return int(count == 0)
