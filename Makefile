@@ -50,8 +50,8 @@ sample: $(DEV_STAMP)  ## Render the sample bag again
 	$(BIN)/sfr simulate config/simulation/sample.yaml out/sample
 	$(BIN)/sfr convert out/sample sample/sample.mcap --jpeg-quality 82 --compression zstd --truth-grid 0.0001220703125
 
-test: $(COMPILED)  ## Run all tests
-	$(BIN)/python -m pytest $(PARALLEL)
+test: $(COMPILED)  ## Run all tests; the slowest are listed at the end
+	$(BIN)/python -m pytest $(PARALLEL) --durations=60 --durations-min=2
 
 test-fast: $(COMPILED)  ## Run the tests that need neither running nodes nor seconds each, for daily work
 	$(BIN)/python -m pytest $(PARALLEL) -m "not ros and not slow"

@@ -20,7 +20,7 @@ from sfr_loc_map.io.layouts.folder import FolderWriter
 
 @pytest.fixture
 def files(tmp_path: Path) -> tuple[Path, Path]:
-    """An estimate that is 0.1 % short, and its truth."""
+    """An estimate that is 0.09 % short, and its truth."""
     return write_files(tmp_path)
 
 
@@ -73,6 +73,6 @@ def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def localised() -> Trajectory:
     """An estimate of each image of the long drive that errs by millimetres."""
     stamps = START_NS + PERIOD_NS * np.arange(LONG, dtype=np.int64)
-    noise = np.cumsum(np.random.default_rng(2).normal(0.0, 0.002, (LONG, 3)), axis=0)
+    noise = np.cumsum(np.random.default_rng(2).normal(0.0, 0.0003, (LONG, 3)), axis=0)
     positions = noise + np.outer(STEP_M * np.arange(LONG), [1.0, 0.0, 0.0])
     return Trajectory(stamps, positions, np.tile([0.0, 0.0, 0.0, 1.0], (LONG, 1)))

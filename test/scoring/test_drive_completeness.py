@@ -13,7 +13,7 @@ from helpers import score_rows
 from helpers.cli_result import Sfr
 from helpers.judge import FEW_INDEPENDENT, OVER_5_M, POSES, Judge, rows_of
 from helpers.made_scene import loc_pair, true_cloud, write_folder
-from helpers.scored_drives import COUNT, PERIOD_NS, POSITION, limits, straight
+from helpers.scored_drives import COUNT, PERIOD_NS, POSITION, SHORT, limits, straight
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.clouds.cloud_file import load_cloud, save_cloud
@@ -58,7 +58,7 @@ def test_a_share_may_be_missing_where_a_limit_says_so(judge: Judge) -> None:
 
 def test_wrong_poses_with_other_stamps_are_missing(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr) -> None:
     """No figure contains the error of a pose whose stamp agrees with no truth."""
-    rules, drive = limits(tmp_path, POSITION), straight(scale=0.999)
+    rules, drive = limits(tmp_path, POSITION), straight(scale=SHORT)
     assert sfr("score", *files, "--limits", rules).code == 0
     is_moved = (np.arange(COUNT) >= 100) & (np.arange(COUNT) < 140)
     away = drive.positions + 2.0 * is_moved[:, None]
@@ -162,7 +162,7 @@ def test_pairs_whose_images_were_deleted_are_expected_all_the_same(tmp_path: Pat
 @pytest.mark.parametrize("kept", [slice(None, -30), slice(30, None)])
 def test_a_truth_that_is_shorter_than_the_estimate_is_incomplete(tmp_path: Path, sfr: Sfr, kept: slice) -> None:
     """The estimate is wrong by metres where the truth was cut."""
-    estimate, truth = straight(scale=0.999), straight()
+    estimate, truth = straight(scale=SHORT), straight()
     is_cut = np.ones(COUNT, np.bool_)
     is_cut[kept] = False
     wrong = estimate.positions + np.array([0.0, 3.0, 0.0]) * is_cut[:, None]

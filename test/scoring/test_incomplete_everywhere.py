@@ -54,7 +54,7 @@ LIMITS = parse_limits(
 )
 
 
-def drive(noise_m: float = 0.002, rows: Any = slice(None)) -> Trajectory:
+def drive(noise_m: float = 0.0003, rows: Any = slice(None)) -> Trajectory:
     """60 m along x with an error that walks."""
     noise = np.cumsum(np.random.default_rng(1).normal(0.0, noise_m, (COUNT, 3)), axis=0)
     positions = np.column_stack([0.15 * np.arange(COUNT), np.zeros((COUNT, 2))]) + noise

@@ -14,7 +14,7 @@ from helpers import score_rows
 from helpers.cli_result import Sfr
 from helpers.judge import POSES, Judge
 from helpers.made_scene import write_folder
-from helpers.scored_drives import COUNT, POSITION, limits, straight, write_calls
+from helpers.scored_drives import COUNT, POSITION, SHORT, limits, straight, write_calls
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.runs.calls import CallRecord, save_stats
@@ -109,7 +109,7 @@ def test_calls_are_those_of_the_images(judge: Judge, images: Path, localised: Tr
 
 def test_calls_belong_to_the_estimate_that_they_gave(tmp_path: Path, sfr: Sfr) -> None:
     """The file may be written in millimetres or hold a part of the poses; poses of another run are refused."""
-    drive, stats = straight(scale=0.999), tmp_path / "calls.csv"
+    drive, stats = straight(scale=SHORT), tmp_path / "calls.csv"
     records = [CallRecord(stamp_ns, 0.1, "tracking") for stamp_ns in drive.stamps_ns.tolist()]
     save_stats(stats, records, None, drive)
     save_trajectory(tmp_path / "t.csv", straight())
@@ -148,7 +148,7 @@ def test_without_calls_a_limit_on_them_is_incomplete(
     score = tmp_path / "s.json"
     done = sfr("score", *files, "--limits", limits(tmp_path, content), "--json", score)
     assert (done.code, json.loads(score.read_text())["verdict"]) == (3, "incomplete")
-    assert "give the calls of the run (--stats)" in done.err
+    assert "give the calls of the run (--stats)" in done.out
 
 
 FAILING = """

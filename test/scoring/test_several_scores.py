@@ -22,7 +22,7 @@ def test_scores_of_several_runs_have_no_pass_in_common(tmp_path: Path, sfr: Sfr)
     """Other items, versions, configurations and sources: each score passes, and the test report has no verdict."""
     paths = tmp_path / "e.csv", tmp_path / "t.csv"
     save_trajectory(paths[1], wandering(0.0))
-    save_trajectory(paths[0], wandering(1e-3))
+    save_trajectory(paths[0], wandering(1e-4))
     header = "stamp_ns,processing_time_s,state,method,method_version,method_kind"
     stamps = wandering(0.0).stamps_ns
 

@@ -13,7 +13,7 @@ from helpers.cli_result import Sfr
 from helpers.made_scene import write_folder
 from helpers.made_suites import made_suite
 from helpers.made_suites import straight as made_drive
-from helpers.scored_drives import POSITION, straight, write_files
+from helpers.scored_drives import POSITION, SHORT, straight, write_files
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
 from sfr_loc_map.metrics.score_json import from_json
@@ -51,7 +51,7 @@ def test_a_suite_judges_every_limit_and_counts_drives_by_their_truth(sfr: Sfr, t
     names = [f"d{number}.csv" for number in range(9)]
     truth = straight()
     for number, name in enumerate(names):
-        save_trajectory(tmp_path / name, straight(scale=0.999 + 1e-9 * number))
+        save_trajectory(tmp_path / name, straight(scale=SHORT + 1e-9 * number))
         copy = Trajectory(truth.stamps_ns, truth.positions + 1e-5 * number, truth.quats_xyzw)
         save_trajectory(tmp_path / f"t{name}", copy)
     pairs = [{"estimate": name, "truth": "truth.csv"} for name in names]

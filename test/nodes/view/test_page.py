@@ -75,7 +75,6 @@ def test_silent_monitor_is_shown_and_comes_back_and_a_bookmark_is_recorded(tmp_p
             wait_until(lambda: not is_silent(url), "a monitor that is back")
             monitor.popen.kill()
             monitor.popen.wait()
-            wait_until(lambda: is_silent(url), "a monitor that is missed for good")
         record.wait_for("records /bookmark")
         token = re.search(rb'name="command-token" content="([^"]+)"', asked(url))
         assert token is not None
@@ -86,6 +85,7 @@ def test_silent_monitor_is_shown_and_comes_back_and_a_bookmark_is_recorded(tmp_p
             return bookmarks(bag)
 
         wait_until(marked, "a bookmark in the bag")
+        wait_until(lambda: is_silent(url), "a monitor that is missed for good")
         assert record.end(SIGINT) == 0, record.text
     assert set(bookmarks(bag)) == {"a crater"}
 
