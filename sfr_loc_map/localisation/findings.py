@@ -32,7 +32,6 @@ A guard of the ground's motion is a case of `ground_cases`.
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from enum import Enum, Flag, auto
 from typing import Final, NamedTuple
 
@@ -45,7 +44,7 @@ class Action(Enum):
     KEEP = auto()  #: The last pose is published again, with a larger covariance. A lost localiser stays lost.
     REJECT = auto()  #: The localiser is lost. No window may begin with the pair.
     RESTART = auto()  #: The localiser is lost. After some good images a new window begins at the last pose.
-    DEGRADE = auto()  #: The pose is accepted and the state is degraded.
+    DEGRADE = auto()  #: The pose is accepted, or a window begins with the pair, and the state is degraded.
     ACCEPT = auto()  #: The pose is accepted.
 
     @property
@@ -74,10 +73,15 @@ class Finding(Enum):
     PARTIAL_TRANSFER = auto()  #: Parts of the images are of different moments, and it is unknown which.
     DOUBLE_EXPOSURE = auto()  #: The exposures of two pairs are blended, and the pose may be that of the earlier one.
     UNEXPLAINED = auto()  #: An unusual fraction of the landmarks does not follow the pose.
-    RECOVERING = auto()  #: An earlier pair was contradicted, ambiguous, stale, blended or partially transferred.
+    #: An earlier pair had stale rows or a finding of the ground's motion, and few moving pairs have followed since.
+    RECOVERING = auto()
     ONE_SIDED = auto()  #: Few inliers are observed in both images although both have texture: one of them may be stale.
-    GROUND_IN_DOUBT = auto()  #: One motion was found, but it is unknown whether it is the ground's.
+    GROUND_IN_DOUBT = auto()  #: One motion was found while the ground is in doubt (`ground_memory.Phase.IN_DOUBT`).
     AMBIGUOUS = auto()  #: Two motions were found, and it is unknown which is the ground's.
+
+
+Findings = frozenset[Finding]
+"""Findings of a pair; the empty set if no guard reports a problem."""
 
 
 class Inflation(Flag):
@@ -98,7 +102,8 @@ class Rule(NamedTuple):
     action: Action
     reason: StateReason
     inflation: Inflation = Inflation.NONE
-    #: Whether later pairs may be compared with this one: as a keyframe, for recovery, to detect changes.
+    #: Whether later pairs may be compared with this one: as a keyframe, for recovery, to detect changes. Without a map,
+    #: a window only begins with a comparable pair; the localiser is lost after another one.
     is_comparable: bool = True
 
 
@@ -140,9 +145,8 @@ RULES: Final = {
 }
 """What follows from each finding, in the order of precedence.
 
-Two reasons are published without being that of the first finding: a pair that is kept while the localiser is lost
-publishes the reason for which it was lost, and a new window that of its few landmarks, of a diverged adjustment, or of
-the gap before it.
+The published reason is that of the first finding, with one exception: a pair that is kept while the localiser is lost
+publishes the reason for which the localiser was lost.
 
 Seven findings publish `torn_images`, because an operator acts on them in the same way: the images may not be entirely
 of their stamp. For five of them the pair itself shows signs of it. For `RECOVERING` an earlier pair did, and for
@@ -151,9 +155,8 @@ the inflation and in the keyframes.
 
 Three findings add nothing to the covariance because the covariance always contains what they report: the yaw with its
 standard deviation (`CALIBRATION`), and the start of the window with the motion that no image showed (`AFTER_GAP`,
-`DIVERGED`). Two
-add nothing because the stale parts are known and blanked (`FROZEN_IMAGE`, `STALE_ROWS`). A kept pose (`Action.KEEP`)
-is always inflated by the motion since it was estimated (`trajectory.kept`).
+`DIVERGED`). Two add nothing because the stale parts are known and blanked (`FROZEN_IMAGE`, `STALE_ROWS`). A kept pose
+(`Action.KEEP`) is always inflated by the motion since it was estimated (`trajectory.kept`).
 """
 
 
@@ -176,7 +179,7 @@ NO_FINDING: Final = Verdict(None, Action.ACCEPT, None, Inflation.NONE, is_compar
 """What happens to a pair without findings."""
 
 
-def decide(findings: Collection[Finding]) -> Verdict:
+def decide(findings: Findings) -> Verdict:
     """Return what follows from the findings of a pair."""
     if not findings:
         return NO_FINDING

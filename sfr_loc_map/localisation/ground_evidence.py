@@ -1,4 +1,4 @@
-"""What a pair shows about the ground's motion: the questions that the table of cases asks (`ground_cases.decide`).
+"""What a pair shows about the ground's motion: the questions that the table of cases asks (`ground_cases.CASES`).
 
 The *main* motion is that of the tracks that are given; they may follow any motion, trusted or not. A *rival* is another
 rigid motion of landmarks that the main one does not explain. Each question is a property. Those that search for a
@@ -309,11 +309,6 @@ class Evidence:
         assert self.beside_static is not None, "asked for only if there is one"
         return self._other(self.beside_static, self.explained.on_static)
 
-    @property
-    def is_transfer_beside_body(self) -> bool:
-        """Whether too many landmarks follow neither the own body nor the motion beside it, for images of one moment."""
-        return self.memory.shows_other_moment(self.beside_body.explained.unexplained_fraction)
-
     @cached_property
     def rival(self) -> Tracks | None:
         """A rival of a main motion that is contradicted or unusual; None without one.
@@ -335,16 +330,16 @@ class Evidence:
         apart_px = self.tools.image_motion_px(self.pair, rival, start=self.main.pose, end=rival.pose)
         return rival if apart_px > least_px else None
 
+    @property
+    def has_rival(self) -> bool:
+        """Whether the main motion has a rival."""
+        return self.rival is not None
+
     @cached_property
     def by_rival(self) -> OtherMotion:
         """The rival's motion, without the landmarks that follow the main motion alone."""
         assert self.rival is not None, "asked for only if there is a rival"
         return self._other(self.rival, self.main.inliers & ~self.follows_rival)
-
-    @property
-    def is_transfer_by_rival(self) -> bool:
-        """Whether too many landmarks follow neither the main motion nor its rival, for images of one moment."""
-        return self.memory.shows_other_moment(self.by_rival.explained.unexplained_fraction)
 
     def _other(self, other: Tracks, excluded: Mask) -> OtherMotion:
         """Track the landmarks of the main tracks, without those of a mask `(M,)`, by another motion."""

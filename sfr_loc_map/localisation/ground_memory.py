@@ -17,13 +17,14 @@ Three values remember that an earlier pair was bad. They are separate because th
 | value | question | set by | ends |
 |---|---|---|---|
 | `confidence` | is the motion that is followed the ground's? | a case with `leaves_doubt` | pairs that agree |
-| `recovering_pairs` | may the next images be bad? | a case with a `recovery`; stale rows | moving pairs |
-| `transfers` | is the pair before partially transferred? | `Transfers.ONE_MORE`; stale rows | a pair of one motion |
+| `recovering_pairs` | may the next images be bad? | partial transfers; `starts_recovery`; stale rows | moving pairs |
+| `transfers` | is the pair before partially transferred? | partial transfers; stale rows | any other case |
+
+A new window ends the last two.
 """
 
 from __future__ import annotations
 
-from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 from typing import NamedTuple
@@ -31,7 +32,7 @@ from typing import NamedTuple
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.localisation.excluded_cells import ExcludedCells
-from sfr_loc_map.localisation.findings import Finding
+from sfr_loc_map.localisation.findings import Finding, Findings
 from sfr_loc_map.localisation.frontend.cell_change import LEVEL
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame
 
@@ -142,46 +143,35 @@ class Confidence:
         return Confidence(Phase.IN_DOUBT, 0, required_pairs, cells)
 
 
-class Transfers(Enum):
-    """What a case means for the number of consecutive partially transferred pairs."""
-
-    UNCHANGED = auto()
-    ONE_MORE = auto()
-    NONE = auto()
-
-
-class Recovery(Enum):
-    """What a case means for the number of moving pairs that stay degraded."""
-
-    CONTINUES = auto()  #: A moving pair takes one off the number.
-    AFTER_TRANSFERS = auto()  #: At least as many as consecutive partial transfers, and at most `AGREEING_PAIRS`.
-    STARTS = auto()  #: At least `AGREEING_PAIRS`: the ground's motion must be observed again in several moving pairs.
-
-
 class Effect(NamedTuple):
     """What a case reports by itself, and what it teaches about the ground."""
 
-    findings: AbstractSet[Finding] = frozenset()
+    finding: Finding | None = None
     leaves_doubt: bool = False  #: Whether the ground's motion is in doubt after the pair.
-    transfers: Transfers = Transfers.UNCHANGED
-    recovery: Recovery = Recovery.CONTINUES
+    #: Whether the ground's motion must be observed again in several moving pairs, which are degraded.
+    starts_recovery: bool = False
     #: Whether the pair can confirm the ground's motion, and changes what is typical for it.
     confirms: bool = False
     outlasts_refusal: bool = False  #: Whether the memory learns from the pair although its pose is refused.
 
     @property
+    def findings(self) -> Findings:
+        """The finding as a set; empty without one."""
+        return frozenset() if self.finding is None else frozenset({self.finding})
+
+    @property
     def is_transfer(self) -> bool:
         """Whether parts of the images are of different moments."""
-        return Finding.PARTIAL_TRANSFER in self.findings
+        return self.finding is Finding.PARTIAL_TRANSFER
 
 
-class ComparedImage(NamedTuple):
+class EarlierImage(NamedTuple):
     """Earlier image that the present one is compared with, cell by cell."""
 
     image: FloatImage  #: Pyramid level `LEVEL` of a left image.
     pose: Pose  #: Pose of the left camera there.
-    #: Number of pairs that were compared with it and changed the memory. Other refused pairs do not count, so that
-    #: `far_px` is rather too small after them, and more landmarks count as unexplained.
+    #: Number of pairs that were compared with it and changed the memory. Other refused pairs do not count. After them
+    #: the limit of the image motion (`ComparedPair.far_px`) is rather too small: more landmarks count as unexplained.
     age: int = 0
 
 
@@ -189,7 +179,7 @@ class LearntPair(NamedTuple):
     """What the memory learns of a pair."""
 
     excluded: ExcludedCells  #: Cells excluded from this pair on: already a keyframe that it becomes.
-    compared: ComparedImage  #: Image that the pair was compared with.
+    earlier: EarlierImage  #: Image that the pair was compared with.
     image: FloatImage  #: Pyramid level `MIXTURE_LEVEL` of its left image.
     agreement: Agreement  #: How far its main motion agrees with that of the ground.
     unexplained_fraction: float  #: Fraction of the landmarks that do not follow the main motion.
@@ -201,7 +191,7 @@ class GroundMemory:
     """What is remembered of accepted pairs, of pairs that contradict their pose, and of stale rows."""
 
     excluded: ExcludedCells  #: Cells that do not move with the ground.
-    compared: ComparedImage | None = None  #: Image of an accepted pose; None before the first window.
+    earlier: EarlierImage | None = None  #: Image of an accepted pose; None before the first window.
     #: Pyramid level `MIXTURE_LEVEL` of the left image at the last known pose; None if that image was not compared with
     #: earlier ones.
     previous: FloatImage | None = None
@@ -222,14 +212,14 @@ class GroundMemory:
 
     def after(self, effect: Effect, pair: LearntPair) -> GroundMemory:
         """Return the memory after a pair, by the effect of its case."""
-        transfers = self.transfers_after(effect.transfers)
+        transfers = self.transfers + 1 if effect.is_transfer else 0
         return GroundMemory(
             excluded=pair.excluded,
-            compared=pair.compared,
+            earlier=pair.earlier,
             previous=pair.image,
             confidence=self.confidence_after(effect, pair.agreement),
             transfers=transfers,
-            recovering_pairs=self.recovering_after(effect.recovery, transfers, is_moving=pair.is_moving),
+            recovering_pairs=self.recovering_after(effect, transfers, is_moving=pair.is_moving),
             typical=self.typical_after(pair.unexplained_fraction) if effect.confirms else self.typical,
         )
 
@@ -242,15 +232,7 @@ class GroundMemory:
     def is_usual(self, unexplained: float) -> bool:
         """Return whether a fraction of unexplained landmarks is usual for the ground."""
         margin = AFTER_TRANSFER * MIN_UNEXPLAINED if self.transfers else MIN_UNEXPLAINED
-        return unexplained < min(self._typical_with(margin), MAX_UNEXPLAINED)
-
-    def shows_other_moment(self, unexplained: float) -> bool:
-        """Return whether landmarks that follow neither of two motions are too many for images of one moment."""
-        return not unexplained < self._typical_with(MIN_UNEXPLAINED)
-
-    def _typical_with(self, margin: float) -> float:
-        """Return the typical fraction of unexplained landmarks, with a margin."""
-        return margin + TYPICAL_FACTOR * (self.typical or 0.0)
+        return unexplained < min(margin + TYPICAL_FACTOR * (self.typical or 0.0), MAX_UNEXPLAINED)
 
     def typical_after(self, unexplained: float) -> float | None:
         """Return the typical fraction of unexplained landmarks after a pair of one motion.
@@ -264,28 +246,16 @@ class GroundMemory:
         gain = RISING_GAIN if unexplained > typical else FALLING_GAIN
         return typical + gain * (unexplained - typical)
 
-    def transfers_after(self, transfers: Transfers) -> int:
-        """Return the number of consecutive partially transferred pairs after a pair."""
-        match transfers:
-            case Transfers.ONE_MORE:
-                return self.transfers + 1
-            case Transfers.NONE:
-                return 0
-            case Transfers.UNCHANGED:
-                return self.transfers
-
-    def recovering_after(self, recovery: Recovery, transfers: int, *, is_moving: bool) -> int:
+    def recovering_after(self, effect: Effect, transfers: int, *, is_moving: bool) -> int:
         """Return the number of moving pairs that stay degraded after a pair.
 
-        `transfers` is the number of consecutive partially transferred pairs, with this one.
+        After partial transfers it is their number, with this pair, but at most `AGREEING_PAIRS`.
         """
-        match recovery:
-            case Recovery.STARTS:
-                return max(self.recovering_pairs, AGREEING_PAIRS)
-            case Recovery.AFTER_TRANSFERS:
-                return max(self.recovering_pairs, min(transfers, AGREEING_PAIRS))
-            case Recovery.CONTINUES:
-                return self.still_recovering(is_moving=is_moving)
+        if effect.is_transfer:
+            return max(self.recovering_pairs, min(transfers, AGREEING_PAIRS))
+        if effect.starts_recovery:
+            return max(self.recovering_pairs, AGREEING_PAIRS)
+        return self.still_recovering(is_moving=is_moving)
 
     def still_recovering(self, *, is_moving: bool) -> int:
         """Return the number of moving pairs that earlier ones still degrade; a stationary image does not count."""
@@ -295,7 +265,7 @@ class GroundMemory:
         """Return the memory with a new window. Its ground has not been seen to move; doubt persists."""
         return replace(
             self,
-            compared=ComparedImage(frame.left[LEVEL].image, pose),
+            earlier=EarlierImage(frame.left[LEVEL].image, pose),
             previous=None,
             confidence=self.confidence.after_interruption(),
             transfers=0,

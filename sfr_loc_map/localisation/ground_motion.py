@@ -9,7 +9,7 @@ If the evidence does not separate the two, the pose is ambiguous.
 `GroundSelector.select` works in four steps:
 
 1. Gather the `Evidence` of the tracks and of the comparison (`ground_evidence.py`).
-2. Decide the case (`ground_cases.decide`), which has an effect (`ground_cases.EFFECTS`).
+2. Decide the case (`ground_cases.case_of`), which has an effect (`ground_cases.EFFECTS`).
 3. Select the tracks that follow the ground, and what is excluded, by the case (`_selection`).
 4. Return the findings (`ground_cases.findings_of`) and the memory for the next pair (`GroundMemory.after`).
 """
@@ -24,14 +24,14 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.geometry.camera import StereoCamera
-from sfr_loc_map.localisation.findings import Finding
+from sfr_loc_map.localisation.findings import Findings
 from sfr_loc_map.localisation.frontend.cell_change import LEVEL, Change, change_of
 from sfr_loc_map.localisation.frontend.cell_motion import MOVED_PX
 from sfr_loc_map.localisation.frontend.double_exposure import MIXTURE_LEVEL
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
-from sfr_loc_map.localisation.ground_cases import EFFECTS, Case, decide, findings_of
+from sfr_loc_map.localisation.ground_cases import EFFECTS, Case, case_of, findings_of
 from sfr_loc_map.localisation.ground_evidence import CLEAR_RATIO, ComparedPair, Evidence, MotionTools, OtherMotion
-from sfr_loc_map.localisation.ground_memory import MIN_UNEXPLAINED, ComparedImage, GroundMemory, LearntPair
+from sfr_loc_map.localisation.ground_memory import MIN_UNEXPLAINED, EarlierImage, GroundMemory, LearntPair
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.motion_size import MotionSize, size_between
 from sfr_loc_map.localisation.parallel import Pending, beside
@@ -70,12 +70,12 @@ class Ground(NamedTuple):
     """The ground's motion in a pair."""
 
     tracks: Tracks  #: Tracks that follow it.
-    findings: frozenset[Finding]
+    findings: Findings
     not_ground: NDArray[np.intp]  #: `(N,)` rows in the window of landmarks that do not move with the ground.
     rival_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
     before: GroundMemory  #: Memory before the pair.
     after: GroundMemory  #: Memory after the pair if its pose is accepted.
-    compared: ComparedImage | None = None  #: Image that the next pair is compared with, if this pair may be a keyframe.
+    earlier: EarlierImage | None = None  #: Image that the next pair is compared with, if this pair may be a keyframe.
     outlasts_refusal: bool = False  #: Whether the memory learns from the pair although its pose is refused.
 
     @classmethod
@@ -83,11 +83,11 @@ class Ground(NamedTuple):
         """Return all tracks as the ground, without a comparison with earlier pairs."""
         return cls(tracks, frozenset(), NO_ROWS, MotionSize(0.0, 0.0), memory, replace(memory, previous=None))
 
-    def accepted(self, *, is_compared: bool) -> GroundMemory:
+    def accepted(self, *, is_comparable: bool) -> GroundMemory:
         """Return the memory after the pose was accepted; whether later images may be compared with this one."""
-        if self.compared is None or not is_compared:
+        if self.earlier is None or not is_comparable:
             return self.after
-        return replace(self.after, compared=self.compared)
+        return replace(self.after, earlier=self.earlier)
 
     def refused(self) -> GroundMemory:
         """Return the memory after the pose was refused: its image is not at the last known pose."""
@@ -105,8 +105,8 @@ class GroundSelector:
 
     def compare(self, frame: StereoFrame, memory: GroundMemory) -> Pending[Change]:
         """Begin to compare the left image with an earlier one, cell by cell, while the landmarks are tracked."""
-        assert memory.compared is not None, "a window has begun"
-        return beside(change_of, memory.compared.image, frame.left[LEVEL].image)
+        assert memory.earlier is not None, "a window has begun"
+        return beside(change_of, memory.earlier.image, frame.left[LEVEL].image)
 
     def select(
         self,
@@ -118,12 +118,12 @@ class GroundSelector:
         change: Change,
     ) -> Ground:
         """Return the ground's motion in a pair. The main tracks may follow any motion, trusted or not."""
-        assert memory.compared is not None, "a window has begun"
-        compared = memory.compared._replace(age=memory.compared.age + 1)
-        far_px = FAR_RATIO * self._tools.shape[1] * compared.age if memory.is_clear else np.inf
-        pair = ComparedPair(frame, prediction, recovery, change, compared.pose, far_px)
+        assert memory.earlier is not None, "a window has begun"
+        earlier = memory.earlier._replace(age=memory.earlier.age + 1)
+        far_px = FAR_RATIO * self._tools.shape[1] * earlier.age if memory.is_clear else np.inf
+        pair = ComparedPair(frame, prediction, recovery, change, earlier.pose, far_px)
         evidence = self._evidence(pair, main, memory)
-        case = decide(evidence)
+        case = case_of(evidence)
         effect = EFFECTS[case]
         selection = self._selection(case, evidence)
         is_trusted = selection.tracks.is_trusted
@@ -137,7 +137,7 @@ class GroundSelector:
         )
         learnt = LearntPair(
             excluded=excluded,
-            compared=compared,
+            earlier=earlier,
             image=frame.left[MIXTURE_LEVEL].image,
             agreement=evidence.agreement,
             unexplained_fraction=evidence.explained.unexplained_fraction,
@@ -150,7 +150,7 @@ class GroundSelector:
             rival_distance=selection.rival_distance,
             before=memory,
             after=memory.after(effect, learnt),
-            compared=compared if effect.is_transfer else self._compared_after(pair, selection, compared),
+            earlier=earlier if effect.is_transfer else self._earlier_after(pair, selection, earlier),
             outlasts_refusal=effect.outlasts_refusal,
         )
 
@@ -164,29 +164,27 @@ class GroundSelector:
                 explained = self._tools.explained(pair, again)
         return Evidence(self._tools, pair, main, explained, memory)
 
-    def _compared_after(self, pair: ComparedPair, selection: Selection, compared: ComparedImage) -> ComparedImage:
+    def _earlier_after(self, pair: ComparedPair, selection: Selection, earlier: EarlierImage) -> EarlierImage:
         """Return the image that the next pair is compared with, unless this pair is partially transferred."""
         shows_fixed = selection.motion_px > COMPARED_PX
-        if shows_fixed or not selection.is_main or compared.age > COMPARED_PAIRS:
-            return ComparedImage(pair.frame.left[LEVEL].image, selection.tracks.pose)
-        return compared
+        if shows_fixed or not selection.is_main or earlier.age > COMPARED_PAIRS:
+            return EarlierImage(pair.frame.left[LEVEL].image, selection.tracks.pose)
+        return earlier
 
     # ---- the tracks of a case
 
     def _selection(self, case: Case, evidence: Evidence) -> Selection:
         """Return the tracks that follow the ground, and what does not, by the case."""
         match case:
-            case Case.OWN_BODY | Case.OWN_BODY_TRANSFER:
+            case Case.OWN_BODY:
                 return self._beside_body(evidence)
             case Case.AMBIGUOUS:
                 return self._likelier(evidence)
-            case Case.RIVAL | Case.RIVAL_TRANSFER:
-                return self._rival(evidence)
-            case Case.MAIN:
-                return self._main_of_two(evidence)
-            case Case.UNTRUSTED | Case.CONTRADICTED | Case.PARTIAL_TRANSFER | Case.DOUBLE_EXPOSURE:
+            case Case.TWO_MOTIONS:
+                return self._rival(evidence) if evidence.rival_wins else self._main_of_two(evidence)
+            case Case.UNTRUSTED | Case.PARTIAL_TRANSFER | Case.DOUBLE_EXPOSURE | Case.CONTRADICTED:
                 return Selection(evidence.main, evidence.explained.motion_px)
-            case Case.UNCONVINCING | Case.HALF_UNEXPLAINED | Case.UNEXPLAINED | Case.STILL_IN_DOUBT | Case.ONE_MOTION:
+            case Case.HALF_UNEXPLAINED | Case.UNEXPLAINED | Case.STILL_IN_DOUBT | Case.ONE_MOTION:
                 explained = evidence.explained
                 not_ground = evidence.main.landmarks.rows[explained.on_fixed]
                 return Selection(evidence.main, explained.motion_px, not_ground=not_ground, fixed=explained.fixed_cells)

@@ -16,17 +16,14 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoPair
-from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.config import MotionBounds
-from sfr_loc_map.localisation.findings import Finding
+from sfr_loc_map.localisation.findings import Finding, Findings
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks, is_textured
 from sfr_loc_map.localisation.motion_model import LastPose
-from sfr_loc_map.localisation.motion_size import MotionSize, size_between, size_of
+from sfr_loc_map.localisation.motion_size import MotionSize, size_between
 from sfr_loc_map.localisation.stale_images import ImageComparison, are_equal
-
-Findings = frozenset[Finding]
 
 SLACK: Final = MotionSize(1.0, 1.0)
 """Motion, m and rad, that is plausible whatever the stamps are: stamps may jitter."""
@@ -107,8 +104,7 @@ def check_pose(tracks: Tracks, last: LastPose, stamp_ns: int, bounds: MotionBoun
     moved = size_between(Pose.of(last.T_world_left), tracks.pose)
     max_m = SLACK.metres + bounds.max_speed_m_s * seconds
     max_rad = SLACK.radians + bounds.max_turn_rad_s * seconds
-    is_plausible = moved.metres <= max_m and moved.radians <= max_rad
-    return _found(Finding.TOO_FAST, not is_plausible)
+    return _found(Finding.TOO_FAST, not moved.is_within(MotionSize(max_m, max_rad)))
 
 
 def check_adjustment(last: LastPose, pose: Pose, covariance: FloatArray) -> Findings:
@@ -118,9 +114,8 @@ def check_adjustment(last: LastPose, pose: Pose, covariance: FloatArray) -> Find
     """
     if not (np.isfinite(np.column_stack(pose)).all() and np.isfinite(covariance).all()):
         return frozenset({Finding.DIVERGED})
-    moved = size_of(last.T_world_left.inverse() @ Transform(*pose))
-    is_near = moved.metres <= MAX_ADJUSTMENT.metres and moved.radians <= MAX_ADJUSTMENT.radians
-    return _found(Finding.DIVERGED, not is_near)
+    moved = size_between(Pose.of(last.T_world_left), pose)
+    return _found(Finding.DIVERGED, not moved.is_within(MAX_ADJUSTMENT))
 
 
 def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: RightOffset) -> Findings:
@@ -134,21 +129,6 @@ def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: Ri
         return frozenset()
     is_swapped = tracker.fits_swapped(frame, tracks, offset)
     return frozenset({Finding.SWAPPED if is_swapped else Finding.ONE_SIDED})
-
-
-def clean_keyframe(last: LastPose, stamp_ns: int, keyframes: int, window_keyframes: int) -> int | None:
-    """Return the number of the keyframe from which a new window is not degraded by a gap before it; None without a gap.
-
-    There is no gap before the first pair, nor before a start pose with a later stamp: images show the motion to it.
-
-    Args:
-        last: The last known pose, at which the window begins.
-        stamp_ns: Stamp of its first pair.
-        keyframes: Number of keyframes since the start, with the first one of the window.
-        window_keyframes: Number of keyframes of a full window, which is the first that is not degraded.
-    """
-    has_gap = last.known_ns is not None and last.known_ns < stamp_ns
-    return keyframes + window_keyframes - 1 if has_gap else None
 
 
 def check_gap(*, keyframes: int, clean_from_keyframe: int) -> Findings:

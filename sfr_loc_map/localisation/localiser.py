@@ -7,7 +7,8 @@ A sparse, keyframe-based stereo odometry with a sliding window. Stages 1 to 9 ar
 3. Track: align the landmarks of the window as one (direct image alignment, SVO, Forster et al. 2017), then track each
    patch, warped by its local plane, in both images (Lucas and Kanade 1981), and solve for the pose with robust weights.
 4. Relocalise if the pose is not trusted: optical flow, then SIFT descriptors (`relocalisation`).
-5. Select the ground's motion among the motions in the image (`ground_motion`).
+5. Select the ground's motion among the motions in the image (`ground_motion`). If the tracks are not explained by one
+   motion, another one is searched for, and landmarks are tracked again. Landmarks of other motions leave the map.
 6. Correct the right camera: estimate its rotation, and correct a drift (`backend/online_calibration`).
 7. Judge: the findings of all guards and one table decide whether the pose is accepted (`guards`, `findings.RULES`).
 8. Complete: if few landmarks are left or they moved far, the pair becomes a keyframe, and its pose is solved for once
@@ -23,8 +24,9 @@ Before and after these stages, `Localiser.process`
 - starts the work of a keyframe in the background: the pair joins the window, which is adjusted (bundle adjustment with
   marginalisation, OKVIS, Leutenegger et al. 2015; `keyframes`).
 
-A pair is refused as soon as one of its findings asks for it: after the images were checked, if the map is too small,
-after stage 5, or in stage 7. The later stages are skipped. The refused pair of a lost localiser may begin a window.
+With a map, a pair is refused as soon as one of its findings asks for it: after the images were checked, if the map is
+too small, after stage 5, or in stage 7. The later stages are skipped. A pair without a map, or a refused one after
+several good images, may begin a window (`_begin`). If it does not, the localiser is lost.
 
 The state between two pairs is one immutable value (`state.State`); each stage takes values and returns values. What a
 pair changes in the state:
@@ -36,12 +38,12 @@ pair changes in the state:
 | lost (`_lose`) | path (it forgets the velocity), failed recoveries (by a good image), status, reason |
 | begins a window (`_begin`) | all but `shear_mean`: the window starts at the last known pose; if it fails, as lost |
 
-Four other events change it: the finished keyframe of the call before (path, map, calibration and recovery; without the
-map if the adjustment diverged), a pose from outside (path, and the map if it is forgotten), the first pair (path), and
-`set_pose` (path).
+Four other events change it: the finished keyframe of the call before (path, map, calibration and recovery; if its
+adjustment diverged, the map is given up and the calibration is reset), a pose from outside (path, and the map if it is
+forgotten), the first pair (path), and `set_pose` (path).
 
-Each pair, also a refused one, changes `images` unless it repeats the pair before, and `ground` if it has stale rows or
-contradicts its pose. A pair that would be kept is lost if the localiser is lost already.
+Each pair, also a refused one, changes `image_memory` unless it repeats the pair before, and `ground_memory` if it has
+stale rows or contradicts its pose. A pair that would be kept is lost if the localiser is lost already.
 """
 
 from __future__ import annotations
@@ -58,7 +60,7 @@ from sfr_loc_map.errors import LocalisationError
 from sfr_loc_map.geometry.camera import Pose
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
-from sfr_loc_map.localisation import guards, stale_images, trajectory
+from sfr_loc_map.localisation import guards, stale_images, trajectory, warm_up
 from sfr_loc_map.localisation.backend.online_calibration import OnlineCalibration
 from sfr_loc_map.localisation.backend.sliding_window import LandmarkMap
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -72,15 +74,13 @@ from sfr_loc_map.localisation.estimate import (
     TrackingStatistics,
     lost_covariance,
 )
-from sfr_loc_map.localisation.findings import Action, Finding, Verdict, decide
+from sfr_loc_map.localisation.findings import Action, Finding, Findings, Verdict, decide
 from sfr_loc_map.localisation.frontend.cell_change import Change
-from sfr_loc_map.localisation.frontend.patch import SIDE
-from sfr_loc_map.localisation.frontend.patch_slopes import refine_slopes
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset, right_shift
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
 from sfr_loc_map.localisation.ground_memory import GroundMemory
 from sfr_loc_map.localisation.ground_motion import Ground, GroundSelector
-from sfr_loc_map.localisation.guards import Findings, ShearMean
+from sfr_loc_map.localisation.guards import ShearMean
 from sfr_loc_map.localisation.keyframes import KEYFRAME_FLOW, KeyframeJob, KeyframeMaker, KeyframeResult
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.pair_statistics import accepted_statistics, displayed, residual_statistics
@@ -107,7 +107,7 @@ class Candidate(NamedTuple):
     frame: StereoFrame
     landmark_map: LandmarkMap  #: The map without the landmarks that do not move with the ground.
     ground: Ground
-    corrected: CorrectedTracks
+    corrected: CorrectedTracks  #: The tracks of the ground, corrected.
 
     @property
     def tracks(self) -> Tracks:
@@ -149,7 +149,7 @@ class Localiser:
         self._model = RoverModel.of(rig, config.motion, KEYFRAME_FLOW)
         self._tracker = Tracker(config.min_tracked, rig.camera)
         self._relocaliser = Relocaliser(self._tracker, config, rig.camera)
-        self._ground = GroundSelector(
+        self._ground_selector = GroundSelector(
             self._tracker, self._relocaliser, rig.camera, (rig.height, rig.width), config.min_tracked
         )
         self._keyframes = KeyframeMaker(rig, config, self._tracker)
@@ -164,7 +164,7 @@ class Localiser:
         self._state = State(
             path=trajectory.started(StartPose.of(start), self._model),
             calibration=OnlineCalibration(self._camera, self._config.window_keyframes),
-            ground=GroundMemory.none((self._rig.height, self._rig.width)),
+            ground_memory=GroundMemory.none((self._rig.height, self._rig.width)),
         )
 
     def set_pose(self, pose: StartPose | Transform) -> None:
@@ -174,19 +174,11 @@ class Localiser:
     @staticmethod
     def warm_up() -> None:
         """Load or compile all kernels by a small drive, so that no call pays for it."""
-        width, height = 320, 240
-        rig = StereoRig(width, height, 300.0, 300.0, 160.0, 120.0, 0.1, Transform.identity())
-        texture = np.random.default_rng(0).integers(0, 255, (height, width + 200), np.uint8)
-        localiser = Localiser(rig, LocalisationConfig(window_keyframes=2, max_features=100, min_tracked=8))
-        for stamp_ns, shift in enumerate((0, 4, 30, 60, 90, 150)):
-            left, right = (np.ascontiguousarray(texture[:, s : s + width]) for s in (shift, shift + 10))
-            localiser.process(StereoPair(stamp_ns, left, right))
-        localiser.process(StereoPair(6, np.zeros_like(left), np.zeros_like(left)))
-        # landmarks of large images, which the small rig does not have
-        image = np.zeros((SIDE, SIDE), np.float32)
-        at = np.zeros((1, 2))
-        refine_slopes(image, np.zeros((1, 3, SIDE * SIDE), np.float32), at, at)
+        localiser = Localiser(warm_up.RIG, warm_up.CONFIG)
+        for pair in warm_up.small_drive():
+            localiser.process(pair)
         localiser.reset(Transform.identity())  # waits for the last keyframe
+        warm_up.call_kernels_of_large_images()
 
     def process(self, pair: StereoPair, odometry: Transform | None = None) -> PoseEstimate:
         """Return the pose at a pair.
@@ -202,7 +194,7 @@ class Localiser:
             state, findings = self._with_finished_keyframe(self._state, clock)
         outcome = self._locate(state, pair, odometry, findings, clock)
         self._state = self._with_pose_from_outside(outcome.state, pair.stamp_ns)
-        # a pose from outside forgets the map only if it is later than the last accepted pose, which a keyframe is
+        # a pose from outside forgets the map only if it is later than the last accepted pose, which is a keyframe's
         assert outcome.keyframe is None or self._state.landmark_map is not None
         estimate = self._estimate(pair.stamp_ns, self._state, outcome, clock)
         if outcome.keyframe is not None:
@@ -216,12 +208,12 @@ class Localiser:
     ) -> Outcome:
         """Find the pose of a pair by the stages 1 to 9 of the module's text. Findings about the map are given."""
         # 1 check the images
-        images = stale_images.compare(pair, state.images)
+        images = stale_images.compare(pair, state.image_memory)
         state = replace(
             state,
             path=trajectory.arrived(state.path, pair.stamp_ns),
-            images=images.memory,
-            ground=state.ground.after_stale_rows(images.stale_rows),
+            image_memory=images.memory,
+            ground_memory=state.ground_memory.after_stale_rows(images.stale_rows),
         )
         landmark_map = state.landmark_map
         findings |= guards.check_images(images, has_map=landmark_map is not None) | guards.check_wiring(pair)
@@ -235,27 +227,27 @@ class Localiser:
         count = len(landmark_map.landmarks.rows)
         verdict = decide(findings | guards.check_landmarks(frame, count, self._config.min_tracked))
         if verdict.refuses:
-            return self._refuse_or_restart(state, verdict, frame)
+            return self._refuse_or_restart(state, verdict, frame, landmark_map)
         # 2 predict
         guesses = state.path.last.predict(pair.stamp_ns, odometry, self._model)
         prediction = Prediction(guesses, state.calibration.offset)
         # 3 track, 4 relocalise; meanwhile stage 5 begins
-        change = self._ground.compare(frame, state.ground)
+        change = self._ground_selector.compare(frame, state.ground_memory)
         tracks = self._track(frame, landmark_map, prediction, state.recovery, clock)
         # 5 select the ground's motion
         ground = self._select_ground(frame, tracks, prediction, state, images, change.result())
-        state = replace(state, ground=ground.refused())
+        state = replace(state, ground_memory=ground.refused())
         findings |= ground.findings
         verdict = decide(findings | guards.check_tracks(frame, ground.tracks))
         if verdict.refuses:
-            return self._refuse_or_restart(state, verdict, frame, ground.tracks)
+            return self._refuse_or_restart(state, verdict, frame, landmark_map, ground.tracks)
         # 6 correct the right camera
         corrected = self._correct_right_camera(ground.tracks, state.calibration, state.shear_mean)
         candidate = Candidate(frame, landmark_map.without(ground.not_ground), ground, corrected)
         # 7 judge
         verdict = self._judge(state, candidate, findings)
         if verdict.refuses:
-            return self._refuse_or_restart(state, verdict, frame, candidate.tracks)
+            return self._refuse_or_restart(state, verdict, frame, landmark_map, candidate.tracks)
         # 8 complete, 9 accept
         final = self._complete(state, candidate, verdict, clock)
         return self._accept(state, candidate, verdict, final)
@@ -291,8 +283,8 @@ class Localiser:
     ) -> Ground:
         """Select the ground's motion. A left image with blanked parts cannot be compared with earlier ones."""
         if images.is_left_frozen or images.stale_rows.any():
-            return Ground.unselected(tracks, state.ground)
-        return self._ground.select(frame, tracks, prediction, state.ground, state.recovery, change)
+            return Ground.unselected(tracks, state.ground_memory)
+        return self._ground_selector.select(frame, tracks, prediction, state.ground_memory, state.recovery, change)
 
     def _correct_right_camera(
         self, tracks: Tracks, calibration: OnlineCalibration, shear_mean: ShearMean
@@ -387,7 +379,7 @@ class Localiser:
             landmark_map=landmark_map,
             calibration=corrected.calibration,
             shear_mean=corrected.shear_mean,
-            ground=ground.accepted(is_compared=verdict.is_comparable),
+            ground_memory=ground.accepted(is_comparable=verdict.is_comparable),
             recovery=recovery,
             failed_recoveries=0,
             keyframes=state.keyframes + int(final.is_keyframe),
@@ -396,7 +388,7 @@ class Localiser:
         )
         keyframe = None
         if final.is_keyframe:
-            mask = state.ground.excluded.mask
+            mask = state.ground_memory.excluded.mask
             keyframe = KeyframeJob(candidate.frame, tracks, landmark_map.window, state.calibration, mask)
         return Outcome(state, accepted_statistics(state, tracks, residuals), tracks, step, keyframe)
 
@@ -411,13 +403,19 @@ class Localiser:
         return self._lose(state, verdict.reason, statistics, tracks)
 
     def _refuse_or_restart(
-        self, state: State, verdict: Verdict, frame: StereoFrame, tracks: Tracks | None = None
+        self,
+        state: State,
+        verdict: Verdict,
+        frame: StereoFrame,
+        landmark_map: LandmarkMap,
+        tracks: Tracks | None = None,
     ) -> Outcome:
-        """Refuse a pair with a map. By the action `RESTART`, a window begins with it after some good images."""
-        count = 0 if state.landmark_map is None else len(state.landmark_map.landmarks.rows)
+        """Refuse a pair with a map. By the action `RESTART`, a window begins with the pair after some good images."""
+        count = len(landmark_map.landmarks.rows)
         if verdict.action is Action.RESTART and self._relocaliser.is_good_image(frame, count):
             state = replace(state, failed_recoveries=state.failed_recoveries + 1)
             if state.failed_recoveries >= RESTART_AFTER and verdict.is_comparable:
+                # the findings are those of a pose in the map before, which the new window does not continue
                 return self._begin(state, frame, frozenset(), tracks)
         return self._refuse(state, verdict, frame.stamp_ns, tracks)
 
@@ -444,23 +442,23 @@ class Localiser:
         The localiser stays lost if the pair has too few landmarks, or if its findings do not allow it to be a keyframe.
         The window is degraded by the findings, or if no image has shown the motion since the last pose.
         """
+        keyframes = state.keyframes + 1
+        clean_from = state.clean_from_keyframe
+        if state.path.last.has_gap(frame.stamp_ns):  # only a full window is not degraded by it
+            clean_from = keyframes + self._config.window_keyframes - 1
+        findings |= guards.check_gap(keyframes=keyframes, clean_from_keyframe=clean_from)
         verdict = decide(findings)
         if not verdict.is_comparable:
             return self._lose(state, verdict.reason, TrackingStatistics(inliers=0), tracks)
         pose = Pose.of(state.path.last.T_world_left)
-        result = self._keyframes.begin(frame, pose, state.calibration, state.ground.excluded.mask)
-        found = len(result.landmark_map.landmarks.rows)
-        statistics = TrackingStatistics(features=found)
-        few = decide(guards.check_landmarks(frame, found, self._config.min_tracked))
-        if few.refuses:
-            return self._lose(state, few.reason, statistics, tracks)
-        keyframes = state.keyframes + 1
-        clean_from = guards.clean_keyframe(state.path.last, frame.stamp_ns, keyframes, self._config.window_keyframes)
-        if clean_from is None:
-            clean_from = state.clean_from_keyframe
-        begun = decide(findings | guards.check_gap(keyframes=keyframes, clean_from_keyframe=clean_from))
+        result = self._keyframes.begin(frame, pose, state.calibration, state.ground_memory.excluded.mask)
+        landmarks = result.landmark_map.landmarks
+        statistics = TrackingStatistics(features=len(landmarks.rows))
+        verdict = decide(findings | guards.check_landmarks(frame, len(landmarks.rows), self._config.min_tracked))
+        if verdict.refuses:
+            return self._lose(state, verdict.reason, statistics, tracks)
         status = TrackingState.DEGRADED
-        if begun.action is Action.ACCEPT:
+        if verdict.action is Action.ACCEPT:
             status = TrackingState.INITIALISING if keyframes == 1 else TrackingState.TRACKING
         path, step = trajectory.restarted(state.path, frame.stamp_ns, result.landmark_map, self._model)
         state = replace(
@@ -468,13 +466,13 @@ class Localiser:
             path=path,
             landmark_map=result.landmark_map,
             calibration=result.calibration,
-            recovery=RecoveryImages.of_first_keyframe(frame.image, result.landmark_map.landmarks),
+            recovery=RecoveryImages.of_first_keyframe(frame.image, landmarks),
             failed_recoveries=0,
-            ground=state.ground.in_new_window(frame, pose),
+            ground_memory=state.ground_memory.in_new_window(frame, pose),
             keyframes=keyframes,
             clean_from_keyframe=clean_from,
             status=status,
-            reason=begun.reason,
+            reason=verdict.reason,
         )
         return Outcome(state, statistics, tracks, step)
 

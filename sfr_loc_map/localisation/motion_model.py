@@ -60,6 +60,13 @@ class LastPose:
         """Return the time between the last known pose and a stamp, s; 0 before the first pair."""
         return 0.0 if self.known_ns is None else abs(stamp_ns - self.known_ns) / NS_PER_S
 
+    def has_gap(self, stamp_ns: int) -> bool:
+        """Return whether no image shows the motion from the last known pose to a pair that begins a window.
+
+        There is no gap before the first pair, nor before a start pose with a later stamp: images show the motion to it.
+        """
+        return self.known_ns is not None and self.known_ns < stamp_ns
+
     def predict(self, stamp_ns: int, odometry: Transform | None, model: RoverModel) -> Guesses:
         """Return the initial guesses of the next pose.
 

@@ -18,6 +18,10 @@ class MotionSize(NamedTuple):
     metres: float  #: Length.
     radians: float  #: Angle.
 
+    def is_within(self, most: MotionSize) -> bool:
+        """Return whether neither length nor angle exceeds that of another size; False for NaN."""
+        return self.metres <= most.metres and self.radians <= most.radians
+
     @property
     def covariance(self) -> FloatArray:
         """Covariance `(6, 6)` of errors whose standard deviation is this size on each axis."""

@@ -41,7 +41,7 @@ def accepted_statistics(state: State, tracks: Tracks, residuals: ResidualStatist
         vertical_offset_px=offset.v,
         disparity_offset_px=-offset.u,
         roll_offset_px=offset.roll,
-        masked_share=state.ground.excluded.fraction,
+        masked_share=state.ground_memory.excluded.fraction,
     )
 
 

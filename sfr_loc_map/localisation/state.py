@@ -37,16 +37,15 @@ class State:
 
     path: PathState  #: Last pose, datum, history and accumulated errors.
     calibration: OnlineCalibration  #: Rotation error of the right camera.
-    ground: GroundMemory  #: Memory of the selection of the ground.
+    ground_memory: GroundMemory  #: Memory of the selection of the ground.
     landmark_map: LandmarkMap | None = None  #: Window and landmarks; None before a window has begun.
     recovery: RecoveryImages = RecoveryImages()  #: Images that lost tracking can be recovered from.
     failed_recoveries: int = 0  #: Number of good images with a refused pose since the last accepted pair.
-    images: ImageMemory | None = None  #: Memory of the check for stale images.
+    image_memory: ImageMemory | None = None  #: Memory of the check for stale images.
     shear_mean: ShearMean = ShearMean()  #: Memory of the check for sheared rows.
     keyframes: int = 0  #: Number of keyframes since the start.
-    clean_from_keyframe: int = (
-        0  #: Number of the keyframe from which a window is no longer degraded by a gap before it.
-    )
+    #: Number of the keyframe from which a window is no longer degraded by a gap before it.
+    clean_from_keyframe: int = 0
     status: TrackingState = TrackingState.INITIALISING  #: State published last; a lost pose is not continued.
     reason: StateReason | None = None  #: Reason published last.
 

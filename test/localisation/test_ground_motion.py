@@ -26,19 +26,18 @@ from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import drive_of
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState
-from sfr_loc_map.localisation.ground_cases import EFFECTS, FIRST_CASES, ONE_MOTION_CASES, TWO_MOTION_CASES, Case
+from sfr_loc_map.localisation.ground_cases import CASES, EFFECTS, Case
 from sfr_loc_map.localisation.ground_evidence import OLD_WEIGHT, Evidence
 from sfr_loc_map.localisation.ground_memory import (
     AGREEING_PAIRS,
     LONG_DOUBT_PAIRS,
     MAX_TRANSFERS,
     Agreement,
-    ComparedImage,
     Confidence,
+    EarlierImage,
     GroundMemory,
     LearntPair,
     Phase,
-    Transfers,
 )
 from sfr_loc_map.localisation.ground_motion import NO_ROWS, Ground
 from sfr_loc_map.localisation.localiser import Localiser
@@ -77,17 +76,14 @@ def masked(estimates: Sequence[PoseEstimate]) -> list[float]:
 
 
 def test_each_case_has_a_row_and_an_effect() -> None:
-    rows = (*FIRST_CASES, *ONE_MOTION_CASES, *TWO_MOTION_CASES)
-    assert {case for case, _ in rows} == set(Case) == set(EFFECTS)
+    assert {case for case, _ in CASES} == set(Case) == set(EFFECTS)
 
 
 def test_each_transfer_counts_so_that_a_row_of_them_ends() -> None:
-    reporting = [effect for effect in EFFECTS.values() if effect.is_transfer]
-    assert {effect.transfers for effect in reporting} == {Transfers.ONE_MORE}
     memory = GroundMemory.none((32, 32))
     learnt = LearntPair(
         memory.excluded,
-        ComparedImage(np.zeros((16, 16), np.float32), Pose(np.eye(3), np.zeros(3))),
+        EarlierImage(np.zeros((16, 16), np.float32), Pose(np.eye(3), np.zeros(3))),
         np.zeros((16, 16), np.float32),
         Agreement(has_moved=True, agrees=True, is_unusual=False, unexplained_cells=np.zeros((2, 2), np.bool_)),
         0.0,
@@ -95,8 +91,9 @@ def test_each_transfer_counts_so_that_a_row_of_them_ends() -> None:
     )
     for _ in range(MAX_TRANSFERS):
         assert Evidence(None, None, None, None, memory).may_be_transfer  # type: ignore[arg-type]
-        memory = memory.after(reporting[-1], learnt)
+        memory = memory.after(EFFECTS[Case.PARTIAL_TRANSFER], learnt)
     assert not Evidence(None, None, None, None, memory).may_be_transfer  # type: ignore[arg-type]
+    assert memory.after(EFFECTS[Case.TWO_MOTIONS], learnt).transfers == 0
 
 
 def test_a_refused_pair_does_not_replace_the_image_at_the_last_known_pose() -> None:

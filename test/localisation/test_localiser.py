@@ -334,7 +334,7 @@ def test_a_keyframe_is_solved_for_by_all_landmarks_though_some_are_excluded() ->
     tracks = by._tracker.refine(frame, landmarks.subset(are_followed), start, state.calibration.offset)
     smaller_map = state.landmark_map.without(landmarks.rows[:10])
     corrected = CorrectedTracks(tracks, state.calibration, state.shear_mean)
-    candidate = Candidate(frame, smaller_map, Ground.unselected(tracks, state.ground), corrected)
+    candidate = Candidate(frame, smaller_map, Ground.unselected(tracks, state.ground_memory), corrected)
     complete = by._with_all_landmarks(candidate)
     np.testing.assert_array_equal(complete.landmarks.rows, landmarks.rows[10:])
 
