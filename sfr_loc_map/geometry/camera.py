@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.transform import Transform
@@ -41,3 +42,10 @@ class Poses(NamedTuple):
 
     rotations: FloatArray  #: `(N, 3, 3)` cameras to world.
     positions: FloatArray  #: `(N, 3)` cameras in the world, metres.
+
+    def take(self, rows: NDArray[np.integer]) -> Poses:
+        """Return the poses of some rows `(M,)`.
+
+        For rows of few numbers, `ndarray.take` is up to ten times faster than an index.
+        """
+        return Poses(self.rotations.take(rows, axis=0), self.positions.take(rows, axis=0))

@@ -38,7 +38,7 @@ class LocalisationConfig:
     """Parameters of the localiser; ROS parameters and configuration files have the same names."""
 
     max_features: int = param(
-        2250, doc="Number of landmarks tracked in a keyframe; doubled at 1024 x 1024 pixels.", low=50, high=20_000
+        2250, doc="Number of landmarks tracked in a keyframe; doubled from 900 x 900 pixels on.", low=50, high=20_000
     )
     window_keyframes: int = param(7, doc="Number of keyframes in the window.", low=2, high=20)
     min_tracked: int = param(25, doc="Minimum number of inliers of an accepted pose.", low=8, high=1000)

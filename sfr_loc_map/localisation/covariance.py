@@ -11,9 +11,14 @@ px, b the baseline, m.
 
     P = start + adjustment_inflation D + A + blur + (disparity_px^2 + yaw_sigma^2 + (unsettled_yaw_ratio
         yaw_remaining)^2) B B' + U U' + attitude + unimaged
+    D = W + C - O
 
-- start: covariance of that pose, propagated to the present position.
-- D: drift within the window, from the bundle adjustment.
+- start: covariance of that pose, propagated to the present position. A new window adds `adjustment_inflation D`,
+  `unimaged` and `blur` of the pose at which the window begins.
+- D: drift within the window. W is the covariance of the newest keyframe by the bundle adjustment. C is the covariance
+  of the pose given the landmarks; it is zero once the pose itself is an adjusted keyframe. O is W + C of the past pose
+  of this window that a pose from outside has fixed, propagated to the present position; it is zero without one. With O,
+  negative eigenvalues of D are replaced by zero (`positive_part`).
 - A: directed errors (ambiguous motions; bending of the path by the lens), which add up along the path, propagated.
 - blur: (blur_px / f) rad on each axis, and that angle times Z in position (`blur_of`).
 - B: path integral of the position over a constant disparity error, m/px. U: position error of the path that was
@@ -31,7 +36,8 @@ step to step.
     Q = step_inflation max(v, min_variance_factor) r (adjustment_inflation K + (keyframe_px Z / f)^2) + added
     r = max(step / max(keyframe interval, min_interval_ratio usual interval), min_step_ratio)
 
-- K: covariance of the newest keyframe given the one before. The sizes of step and interval are optical flow, rad.
+- K: covariance of the newest keyframe given the one before; the interval is that between the two. In a window of one
+  keyframe, C takes the place of K, and the interval is the usual one. Sizes of step and interval are optical flow, rad.
 - added: what findings add to the two poses of the step (`inflation_of`), the motion of the pose before by a correction
   of the yaw (`PublishedPose.shared`), and the motion while that pose was kept (`PublishedPose.unseen_rb`). The factor
   in front is 1 before the first residuals.
@@ -39,8 +45,6 @@ step to step.
 **Noise** (`pose_noise`): white noise of a pose itself, which cancels between consecutive steps.
 
     N = white_ratio max(v, min_variance_factor) max(shear_chi2, 1) C + exposure_rad^2 (attitude)
-
-- C: covariance of the pose given the landmarks.
 
 **Systematic** (`systematic_step`): errors common to all steps, which add up with their sign.
 

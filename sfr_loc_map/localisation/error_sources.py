@@ -1,10 +1,15 @@
 """The named error sources of the localiser, and what else is constant in a run.
 
-The formulas that use the error sources are in `covariance`. Four values of the estimators are error sources, too. They
-are where they are used, because the estimates depend on them: the standard deviation of the yaw at the start, its
-process noise and the error of a drift that was followed (`FIRST_SIGMA_PX`, `YAW_WALK_PX` and `FOLLOWED_ERROR_RATIO` of
-`backend.online_calibration`), and the variance of the first pose of a window (`START_VARIANCE` of
-`backend.sliding_window`).
+The formulas that use the error sources are in `covariance`. Other values also enter the covariances. They are where
+they are used, because the estimates depend on them as well:
+
+| value | module | enters |
+|---|---|---|
+| `PIXEL_FLOOR`, `RESIDUAL_GAIN`, `EDGE_RESIDUALS` | `frontend.tracking` | noise of observations, hence C, W, K |
+| `FIRST_SIGMA_PX`, `YAW_WALK_PX`, `FOLLOWED_ERROR_RATIO` | `backend.online_calibration` | `yaw_sigma` |
+| `START_VARIANCE` | `backend.sliding_window` | first pose of a window, hence W |
+| `MIN_VARIANCE` | `covariance` | minimum variance of a step |
+| `unseen_speed_m_s`, `unseen_turn_rad_s` | `config.MotionBounds` | unseen motion |
 """
 
 from __future__ import annotations
@@ -56,7 +61,7 @@ class ErrorSources:
     min_interval_ratio: float = 0.25
     """Q. Smallest keyframe interval as a ratio to the interval that the optical flow triggers."""
     variance_gain: float = 0.1
-    """Gain of a pair in the variance factor, which follows light and ground within some ten pairs."""
+    """Q, N. Gain of a pair in the variance factor, which follows light and ground within some ten pairs."""
     min_variance_factor: float = 0.2
     """Q, N. Smallest variance factor: below it, errors dominate that no residual shows."""
     step_inflation: float = 1.5

@@ -14,8 +14,8 @@ from sfr_loc_map.localisation.frontend.cell_change import CELL, cell_counts
 
 FIXED_LIFE: Final = 10
 """Life, pairs, of a cell that is seen to be fixed to the camera. Each pair takes one off, also that pair itself, unless
-the texture of the cell stays. It is the number after which the compared image is replaced
-(`ground_motion.COMPARED_PAIRS`), so that each cell is seen again before."""
+the texture of the cell stays. Chosen by hand. If larger, the ground that an arm has left has no landmarks for longer;
+if smaller, landmarks are created on a body whose light changes for some pairs."""
 MOVING_LIFE: Final = 8
 """Life, pairs, of a cell that is seen to move. Each pair takes one off, also that pair itself: the cell is excluded in
 seven pairs, of which that pair is the first. Chosen by hand: an object leaves its cells within some pairs. If larger,

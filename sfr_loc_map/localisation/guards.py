@@ -43,8 +43,8 @@ at most 6.4 on clean drives, and 7 or more for a shear of one pixel."""
 MAX_MEAN_SHEAR: Final = 1.4
 """Mean of the same above which they are. It is at most 1.3 on clean drives, and 2 to 5 for a shear of 0.3 px."""
 FIRST_SHEAR_GAIN: Final = 0.2
-"""Gain g of the running mean before the first pair; each pair makes it g / (1 + g). The mean so begins with the weight
-of five pairs."""
+"""Gain g of the running mean before the first pair; each pair changes it to g / (1 + g). The initial mean therefore has
+the weight of five pairs."""
 MIN_SHEAR_GAIN: Final = 0.05  #: Minimum gain of the running mean: it covers some twenty pairs.
 
 

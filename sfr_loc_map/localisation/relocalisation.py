@@ -32,10 +32,9 @@ MIN_DESCRIPTOR_PX = 8.0  #: Minimum size of a descriptor, px: smaller ones hold 
 DESCRIPTORS_PER_SIDE = 32  #: Shorter side of the image over the size of a descriptor: 16 px at 512 x 512.
 NO_POINTS = np.zeros((0, 2))  #: No points.
 FLOW_WINDOW = (21, 21)  #: Window of the optical flow, px: the default of OpenCV.
-FLOW_MIN_SIDE = 16  #: Side of the coarsest image of the optical flow, px: the window must fit.
-FLOW_LEVELS = (2, 6)
-"""Minimum and maximum number of pyramid levels above the image in the optical flow. Chosen by hand. With fewer, large
-motions are not found; with more, the window of the coarsest level covers more than the image."""
+FLOW_LEVELS = 6
+"""Maximum number of pyramid levels above the image in the optical flow: a motion of 64 px is one of 1 px there. OpenCV
+uses fewer levels if the image of a level is not larger than the window: four at 512 x 512, six from 1345 x 1345 on."""
 CORNERS_RATIO = 2
 """Corners of the image that are described, over the number of landmarks of a keyframe. Chosen by hand: corners move in
 the order of their strength. With fewer, more landmarks are without a match; the time grows with the number."""
@@ -79,7 +78,7 @@ class RecoveryImages(NamedTuple):
 
     last: KnownImage | None = None  #: Last tracked image.
     best: KnownImage | None = None  #: Last tracked image with at least half of its inliers in the left image.
-    is_last_best: bool = True  #: Whether the last image is the best one, too.
+    is_last_best: bool = True  #: Whether `best` is the last image.
 
     @classmethod
     def of_first_keyframe(cls, image: GreyImage, landmarks: Landmarks) -> RecoveryImages:
@@ -135,9 +134,8 @@ class Relocaliser:
         if len(uv) < enough:
             return None
         start = uv.astype(np.float32)[:, None]
-        levels = int(np.clip(np.log2(min(frame.image.shape) / FLOW_MIN_SIDE), *FLOW_LEVELS))
-        moved, found = _flow(known.image, frame.image, start, levels)
-        back, found_back = _flow(frame.image, known.image, moved, levels)
+        moved, found = _flow(known.image, frame.image, start)
+        back, found_back = _flow(frame.image, known.image, moved)
         round_trip_px = np.abs(back - start).max(axis=(1, 2))
         good = (found[:, 0] > 0) & (found_back[:, 0] > 0) & (round_trip_px < MAX_FLOW_ROUND_TRIP_PX)
         if good.sum() < enough:
@@ -174,10 +172,11 @@ class Relocaliser:
 
 
 def _flow(
-    before: GreyImage, now: GreyImage, start: NDArray[np.float32], levels: int
+    before: GreyImage, now: GreyImage, start: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Return where points `(N, 1, 2)` moved to, and whether they were found `(N, 1)`."""
-    moved, found, _ = cv2.calcOpticalFlowPyrLK(before, now, start, start.copy(), winSize=FLOW_WINDOW, maxLevel=levels)
+    end = start.copy()
+    moved, found, _ = cv2.calcOpticalFlowPyrLK(before, now, start, end, winSize=FLOW_WINDOW, maxLevel=FLOW_LEVELS)
     return np.asarray(moved, dtype=np.float32), np.asarray(found, dtype=np.uint8)
 
 

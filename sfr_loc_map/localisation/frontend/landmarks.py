@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask
-from sfr_loc_map.geometry.camera import Poses
 from sfr_loc_map.localisation.frontend.patch import (
     HALF,
     LEVELS,
@@ -130,21 +129,20 @@ class Landmarks:
         rows = np.flatnonzero(kept)
         planes = self.planes
         estimates = self.estimates
-        # `take` gives what an index gives, and is up to ten times faster for rows of few numbers
-        hosts = Poses(planes.hosts.rotations.take(rows, axis=0), planes.hosts.positions.take(rows, axis=0))
+        hosts = planes.hosts.take(rows)
         inverse_depth = planes.inverse_depth[rows]
         rays = estimates.rays.take(rows, axis=0)
         return Landmarks(
-            self.rows[rows],
-            self.host[rows],
-            LocalPlanes(hosts, planes.uv.take(rows, axis=0), inverse_depth, planes.slopes.take(rows, axis=0)),
-            LandmarkEstimates(hosts, rays, inverse_depth, estimates.covariance.take(rows, axis=0)),
-            Patches(self.patches.hosted, self.patches.rows[rows]),
-            self.last_seen.take(rows, axis=0),
+            rows=self.rows[rows],
+            host=self.host[rows],
+            planes=LocalPlanes(hosts, planes.uv.take(rows, axis=0), inverse_depth, planes.slopes.take(rows, axis=0)),
+            estimates=LandmarkEstimates(hosts, rays, inverse_depth, estimates.covariance.take(rows, axis=0)),
+            patches=Patches(self.patches.hosted, self.patches.rows[rows]),
+            last_seen=self.last_seen.take(rows, axis=0),
         )
 
     def thinned(self, count: int) -> Landmarks:
-        """Return at most so many landmarks, evenly from all hosts and all parts of the image."""
+        """Return at most `count` landmarks, evenly from all hosts and all parts of the image."""
         if len(self.rows) <= count:
             return self
         kept = np.zeros(len(self.rows), np.bool_)

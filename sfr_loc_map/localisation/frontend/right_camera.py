@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
+from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.localisation.frontend.pose_solver import (
     LandmarkEstimates,
     Linearisation,
@@ -106,8 +106,7 @@ def _in_both_images(
     count = len(observations.uv)
     chosen = np.arange(0, count, max(1, count // ENOUGH_LANDMARKS))
     in_both = chosen[np.isfinite(observations.uv[chosen, 0] + observations.uv[chosen, 2])]
-    # `take` gives what an index gives, and is up to ten times faster for rows of few numbers
-    hosts = Poses(landmarks.hosts.rotations.take(in_both, axis=0), landmarks.hosts.positions.take(in_both, axis=0))
+    hosts = landmarks.hosts.take(in_both)
     rays = landmarks.rays.take(in_both, axis=0)
     covariance = landmarks.covariance.take(in_both, axis=0)
     of_chosen = LandmarkEstimates(hosts, rays, landmarks.inverse_depth[in_both], covariance)

@@ -117,7 +117,7 @@ class Tracks:
 
     @property
     def stereo_fraction(self) -> float:
-        """Fraction of the inliers of the image that shows more of them that the other image shows, too."""
+        """Inliers observed in both images over those observed in the image with more inliers."""
         in_left = self.inliers & np.isfinite(self.observations[:, 0])
         in_right = self.inliers & np.isfinite(self.observations[:, 2])
         most = max(int(np.count_nonzero(in_left)), int(np.count_nonzero(in_right)), 1)
