@@ -26,10 +26,12 @@ from sfr_loc_map.localisation.motion_size import MotionSize, size_between
 from sfr_loc_map.localisation.stale_images import ImageComparison, are_equal
 
 SLACK: Final = MotionSize(1.0, 1.0)
-"""Motion, m and rad, that is plausible whatever the stamps are: stamps may jitter."""
+"""Motion, m and rad, that is plausible whatever the stamps are: stamps may jitter. Chosen by hand: at the default
+maximum speed and turn rate it admits stamps that are wrong by 20 ms and 170 ms. If larger, a slow wrong pose is
+accepted."""
 MAX_ADJUSTMENT: Final = MotionSize(1.0, 1.0)
-"""Motion of the newest pose by a bundle adjustment, m and rad, above which the adjustment diverged. It is millimetres,
-or some centimetres with a correction of the yaw."""
+"""Motion of the newest pose by a bundle adjustment, m and rad, above which the adjustment diverged. Chosen by hand far
+above the usual motion, which is millimetres, or some centimetres with a correction of the yaw."""
 
 MIN_CONTRAST: Final = 1.0
 """Minimum standard deviation of a textured image in full resolution, grey levels: rounding to whole grey levels gives

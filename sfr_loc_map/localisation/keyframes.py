@@ -33,15 +33,25 @@ KEYFRAME_FLOW = 0.05
 few percent (measurements/localiser_trials.md)."""
 KEYFRAME_INLIER_RATIO = 0.65
 """Ratio of inliers to the last keyframe's landmarks below which a keyframe is made, before too few are left. Chosen by
-hand."""
-ADJUSTMENT_ITERATIONS = 2  #: Gauss-Newton iterations per keyframe; the next keyframe continues from the result.
+hand. If larger, more pairs become keyframes, whose errors accumulate; if smaller, tracking is lost more easily."""
+ADJUSTMENT_ITERATIONS = 2
+"""Gauss-Newton iterations per keyframe; the next keyframe continues from the result. With one, the attitude was 5 % and
+12 % worse on two drives (measurements/localiser_trials.md, "Landmarks eliminated by motions")."""
 MIN_DEPTH_M = 0.5
-"""Minimum depth of stereo matching, m: nearer points are rare, and the search takes longer with them."""
+"""Minimum depth of stereo matching, m. Chosen by hand: nearer points are rare on a rover, and the time of the search is
+inversely proportional to this depth."""
 MAX_DISPARITY_RATIO = 0.5  #: Maximum disparity of the search over the image width: half of the view is then common.
-MIN_DISPARITY_PX = 1e-3  #: Minimum disparity of a landmark, px: that of a point at infinity may be negative by noise.
-LARGE_IMAGE_PX = 900 * 900  #: Number of pixels from which an image has twice as many landmarks, with own slopes.
+MIN_INVERSE_DEPTH_PX = 1e-3
+"""Minimum disparity, px, from which an inverse depth is computed: that of a point at infinity may be negative by
+noise."""
+LARGE_IMAGE_PX = 900 * 900
+"""Number of pixels from which an image has twice as many landmarks, with own slopes. It lies between the sizes that
+were tried, 512 x 512 and 1024 x 1024 (measurements/localiser_trials.md, "Images of a megapixel: the sun and the edges
+of stones")."""
 MEGAPIXEL = 1024 * 1024  #: Number of pixels from which the number of landmarks grows with a power of the pixels.
-GROWTH = 0.25  #: That power. The number of landmarks then grows with the square root of the side of an image.
+GROWTH = 0.25
+"""That power: the number of landmarks grows with the square root of the side of an image. Chosen by hand. If larger,
+the time of a keyframe exceeds the period of the pairs; if smaller, large images gain less from their landmarks."""
 
 ImageMask = NDArray[np.uint8]
 """`(H, W)` uint8; no landmark is created where it is 0."""
@@ -159,7 +169,7 @@ class KeyframeMaker:
         calibration = calibration.with_matches(found.right, found.right[:, 1] - found.uv[:, 1])
         right_uv = found.right - calibration.offset.at(found.right, self._camera)
         inverse_depth_per_px = 1.0 / focal_baseline
-        disparity_px = np.maximum(found.uv[:, 0] - right_uv[:, 0], MIN_DISPARITY_PX)
+        disparity_px = np.maximum(found.uv[:, 0] - right_uv[:, 0], MIN_INVERSE_DEPTH_PX)
         variance = self._tracker.position_variance(found.covariance, found.residual)
         new = NewLandmarks(
             uv=found.uv,

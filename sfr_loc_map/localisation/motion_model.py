@@ -13,7 +13,8 @@ from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.motion_size import Speed, size_of
 
 MAX_MISSED_PAIRS = 4
-"""Number of missing pairs over which a constant velocity is still extrapolated; later the motion may have changed."""
+"""Number of missing pairs over which a constant velocity is still extrapolated. Chosen by hand: half a second at 10 Hz.
+If larger, a guess that is far off takes the time of an alignment; if smaller, a longer gap needs the relocalisation."""
 
 
 class Guesses(NamedTuple):

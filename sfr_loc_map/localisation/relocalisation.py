@@ -22,7 +22,8 @@ from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tra
 
 RESTART_AFTER = 3
 """Number of good images with a refused pose since the last accepted pair, after which a new window begins. A single one
-may be blurred. Chosen by hand."""
+may be blurred. Chosen by hand. If larger, the localiser stays lost for longer; if smaller, a map that the next pair
+would have recognised is given up."""
 MIN_BEST_RATIO = 0.5
 """Minimum ratio of inliers in the left image to landmarks in the image of the descriptors: the majority."""
 GOOD_IMAGE_RATIO = 0.5
@@ -40,7 +41,9 @@ CORNERS_RATIO = 2
 the order of their strength. With fewer, more landmarks are without a match; the time grows with the number."""
 MAX_FLOW_ROUND_TRIP_PX = 1.0
 """Maximum distance of a point from itself after flow forwards and backwards, px (Kalal et al. 2010)."""
-MAX_REPROJECTION_PX = 3.0  #: Gate of an inlier of the perspective pose, px: it is refined to a few hundredths.
+MAX_REPROJECTION_PX = 3.0
+"""Gate of an inlier of the perspective pose, px. Chosen by hand: the pose is refined afterwards from an error of some
+pixels. If larger, wrong matches bias the pose; if smaller, landmarks of uncertain depth are outliers."""
 
 
 class Ransac(NamedTuple):
@@ -50,8 +53,12 @@ class Ransac(NamedTuple):
     min_inlier_ratio: float
 
 
-FLOW_RANSAC = Ransac(300, 0.3)  #: With points of the optical flow, most of which are right.
-DESCRIPTOR_RANSAC = Ransac(2000, 0.05)  #: With matches of descriptors, of which most may be wrong.
+FLOW_RANSAC = Ransac(300, 0.3)
+"""With points of the optical flow, most of which are right: 300 samples of five points contain one without an outlier
+in all but one of 10 000 cases if half of the points are right. The minimum ratio is chosen by hand below one half."""
+DESCRIPTOR_RANSAC = Ransac(2000, 0.05)
+"""With matches of descriptors, of which most may be wrong: 2000 samples contain one without an outlier in 99 % of the
+cases if 30 % of the matches are right. The minimum ratio is chosen by hand, because `min_tracked` decides as well."""
 
 
 class KnownImage(NamedTuple):

@@ -75,7 +75,8 @@ VERTICAL_ITERATIONS: Final = 5
 """Iterations of the robust fit of pitch and roll. Chosen by hand. With fewer, wrong matches keep more weight; with
 more, a keyframe takes longer."""
 RETENTION: Final = 0.98
-"""Weight that the information on pitch and roll keeps with each keyframe, so that fifty keyframes count."""
+"""Weight that the information on pitch and roll keeps with each keyframe: fifty keyframes count. Chosen by hand. If
+larger, a change of temperature is followed more slowly; if smaller, noise of the matches remains in the correction."""
 VERTICAL_PRIOR: Final = (1e-3, 5e-3)
 """Information of the prior "no pitch, no roll", in keyframes. Chosen by hand far below one keyframe, so that it decides
 only what no match shows. If larger, small rotations are not corrected completely."""

@@ -29,8 +29,10 @@ from sfr_loc_map.localisation.frontend.landmarks import (
     Landmarks,
     Patches,
 )
-from sfr_loc_map.localisation.frontend.patch import LEVELS, LocalPlanes, Pyramid, Templates
+from sfr_loc_map.localisation.frontend.patch import Templates
+from sfr_loc_map.localisation.frontend.plane_warp import LocalPlanes
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates, StereoObservations
+from sfr_loc_map.localisation.frontend.pyramid import LEVELS, Pyramid
 from sfr_loc_map.localisation.motion_size import MotionSize, size_between
 
 START_VARIANCE = 1e-10  #: Variance of the first pose, m^2 and rad^2: the first pose is given, not estimated.

@@ -15,15 +15,15 @@ from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
 
 LEVEL: Final = 1  #: Pyramid level that is compared: it has half the noise of the image but most of its texture.
-SIDE: Final = 8  #: Side of a cell, px of that level: 64 px decide, and an object of 16 px of the image fills one.
-CELL: Final = SIDE << LEVEL  #: Side of a cell, pixels of the image.
+CELL_SIDE: Final = 8  #: Side of a cell, px of that level: 64 px decide, and an object of 16 px of the image fills one.
+CELL: Final = CELL_SIDE << LEVEL  #: Side of a cell, pixels of the image.
 NOISE_CORRELATION: Final = 0.35
 """Correlation of neighbouring pixels of the residual above which it is not noise. The standard error of a correlation
 of 49 products is 0.14, so that noise exceeds 0.35 in about one of a hundred cells."""
 MIN_CHANGE: Final = 0.03
 """Threshold of change: covariance of neighbouring residuals over the smaller gradient variance. Content that moves by a
 third of a pixel exceeds it."""
-MAX_NOISE: Final = 0.33
+MAX_CELL_NOISE: Final = 0.33
 """Maximum variance of the residual of a cell that stays, over its smaller gradient variance. With more noise a motion
 of half a pixel would not be detected."""
 MIN_GRADIENT: Final = 1.0
@@ -44,10 +44,10 @@ class Change(NamedTuple):
 @jit_fast_ir_inline
 def _fill_residual(before: FloatImage, now: FloatImage, residual: FloatImage) -> np.float32:
     """Fill what a change of brightness and contrast leaves of the difference of two cells; return its variance."""
-    count = np.float32(SIDE * SIDE)
+    count = np.float32(CELL_SIDE * CELL_SIDE)
     sum_before = sum_now = sum_squares = sum_products = np.float32(0.0)
-    for j in range(SIDE):
-        for i in range(SIDE):
+    for j in range(CELL_SIDE):
+        for i in range(CELL_SIDE):
             sum_before += before[j, i]
             sum_now += now[j, i]
             sum_squares += before[j, i] * before[j, i]
@@ -58,8 +58,8 @@ def _fill_residual(before: FloatImage, now: FloatImage, residual: FloatImage) ->
     covariance = sum_products / count - mean_before * mean_now
     gain = (covariance + np.float32(CONTRAST)) / (variance_before + np.float32(CONTRAST))
     sum_residuals = np.float32(0.0)
-    for j in range(SIDE):
-        for i in range(SIDE):
+    for j in range(CELL_SIDE):
+        for i in range(CELL_SIDE):
             residual[j, i] = now[j, i] - mean_now - gain * (before[j, i] - mean_before)
             sum_residuals += residual[j, i] * residual[j, i]
     return sum_residuals / count
@@ -69,11 +69,11 @@ def _fill_residual(before: FloatImage, now: FloatImage, residual: FloatImage) ->
 def _neighbour_covariance(residual: FloatImage) -> np.float32:
     """Return the covariance of neighbouring pixels of a residual, the larger one of along rows and along columns."""
     along_u = along_v = np.float32(0.0)
-    for j in range(SIDE - 1):
-        for i in range(SIDE - 1):
+    for j in range(CELL_SIDE - 1):
+        for i in range(CELL_SIDE - 1):
             along_u += residual[j, i] * residual[j, i + 1]
             along_v += residual[j, i] * residual[j + 1, i]
-    covariance: np.float32 = max(along_u, along_v) / np.float32((SIDE - 1) ** 2)
+    covariance: np.float32 = max(along_u, along_v) / np.float32((CELL_SIDE - 1) ** 2)
     return covariance
 
 
@@ -84,10 +84,10 @@ def _gradient_variance(cell: FloatImage) -> np.float32:
     The mean gradient is subtracted because a constant slope that moves is a change of brightness. The smaller
     eigenvalue counts because an edge may move along itself.
     """
-    count = np.float32((SIDE - 1) ** 2)
+    count = np.float32((CELL_SIDE - 1) ** 2)
     sum_uu = sum_uv = sum_vv = sum_u = sum_v = np.float32(0.0)
-    for j in range(SIDE - 1):
-        for i in range(SIDE - 1):
+    for j in range(CELL_SIDE - 1):
+        for i in range(CELL_SIDE - 1):
             du = cell[j, i + 1] - cell[j, i]
             dv = cell[j + 1, i] - cell[j, i]
             sum_u += du
@@ -107,24 +107,28 @@ def _gradient_variance(cell: FloatImage) -> np.float32:
 @jit_fast
 def change_of(before: FloatImage, now: FloatImage) -> Change:
     """Compare the cells of two images of the level."""
-    rows = now.shape[0] // SIDE
-    columns = now.shape[1] // SIDE
+    rows = now.shape[0] // CELL_SIDE
+    columns = now.shape[1] // CELL_SIDE
     changed = np.zeros((rows, columns), np.bool_)
     stays = np.zeros((rows, columns), np.bool_)
-    residual = np.empty((SIDE, SIDE), np.float32)
+    residual = np.empty((CELL_SIDE, CELL_SIDE), np.float32)
     for row in range(rows):
         for column in range(columns):
-            cell_before = before[SIDE * row : SIDE * row + SIDE, SIDE * column : SIDE * column + SIDE]
-            cell_now = now[SIDE * row : SIDE * row + SIDE, SIDE * column : SIDE * column + SIDE]
+            cell_before = before[
+                CELL_SIDE * row : CELL_SIDE * row + CELL_SIDE, CELL_SIDE * column : CELL_SIDE * column + CELL_SIDE
+            ]
+            cell_now = now[
+                CELL_SIDE * row : CELL_SIDE * row + CELL_SIDE, CELL_SIDE * column : CELL_SIDE * column + CELL_SIDE
+            ]
             noise = _fill_residual(cell_before, cell_now, residual)
             structure = _neighbour_covariance(residual)
             texture = _gradient_variance(cell_now)
             changed[row, column] = structure > NOISE_CORRELATION * noise and structure > MIN_CHANGE * texture
-            stays[row, column] = not changed[row, column] and texture > MIN_GRADIENT + noise / MAX_NOISE
+            stays[row, column] = not changed[row, column] and texture > MIN_GRADIENT + noise / MAX_CELL_NOISE
     return Change(changed, stays)
 
 
 def cell_counts(shape: tuple[int, int]) -> tuple[int, int]:
     """Return the numbers of rows and columns of cells in an image of a shape (height, width)."""
     height, width = shape
-    return (height >> LEVEL) // SIDE, (width >> LEVEL) // SIDE
+    return (height >> LEVEL) // CELL_SIDE, (width >> LEVEL) // CELL_SIDE

@@ -21,16 +21,22 @@ from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, median
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.jit import jit_fast, jit_fast_inline
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
-from sfr_loc_map.localisation.frontend.patch import COARSE_SAMPLED_PX, plane_homographies, sample
+from sfr_loc_map.localisation.frontend.patch import COARSE_SAMPLED_PX, sample
+from sfr_loc_map.localisation.frontend.plane_warp import plane_homographies
 from sfr_loc_map.localisation.small_linalg import fill_inverse_4
 
 MIXTURE_LEVEL: Final = 1  #: Pyramid level of the comparison: hosts keep it, and its noise is half that of the image.
-HALF: Final = 3  #: Half width of a patch, pixels of the level.
-SIDE: Final = 2 * HALF + 1  #: Side of a patch, pixels of the level.
-MIN_CONTRAST: Final = 2.0  #: Minimum standard deviation of each exposure and of the image in a patch, grey levels.
+MIXTURE_HALF: Final = 3
+"""Half width of a patch, pixels of the level. Chosen by hand: 49 pixels for four factors, or 14 x 14 px of the image.
+If larger, more patches contain the edge of a stone; if smaller, noise and the factors are harder to separate."""
+MIXTURE_SIDE: Final = 2 * MIXTURE_HALF + 1  #: Side of a patch, pixels of the level.
+MIN_EXPOSURE_CONTRAST: Final = 2.0
+"""Minimum standard deviation of each exposure and of the image in a patch, grey levels. Chosen by hand above the noise
+of the level (half that of the image). If larger, fewer patches decide; if smaller, noise adds to the median weight."""
 MIN_SEPARATION: Final = 0.2
-"""Minimum fraction of the variance of the other exposure that the first one and its shift do not explain. It is smaller
-if the poses see the patch less than some two pixels of the level apart."""
+"""Minimum fraction of the variance of the other exposure that the first one and its shift do not explain: the variance
+of the factor is then at most five times that of a single exposure (variance inflation). The fraction is smaller if the
+poses see the patch less than some two pixels of the level apart."""
 SHOWN, SHIFT_X, SHIFT_Y, OTHER, IMAGE = range(5)
 """Columns of the least squares: the exposure that was tracked, its derivatives, the other exposure; the image."""
 MIN_FACTORS: Final = 1e-6  #: Keeps the weight finite if the image resembles neither exposure.
@@ -63,8 +69,8 @@ class _Workspace(NamedTuple):
     """Arrays that are filled for each patch."""
 
     inverse: FloatArray  #: `(3, 3)` from the image at the pose that was tracked to the host.
-    shown: FloatArray  #: `(SIDE + 2, SIDE + 2)` the exposure that was tracked, with a border for its derivatives.
-    columns: FloatArray  #: `(5, SIDE * SIDE)` by `SHOWN` to `IMAGE`.
+    shown: FloatArray  #: `(S + 2, S + 2)` the exposure that was tracked, with a border for its derivatives.
+    columns: FloatArray  #: `(5, S * S)` by `SHOWN` to `IMAGE`, with the side S of a patch.
 
 
 class _Pixel(NamedTuple):
@@ -110,19 +116,19 @@ def _fill_columns(image: FloatImage, hosted: _Hosted, n: int, work: _Workspace) 
     shown = work.shown
     columns = work.columns
     _fill_inverse(hosted.to_shown[n], work.inverse)
-    for j in range(SIDE + 2):
-        for i in range(SIDE + 2):
-            u = hosted.uv[n, 0] + (i - HALF - 1) * (1 << MIXTURE_LEVEL)
-            v = hosted.uv[n, 1] + (j - HALF - 1) * (1 << MIXTURE_LEVEL)
+    for j in range(MIXTURE_SIDE + 2):
+        for i in range(MIXTURE_SIDE + 2):
+            u = hosted.uv[n, 0] + (i - MIXTURE_HALF - 1) * (1 << MIXTURE_LEVEL)
+            v = hosted.uv[n, 1] + (j - MIXTURE_HALF - 1) * (1 << MIXTURE_LEVEL)
             at = _mapped(hosted.to_other[n], u, v)
             shown[j, i] = _level_sample(hosted.image, _mapped(work.inverse, at.u, at.v))
-            if 1 <= i <= SIDE and 1 <= j <= SIDE:
-                k = (j - 1) * SIDE + i - 1
+            if 1 <= i <= MIXTURE_SIDE and 1 <= j <= MIXTURE_SIDE:
+                k = (j - 1) * MIXTURE_SIDE + i - 1
                 columns[OTHER, k] = _level_sample(hosted.image, _Pixel(u, v))
                 columns[IMAGE, k] = _level_sample(image, at)
-    for j in range(SIDE):
-        for i in range(SIDE):
-            k = j * SIDE + i
+    for j in range(MIXTURE_SIDE):
+        for i in range(MIXTURE_SIDE):
+            k = j * MIXTURE_SIDE + i
             columns[SHOWN, k] = shown[j + 1, i + 1]
             columns[SHIFT_X, k] = 0.5 * (shown[j + 1, i + 2] - shown[j + 1, i])
             columns[SHIFT_Y, k] = 0.5 * (shown[j + 2, i + 1] - shown[j, i + 1])
@@ -133,15 +139,15 @@ def _fill_products(columns: FloatArray, products: FloatArray, with_image: FloatA
     """Subtract the mean of each column in place; fill the products `(4, 4)` of the model and `(5,)` with the image."""
     for c in range(IMAGE + 1):
         mean = 0.0
-        for k in range(SIDE * SIDE):
+        for k in range(MIXTURE_SIDE * MIXTURE_SIDE):
             mean += columns[c, k]
-        mean /= SIDE * SIDE
-        for k in range(SIDE * SIDE):
+        mean /= MIXTURE_SIDE * MIXTURE_SIDE
+        for k in range(MIXTURE_SIDE * MIXTURE_SIDE):
             columns[c, k] -= mean
     for c in range(IMAGE + 1):
         for d in range(c, IMAGE + 1):
             total = 0.0
-            for k in range(SIDE * SIDE):
+            for k in range(MIXTURE_SIDE * MIXTURE_SIDE):
                 total += columns[c, k] * columns[d, k]
             if d == IMAGE:
                 with_image[c] = total
@@ -154,11 +160,15 @@ def _weights(image: FloatImage, hosted: _Hosted) -> FloatArray:
     """Return the weight of the other exposure in each patch `(N,)`; NaN if it is not determined."""
     count = len(hosted.uv)
     weights = np.full(count, np.nan)
-    work = _Workspace(np.empty((3, 3)), np.empty((SIDE + 2, SIDE + 2)), np.empty((IMAGE + 1, SIDE * SIDE)))
+    work = _Workspace(
+        np.empty((3, 3)),
+        np.empty((MIXTURE_SIDE + 2, MIXTURE_SIDE + 2)),
+        np.empty((IMAGE + 1, MIXTURE_SIDE * MIXTURE_SIDE)),
+    )
     products = np.empty((IMAGE, IMAGE))
     with_image = np.empty(IMAGE + 1)
     inverse = np.empty((IMAGE, IMAGE))
-    least_power = SIDE * SIDE * MIN_CONTRAST**2
+    least_power = MIXTURE_SIDE * MIXTURE_SIDE * MIN_EXPOSURE_CONTRAST**2
     for n in range(count):
         _fill_columns(image, hosted, n, work)
         _fill_products(work.columns, products, with_image)

@@ -14,8 +14,13 @@ BLOCK = 7
 """Side of the neighbourhood over which the gradient matrix of a corner is summed, px: less than a patch of 11 px, so
 that the corner lies in the middle of its patch."""
 MIN_CELL_PX = 8  #: Minimum side of a cell of the grid, px. Corners that are nearer share most of their patches.
-MIN_DISTANCE_RATIO = 0.6  #: Minimum distance of a new corner from landmarks, over the side of a cell.
-MIN_STRENGTH_RATIO = 0.04  #: Minimum strength of a corner over the median: the strongest pixel of a flat cell is noise.
+MIN_DISTANCE_RATIO = 0.6
+"""Minimum distance of a new corner from landmarks, over the side of a cell. Chosen by hand. If larger, the gap that a
+lost landmark leaves is not filled; if smaller, patches of neighbours share more of their pixels and errors."""
+MIN_STRENGTH_RATIO = 0.04
+"""Minimum strength of a corner over the median: a fifth of its gradient, because the strength is a squared gradient.
+Chosen by hand. If larger, calm ground beside stones has no landmarks; if smaller, the strongest noise of a flat cell
+becomes one."""
 
 
 def find_corners(

@@ -11,24 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask
-from sfr_loc_map.localisation.frontend.patch import (
-    HALF,
-    LEVELS,
-    SIDE,
-    ImageLevel,
-    LocalPlanes,
-    Templates,
-    cut_patches,
-    templates_of,
-)
+from sfr_loc_map.localisation.frontend.patch import HALF, SIDE, Templates, cut_patches, templates_of
+from sfr_loc_map.localisation.frontend.plane_warp import LocalPlanes
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
+from sfr_loc_map.localisation.frontend.pyramid import LEVELS, ImageLevel
 
 BORDER = HALF + 4  #: Width, px, of the image border without landmarks: a patch with its gradients must fit.
 COARSE_HALF = 3
 """Half width, px, of a patch on the coarser pyramid levels, where it covers at least as much of the image as at full
 size."""
-MIN_INVERSE_DEPTH = 1e-6  #: Inverse depth, 1/m, up to which a landmark is at infinity: 1000 km.
-MAX_DEPTH_M = 1000.0  #: Maximum median depth, m: beyond, all landmarks are at infinity.
+MIN_INVERSE_DEPTH = 1e-6
+"""Inverse depth, 1/m, up to which a landmark has no point in the world: 1000 km. It prevents a division by zero."""
+MAX_DEPTH_M = 1000.0
+"""Maximum median depth, m. Sizes of motions are divided by it, and errors grow with it: beyond 1 km, the landmarks show
+no translation of a rover, and more depth would add no information."""
 ALIGNED_LANDMARKS = 200
 """Number of landmarks that align a pose. With 300 the pose differed by 0.02 px from that of all landmarks
 (measurements/localiser_trials.md)."""

@@ -25,8 +25,8 @@ PLANE_NOISE_PX = 0.3
 """Scale of the Cauchy weight of a disparity against the local plane, px: ten times the noise of a disparity (0.03 px),
 because ground is not flat between corners."""
 SLOPE_INFORMATION = 0.02
-"""Information of the prior of zero slope, times the squared distance of the neighbours: a fiftieth of one
-neighbour's."""
+"""Information of the prior of zero slope, times the squared distance of the neighbours. Chosen by hand: a fiftieth of
+one neighbour's, so that it decides only the direction that neighbours in a row do not show."""
 NEARNESS = -2.0  #: Exponent of the weight at the farthest neighbour, which is thereby at two standard deviations.
 MAX_SLOPE = 0.7  #: Maximum slope, px of disparity per px. A patch then has 0.3 of its width in the right image.
 

@@ -1,131 +1,15 @@
-"""Image pyramids, and patches that are cut out with their gradients, warped by a homography and compared.
-
-Around a host pixel, inverse depth is approximated as linear in the pixel, which is a plane in space. A plane maps
-pixels of the host image to pixels of another image by a homography (Hartley and Zisserman 2004, section 13.1).
-"""
+"""Patches that are cut out of an image with their gradients, warped, and compared with another image."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage
-from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
+from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
-
-SMOOTHING = cv2.getGaussianKernel(3, 0.5, cv2.CV_32F)
-"""Gaussian kernel of 0.5 px along rows and columns, which reduces the errors of bilinear interpolation. Other widths:
-measurements/localiser_trials.md, "What limits it, and what was tried"."""
-LEVELS = 4
-"""Levels of the pyramid. Level l is 2^l times smaller; its pixels are `u_l = (u + 0.5) / 2^l - 0.5`."""
-
-
-class ImageLevel(NamedTuple):
-    """One level of a pyramid."""
-
-    image: FloatImage  #: `(H, W)` float32.
-    scale: float  #: Pixels of full size per pixel, `2^l`.
-
-
-Pyramid = tuple[ImageLevel, ...]
-"""Level 0 is the smoothed image. A pixel of each next level is the mean of 2 x 2 pixels of the level before."""
-
-
-def build_pyramid(image: GreyImage) -> Pyramid:
-    """Return the pyramid of an image `(H, W)` uint8."""
-    levels = [cv2.sepFilter2D(image, cv2.CV_32F, SMOOTHING, SMOOTHING)]
-    for _ in range(LEVELS - 1):
-        height, width = levels[-1].shape
-        even = levels[-1][: height // 2 * 2, : width // 2 * 2]
-        levels.append(cv2.resize(even, (width // 2, height // 2), interpolation=cv2.INTER_AREA))
-    return tuple(ImageLevel(np.ascontiguousarray(level), 2.0**number) for number, level in enumerate(levels))
-
-
-BEHIND = -1e9  #: Pixel coordinate of a point behind the camera.
-MIN_WARP_DEPTH = 1e-9  #: Depth times inverse depth, no unit, below which a pixel counts as behind the camera.
-
-
-class LocalPlanes(NamedTuple):
-    """The planes around N host pixels; inverse depth is linear in the host pixel."""
-
-    hosts: Poses  #: `(N,)` host cameras.
-    uv: FloatArray  #: `(N, 2)` host pixels.
-    inverse_depth: FloatArray  #: `(N,)` at the host pixels, 1/m.
-    slopes: FloatArray  #: `(N, 2)` derivative of the inverse depth by u and v, 1/m per pixel.
-
-
-class LocalWarp(NamedTuple):
-    """A homography around a host pixel (u, v).
-
-    The pixel (u + i, v + j) is mapped to `x + (xu i + xv j) / (1 + wu i + wv j)`, and likewise for y.
-    """
-
-    x: float  #: Position to which the host pixel is mapped; `BEHIND` behind the camera.
-    y: float
-    xu: float  #: Derivatives of x and y by u and v at the host pixel; 0 behind the camera.
-    xv: float
-    yu: float
-    yv: float
-    wu: float  #: Relative change of the depth per host pixel along u and v.
-    wv: float
-
-
-@jit_fast
-def plane_homographies(target: Pose, planes: LocalPlanes, camera: StereoCamera, offset_x: float) -> FloatArray:
-    """Return the homographies `(N, 3, 3)` of local planes, from host pixels to pixels of one image.
-
-    A host pixel of inverse depth `rho(u, v) = offset + slope_u u + slope_v v` is mapped to
-    `K (R K^-1 (u, v, 1) + t rho(u, v))`, with the rotation R and the translation t from the host to the target. The
-    target is the left camera. `offset_x` is the position of the image's camera along its x axis: 0 for the left image,
-    the baseline for the right one, metres.
-    """
-    fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
-    rotation = target.rotation
-    position = target.position
-    uv = planes.uv
-    slopes = planes.slopes
-    homographies = np.empty((len(uv), 3, 3))
-    for n in range(len(uv)):
-        h = homographies[n]
-        r_wh = planes.hosts.rotations[n]
-        p_h = planes.hosts.positions[n]
-        offset = planes.inverse_depth[n] - slopes[n, 0] * uv[n, 0] - slopes[n, 1] * uv[n, 1]
-        dx = p_h[0] - position[0]
-        dy = p_h[1] - position[1]
-        dz = p_h[2] - position[2]
-        for r in range(3):
-            r0 = rotation[0, r] * r_wh[0, 0] + rotation[1, r] * r_wh[1, 0] + rotation[2, r] * r_wh[2, 0]
-            r1 = rotation[0, r] * r_wh[0, 1] + rotation[1, r] * r_wh[1, 1] + rotation[2, r] * r_wh[2, 1]
-            r2 = rotation[0, r] * r_wh[0, 2] + rotation[1, r] * r_wh[1, 2] + rotation[2, r] * r_wh[2, 2]
-            t = rotation[0, r] * dx + rotation[1, r] * dy + rotation[2, r] * dz
-            if r == 0:
-                t -= offset_x
-            h[r, 0] = r0 / fx + t * slopes[n, 0]
-            h[r, 1] = r1 / fy + t * slopes[n, 1]
-            h[r, 2] = r2 - r0 * cx / fx - r1 * cy / fy + t * offset
-        for c in range(3):
-            h[0, c] = fx * h[0, c] + cx * h[2, c]
-            h[1, c] = fy * h[1, c] + cy * h[2, c]
-    return homographies
-
-
-@jit_fast_inline
-def local_warp(h: FloatArray, u: float, v: float) -> LocalWarp:
-    """Return a homography around a host pixel."""
-    w = h[2, 0] * u + h[2, 1] * v + h[2, 2]
-    if w <= MIN_WARP_DEPTH:
-        return LocalWarp(BEHIND, BEHIND, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    x = (h[0, 0] * u + h[0, 1] * v + h[0, 2]) / w
-    y = (h[1, 0] * u + h[1, 1] * v + h[1, 2]) / w
-    xu = (h[0, 0] - x * h[2, 0]) / w
-    xv = (h[0, 1] - x * h[2, 1]) / w
-    yu = (h[1, 0] - y * h[2, 0]) / w
-    yv = (h[1, 1] - y * h[2, 1]) / w
-    return LocalWarp(x, y, xu, xv, yu, yv, h[2, 0] / w, h[2, 1] / w)
-
+from sfr_loc_map.localisation.frontend.plane_warp import LocalWarp
 
 HALF = 5
 """Half width of a patch, px. Patches of 9 x 9 and 13 x 13 px were tried: measurements/localiser_trials.md, "What limits
@@ -134,6 +18,14 @@ SIDE = 2 * HALF + 1  #: Side of a patch, pixels.
 MIN_POWER = 1e-3
 """Minimum power (sum of squares about the mean) of a textured patch, grey levels squared. It prevents a division by
 zero; rounding to whole grey levels gives more in any patch that is not constant."""
+SAMPLED_PX = 1.001
+"""Minimum distance, px, of a sampled position from the number of columns or rows. The next pixel must exist, and
+positions in float32 are rounded by less than 0.001 px."""
+COARSE_SAMPLED_PX = 1.01
+"""The same distance on the coarse levels of the alignment and of the search for double exposures. Chosen by hand. With
+1.001 px the last digits of poses change, and no state does, in six runs of the sample with faults."""
+MIN_WARP_SCALE = 1e-6
+"""Minimum of a pixel's depth over that of the centre of its patch. It prevents a division by zero."""
 Patch = NDArray[np.float32]  #: Values of one patch `(S * S,)` row by row, or of several patches; float32.
 
 
@@ -149,18 +41,6 @@ class Templates(NamedTuple):
     #: `(N, 6)`: power of the grey levels; factors of the grey levels in the parallel parts of the derivatives along x
     #: and y; sums of products xx, xy, yy of the orthogonal parts.
     moments: FloatArray
-
-
-SAMPLED_PX = 1.001
-"""Minimum distance, px, of a sampled position from the number of columns or rows. The next pixel must exist, and
-positions in float32 are rounded by less than 0.001 px."""
-COARSE_SAMPLED_PX = 1.01
-"""The same distance on the coarse levels of the alignment and of the search for double exposures. Chosen by hand. With
-1.001 px the last digits of poses change, and no state does, in six runs of the sample with faults."""
-
-
-MIN_WARP_SCALE = 1e-6
-"""Minimum of a pixel's depth over that of the centre of its patch. It prevents a division by zero."""
 
 
 class PatchPixels(NamedTuple):

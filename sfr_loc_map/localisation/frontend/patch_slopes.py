@@ -22,7 +22,7 @@ from sfr_loc_map.localisation.frontend.patch import (
     patch_pixels,
     sample,
 )
-from sfr_loc_map.localisation.frontend.patch_tracking import MIN_TEXTURE_RATIO
+from sfr_loc_map.localisation.frontend.patch_tracking import FINISHED_PX, MIN_TEXTURE_RATIO
 from sfr_loc_map.localisation.small_linalg import copy_row, fill_inverse_4
 
 PRIOR_SIGMA = 0.05
@@ -36,8 +36,6 @@ MAX_SLOPE_SHIFT_PX = 1.0
 """Maximum shift of a patch, px: one that moves farther has left its texture, and keeps its slopes."""
 COLUMNS = 5
 """Columns of the fit of a patch: its grey levels, and their derivatives by the four unknowns."""
-FINISHED_PX = 0.01
-"""Movement of a pixel of the patch, px, below which no further iteration follows: as in `patch_tracking`."""
 
 
 class _Workspace(NamedTuple):

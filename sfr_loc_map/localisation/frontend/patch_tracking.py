@@ -17,16 +17,15 @@ from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
 from sfr_loc_map.localisation.frontend.patch import (
     MIN_POWER,
     SAMPLED_PX,
-    LocalWarp,
     PatchPixels,
     Templates,
     half_width,
-    local_warp,
     patch_pixels,
     products_with_samples,
     warp_pixels,
     warped_normal,
 )
+from sfr_loc_map.localisation.frontend.plane_warp import LocalWarp, local_warp
 
 MIN_DETERMINANT = 0.05
 """Minimum determinant of a warp: the area, px^2, that a pixel of the host covers. A patch of 11 x 11 px has then shrunk

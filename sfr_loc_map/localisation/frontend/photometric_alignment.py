@@ -17,19 +17,16 @@ from sfr_loc_map.jit import jit_fast, jit_fast_inline, jit_fast_ir_inline
 from sfr_loc_map.localisation.frontend.patch import (
     COARSE_SAMPLED_PX,
     MIN_POWER,
-    ImageLevel,
-    LocalPlanes,
-    LocalWarp,
     PatchPixels,
     Templates,
     half_width,
-    local_warp,
     patch_pixels,
     products_with_samples,
     warp_pixels,
     warped_normal,
 )
 from sfr_loc_map.localisation.frontend.patch_tracking import MIN_DETERMINANT
+from sfr_loc_map.localisation.frontend.plane_warp import LocalPlanes, LocalWarp, local_warp
 from sfr_loc_map.localisation.frontend.projection import (
     MIN_SCALED_DEPTH,
     Vector,
@@ -40,6 +37,7 @@ from sfr_loc_map.localisation.frontend.projection import (
     rotated_ray,
     scaled_point,
 )
+from sfr_loc_map.localisation.frontend.pyramid import ImageLevel
 from sfr_loc_map.localisation.small_linalg import retract, solve
 
 MAX_DETERMINANT = 20.0
@@ -53,9 +51,9 @@ that fits by chance therefore does not dominate."""
 PRIOR_INFORMATION = 1e-6
 """Added to the diagonal of the normal matrix, which is then positive definite. It is far below the information of one
 patch."""
-CONVERGED_PX = 0.02
-"""Motion of the image, px of the level, below which no further iteration follows. A start that differs by 0.02 px moves
-a figure by 2 % at most (measurements/localiser_trials.md)."""
+ALIGNED_PX = 0.02
+"""Motion of the image, px of the level, below which the poses count as aligned and no further iteration follows. A
+start that differs by 0.02 px moves a figure by 2 % at most (measurements/localiser_trials.md)."""
 
 
 class PoseAlignment(NamedTuple):
@@ -299,6 +297,6 @@ def align_patches(
             position[i] += update[i]
             largest_angle = max(largest_angle, abs(update[i]) * mean_inverse_depth, abs(update[3 + i]))
         rotation = retract(rotation, update[3], update[4], update[5])
-        if largest_angle * camera.fx < CONVERGED_PX * level.scale:
+        if largest_angle * camera.fx < ALIGNED_PX * level.scale:
             break
     return best

@@ -9,7 +9,8 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.jit import jit_fast, jit_fast_inline
-from sfr_loc_map.localisation.frontend.patch import MIN_POWER, Patch, Pyramid, cut_patches, half_width, normalise
+from sfr_loc_map.localisation.frontend.patch import MIN_POWER, Patch, cut_patches, half_width, normalise
+from sfr_loc_map.localisation.frontend.pyramid import Pyramid
 from sfr_loc_map.localisation.parallel import in_halves
 
 SEARCH_LEVEL = 1

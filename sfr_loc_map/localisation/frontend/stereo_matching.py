@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, Mask
 from sfr_loc_map.localisation.frontend.neighbour_slopes import neighbours_of, slopes_of
-from sfr_loc_map.localisation.frontend.patch import HALF, Pyramid, Templates, cut_patches, templates_of
+from sfr_loc_map.localisation.frontend.patch import HALF, Templates, cut_patches, templates_of
 from sfr_loc_map.localisation.frontend.patch_slopes import refine_slopes
 from sfr_loc_map.localisation.frontend.patch_tracking import PatchTracks, TrackingLimits, track_patches
+from sfr_loc_map.localisation.frontend.pyramid import Pyramid
 from sfr_loc_map.localisation.frontend.row_search import search_corners
 from sfr_loc_map.localisation.parallel import in_halves
 

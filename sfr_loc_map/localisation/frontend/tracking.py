@@ -19,10 +19,11 @@ from sfr_loc_map.geometry.arrays import FloatArray, GreyImage, Mask, median
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.localisation.frontend.landmarks import Landmarks
-from sfr_loc_map.localisation.frontend.patch import LEVELS, Pyramid, build_pyramid, plane_homographies
 from sfr_loc_map.localisation.frontend.patch_tracking import TrackingLimits, track_patches
 from sfr_loc_map.localisation.frontend.photometric_alignment import align_patches
+from sfr_loc_map.localisation.frontend.plane_warp import plane_homographies
 from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations, solve_pose
+from sfr_loc_map.localisation.frontend.pyramid import LEVELS, Pyramid, build_pyramid
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.parallel import both
 
@@ -36,7 +37,7 @@ ALIGNED_LEVELS = range(LEVELS - 1, 0, -1)
 """Levels of the alignment. Level 0 is left to the tracking of each patch, which captures what remains."""
 ALIGNMENT_ITERATIONS = (6, 4)
 """Gauss-Newton iterations of the alignment on its first level, on each further level, which begins nearer to the
-solution. Chosen by hand."""
+solution. Chosen by hand. With fewer, a prediction that is far off is not corrected; the time grows with the number."""
 POSE_ITERATIONS = 10
 """Maximum number of Gauss-Newton iterations of the pose, which converges in less (`pose_solver.CONVERGED_STEP`)."""
 INLIER_CHI2_PER_DOF = 9.0  #: Gate of an inlier: squared Mahalanobis residual per degree of freedom (3 sigma).

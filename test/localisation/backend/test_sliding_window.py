@@ -7,8 +7,9 @@ import numpy as np
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.localisation.backend.sliding_window import NewLandmarks, SlidingWindow
-from sfr_loc_map.localisation.frontend.patch import SIDE, build_pyramid, templates_of
+from sfr_loc_map.localisation.frontend.patch import SIDE, templates_of
 from sfr_loc_map.localisation.frontend.pose_solver import StereoObservations
+from sfr_loc_map.localisation.frontend.pyramid import build_pyramid
 
 CAMERA = StereoCamera(400.0, 400.0, 256.0, 256.0, 0.15)
 PYRAMID = build_pyramid(np.zeros((512, 512), np.uint8))

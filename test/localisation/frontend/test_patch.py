@@ -7,17 +7,8 @@ from scipy.ndimage import gaussian_filter
 
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.localisation.frontend.patch import (
-    HALF,
-    SIDE,
-    LocalPlanes,
-    LocalWarp,
-    cut_patches,
-    half_width,
-    local_warp,
-    plane_homographies,
-    templates_of,
-)
+from sfr_loc_map.localisation.frontend.patch import HALF, SIDE, cut_patches, half_width, templates_of
+from sfr_loc_map.localisation.frontend.plane_warp import LocalPlanes, LocalWarp, local_warp, plane_homographies
 
 CAMERA = StereoCamera(400.0, 420.0, 256.0, 240.0, 0.2)
 HOST = Pose(matrix_from_rotvec([0.1, -0.2, 0.05]), np.array([1.0, -2.0, 0.5]))

@@ -8,14 +8,9 @@ from helpers.wall import wall_view
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, rotvec_from_matrix
 from sfr_loc_map.localisation.frontend import photometric_alignment as alignment
-from sfr_loc_map.localisation.frontend.patch import (
-    ImageLevel,
-    LocalPlanes,
-    Templates,
-    cut_patches,
-    plane_homographies,
-    templates_of,
-)
+from sfr_loc_map.localisation.frontend.patch import Templates, cut_patches, templates_of
+from sfr_loc_map.localisation.frontend.plane_warp import LocalPlanes, plane_homographies
+from sfr_loc_map.localisation.frontend.pyramid import ImageLevel
 
 CAMERA = StereoCamera(200.0, 210.0, 119.5, 89.5, 0.1)
 HEIGHT, WIDTH, DEPTH, HALF = 180, 240, 2.0, 3

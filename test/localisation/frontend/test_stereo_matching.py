@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import cKDTree
 
 from sfr_loc_map.localisation.frontend.neighbour_slopes import nearest
-from sfr_loc_map.localisation.frontend.patch import build_pyramid
+from sfr_loc_map.localisation.frontend.pyramid import build_pyramid
 from sfr_loc_map.localisation.frontend.stereo_matching import StereoMatches, match_corners
 
 HEIGHT, WIDTH = 160, 240
