@@ -105,8 +105,7 @@ def pose_covariance(
     blur = blur_of(depth_m, model).covariance
     # errors that all disparities share: a constant one, the yaw as far as it is unknown, and the path travelled
     # before the yaw was corrected
-    bias = errors.bias.total - errors.bias_at_start.total
-    corrected = errors.bias.corrected - errors.bias_at_start.corrected
+    bias, corrected = errors.bias_since_origin
     uncorrected = calibration.yaw.target_px * bias - corrected
     unsettled_px = sources.unsettled_yaw_ratio * calibration.remaining_px
     variance_px2 = sources.disparity_px**2 + calibration.yaw_sigma_px**2 + unsettled_px**2
@@ -131,9 +130,10 @@ def blur_of(depth_m: float, model: RoverModel) -> MotionSize:
 def start_and_drift(errors: PathErrors, position: FloatArray, model: RoverModel) -> FloatArray:
     """Return the parts start and D of the pose covariance, which come from the start pose and the drift since."""
     drift = errors.in_window
-    if errors.drift_origin is not None:
-        drift = positive_part(drift - errors.drift_origin.at(position))
-    return np.asarray(drift * model.sources.adjustment_inflation + errors.start.at(position))
+    origin = errors.origin
+    if origin.in_window is not None:
+        drift = positive_part(drift - origin.in_window.at(position))
+    return np.asarray(drift * model.sources.adjustment_inflation + origin.start.at(position))
 
 
 def accumulated_covariance(errors: PathErrors, position: FloatArray, model: RoverModel) -> FloatArray:

@@ -15,6 +15,7 @@ from sfr_loc_map.geometry.plausibility import MAX_VARIANCE, is_plausible_covaria
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform, propagated_covariance
 from sfr_loc_map.inputs import LOST_VARIANCE
+from sfr_loc_map.localisation.symmetric_matrices import symmetric
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,7 +134,7 @@ class StepEstimate:
         turn = np.kron(np.eye(2), T_before_now.rotation)
         systematic = np.diag(np.square(self.systematic))
         total = self.covariance + before + turn @ self.noise @ turn.T + systematic + self.unsteady
-        return np.asarray(0.5 * (total + total.T))
+        return symmetric(total)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -48,9 +48,18 @@ class DirectedError(MotionSize):
         return DirectedError(self.metres - earlier.metres, self.radians - earlier.radians)
 
 
+class Origin(NamedTuple):
+    """The pose from which the covariance counts: start of the run or of the window, or a pose from outside."""
+
+    start: LocatedCovariance  #: Covariance of that pose.
+    #: That pose in the window, if the drift counts from a pose within the window; None: from the start of the window.
+    in_window: LocatedCovariance | None = None
+    bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))  #: Path integrals up to that pose.
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PathErrors:
-    """What the covariance of the present pose is composed of, accumulated since the start pose.
+    """What the covariance of the present pose is composed of, accumulated since its origin.
 
     Two parts come from motions that no image showed, `suspected` and `unseen`:
 
@@ -62,21 +71,25 @@ class PathErrors:
     | new window | ends in the start of the window | ends in the start of the window |
     """
 
-    start: LocatedCovariance  #: Start of the run or of the window, or a pose from outside.
+    origin: Origin  #: The pose from which the covariance counts.
     #: What earlier windows, and the motions between the windows, added since the map was placed, at the start of the
     #: window. A pose from outside in the past does not reset it.
     before_window: LocatedCovariance = LocatedCovariance(np.zeros(3), ZERO)
-    #: Pose in the window from which the drift counts; None: from the start of the window.
-    drift_origin: LocatedCovariance | None = None
     in_window: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of the present pose in its window.
     #: Covariance of the motion up to the last accepted pose, if its images may partly be older.
     suspected: FloatArray = field(default_factory=lambda: ZERO)
     unseen: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of the motion since that pose.
-    bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))
-    bias_at_start: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))
-    directed: DirectedError = DirectedError(0.0, 0.0)  #: Sum of ambiguous motions and of the bending by the lens.
+    bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))  #: Path integrals up to the present pose.
+    #: Sum of ambiguous motions and of the bending by the lens since the origin.
+    directed: DirectedError = DirectedError(0.0, 0.0)
     #: Covariance of that sum, and where it arose.
     directed_covariance: LocatedCovariance = LocatedCovariance(np.zeros(3), ZERO)
+
+    @property
+    def bias_since_origin(self) -> DisparityBias:
+        """Path integrals from the origin to the present pose."""
+        before = self.origin.bias
+        return DisparityBias(self.bias.total - before.total, self.bias.corrected - before.corrected)
 
     @property
     def unimaged(self) -> FloatArray:
@@ -90,38 +103,22 @@ class PathErrors:
     def placed(self, start: LocatedCovariance) -> PathErrors:
         """Return the errors of a pose from outside at the last pose; only the path integrals continue."""
         return PathErrors(
-            start=start,
+            origin=Origin(start, bias=self.bias),
             bias=self.bias,
-            bias_at_start=self.bias,
             directed_covariance=LocatedCovariance(start.position, ZERO),
         )
 
-    def rebased(
-        self,
-        *,
-        start: LocatedCovariance,
-        drift_origin: LocatedCovariance | None,
-        position: FloatArray,
-        bias: DisparityBias,
-        directed: DirectedError,
-    ) -> PathErrors:
+    def rebased(self, origin: Origin, *, position: FloatArray, directed: DirectedError) -> PathErrors:
         """Return the errors since an external pose with an earlier stamp.
 
         Args:
-            start: Covariance of that pose, or of the start of the window if that pose is of an earlier one.
-            drift_origin: That pose in its window; None if the drift counts from the start of the window.
+            origin: That pose. If it is of an earlier window, its start is that of the present window.
             position: Position of the left camera at that pose.
-            bias: Path integrals up to that pose.
             directed: Sum of the directed errors up to that pose.
         """
         since = self.directed.since(directed)
         return replace(
-            self,
-            start=start,
-            drift_origin=drift_origin,
-            bias_at_start=bias,
-            directed=since,
-            directed_covariance=LocatedCovariance(position, since.covariance),
+            self, origin=origin, directed=since, directed_covariance=LocatedCovariance(position, since.covariance)
         )
 
     def kept(self, unseen: FloatArray) -> PathErrors:
@@ -150,12 +147,11 @@ class PathErrors:
             first_image: `(6, 6)` that the first image adds.
             in_window: `(6, 6)` of the first keyframe in the new window.
         """
-        start = drift + self.unimaged + first_image
+        start = LocatedCovariance(position, drift + self.unimaged + first_image)
         return replace(
             self,
-            start=LocatedCovariance(position, start),
+            origin=self.origin._replace(start=start, in_window=None),
             before_window=LocatedCovariance(position, accumulated + self.unimaged + first_image),
-            drift_origin=None,
             in_window=in_window,
             suspected=ZERO,
             unseen=ZERO,

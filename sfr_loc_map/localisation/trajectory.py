@@ -51,7 +51,14 @@ from sfr_loc_map.localisation.frontend.tracking import Tracks
 from sfr_loc_map.localisation.history import History, PastPose
 from sfr_loc_map.localisation.motion_model import LastPose, MotionSince
 from sfr_loc_map.localisation.motion_size import MotionSize, size_of
-from sfr_loc_map.localisation.path_errors import ZERO, DirectedError, DisparityBias, LocatedCovariance, PathErrors
+from sfr_loc_map.localisation.path_errors import (
+    ZERO,
+    DirectedError,
+    DisparityBias,
+    LocatedCovariance,
+    Origin,
+    PathErrors,
+)
 from sfr_loc_map.localisation.symmetric_matrices import positive_part, symmetric
 
 
@@ -107,7 +114,7 @@ class _NewPose(NamedTuple):
 def started(start: StartPose, model: RoverModel) -> PathState:
     """Return the path before the first pair."""
     last = LastPose(Transform.identity(), Transform.identity(), None)
-    errors = PathErrors(LocatedCovariance(np.zeros(3), ZERO))
+    errors = PathErrors(Origin(LocatedCovariance(np.zeros(3), ZERO)))
     path = PathState(last, Datum(Transform.identity(), start), errors, PublishedPose())
     return _placed(path, start, start.stamp_ns, model)
 
@@ -377,15 +384,11 @@ def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) ->
     )
     position = past.in_window.position
     if past.window == path.window:
-        start = LocatedCovariance(position, covariance)
-        drift_origin = past.in_window
+        origin = Origin(LocatedCovariance(position, covariance), past.in_window, past.bias)
     else:  # between the past pose and the present window, drift and motions that no image showed were added
         before_window = path.errors.before_window
         added = positive_part(before_window.covariance - past.accumulated.at(before_window.position))
         at_window = propagated_covariance(covariance, before_window.position - position)
-        start = LocatedCovariance(before_window.position, at_window + added)
-        drift_origin = None
-    errors = path.errors.rebased(
-        start=start, drift_origin=drift_origin, position=position, bias=past.bias, directed=past.directed
-    )
+        origin = Origin(LocatedCovariance(before_window.position, at_window + added), bias=past.bias)
+    errors = path.errors.rebased(origin, position=position, directed=past.directed)
     return replace(path, datum=replace(path.datum, T_ds_world=T_ds_world), errors=errors)

@@ -169,7 +169,7 @@ def test_what_the_images_of_a_pose_may_not_show_lasts_until_the_next_pose() -> N
             again = trajectory.restarted(kept, number * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
             clear_again = trajectory.restarted(clear, number * PERIOD_NS, map_of(NOTHING), model)[0]  # type: ignore[arg-type]
             np.testing.assert_allclose(
-                again.errors.start.covariance[:3, :3] - clear_again.errors.start.covariance[:3, :3], added
+                again.errors.origin.start.covariance[:3, :3] - clear_again.errors.origin.start.covariance[:3, :3], added
             )
         np.testing.assert_allclose(of_path(move(kept, 3, STEP)), of_path(move(clear_kept, 3, STEP)), atol=1e-16)
 
@@ -201,9 +201,9 @@ def placed_in_the_window_before(start_variance: float) -> tuple[PathState, PathS
 def test_an_exact_pose_from_outside_of_an_earlier_window_replaces_the_start_and_keeps_the_gap() -> None:
     before, after = placed_in_the_window_before(100.0)
     exact = placed_in_the_window_before(0.0)[1]
-    assert np.trace(before.errors.start.covariance) > 600.0
-    np.testing.assert_allclose(after.errors.start.covariance, exact.errors.start.covariance, atol=1e-9)
+    assert np.trace(before.errors.origin.start.covariance) > 600.0
+    np.testing.assert_allclose(after.errors.origin.start.covariance, exact.errors.origin.start.covariance, atol=1e-9)
     gap = before.errors.before_window.covariance
     assert np.trace(gap) > 1.0  # ten pairs without an image
-    assert np.trace(after.errors.start.covariance) == pytest.approx(np.trace(gap), rel=0.05)
-    assert np.linalg.eigvalsh(after.errors.start.covariance)[0] >= 0.0
+    assert np.trace(after.errors.origin.start.covariance) == pytest.approx(np.trace(gap), rel=0.05)
+    assert np.linalg.eigvalsh(after.errors.origin.start.covariance)[0] >= 0.0

@@ -202,7 +202,7 @@ def _fill_jacobian(
 
 
 @jit_fast_ir_inline
-def _linearise(
+def _add_patches(
     level: ImageLevel,
     patches: _Patches,
     planes: LocalPlanes,
@@ -281,7 +281,7 @@ def align_patches(
         for i in range(6):
             information[i, i] = PRIOR_INFORMATION
         pose = Pose(rotation, position)
-        in_view, total_correlation = _linearise(level, patches, planes, pose, camera, information, rhs, jacobian)
+        in_view, total_correlation = _add_patches(level, patches, planes, pose, camera, information, rhs, jacobian)
         if in_view < MIN_PATCHES:
             break
         correlation = total_correlation / in_view
