@@ -5,7 +5,7 @@ searched for a second rigid motion. Of two motions the ground's is the one that 
 the motion before. Landmarks and image cells of the other one (own body, dirt on the lens, moving objects) are excluded.
 If the evidence does not separate the two, the pose is ambiguous.
 
-`GroundSelector.compare` compares the left image with an earlier one, cell by cell, while the landmarks are tracked.
+`GroundSelector.begin_change` compares the left image with an earlier one, cell by cell, while landmarks are tracked.
 `GroundSelector.select` works in four steps:
 
 1. Gather the `Evidence` of the tracks and of the comparison (`ground_evidence.py`).
@@ -103,7 +103,7 @@ class GroundSelector:
         """The shape of the images is (height, width)."""
         self._tools = MotionTools(tracker, relocaliser, camera, shape, min_tracked)
 
-    def compare(self, frame: StereoFrame, memory: GroundMemory) -> Pending[Change]:
+    def begin_change(self, frame: StereoFrame, memory: GroundMemory) -> Pending[Change]:
         """Begin to compare the left image with an earlier one, cell by cell, while the landmarks are tracked."""
         assert memory.earlier is not None, "a window has begun"
         return beside(change_of, memory.earlier.image, frame.left[LEVEL].image)

@@ -114,7 +114,7 @@ def check_adjustment(last: LastPose, pose: Pose, covariance: FloatArray) -> Find
 
     The covariance `(6, 6)` is that of the adjusted pose.
     """
-    if not (np.isfinite(np.column_stack(pose)).all() and np.isfinite(covariance).all()):
+    if not all(np.isfinite(array).all() for array in (*pose, covariance)):
         return frozenset({Finding.DIVERGED})
     moved = size_between(Pose.of(last.T_world_left), pose)
     return _found(Finding.DIVERGED, not moved.is_within(MAX_ADJUSTMENT))

@@ -232,7 +232,7 @@ class Localiser:
         guesses = state.path.last.predict(pair.stamp_ns, odometry, self._model)
         prediction = Prediction(guesses, state.calibration.offset)
         # 3 track, 4 relocalise; meanwhile stage 5 begins
-        change = self._ground_selector.compare(frame, state.ground_memory)
+        change = self._ground_selector.begin_change(frame, state.ground_memory)
         tracks = self._track(frame, landmark_map, prediction, state.recovery, clock)
         # 5 select the ground's motion
         ground = self._select_ground(frame, tracks, prediction, state, images, change.result())
