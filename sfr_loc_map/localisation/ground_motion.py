@@ -1,9 +1,9 @@
-"""Selection of the ground's motion among the rigid motions in an image; everything else is excluded while it lasts.
+"""Selection of the ground's motion among the rigid motions in an image.
 
 The ground is identified by its motion, not by its place in the image. Landmarks that the pose does not explain are
 searched for a second rigid motion. Of two motions the ground's is the one that more landmarks follow and that continues
-the motion before. Landmarks and image cells of the other one (own body, dirt on the lens, moving objects) are excluded.
-If the evidence does not separate the two, the pose is ambiguous.
+the motion before. Landmarks of the other one (own body, dirt on the lens, moving objects) leave the map, and its image
+cells are excluded for some pairs. If the evidence does not separate the two, the pose is ambiguous.
 
 `GroundSelector.begin_change` compares the left image with an earlier one, cell by cell, while landmarks are tracked.
 `GroundSelector.select` works in four steps:
@@ -38,11 +38,12 @@ from sfr_loc_map.localisation.parallel import Pending, beside
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
 
 COMPARED_PX = 3.0
-"""Image motion, px, that shows what is fixed to the camera (more than `cell_motion.MOVED_PX`); the compared image is
-then replaced."""
+"""Image motion, px, that shows what is fixed to the camera; the compared image is then replaced. Chosen by hand above
+`cell_motion.MOVED_PX`, from which a cell counts as moved, so that most cells do."""
 COMPARED_PAIRS = 10
 """Number of pairs after which the compared image is replaced, however slow the motion: light and exposure change.
-Chosen by hand."""
+Chosen by hand. If larger, such changes count as changes of the scene; if smaller, a slow motion shows nothing as
+fixed."""
 FAR_RATIO = 0.06
 """Image motion per pair, fraction of the width, above which a landmark may not be found again. It is little more than
 the flow that triggers a keyframe (`keyframes.KEYFRAME_FLOW`)."""

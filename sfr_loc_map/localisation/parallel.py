@@ -56,8 +56,8 @@ class _Task(NamedTuple):
 class _SecondThread:
     """A thread that works beside its caller.
 
-    A hand-over takes 53 us of processor time; with a `ThreadPoolExecutor` and its futures it takes 69 us (empty calls on
-    a busy host with two cores).
+    A hand-over takes 53 us of processor time; with a `ThreadPoolExecutor` and its futures it takes 69 us (empty calls
+    on a busy host with two cores).
     """
 
     def __init__(self) -> None:
