@@ -117,10 +117,15 @@ def propagation(displacement: FloatArray) -> FloatArray:
 
     A rotation error w about the fixed axes of a frame moves a pose at the displacement d by `w x d`.
     """
-    x, y, z = displacement
     jacobian = np.eye(6)
-    jacobian[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    jacobian[:3, 3:] = _minus_cross(displacement)
     return jacobian
+
+
+def _minus_cross(vector: FloatArray) -> FloatArray:
+    """Return the matrix `(3, 3)` of `w -> w x vector`."""
+    x, y, z = vector.tolist()
+    return np.array(((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)))
 
 
 def propagated_covariance(
@@ -130,11 +135,11 @@ def propagated_covariance(
 
     The errors of the given pose are about axes that the rotation takes to those of the result.
     """
-    jacobian = propagation(displacement)
-    jacobian[:3, 3:] = jacobian[:3, 3:] @ rotation
+    jacobian = np.zeros((6, 6))
     jacobian[:3, :3] = rotation
     jacobian[3:, 3:] = rotation
-    return np.asarray(jacobian @ covariance @ jacobian.T)
+    jacobian[:3, 3:] = _minus_cross(displacement).dot(rotation)  # `dot` as in `Transform.__matmul__`
+    return np.asarray(jacobian.dot(covariance).dot(jacobian.T))
 
 
 def interpolated(before: Transform, after: Transform, fraction: float) -> Transform:
