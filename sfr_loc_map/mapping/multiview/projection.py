@@ -36,8 +36,9 @@ def point_weights(view: PairView) -> FloatArray32:
 class Observations(NamedTuple):
     """How a view observes N points, `(N,)` float32 each."""
 
-    difference: FloatArray32  #: Observed range minus that of the point, metres; NaN if the view does not observe it.
-    sigma: FloatArray32  #: Standard deviation of the observed range, metres.
+    #: Observed range minus that of the point along the ray of this view, metres; NaN if the view does not observe it.
+    difference: FloatArray32
+    sigma: FloatArray32  #: Standard deviation of the observed range along the same ray, metres.
     weight: FloatArray32  #: Weight of the view in the fusion, 1 / m^2.
     grey: FloatArray32  #: Grey level; NaN where the view has no point.
     grey_shifted: FloatArray32  #: Grey level at `SHIFT_PX` to the right and below; NaN beyond the border.
@@ -51,7 +52,10 @@ class ObservedPoints(NamedTuple):
     observations: Observations  #: How the view observes them, `(M,)` each.
 
     def difference_sigma(self, fusion_sigma: FloatArray32) -> FloatArray32:
-        """Return the standard deviation of the range differences `(M,)`, metres, given that of the N points."""
+        """Return the standard deviation of the range differences `(M,)`, metres, given that of the N points.
+
+        That of the points is along the rays of their own view, as if both cameras were at one place (`fusion`).
+        """
         return np.asarray(np.sqrt(np.square(fusion_sigma[self.indices]) + np.square(self.observations.sigma)))
 
     def every(self, stride: int) -> ObservedPoints:
