@@ -1,7 +1,10 @@
 """The direction of imports, read from the syntax trees: nothing is imported here."""
 
 import ast
+from collections.abc import Sequence
 from pathlib import Path
+
+import pytest
 
 import sfr_loc_map
 
@@ -25,6 +28,16 @@ FLOORS = (
 """From the bottom; what stands on one floor does not import its neighbours, but the root modules do."""
 NODE_FLOORS = ({"ros"}, {"lifecycle"}, {"input"}, {""}, {"launch", "graph"}, {"replay", "view"})
 """Folders of `nodes` from the bottom; the name of the modules beside them is empty."""
+IO_FLOORS = (
+    {"sequence", "tables"},
+    {"images", "calibration", "clouds"},
+    {"bag"},
+    {"truth"},
+    {"source_config"},
+    {"layouts"},
+    {"board_file", "convert", "message_stream", "registry"},
+)
+"""Folders of `io`, and the modules beside them, from the bottom."""
 NEIGHBOURS = {("cli", "api"), ("__main__", "cli")}
 ROS = ("rclpy", "launch", "launch_ros", "ament_index_python", "builtin_interfaces", "std_srvs", "rosidl", "tf2_ros")
 ROS_PACKAGES = {"nodes"}
@@ -73,13 +86,16 @@ def test_modules_import_lower_floors_alone_and_ros_only_in_nodes() -> None:
     assert not wrong
 
 
-def test_folders_of_the_nodes_import_lower_folders_alone() -> None:
-    floor = {folder: number for number, folders in enumerate(NODE_FLOORS) for folder in folders}
+@pytest.mark.parametrize(("layer", "floors"), [("io", IO_FLOORS), ("nodes", NODE_FLOORS)])
+def test_folders_of_a_layer_import_lower_folders_alone(layer: str, floors: Sequence[set[str]]) -> None:
+    floor = {folder: number for number, folders in enumerate(floors) for folder in folders}
     wrong = []
-    for path in (PACKAGE / "nodes").rglob("*.py"):
-        own = path.parent.name if path.parent.name in floor else ""
+    for path in (PACKAGE / layer).rglob("*.py"):
+        first = path.relative_to(PACKAGE / layer).parts[0].removesuffix(".py")
+        own = first if first in floor else ""
+        assert own in floor or first == "__init__", f"{path.relative_to(PACKAGE)} is on no floor"
         for name in imported(path):
-            head, _, rest = name.partition(f"{NAME}.nodes.")
+            head, _, rest = name.partition(f"{NAME}.{layer}.")
             folder = rest.split(".")[0] if rest.split(".")[0] in floor else ""
             if not head and rest and own != folder and floor[own] <= floor[folder]:
                 wrong.append(f"{path.relative_to(PACKAGE)}: {name}")

@@ -245,7 +245,7 @@ def _truth_config(
 ) -> SourceConfig | None:
     """Return how the truth is read by options and configuration; None if none of them is given."""
     from sfr_loc_map.io.source_config import source_config
-    from sfr_loc_map.io.truth import TruthConfig
+    from sfr_loc_map.io.truth.config import TruthConfig
 
     if config_file is None and not settings and not columns:
         return None

@@ -16,10 +16,10 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.inputs import SIDES, Task
 from sfr_loc_map.io.bag.bag import TYPESTORE, Bag, Topic, read_extrinsics
-from sfr_loc_map.io.bag.message_stream import messages_of
-from sfr_loc_map.io.bag.true_poses import TYPES
+from sfr_loc_map.io.message_stream import messages_of
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
+from sfr_loc_map.io.truth.messages import TRUTH_TYPES
 from sfr_loc_map.message_types import COMPRESSED, FIX, POINT
 from sfr_loc_map.topics import COMPRESSED_END, RAW, RECTIFIED, TOPICS, TRUE_POSES, Role, names
 
@@ -27,7 +27,7 @@ RIGS = tuple(task.rig for task in Task)
 RIG_OF_NODE = {task.node: task.rig for task in Task}
 EXPECTED: Mapping[str, tuple[str, ...]] = {
     **{name: (TOPICS[name].msgtype,) for name in names(Role.INPUT, Role.TRUTH)},
-    TRUE_POSES: tuple(TYPES),
+    TRUE_POSES: tuple(TRUTH_TYPES),
 }
 """Types of the topics that are observed, by their names in the suite."""
 MESSAGES_KEPT = 4  #: Messages of each topic that are kept.

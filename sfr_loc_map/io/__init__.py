@@ -1,4 +1,4 @@
-"""Readers and writers of all formats, what is inferred of a source, and how its stamps and cameras are paired.
+"""Readers and writers of all formats, and how a configuration says that a source is read.
 
 Invalid user input raises `InputError`, `OutputError` or `ConfigError` with one line; readers add the name of the file.
 """

@@ -1,11 +1,11 @@
 from .bag.bag import Bag as Bag
 from .bag.writer import BagRecorder as BagRecorder
 from .bag.writer import BagWriter as BagWriter
+from .calibration.rig_file import rig_json as rig_json
 from .clouds.cloud_file import LoadedCloud as LoadedCloud
 from .clouds.cloud_file import load_cloud as load_cloud
 from .clouds.cloud_file import save_cloud as save_cloud
 from .layouts.folder import FolderWriter as FolderWriter
-from .layouts.folder import rig_json as rig_json
 from .registry import open_source as open_source
 from .registry import read_truth as read_truth
 from .sequence import LocSequence as LocSequence

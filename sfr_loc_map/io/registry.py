@@ -18,7 +18,8 @@ from sfr_loc_map.io.layouts.image_folder import is_image_folder, open_image_fold
 from sfr_loc_map.io.layouts.kitti import is_kitti, open_kitti
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig, SyncConfig, source_config
-from sfr_loc_map.io.truth import RB_ITSELF, TruthConfig, resolve_truth, truth_of_file
+from sfr_loc_map.io.truth.config import AS_THE_SOURCE_HAS_IT, RB_ITSELF, TruthConfig
+from sfr_loc_map.io.truth.read import resolve_truth, truth_of_file
 
 _log = logging.getLogger(__name__)
 
@@ -26,7 +27,7 @@ Opener = Callable[[Path, SourceConfig], Source]
 
 
 def _open_bag(path: Path, config: SourceConfig) -> Source:
-    from sfr_loc_map.io.bag.sequence import open_bag  # the library of the bags is loaded for a bag only
+    from sfr_loc_map.io.layouts.bag_source import open_bag  # the library of the bags is loaded for a bag only
 
     return open_bag(path, config)
 
@@ -104,7 +105,7 @@ def read_truth(place: Path, config: TruthConfig | None = None, remap: Mapping[st
     InputError, in one line, if there is none.
     """
     if place.is_file() or is_bag(place) or (config is not None and config.source):
-        return truth_of_file(place, config or TruthConfig(), remap)
+        return truth_of_file(place, config or AS_THE_SOURCE_HAS_IT, remap)
     how = source_config(place)
     found = open_source(place, how if config is None else replace(how, truth=config)).truth
     if found is None:

@@ -13,7 +13,7 @@ from sfr_loc_map.errors import ConfigError, GeometryError, SfrError
 from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.files import is_bag
-from sfr_loc_map.io.truth import TruthConfig
+from sfr_loc_map.io.truth.config import TruthConfig
 
 NAME = "sfr.yaml"
 TOPIC = re.compile(r"(/[A-Za-z_]\w*)+")  #: A name on a graph; that of a file has an ending.
@@ -61,24 +61,25 @@ class ExtrinsicsConfig:
     quat_xyzw: tuple[float, ...] = param(
         (0.0, 0.0, 0.0, 0.0),
         doc="Orientation of LOCSB in RB: x, y, z, w; converts components in LOCSB to RB. All zero: not given. The "
-        "extrinsics are then read from /tf_static if tf2_msgs is installed: the pose of locsb_frame, or of the frame "
-        "that the left camera_info names, in rb_frame (or base_link, base_footprint, ... while rb_frame is rb).",
+        "extrinsics are then read from /tf_static: the pose of LOCSB, or of the frame that the left camera_info "
+        "names, in the frame of the rover. A node has the parameters locsb_frame and rb_frame for these frames and "
+        "requires tf2_msgs. For a recording the frame of the rover is frames.base.",
         low=-10.0,
         high=10.0,
     )
 
-    def transform(self) -> Transform | None:
-        """Return `T_rb_locsb`, None where it is not given."""
+    def transform(self, name: str = "extrinsics") -> Transform | None:
+        """Return `T_rb_locsb`, None where it is not given; `name` is that of the section or parameter, for errors."""
         if len(self.translation_m) != 3 or len(self.quat_xyzw) != 4:
-            raise ConfigError("T_rb_locsb needs translation_m [x, y, z] and quat_xyzw [x, y, z, w]")
+            raise ConfigError(f"{name} needs translation_m [x, y, z] and quat_xyzw [x, y, z, w]")
         if not any(self.quat_xyzw):
             if any(self.translation_m):
-                raise ConfigError("T_rb_locsb.translation_m is given but quat_xyzw is not: give both")
+                raise ConfigError(f"{name}.translation_m is given but quat_xyzw is not: give both")
             return None
         try:
             return Transform.from_quat(self.translation_m, self.quat_xyzw)
         except GeometryError as error:
-            raise ConfigError(f"T_rb_locsb: {error}") from error
+            raise ConfigError(f"{name}: {error}") from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +105,7 @@ class SyncConfig:
 
 @dataclass(frozen=True, slots=True)
 class SourceConfig:
-    """How a source is read; without any of it as its own topics and files say."""
+    """How a source is read; a value that is not given is taken from the topics and files of the source."""
 
     path: Path | None = None  #: File that it was read from.
     remap: Mapping[str, str] = field(default_factory=dict)  #: Names of the suite by the names in the bag (`topics`).

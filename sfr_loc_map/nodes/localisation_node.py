@@ -110,7 +110,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
     def check_config(self, config: LocalisationNodeConfig) -> None:
         """Try whether a localiser can be made with the parameters and the rig; where that is unknown, read masks."""
         config.check_frames(config.ds_frame, config.rb_frame, config.locsb_frame)
-        T_rb_sb = config.T_rb_locsb.transform()
+        T_rb_sb = config.T_rb_locsb.transform("T_rb_locsb")
         for mask in filter(None, (config.localisation.left_mask, config.localisation.right_mask)):
             read_mask(mask)
         if self.rig is not None:

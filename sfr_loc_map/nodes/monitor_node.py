@@ -30,9 +30,9 @@ from sfr_loc_map.errors import ConfigError, InputError, MetricsError, SfrError
 from sfr_loc_map.geometry.rectification import rig_of_rectified
 from sfr_loc_map.geometry.run_order import AnyOrder
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, Side, Task, parse_json, stamp_of
-from sfr_loc_map.io.bag.true_poses import TYPES, TruePoses, TrueRow
 from sfr_loc_map.io.images.codec import points_image
-from sfr_loc_map.io.truth import LiveTruth
+from sfr_loc_map.io.truth.config import LiveTruth
+from sfr_loc_map.io.truth.messages import TRUTH_TYPES, TruePoses, TrueRow
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.metrics.config import ScoreConfig
@@ -243,7 +243,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         if self._truth_topic.follow([publisher.msgtype for publisher in publishers]):
             self.get_logger().info(f"{TRUE_POSES} is {self._truth_topic.msgtype}: true poses are read from it")
         elif is_waiting:
-            found = silence_of(topic, TYPES, publishers, Reliability(self.config.input.reliability))
+            found = silence_of(topic, tuple(TRUTH_TYPES), publishers, Reliability(self.config.input.reliability))
             text = f"nothing is scored without true poses on {topic}: {found.text}; {found.fix}"
             self.status.warn(text, "truth")
 
@@ -290,7 +290,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         covariance = covariance_of(message)
         self._add_in_order("estimate", stamp_ns, lambda: self._score.add_estimate(stamp_ns, position, quat, covariance))
 
-    def _on_truth(self, reader: TruePoses, message: Any) -> None:  # noqa: ANN401 - of one of TYPES
+    def _on_truth(self, reader: TruePoses, message: Any) -> None:  # noqa: ANN401 - of one of TRUTH_TYPES
         self._add_truth(reader.rows(message))
 
     def _on_transforms(self, reader: TruthFrame, message: Any, *, is_static: bool) -> None:  # noqa: ANN401 - of tf2_msgs

@@ -25,7 +25,8 @@ from sfr_loc_map.io.clouds.cloud_file import LoadedCloud, load_cloud
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.source_config import AS_IT_IS, SourceConfig, source_config
 from sfr_loc_map.io.tables.trajectory_file import LoadedTrajectory, read_trajectory_file
-from sfr_loc_map.io.truth import possible_truth, truth_of_file
+from sfr_loc_map.io.truth.pose_checks import possible_truth
+from sfr_loc_map.io.truth.read import truth_of_file
 from sfr_loc_map.metrics.association import UPPER, Estimates
 from sfr_loc_map.metrics.cloud_error import PairTruth, truths_of
 from sfr_loc_map.metrics.records import MethodKind, MethodRecord, TargetRecord

@@ -27,8 +27,9 @@ from sfr_loc_map.config import build, flatten, load_yaml
 from sfr_loc_map.errors import ConfigError, OutputError
 from sfr_loc_map.inputs import SIDES, Task
 from sfr_loc_map.io.bag.writer import STORAGE_BY_SUFFIX
+from sfr_loc_map.io.calibration.rig_file import rig_json
 from sfr_loc_map.io.images.codec import encode_png
-from sfr_loc_map.io.layouts.folder import LOC_COLUMNS, NAV_COLUMNS, TRUTH_COLUMN, pair_row, rig_json
+from sfr_loc_map.io.layouts.folder import LOC_COLUMNS, NAV_COLUMNS, TRUTH_COLUMN, pair_row
 from sfr_loc_map.io.tables.trajectory_file import trajectory_text
 from sfr_loc_map.signals import deferred_signals
 from sfr_loc_map.simulation.config import SimulationConfig

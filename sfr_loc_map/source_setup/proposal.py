@@ -16,14 +16,15 @@ from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S, below_half_per
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.bag.bag import Bag, Topic, read_frame_tree
-from sfr_loc_map.io.bag.sequence import image_name
-from sfr_loc_map.io.bag.topic_guess import SeenTopic, guess_topics, is_tracker
 from sfr_loc_map.io.images.codec import claimed_size
+from sfr_loc_map.io.layouts.bag_source import image_name
 from sfr_loc_map.io.registry import format_of, open_source
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.truth import could_be_truth
+from sfr_loc_map.io.truth.names import is_tracker
+from sfr_loc_map.io.truth.of_bag import could_be_truth
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE
 from sfr_loc_map.metrics.association import nearest_stamps
+from sfr_loc_map.source_setup.topic_guess import SeenTopic, guess_topics
 from sfr_loc_map.topics import COMPRESSED_END, TRUE_POSES
 
 SHORT_M = 12.0  #: A drive below this has too few sub-trajectories of 5 m: they are 1 m long.
@@ -105,7 +106,7 @@ def seen_topics(bag: Bag) -> list[SeenTopic]:
         Topic(name, name, kind) for name, kind in bag.topics.items() if kind in (IMAGE, COMPRESSED, CAMERA_INFO)
     ]
     frames, sizes = {}, {}
-    for name, message in bag.first([topic for topic in looked_at if bag.counts[topic.name]]).items():
+    for name, message in bag.first(looked_at).items():
         frames[name] = str(message.header.frame_id)
         if bag.topics[name] != COMPRESSED:
             sizes[name] = (int(message.width), int(message.height))
@@ -134,7 +135,7 @@ def _topics(found: Proposal, bag: Bag) -> None:
 
 def _calibration(found: Proposal, bag: Bag) -> None:
     infos = [bag.find(f"loc/{side}/camera_info", CAMERA_INFO) for side in SIDES]
-    there = bag.first([topic for topic in infos if topic is not None and bag.counts[topic.bag_name]])
+    there = bag.first([topic for topic in infos if topic is not None])
     if image_name(bag, "loc") is None or "file" in found.sections.get("calibration", {}):
         return
     if len(there) < len(SIDES):

@@ -19,10 +19,10 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.bag.bag import TYPESTORE
-from sfr_loc_map.io.bag.true_poses import enu_m
 from sfr_loc_map.io.registry import read_truth
 from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory, trajectory_text
-from sfr_loc_map.io.truth import TruthConfig
+from sfr_loc_map.io.truth.config import TruthConfig
+from sfr_loc_map.io.truth.messages import enu_m
 
 T = TYPESTORE.types
 COUNT = 40

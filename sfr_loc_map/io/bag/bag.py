@@ -160,10 +160,11 @@ class Bag:
     def first(self, topics: Collection[Topic]) -> dict[str, Any]:
         """Return the first message of each topic by the topic's name; topics without a message are omitted."""
         found: dict[str, Any] = {}
-        for topic, _, raw in self.stream(topics):
+        with_messages = [topic for topic in topics if self.counts[topic.bag_name]]
+        for topic, _, raw in self.stream(with_messages):
             if topic.name not in found:
                 found[topic.name] = self.deserialise(topic, raw)
-                if len(found) == len(topics):
+                if len(found) == len(with_messages):
                     break
         return found
 

@@ -36,7 +36,7 @@ from sfr_loc_map.geometry.rectification import (
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, parse_yaml, read_text, refusing
-from sfr_loc_map.io.layouts.folder import read_rig
+from sfr_loc_map.io.calibration.rig_file import read_rig
 
 ENDINGS = (".yaml", ".yml", ".xml", ".json", ".txt")
 PARTNERS = (("left", "right"), ("cam0", "cam1"), ("intrinsics", "extrinsics"), ("cameras.txt", "rig_config.json"))

@@ -5,18 +5,15 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
-from typing import IO, Self
-
-import numpy as np
 
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
-from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.images.codec import SampleDepth, read_samples
+from sfr_loc_map.io.tables.text_table import check_order
 
 _log = logging.getLogger(__name__)
 NAMED_FILES = 3  #: Missing files that a message names.
@@ -35,11 +32,7 @@ class ImagePair:
 
 def whole_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImagePair], tuple[int, ...]]:
     """Return the pairs that have both images, and the stamps of the others, which one line warns of."""
-    for earlier, later in pairwise(entries):
-        if later.stamp_ns <= earlier.stamp_ns:
-            raise InputError(
-                f"{name}: stamp {later.stamp_ns} does not come after {earlier.stamp_ns}: stamps must be in order"
-            )
+    check_order([entry.stamp_ns for entry in entries], name, strict=True)
     missing = [file for entry in entries for file in (entry.left, entry.right) if not file.is_file()]
     if not missing:
         return list(entries), ()
@@ -103,49 +96,3 @@ class ImageFileSequence(ImageFiles):
         for entry in self.entries:
             pair = read_pair(entry, self.rig, depth)
             yield pair if self.rectify is None else StereoPair(pair.stamp_ns, *self.rectify(pair.left, pair.right))
-
-
-class TableWriter:
-    """A folder of images and tables that is being written; a context manager. Tables grow line by line."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._tables: dict[Path, IO[str]] = {}
-        self._truth: list[tuple[int, FloatArray, FloatArray]] = []
-
-    def __enter__(self) -> Self:
-        self._path.mkdir(exist_ok=True)
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is None:
-            self._finish()
-        for stream in self._tables.values():
-            stream.close()
-
-    def write_nav_rig(self, rig: StereoRig) -> None:
-        """Leave out the rig of mapping pairs: most layouts have none."""
-
-    def write_nav_pair(self, nav: PosedStereoPair) -> None:
-        """Leave out a mapping pair."""
-
-    def write_truth(self, stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> None:
-        """Take one true pose of RB in DS, which is written at the end."""
-        self._truth.append((stamp_ns, position, quat_xyzw))
-
-    @property
-    def _true_poses(self) -> Trajectory:
-        stamps_ns, positions, quats = (np.array(column) for column in zip(*self._truth, strict=True))
-        return Trajectory(stamps_ns, positions, quats)
-
-    def _finish(self) -> None:
-        """Write what is known only at the end."""
-
-    def append(self, name: str, row: str, header: str = "") -> None:
-        """Write a row of the table of a name in the folder, after its header if it is the first."""
-        path = self._path / name
-        if path not in self._tables:
-            path.parent.mkdir(exist_ok=True)
-            self._tables[path] = path.open("w", encoding="utf-8", newline="\n")
-            self._tables[path].write(header + "\n" if header else "")
-        self._tables[path].write(row + "\n")

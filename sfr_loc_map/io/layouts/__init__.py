@@ -1,1 +1,1 @@
-"""Data sets that are folders or one file of stereo pairs, a module for each layout."""
+"""Sources of stereo pairs, a module for each layout (a bag is one), and what several layouts share."""

@@ -22,13 +22,14 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import read_text, refusing
 from sfr_loc_map.io.calibration.files import parse_opencv_yaml, read_sensor_yaml
 from sfr_loc_map.io.images.codec import encode_png
-from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair, TableWriter, whole_pairs
+from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair, whole_pairs
+from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs
+from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.stamp_pairs import stereo_pairs
 from sfr_loc_map.io.tables.text_table import check_order, parse_stamp_ns, read_lines
 from sfr_loc_map.io.tables.trajectory_file import TrajectoryFormat, read_trajectory_file, save_trajectory
-from sfr_loc_map.io.truth import TrackedPoses
+from sfr_loc_map.io.truth.config import TrackedPoses
 
 CAMERAS = ("cam0", "cam1")
 TRUTH = "state_groundtruth_estimate0"

@@ -9,27 +9,26 @@ A folder with both tasks holds the two as `loc/` and `nav/`.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from sfr_loc_map.errors import GeometryError, InputError
-from sfr_loc_map.geometry.camera_info import baseline_from_projection
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.rotation import quat_conjugate
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
+from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, read_bytes, read_table, refusing
+from sfr_loc_map.inputs import SIDES, read_bytes, read_table, refusing
+from sfr_loc_map.io.calibration.rig_file import read_rig, rig_json
 from sfr_loc_map.io.clouds.array_file import MAX_HEADER, parse_npy
 from sfr_loc_map.io.images.codec import checked_points, encode_png
-from sfr_loc_map.io.images.files import ImageFiles, ImageFileSequence, ImagePair, TableWriter, read_pair, whole_pairs
+from sfr_loc_map.io.images.files import ImageFiles, ImageFileSequence, ImagePair, read_pair, whole_pairs
+from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source, SourceFormat
-from sfr_loc_map.io.tables.text_table import BOM, parse_number, parse_stamp_ns
+from sfr_loc_map.io.tables.text_table import check_order, parse_number, parse_stamp_ns
 from sfr_loc_map.io.tables.trajectory_file import CSV_HEADER, TrajectoryFormat, read_trajectory_file, save_trajectory
 
 LOC_COLUMNS = ("stamp_ns", "left", "right")
@@ -63,57 +62,78 @@ def is_folder(path: Path) -> bool:
     return any((path / name).exists() for name in FILES)
 
 
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """The rig and the pairs of one folder with a pairs.csv."""
+
+    folder: Path
+    rig: StereoRig
+    has_poses: bool  #: Whether its header is that of mapping pairs.
+    pairs: list[ImagePair]
+    missing_ns: tuple[int, ...]  #: Stamps of the pairs that are listed without their images.
+
+
 def open_folder(path: Path) -> Source:
     """Open a data set folder: of either task, or of both as `loc/` and `nav/`."""
-    loc: ImageFileSequence | None = None
-    nav: FolderNavSequence | None = None
-    missing_loc_ns: tuple[int, ...] = ()
-    missing_nav_ns: tuple[int, ...] = ()
-    is_whole = (path / "pairs.csv").exists() or (path / "rig.json").exists()
-    for folder in [path] if is_whole else [path / part for part in ("loc", "nav") if (path / part).is_dir()]:
-        file, table, truth_file = folder / "rig.json", folder / "pairs.csv", folder / "groundtruth.csv"
-        with refusing(f"cannot read '{table}'", advice := "a data set folder needs its pairs.csv"):
-            text = b"".join(read_table(table, advice)).decode("utf-8-sig")
-        rig = read_rig(file)
+    if (path / "pairs.csv").exists() or (path / "rig.json").exists():
+        part = _read_part(path)
+        loc, nav = (None, part) if part.has_poses else (part, None)
+    else:
+        loc, nav = (_read_part(path / name) if (path / name).is_dir() else None for name in ("loc", "nav"))
+    return Source(
+        path,
+        SourceFormat.FOLDER,
+        loc=None if loc is None else ImageFileSequence(loc.rig, loc.pairs, _read_truth(loc.folder)),
+        nav=None if nav is None else FolderNavSequence(nav.rig, nav.pairs),
+        missing_loc_ns=() if loc is None else loc.missing_ns,
+        missing_nav_ns=() if nav is None else nav.missing_ns,
+    )
 
-        header, *rows = [[word.strip() for word in line.split(",")] for line in text.splitlines()] or [[""]]
-        if tuple(header) not in HEADERS:
-            headers = " or ".join(f"'{','.join(names)}'" for names in HEADERS)
-            raise InputError(f"'{table}' line 1 is '{','.join(header)}': the header must be one of {headers}")
-        pairs = []
-        for number, row in enumerate(rows, start=2):
-            if len(row) != len(header):
-                raise InputError(f"'{table}' line {number}: {len(row)} columns found where {len(header)} are required")
-            of_row, T_lm_navsb = dict(zip(header, row, strict=True)), None
-            with refusing(f"'{table}' line {number}", "correct or leave out the pair"):
-                stamp = parse_stamp_ns(row[0])
-                if len(row) > len(LOC_COLUMNS):
-                    numbers = [parse_number(of_row[name]) for name in NAV_COLUMNS[3:]]
-                    T_lm_navsb = Transform.from_origin_and_attitude(numbers[:3], numbers[3:])
-            points = folder / of_row[TRUTH_COLUMN] if of_row.get(TRUTH_COLUMN) else None
-            if points is not None and not points.is_file():  # reported at once, not after an hour of work
-                raise InputError(f"'{table}' names a missing truth: {points}; restore it, or omit its name")
-            pairs.append(ImagePair(stamp, folder / row[1], folder / row[2], T_lm_navsb, points))
-        if not pairs:
-            raise InputError(f"'{table}' lists no pair: at least one is required")
-        whole, missing_ns = whole_pairs(pairs, f"'{table}'")
 
-        if folder.name == "nav" if not is_whole else len(header) > len(LOC_COLUMNS):
-            nav, missing_nav_ns = FolderNavSequence(rig, whole), missing_ns
-            continue
-        truth = None
-        if truth_file.exists():
-            loaded = read_trajectory_file(truth_file)
-            truth = loaded.trajectory
-            if loaded.format is not TrajectoryFormat.CSV:
-                raise InputError(
-                    f"'{truth_file}' line 1 is not '{CSV_HEADER}': the truth of a data set folder needs it"
-                )
-            if len(back := np.flatnonzero(np.diff(truth.stamps_ns) < 0)):
-                before, after = truth.stamps_ns[back[0] : back[0] + 2].tolist()
-                raise InputError(f"'{truth_file}': stamp {after} goes back behind {before}: stamps must be in order")
-        loc, missing_loc_ns = ImageFileSequence(rig, whole, truth), missing_ns
-    return Source(path, SourceFormat.FOLDER, loc, nav, missing_loc_ns, missing_nav_ns)
+def _read_part(folder: Path) -> _Part:
+    table, advice = folder / "pairs.csv", "a data set folder needs its pairs.csv"
+    with refusing(f"cannot read '{table}'", advice):
+        text = b"".join(read_table(table, advice)).decode("utf-8-sig")
+    rig = read_rig(folder / "rig.json")
+    header, *rows = [[word.strip() for word in line.split(",")] for line in text.splitlines()] or [[""]]
+    if tuple(header) not in HEADERS:
+        headers = " or ".join(f"'{','.join(names)}'" for names in HEADERS)
+        raise InputError(f"'{table}' line 1 is '{','.join(header)}': the header must be one of {headers}")
+    pairs = []
+    for number, row in enumerate(rows, start=2):
+        if len(row) != len(header):
+            raise InputError(f"'{table}' line {number}: {len(row)} columns found where {len(header)} are required")
+        pairs.append(_parse_pair(table, number, dict(zip(header, row, strict=True))))
+    if not pairs:
+        raise InputError(f"'{table}' lists no pair: at least one is required")
+    found, missing_ns = whole_pairs(pairs, f"'{table}'")
+    return _Part(folder, rig, len(header) > len(LOC_COLUMNS), found, missing_ns)
+
+
+def _parse_pair(table: Path, number: int, row: Mapping[str, str]) -> ImagePair:
+    """Return the pair in a line of pairs.csv, which is given by the names of its columns."""
+    T_lm_navsb = None
+    with refusing(f"'{table}' line {number}", "correct or leave out the pair"):
+        stamp_ns = parse_stamp_ns(row["stamp_ns"])
+        if len(row) > len(LOC_COLUMNS):
+            numbers = [parse_number(row[name]) for name in NAV_COLUMNS[len(LOC_COLUMNS) :]]
+            T_lm_navsb = Transform.from_origin_and_attitude(numbers[:3], numbers[3:])
+    points = table.parent / row[TRUTH_COLUMN] if row.get(TRUTH_COLUMN) else None
+    if points is not None and not points.is_file():  # reported at once, not after an hour of work
+        raise InputError(f"'{table}' names a missing truth: {points}; restore it, or omit its name")
+    return ImagePair(stamp_ns, table.parent / row["left"], table.parent / row["right"], T_lm_navsb, points)
+
+
+def _read_truth(folder: Path) -> Trajectory | None:
+    """Return the poses of groundtruth.csv, None without the file."""
+    file = folder / "groundtruth.csv"
+    if not file.exists():
+        return None
+    loaded = read_trajectory_file(file)
+    if loaded.format is not TrajectoryFormat.CSV:
+        raise InputError(f"'{file}' line 1 is not '{CSV_HEADER}': the truth of a data set folder needs it")
+    check_order(loaded.trajectory.stamps_ns, f"'{file}'", strict=False)
+    return loaded.trajectory
 
 
 def _load_point_image(path: Path, rig: StereoRig) -> NDArray[np.float32]:
@@ -124,48 +144,6 @@ def _load_point_image(path: Path, rig: StereoRig) -> NDArray[np.float32]:
             f"truth '{path}' is {points.dtype} {points.shape}: float32 ({rig.height}, {rig.width}, 3) is required"
         )
     return checked_points(points, f"truth '{path}'")
-
-
-class _PoseOfRig(msgspec.Struct, forbid_unknown_fields=True):
-    translation_m: tuple[float, float, float]
-    quat_xyzw: tuple[float, float, float, float]
-
-
-class _RigFile(msgspec.Struct, forbid_unknown_fields=True):
-    width: int
-    height: int
-    k: tuple[float, float, float, float, float, float, float, float, float]
-    baseline_m: float
-    T_rb_locsb: _PoseOfRig | None = None
-
-
-def read_rig(file: Path) -> StereoRig:
-    """Read a rig.json; InputError if it cannot be that of a rig."""
-    with refusing(f"cannot read '{file}'", "a data set folder needs its rig.json"):
-        found = msgspec.json.decode(read_bytes(file, MAX_TEXT_BYTES).removeprefix(BOM), type=_RigFile)
-    with refusing(f"'{file}'"):
-        fx, skew, cx, low, fy, cy, *last = found.k
-        if (skew, low, *last) != (0, 0, 0, 0, 1):
-            raise GeometryError(f"k is {list(found.k)}: [fx, 0, cx, 0, fy, cy, 0, 0, 1] is required")
-        pose = found.T_rb_locsb
-        T_rb_sb = None if pose is None else Transform.from_quat(pose.translation_m, pose.quat_xyzw)
-        # as it comes out of camera_info messages: a rig from a file and one from topics are equal to the last digit
-        baseline_m = baseline_from_projection(fx, -(fx * found.baseline_m)) if fx else found.baseline_m
-        return StereoRig(found.width, found.height, fx, fy, cx, cy, baseline_m, T_rb_sb)
-
-
-def rig_json(rig: StereoRig) -> str:
-    """Return the text of the rig.json that `open_folder` reads as this rig."""
-    content: dict[str, Any] = {
-        "width": rig.width,
-        "height": rig.height,
-        "k": rig.camera_matrix.reshape(-1).tolist(),
-        "baseline_m": rig.baseline_m,
-    }
-    if rig.T_rb_sb is not None:
-        pose = rig.T_rb_sb
-        content["T_rb_locsb"] = {"translation_m": pose.translation.tolist(), "quat_xyzw": pose.file_quat_xyzw.tolist()}
-    return json.dumps(content, indent=1) + "\n"
 
 
 def image_names(index: int) -> list[str]:

@@ -13,9 +13,9 @@ from sfr_loc_map.inputs import IMAGE_ENDINGS
 from sfr_loc_map.io.calibration.files import read_calibration
 from sfr_loc_map.io.images.codec import read_grey
 from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair
+from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
-from sfr_loc_map.io.stamp_pairs import stereo_pairs
 from sfr_loc_map.io.tables.pose_columns import TIMES, time_unit
 from sfr_loc_map.io.tables.text_table import parse_decimal
 

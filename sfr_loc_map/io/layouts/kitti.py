@@ -24,7 +24,8 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, read_table, refusing
 from sfr_loc_map.io.images.codec import encode_png, read_grey
-from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair, TableWriter, whole_pairs
+from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair, whole_pairs
+from sfr_loc_map.io.layouts.writer import TableWriter
 from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.tables.text_table import parse_number, parse_table, read_lines, seconds_text
 from sfr_loc_map.io.tables.trajectory_file import read_times

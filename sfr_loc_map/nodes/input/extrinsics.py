@@ -37,7 +37,7 @@ class Extrinsics:
 
     def __init__(self, config: ExtrinsicsConfig, base_frame: str, sb_frame: str) -> None:
         """Take the parameters, and the names of the frames in /tf_static; an empty base is one of `BASE_FRAMES`."""
-        self.T_rb_sb = config.transform()
+        self.T_rb_sb = config.transform("T_rb_locsb")
         self._base_frame, self._sb_frame, self._tree = base_frame, sb_frame, FrameTree()
 
     def subscribe(self, endpoints: Endpoints, say: Callable[[str], object]) -> None:

@@ -10,7 +10,7 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.run_order import RunOrder
 from sfr_loc_map.inputs import jumped_back, refusing
 from sfr_loc_map.io.bag.frames import FrameSeries, PoseRow, chain_above, chain_poses, pose_row
-from sfr_loc_map.io.bag.true_poses import TYPES, UNKNOWN, TrueRow
+from sfr_loc_map.io.truth.messages import TRUTH_TYPES, UNKNOWN, TrueRow
 from sfr_loc_map.message_types import ODOMETRY
 
 MAX_WAITING = 1000  #: Transforms of a frame that wait for those of the other frames; the oldest are dropped.
@@ -27,7 +27,7 @@ class TruthTopic:
 
     def follow(self, published: Sequence[str]) -> bool:
         """Change to a published type of true poses if the present type is not published; return whether it changed."""
-        usable = [msgtype for msgtype in published if msgtype in TYPES]
+        usable = [msgtype for msgtype in published if msgtype in TRUTH_TYPES]
         if not usable or self.msgtype in usable:
             return False
         self._unsubscribe()

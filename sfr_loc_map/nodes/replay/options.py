@@ -13,9 +13,9 @@ from sfr_loc_map.config import changed, load_yaml
 from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import MONITOR_NODE, NS_PER_S, SUITE_NODES, Task
-from sfr_loc_map.io.bag.message_stream import begin_of
+from sfr_loc_map.io.message_stream import begin_of
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.io.truth import TrackedBody
+from sfr_loc_map.io.truth.config import TrackedBody
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from sfr_loc_map.geometry.stamp_pairing import WAITING, StampPairing
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
-from sfr_loc_map.io.bag.message_stream import Message
+from sfr_loc_map.io.message_stream import Message
 from sfr_loc_map.nodes.input.pose_matching import PoseMatching
 from sfr_loc_map.topics import COMPRESSED_END, NAV_POSE
 

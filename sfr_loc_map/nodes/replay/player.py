@@ -12,7 +12,7 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.inputs import Task
-from sfr_loc_map.io.bag.message_stream import Message
+from sfr_loc_map.io.message_stream import Message
 from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
 from sfr_loc_map.nodes.replay.pacing import Pacer

@@ -14,7 +14,7 @@ from sfr_loc_map import signals
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.host_clock import checked_clock
 from sfr_loc_map.inputs import MONITOR_NODE, Task
-from sfr_loc_map.io.bag import message_stream
+from sfr_loc_map.io import message_stream
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.completeness import MISSING_SHARE
 from sfr_loc_map.nodes.input.extrinsics import publish_extrinsics

@@ -25,8 +25,8 @@ from std_msgs.msg import String
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, SUITE_NODES, Task, refusing, serialised_stamp
-from sfr_loc_map.io.bag.true_poses import TruePoses
 from sfr_loc_map.io.images.codec import SampleDepth, samples_of
+from sfr_loc_map.io.truth.messages import TruePoses
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages

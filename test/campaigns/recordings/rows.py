@@ -39,7 +39,7 @@ from campaigns.recordings.bags import (
 from campaigns.recordings.drive import ANTENNA_M, BEGIN_NS, MARKERS_XYZW, Drive
 from sfr_loc_map.geometry.extrinsics import mast_head_in_rb
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.io.layouts.folder import rig_json as rig_text
+from sfr_loc_map.io.calibration.rig_file import rig_json as rig_text
 from sfr_loc_map.simulation.config import NavCamerasConfig, PanoramaConfig
 from sfr_loc_map.simulation.rover import rig_extrinsics
 

@@ -18,9 +18,9 @@ from sfr_loc_map.geometry.rectification import rectified_rig
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag import messages
 from sfr_loc_map.io.bag.bag import TYPESTORE, Bag, read_odometry
-from sfr_loc_map.io.bag.message_stream import messages_of
-from sfr_loc_map.io.bag.sequence import open_bag
 from sfr_loc_map.io.bag.writer import CheckedWriter
+from sfr_loc_map.io.layouts.bag_source import open_bag
+from sfr_loc_map.io.message_stream import messages_of
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.message_types import ODOMETRY

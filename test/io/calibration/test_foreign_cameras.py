@@ -25,7 +25,7 @@ from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.trajectory_file import TrajectoryFormat, save_trajectory
-from sfr_loc_map.io.truth import TruthConfig
+from sfr_loc_map.io.truth.config import TruthConfig
 
 
 @pytest.mark.parametrize("lens", LENSES)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from sfr_loc_map.geometry.geodesy import enu_m
 from sfr_loc_map.inputs import LOST_VARIANCE, jumped_back, stamp_of
 from sfr_loc_map.io.bag.frames import pose_row
 from sfr_loc_map.message_types import FIX, ODOMETRY, PATH, POINT, POSE, POSE_WITH_COVARIANCE, TRANSFORM
+from sfr_loc_map.topics import TRUE_POSES
 
 NO_FIX = -1  #: `NavSatStatus.STATUS_NO_FIX`.
 UNKNOWN = (np.nan,) * 6
@@ -26,24 +27,20 @@ class TruePoses:
     A fix without an altitude has the variance of what is unknown in z.
     """
 
-    def __init__(self, msgtype: str) -> None:
-        """Read messages of one of `TYPES`; positions of fixes are east, north, up of the first one."""
+    def __init__(self, msgtype: str, where: str = TRUE_POSES) -> None:
+        """Read messages of one of `TRUTH_TYPES`; positions of fixes are east, north, up of the first one.
+
+        `where` names the topic in errors.
+        """
         self.invalid = 0
+        self._where = where
         self._first: tuple[float, float, float] | None = None
         self._path_end_ns: int | None = None
-        self._rows: Callable[[Any], Iterator[TrueRow]] = {
-            ODOMETRY: self._with_covariance,
-            POSE_WITH_COVARIANCE: self._with_covariance,
-            POSE: self._plain,
-            TRANSFORM: self._plain,
-            POINT: self._point,
-            FIX: self._fix,
-            PATH: self._path,
-        }[msgtype]
+        self._rows = TRUTH_TYPES[msgtype]
 
     def rows(self, message: Any) -> list[TrueRow]:  # noqa: ANN401 - a message of any library
         """Return the true poses of a message: one, several new ones of a path, none of a fix without a position."""
-        return list(self._rows(message))
+        return list(self._rows(self, message))
 
     def _with_covariance(self, message: Any) -> Iterator[TrueRow]:  # noqa: ANN401
         stamp_ns, pose = pose_row(message, message.pose.pose)
@@ -62,7 +59,7 @@ class TruePoses:
             return
         first_ns, last_ns = stamp_of(message.poses[0]), stamp_of(message.poses[-1])
         if len(message.poses) > 1 and not last_ns > first_ns:
-            raise InputError(f"the path of stamp {stamp_of(message)} has poses of one stamp: give each its own stamp")
+            raise InputError(f"{self._where}: all poses of a path have one stamp: give each pose its own stamp")
         known_ns = self._path_end_ns
         if known_ns is not None and jumped_back(known_ns, last_ns):
             known_ns = None
@@ -96,8 +93,16 @@ class TruePoses:
         yield stamp_of(message), pose, (*variances.tolist(), np.nan, np.nan, np.nan)
 
 
-TYPES: Sequence[str] = (ODOMETRY, POSE_WITH_COVARIANCE, POSE, TRANSFORM, POINT, FIX, PATH)
-"""Types of messages that true poses are read from, live and of a bag."""
+TRUTH_TYPES: Mapping[str, Callable[[TruePoses, Any], Iterator[TrueRow]]] = {
+    ODOMETRY: TruePoses._with_covariance,
+    POSE_WITH_COVARIANCE: TruePoses._with_covariance,
+    POSE: TruePoses._plain,
+    TRANSFORM: TruePoses._plain,
+    PATH: TruePoses._path,
+    POINT: TruePoses._point,
+    FIX: TruePoses._fix,
+}
+"""Types of messages that true poses are read from, live and of a bag, and how; of one body the best type is first."""
 
 
 def _is_place(latitude: float, longitude: float) -> bool:

@@ -18,7 +18,7 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.bag import Bag
-from sfr_loc_map.io.bag.head_pose import head_poses
+from sfr_loc_map.io.layouts.head_pose import head_poses
 from sfr_loc_map.io.source_config import FramesConfig
 from sfr_loc_map.simulation.config import PanoramaConfig
 

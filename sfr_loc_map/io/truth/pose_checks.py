@@ -7,13 +7,16 @@ height that never changes, or a roll and pitch of zero, along such a path are pl
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray, Mask
-from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
+
+_log = logging.getLogger(__name__)
 
 MAX_SPEED_M_PER_S = 100.0  #: Largest speed of a vehicle with cameras; cars, trains and racing drones are slower.
 MIN_JUMP_M = 1.0  #: Smaller jumps, metres, may be the noise of a position at two stamps that nearly coincide.
@@ -147,3 +150,57 @@ def rows_of(poses: Trajectory, kept: Mask) -> Trajectory:
 
 def _of(wrong: Mask) -> str:
     return f"{int(wrong.sum())} of {len(wrong)}"
+
+
+def possible_truth(
+    poses: Trajectory,
+    read_from: str,
+    attitude: str = "auto",
+    unknown: str = "auto",
+    variances: FloatArray | None = None,
+) -> tuple[Mask, Trajectory]:
+    """Return which poses of a truth can be true, and these poses; what is wrong with the others is reported.
+
+    An attitude that never changes along a path that turns is invalid. Positions alone are then kept, unless `attitude`
+    is yes. If height or tilt is unknown, the poses are a `Truth` that says so.
+    """
+    if not len(poses):
+        return np.zeros(0, np.bool_), poses
+    kept, findings = possible_poses(poses)
+    without_height = np.zeros(len(poses), np.bool_) if variances is None else variances[:, 2] >= LOST_VARIANCE
+    if 0.0 < without_height.mean() <= 0.5:
+        kept &= ~without_height
+        findings = (*findings, f"{int(without_height.sum())} of {len(poses)} positions have no height: ignored")
+    poses = poses if kept.all() else rows_of(poses, kept)
+    if attitude == "auto" and has_constant_attitude(poses):
+        poses = replace(poses, quats_xyzw=np.zeros_like(poses.quats_xyzw))
+        same = "all poses have the same attitude although the path turns: positions alone are used"
+        findings = (*findings, f"{same} (truth.attitude=yes keeps the attitudes)")
+    has_height, has_tilt = unknown in ("none", "tilt"), unknown in ("none", "height")
+    if unknown == "auto":
+        no_height, no_tilt = marked_as_unknown(variances[kept]) if variances is not None else (False, False)
+        has_height = not no_height and not has_constant_height(poses)
+        has_tilt = not poses.has_attitude or not (no_tilt or has_no_tilt(poses))
+        names = [name for name, is_known in (("height", has_height), ("roll and pitch", has_tilt)) if not is_known]
+        if names:
+            text = f"unknown are {', '.join(names)} (constant along a path that turns, or marked by variances)"
+            findings = (*findings, f"{text}: they are not judged; set truth.unknown=none to judge them")
+    for text in findings:
+        _log.warning(f"truth {read_from}: {text}")
+    if not (has_height and has_tilt):
+        values = poses.stamps_ns, poses.positions, poses.quats_xyzw
+        poses = Truth(*values, has_height=has_height, has_tilt=has_tilt)
+    return kept, poses
+
+
+def marked_as_unknown(variances: FloatArray) -> tuple[bool, bool]:
+    """Return whether variances `(N, 6)` mark the height, and roll and pitch, as unknown.
+
+    Unknown components have the variance of a lost pose or a negative variance. Tools that estimate poses on a plane
+    send zeros for z, roll and pitch beside positive variances of x, y and yaw.
+    """
+    if not len(variances):
+        return False, False
+    is_lost = (variances >= LOST_VARIANCE) | (variances < 0.0)
+    is_planar = bool((variances[:, 2:5] == 0.0).all() and (variances[:, [0, 1, 5]] > 0.0).all())
+    return is_planar or bool(is_lost[:, 2].mean() > 0.5), is_planar or bool(is_lost[:, 3:5].all())

@@ -20,15 +20,16 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Task, refusing
 from sfr_loc_map.io.bag.bag import Bag, Topic, pose_of, read_extrinsics, read_trajectory
-from sfr_loc_map.io.bag.head_pose import head_poses
 from sfr_loc_map.io.calibration.files import Calibration, read_calibration
 from sfr_loc_map.io.images.codec import SampleDepth, Samples, points_image, samples_of
 from sfr_loc_map.io.images.files import check_size
+from sfr_loc_map.io.layouts.head_pose import head_poses
+from sfr_loc_map.io.layouts.stamp_pairs import stereo_pairs
 from sfr_loc_map.io.sequence import RecordedBag, Source, SourceFormat
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig, SyncConfig
-from sfr_loc_map.io.stamp_pairs import stereo_pairs
 from sfr_loc_map.io.tables.text_table import check_order
-from sfr_loc_map.io.truth import TruthConfig, resolve_truth, truth_of_file
+from sfr_loc_map.io.truth.config import AS_THE_SOURCE_HAS_IT
+from sfr_loc_map.io.truth.read import resolve_truth, truth_of_file
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE
 from sfr_loc_map.topics import NAV_POSE, RAW, RECTIFIED, TRUE_POINTS, TRUE_POSES
 
@@ -176,7 +177,7 @@ class BagLocSequence(_BagPairs):
 
     def _own_truth(self) -> Trajectory | None:
         config = self._config.truth
-        if config != TruthConfig():
+        if config != AS_THE_SOURCE_HAS_IT:
             return truth_of_file(self._bag.path, config, self._config.remap)
         names = self._bag.matches(TRUE_POSES)
         if not names:
@@ -236,7 +237,9 @@ def open_bag(path: Path, config: SourceConfig | None = None) -> Source:
         )
     loc = BagLocSequence(bag, config) if kinds[Task.LOCALISATION] else None
     nav = BagNavSequence(bag, config) if kinds[Task.MAPPING] else None
-    is_adapted = any(part is not None and part.is_adapted for part in (loc, nav)) or config.truth != TruthConfig()
+    is_adapted = (
+        any(part is not None and part.is_adapted for part in (loc, nav)) or config.truth != AS_THE_SOURCE_HAS_IT
+    )
     if RAW in kinds.values():
         return Source(path, SourceFormat.RAW_BAG, loc, nav)
     if is_adapted:

@@ -1,0 +1,58 @@
+"""The rig.json of the suite: a rectified stereo pair and its pose on the rover, read and written."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from sfr_loc_map.errors import GeometryError
+from sfr_loc_map.geometry.camera_info import baseline_from_projection
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import MAX_TEXT_BYTES, read_bytes, refusing
+from sfr_loc_map.io.tables.text_table import BOM
+
+
+class _PoseOfRig(msgspec.Struct, forbid_unknown_fields=True):
+    translation_m: tuple[float, float, float]
+    quat_xyzw: tuple[float, float, float, float]
+
+
+class _RigFile(msgspec.Struct, forbid_unknown_fields=True):
+    width: int
+    height: int
+    k: tuple[float, float, float, float, float, float, float, float, float]
+    baseline_m: float
+    T_rb_locsb: _PoseOfRig | None = None
+
+
+def read_rig(file: Path) -> StereoRig:
+    """Read a rig.json; InputError if it cannot be that of a rig."""
+    with refusing(f"cannot read '{file}'", "a data set folder needs its rig.json"):
+        found = msgspec.json.decode(read_bytes(file, MAX_TEXT_BYTES).removeprefix(BOM), type=_RigFile)
+    with refusing(f"'{file}'"):
+        fx, skew, cx, low, fy, cy, *last = found.k
+        if (skew, low, *last) != (0, 0, 0, 0, 1):
+            raise GeometryError(f"k is {list(found.k)}: [fx, 0, cx, 0, fy, cy, 0, 0, 1] is required")
+        pose = found.T_rb_locsb
+        T_rb_sb = None if pose is None else Transform.from_quat(pose.translation_m, pose.quat_xyzw)
+        # as it comes out of camera_info messages: a rig from a file and one from topics are equal to the last digit
+        baseline_m = baseline_from_projection(fx, -(fx * found.baseline_m)) if fx else found.baseline_m
+        return StereoRig(found.width, found.height, fx, fy, cx, cy, baseline_m, T_rb_sb)
+
+
+def rig_json(rig: StereoRig) -> str:
+    """Return the text of the rig.json that `open_folder` reads as this rig."""
+    content: dict[str, Any] = {
+        "width": rig.width,
+        "height": rig.height,
+        "k": rig.camera_matrix.reshape(-1).tolist(),
+        "baseline_m": rig.baseline_m,
+    }
+    if rig.T_rb_sb is not None:
+        pose = rig.T_rb_sb
+        content["T_rb_locsb"] = {"translation_m": pose.translation.tolist(), "quat_xyzw": pose.file_quat_xyzw.tolist()}
+    return json.dumps(content, indent=1) + "\n"

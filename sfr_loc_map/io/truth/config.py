@@ -1,0 +1,165 @@
+"""What a truth is of and where it is, as the section `truth` of a configuration says; docs/formats.md, "Truth".
+
+A tracker follows a body of its own, a prism or an antenna, on a clock of its own: `TrackedBody.applied` is the one
+place where poses of that body become poses of RB. Positions without attitude stay those of the body, and the score
+takes the estimate there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sfr_loc_map.config import changed, param
+from sfr_loc_map.errors import ConfigError, InputError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.rotation import quat_conjugate, quat_multiply, quat_rotate
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
+from sfr_loc_map.io.truth.pose_checks import possible_truth
+
+NO_LEVER = (0.0, 0.0, 0.0)
+NO_TURN = (0.0, 0.0, 0.0, 1.0)
+PLACE_SETTINGS = ("truth.source", "truth.frame")  #: Where the truth is to be found.
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedBody:
+    """What the poses of a truth are of, and how good they are."""
+
+    lever_arm_m: tuple[float, ...] = param(
+        NO_LEVER, unit="m", doc="Position of the tracked body (prism, antenna, marker) in RB.", low=-100.0, high=100.0
+    )
+    lever_quat_xyzw: tuple[float, ...] = param(
+        NO_TURN, doc="Orientation of the tracked body in RB, as in ROS messages.", low=-1.01, high=1.01
+    )
+    clock_offset_s: float = param(
+        0.0, unit="s", doc="Offset that is added to the stamps of the truth.", low=-4e9, high=4e9
+    )
+    sigma_m: float = param(
+        0.0,
+        unit="m",
+        doc="Standard deviation of a true position along each axis. 0: from the messages, otherwise exact.",
+        low=0.0,
+        high=1000.0,
+    )
+    sigma_deg: float = param(
+        0.0, unit="deg", doc="Standard deviation of a true attitude about each axis, like sigma_m.", low=0.0, high=180.0
+    )
+    attitude: str = param(
+        "auto", doc="Whether the truth has attitudes: inferred (auto), yes or no.", choices=("auto", "yes", "no")
+    )
+    unknown: str = param(
+        "auto",
+        doc="Unknown components of the truth: none, the height, roll and pitch (tilt), or both (planar). auto: "
+        "components that its variances mark as unknown, or that never change along its path.",
+        choices=("auto", "none", "height", "tilt", "planar"),
+    )
+
+    def __post_init__(self) -> None:
+        if len(self.lever_arm_m) != 3 or len(self.lever_quat_xyzw) != 4:
+            raise ConfigError("truth.lever_arm_m is x, y, z and truth.lever_quat_xyzw x, y, z, w")
+        if abs(float(np.linalg.norm(self.lever_quat_xyzw)) - 1.0) > 1e-2:
+            raise ConfigError(f"truth.lever_quat_xyzw is {self.lever_quat_xyzw}: a unit quaternion is required")
+
+    @property
+    def has_lever(self) -> bool:
+        """Whether the tracked body has a pose in RB of its own."""
+        return (self.lever_arm_m, self.lever_quat_xyzw) != (NO_LEVER, NO_TURN)
+
+    def applied(self, poses: Trajectory, variances: FloatArray | None = None, read_from: str = "") -> Truth:
+        """Return poses of the tracked body as the truth of RB; `variances`: `(N, 6)`, NaN or 0 where not known.
+
+        The poses are as recorded: those of a `Truth` would be moved a second time.
+        """
+        assert not isinstance(poses, Truth)
+        if variances is None:
+            variances = np.full((len(poses), 6), np.nan)
+        kept, poses = possible_truth(poses, read_from, self.attitude, self.unknown, variances)
+        variances = variances[kept]
+        known = (variances[:, 3:] < LOST_VARIANCE).any(axis=1) & (variances[:, 3:] >= 0.0).all(axis=1)
+        told = poses.has_attitude and bool(known.any() or np.isnan(variances[:, 3:]).any())
+        has_attitude = {"yes": True, "no": False}.get(self.attitude, told)
+        if has_attitude and not poses.has_attitude:
+            raise InputError(f"truth {read_from} has no attitudes: set truth.attitude to auto or no")
+        positions, quats = poses.positions, poses.quats_xyzw if has_attitude else np.zeros((len(poses), 4))
+        lever = np.array(self.lever_arm_m)
+        if has_attitude and self.has_lever:
+            quats = quat_multiply(quats, quat_conjugate(np.array(self.lever_quat_xyzw)))
+            positions, lever = positions - quat_rotate(quats, lever), np.zeros(3)
+        sigmas = [sigma_of(variances[:, :3]), np.degrees(sigma_of(variances[:, 3:])) if has_attitude else 0.0]
+        return Truth(
+            poses.stamps_ns + round(self.clock_offset_s * NS_PER_S),
+            positions,
+            quats,
+            sigma_m=self.sigma_m or sigmas[0],
+            sigma_deg=self.sigma_deg or float(sigmas[1]),
+            lever_arm_m=tuple(lever.tolist()),
+            has_height=getattr(poses, "has_height", True),
+            has_tilt=getattr(poses, "has_tilt", True) or not has_attitude,
+            read_from=read_from,
+            declared=self.declared,
+        )
+
+    @property
+    def declared(self) -> tuple[str, ...]:
+        """The settings `truth.NAME=VALUE` that change poses; where the truth is to be found is none of them."""
+        values = changed(self, "truth.").items()
+        return tuple(f"{name}={value}" for name, value in values if name not in PLACE_SETTINGS)
+
+
+RB_ITSELF = TrackedBody()  #: The truth is of RB, as exact as its messages say.
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class TrackedPoses(Trajectory):
+    """Poses of a tracked body as a source has them, with the place of the body that the source states."""
+
+    T_rb_body: Transform = field(default_factory=Transform.identity)
+    read_from: str = ""  #: File that the poses were read from.
+
+
+@dataclass(frozen=True, slots=True)
+class LiveTruth(TrackedBody):
+    """What the truth of a graph is of, and whether it is on /tf."""
+
+    frame: str = param(
+        "",
+        doc="Frame whose poses on /tf are the truth, as PARENT:CHILD; in a recording also as CHILD (in the root of its "
+        "tree). Empty: the truth is a topic or file.",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class TruthConfig(LiveTruth):
+    """Where the truth is and what it is of."""
+
+    source: str = param("", doc="Topic of the bag, or file, with the truth; empty: as the source has it.")
+    stamps: str = param(
+        "header",
+        doc="Stamps of the messages of a bag: of their headers, or the times of recording.",
+        choices=("header", "record"),
+    )
+    columns: str = param(
+        "",
+        doc="Columns of a text table where its header does not say: NAME=HEADER[UNIT] with commas between, of t, x, y, "
+        "z, qx, qy, qz, qw (sec and nsec in place of t), or NAME[UNIT] in the order of the columns, _ for others.",
+    )
+
+    def at(self, T_rb_body: Transform) -> TruthConfig:
+        """Return the configuration with the place of the body that a source states, unless it has one of its own."""
+        if self.has_lever:
+            return self
+        lever_arm_m, lever_quat_xyzw = (tuple(part.tolist()) for part in (T_rb_body.translation, T_rb_body.quat_xyzw))
+        return replace(self, lever_arm_m=lever_arm_m, lever_quat_xyzw=lever_quat_xyzw)
+
+
+def sigma_of(variances: FloatArray) -> float:
+    """Return the standard deviation along an axis of messages with variances `(N, 3)`, their median; 0: not known."""
+    known = variances[(variances > 0.0).all(axis=1) & (variances < LOST_VARIANCE).all(axis=1)]
+    return float(np.sqrt(np.median(known.mean(axis=1)))) if len(known) else 0.0
+
+
+AS_THE_SOURCE_HAS_IT = TruthConfig()  #: The source's own truth, of RB itself.

@@ -1,0 +1,96 @@
+"""The truth of a bag: a topic of any type of `TRUTH_TYPES`, or the poses of a frame on /tf."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.inputs import refusing
+from sfr_loc_map.io.bag.bag import Bag, Topic, read_odometry
+from sfr_loc_map.io.bag.frames import chain_above, chain_poses, read_frames, trajectory_of
+from sfr_loc_map.io.tables.text_table import check_order
+from sfr_loc_map.io.truth.config import AS_THE_SOURCE_HAS_IT, TruthConfig
+from sfr_loc_map.io.truth.messages import TRUTH_TYPES, TruePoses
+from sfr_loc_map.io.truth.names import is_own
+from sfr_loc_map.message_types import ODOMETRY, PATH, POSE_WITH_COVARIANCE
+from sfr_loc_map.topics import TRUE_POSES
+
+_log = logging.getLogger(__name__)
+
+
+def truth_of_bag(bag: Bag, config: TruthConfig = AS_THE_SOURCE_HAS_IT) -> Truth:
+    """Read the truth of an opened bag; InputError if it has none."""
+    if config.frame:
+        return config.applied(_tf_poses(bag, config.frame), None, f"{bag.path}, frame {config.frame} on /tf")
+    if config.stamps == "record":
+        bag = bag.by_record()
+    topic = bag.find(config.source.strip("/") or TRUE_POSES, *TRUTH_TYPES)
+    if topic is None:
+        text = f"bag '{bag.path}' has no true poses on '{TRUE_POSES}'"
+        raise InputError(f"{text}: name their topic by --set truth.source=TOPIC{could_be_truth(bag)}")
+    with refusing(f"'{topic.bag_name}' of bag '{bag.path}'", "record it again"):
+        poses, variances = _topic_poses(bag, topic)
+    if not len(poses):
+        raise InputError(f"'{topic.bag_name}' of bag '{bag.path}' has no true pose: record it again")
+    if len(poses) > 1 and not poses.stamps_ns.any():
+        raise InputError(
+            f"'{topic.bag_name}' of bag '{bag.path}': all stamps of its headers are 0: --set truth.stamps=record takes "
+            "the times of recording"
+        )
+    check_order(poses.stamps_ns, f"'{topic.bag_name}' of bag '{bag.path}'", strict=False)
+    kind = topic.msgtype.rpartition("/")[2]
+    return config.applied(poses, variances, f"{bag.path}, {topic.bag_name} ({kind}), {len(poses)} poses")
+
+
+def could_be_truth(bag: Bag) -> str:
+    """Name the topics whose type is one of true poses, without those of what the rover thinks; the end of a message."""
+    found = sorted(name for name, kind in bag.topics.items() if kind in TRUTH_TYPES and not is_own(name))
+    return f"; these could be: {', '.join(found)}" if found else ""
+
+
+def _topic_poses(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
+    """Return the poses of a topic and their variances `(N, 6)`, NaN where unknown."""
+    if topic.msgtype in (ODOMETRY, POSE_WITH_COVARIANCE):
+        poses, covariances = read_odometry(bag, topic)
+        return poses, np.diagonal(covariances, axis1=1, axis2=2)
+    where = f"'{topic.bag_name}' of bag '{bag.path}'"
+    messages: Iterable[Any] = (message for _, _, message in bag.messages([topic]))
+    if topic.msgtype == PATH:  # the last path holds the poses of the messages before, and may have corrected them
+        messages = _last_message(bag, topic)
+    reader = TruePoses(topic.msgtype, where)
+    rows = [row for message in messages for row in reader.rows(message)]
+    if reader.invalid:
+        text = f"{reader.invalid} fixes at 0, 0 or without numbers are ignored, {len(rows)} are used"
+        _log.warning(f"truth {where}: {text}")
+    poses = trajectory_of([(stamp_ns, pose) for stamp_ns, pose, _ in rows])
+    return poses, np.reshape([variances for _, _, variances in rows], (-1, 6))
+
+
+def _last_message(bag: Bag, topic: Topic) -> list[Any]:
+    """Return the last message of a topic, which alone is deserialised; empty without a message."""
+    last = None
+    for _, _, raw in bag.stream([topic]):
+        last = raw
+    return [] if last is None else [bag.deserialise(topic, last)]
+
+
+def _tf_poses(bag: Bag, frame: str) -> Trajectory:
+    """Return the poses of a frame in the root of its tree, or in a parent (`PARENT:CHILD`), of /tf and /tf_static."""
+    parent, _, child = (name.strip("/") for name in frame.rpartition(":"))
+    frames = read_frames(bag, child, parent)
+    with refusing(f"/tf of bag '{bag.path}'", "choose one by truth.frame=PARENT:CHILD"):
+        chain = chain_above(frames, child, parent)
+    moving = [name for name in chain if not frames[name].is_static]
+    if not moving or (parent and frames[chain[-1]].parent != parent):
+        known = ", ".join(sorted(f"{item.parent}:{name}" for name, item in frames.items())) or "none"
+        raise InputError(f"bag '{bag.path}' has no moving transform '{frame}' on /tf: it has {known}")
+    with refusing(f"/tf of bag '{bag.path}'", "record it again"):
+        for name in moving:
+            check_order(frames[name].poses.stamps_ns, f"/tf of bag '{bag.path}', '{name}'", strict=False)
+        return chain_poses(frames, chain, max(moving, key=lambda name: len(frames[name].rows)))

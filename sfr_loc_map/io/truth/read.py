@@ -1,0 +1,63 @@
+"""The truth of a source: what its configuration names (a topic, a bag, a file of poses), else its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from sfr_loc_map.errors import InputError
+from sfr_loc_map.geometry.trajectory import Trajectory, Truth
+from sfr_loc_map.io.bag.files import is_bag
+from sfr_loc_map.io.tables.trajectory_file import CONFIGURED, read_trajectory_file
+from sfr_loc_map.io.truth.config import AS_THE_SOURCE_HAS_IT, TrackedPoses, TruthConfig
+from sfr_loc_map.io.truth.pose_checks import possible_truth
+
+
+def resolve_truth(
+    place: Path,
+    own: Callable[[], Trajectory | None],
+    config: TruthConfig = AS_THE_SOURCE_HAS_IT,
+    remap: Mapping[str, str] | None = None,
+) -> Trajectory | None:
+    """Return the truth of a source of any format: what the configuration names, else its own; None without either.
+
+    `own` reads the true poses that the source itself has, None if it has none. A `Truth` was read by the configuration
+    already, as that of a bag is.
+    """
+    if config.source:
+        return truth_of_file(place, config, remap)
+    poses = own()
+    if poses is None or isinstance(poses, Truth):
+        return poses
+    if isinstance(poses, TrackedPoses):
+        return config.at(poses.T_rb_body).applied(poses, read_from=poses.read_from)
+    if config != AS_THE_SOURCE_HAS_IT:
+        return config.applied(poses, read_from=str(place))
+    return possible_truth(poses, f"of '{place}'")[1]
+
+
+def truth_of_file(
+    place: Path, config: TruthConfig = AS_THE_SOURCE_HAS_IT, remap: Mapping[str, str] | None = None
+) -> Truth:
+    """Read the truth of a bag or a file of poses, or of the topic, bag or file that the configuration names.
+
+    InputError, in one line, if there is none.
+    """
+    side = "truth"
+    if is_bag(place):
+        from sfr_loc_map.io.bag.bag import Bag  # the library of the bags is loaded for a bag only
+        from sfr_loc_map.io.truth.of_bag import truth_of_bag
+
+        bag = Bag(place, remap)
+        if not config.source or bag.matches(config.source.strip("/")):
+            return truth_of_bag(bag, config)
+    if config.source:
+        file = Path(config.source)
+        if not file.exists():
+            raise InputError(f"truth '{file}' is neither a file nor a topic of '{place}': give one of both")
+        if is_bag(file):
+            return truth_of_file(file, replace(config, source=""))
+        place, side = file, CONFIGURED
+    loaded = read_trajectory_file(place, config.columns, side)
+    return config.applied(loaded.trajectory, read_from=loaded.text)

@@ -1,0 +1,294 @@
+"""What the topics of other people's recordings are in the suite, by type, name, frame and size."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from os.path import commonprefix
+from typing import NamedTuple
+
+from sfr_loc_map.io.truth.messages import TRUTH_TYPES
+from sfr_loc_map.io.truth.names import NO_TRUTH, TRUTH_WORDS, plain_name, words
+from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, FIX, IMAGE, JOINTS, POINT, POINTS, POSE
+from sfr_loc_map.topics import JOINTS as JOINTS_TOPIC
+from sfr_loc_map.topics import NAV_POSE, TRUE_POINTS
+
+IMAGES = (IMAGE, COMPRESSED)
+FEWEST = 0.5  #: Least fraction of one side's images in those of the other.
+WIDE, TALL = 1.95, 0.95  #: Width by height of an image that holds two.
+
+_CAMERA = "(?:cam|camera|fisheye|image|img|eye|ir|mono|sensor)?"
+SIDE_WORDS = words(rf"(?:{_CAMERA}|infra(?:red_?)?)(left|right|[lr]|(?<=infra)[12]|(?<=infrared_)[12]){_CAMERA}")
+NUMBERS = words(rf"{_CAMERA}(0?[012])")
+RIGHT_OF = {"left": "right", "l": "r", "0": "1", "1": "2", "00": "01", "01": "02"}
+"""The word or number of the right camera by that of the left one."""
+NO_IMAGE = words("(?:compressed_)?depth(?!_cam)", "disparity", "confidence", "mask", "segmentation", "debug", "zstd")
+GREY = words("gr[ae]y", "mono")
+COLOUR = words("colou?r", "rgb8?", "bgr8?")
+STEREO = words("stereo")
+OF_NAV = "(?:nav|pan|pantilt|ptu|mast|head)_?(?:cams?|camera)?"
+LOC, NAV = words("loc(?:cam)?", "front"), words(OF_NAV)
+OTHERS = {
+    NAV_POSE: (POSE, words(rf"{OF_NAV}[/_]pose")),
+    JOINTS_TOPIC: (JOINTS, words("joints?")),
+    TRUE_POINTS: (POINTS, words("ground_?truth")),
+}
+EMITTER = "RealSense: the emitter must be off, for its pattern moves with the rover; P[3] of infra2 may be missing"
+
+
+@dataclass(frozen=True, slots=True)
+class SeenTopic:
+    """A topic of a recording: name and type, messages, frame of the first one, width and height of images, px."""
+
+    name: str
+    msgtype: str
+    count: int = 0
+    frame: str = ""
+    size: tuple[int, int] = (0, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Guess:
+    """Names in the recording by those in the suite; for each what it was inferred from, and how sure."""
+
+    topics: dict[str, str]
+    reasons: dict[str, str]
+    layout: str = ""  #: `side_by_side` or `top_bottom`, where the image of loc/left holds both.
+    truth: str = ""  #: Topic; empty for none or unsure.
+    truth_reason: str = ""
+    remarks: tuple[str, ...] = ()
+
+
+class _Basis(IntEnum):
+    """What distinguishes the left image of a pair from the right one; the surest basis first."""
+
+    SIDE_WORD = 0
+    FRAME = 1
+    NUMBER = 2
+
+    @property
+    def text(self) -> str:
+        return ("side word", "side word of the frame", "number")[self]
+
+
+class _ImageOrder(NamedTuple):
+    """The order in which images are preferred: the smallest one first."""
+
+    is_raw: bool
+    is_compressed: bool
+    negative_pixels: int
+    colour: int  # 0: grey, 1: not stated, 2: colour
+    name: str
+
+    @property
+    def without_name(self) -> tuple[bool | int, ...]:
+        return self[:-1]
+
+
+def _order_of(image: SeenTopic) -> _ImageOrder:
+    text, (width, height) = plain_name(image.name), image.size
+    colour = 0 if GREY.search(text) else 2 if COLOUR.search(text) else 1
+    return _ImageOrder(_kind(image) == "image_raw", image.msgtype == COMPRESSED, -width * height, colour, image.name)
+
+
+class _Rig(NamedTuple):
+    left: SeenTopic
+    right: SeenTopic
+    basis: _Basis
+    place: str  # what comes before the side
+    word: str  # of the left side
+
+    def has(self, pattern: re.Pattern[str]) -> bool:
+        texts = (self.left.name, self.left.frame, self.right.name, self.right.frame)
+        return any(pattern.search(plain_name(text)) for text in texts)
+
+    def preference(self) -> tuple[bool | int, ...]:
+        """Return the order in which rigs are preferred, the smallest one first; rigs of equal order are ambiguous."""
+        image = _order_of(self.left)
+        of_names = (self.basis is _Basis.NUMBER, not self.has(LOC), image.is_raw, image.is_compressed)
+        return (*of_names, not self.has(STEREO), image.negative_pixels, image.colour)
+
+
+@dataclass(slots=True)
+class _Choices:
+    """The topics that were chosen so far, by their names in the suite, with the reason of each."""
+
+    found: dict[str, tuple[str, str]] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
+
+    def take(self, name: str, topics: Sequence[SeenTopic], reason: str) -> None:
+        """Choose a topic if it is the only one that is possible."""
+        if len(topics) > 1:
+            self.remarks.append(f"{name}: {', '.join(topic.name for topic in topics)} could be it; none is taken")
+        elif topics:
+            self.found[name] = topics[0].name, reason
+
+
+def guess_topics(seen: Sequence[SeenTopic]) -> Guess:
+    """Return what the topics are; where counts are known, topics without a message are omitted."""
+    seen = sorted([topic for topic in seen if topic.count] or seen, key=lambda topic: topic.name)
+    images = [topic for topic in seen if topic.msgtype in IMAGES and not NO_IMAGE.search(plain_name(topic.name))]
+    images.sort(key=_order_of)
+    pairs = sorted(_pairs(images), key=lambda rig: (rig.basis, _order_of(rig.left)), reverse=True)
+    rigs = list({rig.place: rig for rig in pairs}.values())  # of several pairs of one place the last one, the best
+
+    choices = _Choices()
+    loc, nav = _by_task(rigs)
+    _choose_rig(choices, "loc", loc, seen)
+    _choose_rig(choices, "nav", nav, seen)
+    layout = "" if rigs else _choose_double_image(choices, images)
+    _choose_others(choices, seen)
+    truths = _truths(seen)
+    how = "likely" if truths and truths[0].msgtype == FIX else "sure"
+    choices.take("truth", truths, f"its type and name; {how}")
+
+    truth, truth_reason = choices.found.pop("truth", ("", ""))
+    topics = {name: topic for name, (topic, _) in choices.found.items()}
+    reasons = {name: reason for name, (_, reason) in choices.found.items()}
+    return Guess(topics, reasons, layout, truth, truth_reason, tuple(choices.remarks))
+
+
+def _by_task(rigs: Sequence[_Rig]) -> tuple[list[_Rig], list[_Rig]]:
+    """Return the rigs that could be those of localisation and of mapping."""
+    nav = [rig for rig in rigs if rig.has(NAV) and not rig.place.endswith("/loc/")]
+    loc = [rig for rig in rigs if rig not in nav]
+    if not loc and not any(rig.place.endswith("/nav/") for rig in nav):
+        return nav, []
+    return loc, nav
+
+
+def _choose_rig(choices: _Choices, task: str, rigs: Sequence[_Rig], seen: Sequence[SeenTopic]) -> None:
+    """Choose the images and camera_info of a task: those with the names of the suite, else the preferred rig."""
+    own = [rig for rig in rigs if rig.place.endswith(f"/{task}/")]
+    ranked = sorted(own or rigs, key=_Rig.preference)
+    best = [rig for rig in ranked if rig.preference() == ranked[0].preference()]
+    if len(best) != 1:
+        choices.take(task, [rig.left for rig in best], "")
+        return
+    left, right, basis, _, word = best[0]
+    if len(ranked) > 1:
+        others = ", ".join(rig.left.name for rig in ranked[1:])
+        choices.remarks.append(f"{task}: {left.name} is taken, not {others}")
+    if "infra" in left.name.lower():
+        choices.remarks.append(EMITTER)
+    how = "sure" if basis is not _Basis.NUMBER and len(ranked) == 1 else "likely"
+    for side, image, other in (("left", left, right), ("right", right, left)):
+        reason = f"{basis.text} {word}/{RIGHT_OF[word]}, frame {image.frame or 'unknown'}; {how}"
+        choices.take(f"{task}/{side}/{_kind(image)}", [image], reason)
+        choices.take(f"{task}/{side}/camera_info", _infos(image, other, seen), f"nearest to {image.name}; {how}")
+
+
+def _choose_double_image(choices: _Choices, images: Sequence[SeenTopic]) -> str:
+    """Choose the topic whose images hold both sides, and return their layout; empty unless there is one."""
+    double = [image for image in images if image.size[1] > 0 and not TALL <= image.size[0] / image.size[1] <= WIDE]
+    double = [image for image in double if _order_of(image).without_name == _order_of(double[0]).without_name]
+    if len(double) != 1:
+        choices.take("loc/left/", double, "")
+        return ""
+    width, height = double[0].size
+    choices.take(f"loc/left/{_kind(double[0])}", double, "its shape is that of two images; likely")
+    return "side_by_side" if width > height else "top_bottom"
+
+
+def _choose_others(choices: _Choices, seen: Sequence[SeenTopic]) -> None:
+    """Choose the topics beside the images; pose, joints only if mapping images were chosen."""
+    has_nav = any(name.startswith("nav/left/") for name in choices.found)
+    for name, (msgtype, pattern) in OTHERS.items():
+        named = [topic for topic in seen if topic.msgtype == msgtype and pattern.search(plain_name(topic.name))]
+        named = [topic for topic in named if topic.name.count("/") == min(t.name.count("/") for t in named)]
+        if msgtype == POINTS or has_nav:
+            choices.take(name, named, "its type and name; likely")
+
+
+def _kind(topic: SeenTopic) -> str:
+    return "image_rect" if re.search("(?<![a-z0-9])rect", plain_name(topic.name)) else "image_raw"
+
+
+# ---- pairs of images
+
+
+class _Candidate(NamedTuple):
+    """A left image, and the text that the name or the frame of its right image must have; ordered by the first four."""
+
+    basis: _Basis
+    replaces_all: bool  # the word of the side wherever it occurs, not in one place alone
+    left_text: str
+    right_text: str
+    left: SeenTopic
+    place: str  # what comes before the side
+    word: str  # of the left side
+
+
+def _pairs(images: Sequence[SeenTopic]) -> Iterator[_Rig]:
+    """Yield pairs of images. The candidates are tried in their order, and each image is of one pair at most."""
+    by_text = dict[tuple[str, str], SeenTopic]()
+    candidates: list[_Candidate] = []
+    for image in images:
+        for _, text in _texts(image):
+            by_text.setdefault((text, image.msgtype), image)
+        candidates += _candidates(image)
+    used: set[SeenTopic] = set()
+    for candidate in sorted(candidates, key=lambda candidate: candidate[:4]):
+        left = candidate.left
+        right = by_text.get((candidate.right_text, left.msgtype), left)
+        if right != left and not used & {left, right} and _can_be_pair(left, right):
+            used |= {left, right}
+            yield _Rig(left, right, candidate.basis, candidate.place, candidate.word)
+
+
+def _texts(image: SeenTopic) -> list[tuple[_Basis, str]]:
+    """Return the texts that may state the side of an image: its name if a side word is in it, else its frame as well.
+
+    The last part of the name follows the frame, so that several topics of one camera differ.
+    """
+    name = plain_name(image.name)
+    if SIDE_WORDS.search(name):
+        return [(_Basis.SIDE_WORD, name)]
+    return [(_Basis.FRAME, f"{plain_name(image.frame)}/{name.rpartition('/')[2]}"), (_Basis.NUMBER, name)]
+
+
+def _candidates(image: SeenTopic) -> Iterator[_Candidate]:
+    """Yield the texts that a right image would have if an image is the left one."""
+    for basis, text in _texts(image):
+        matches = [*(NUMBERS if basis is _Basis.NUMBER else SIDE_WORDS).finditer(text)]
+        if basis is not _Basis.NUMBER:
+            matches = matches[-1:]  # words before the last one are of the place of the camera
+        for match in matches:
+            start, end = match.span(1)
+            word = match[1]
+            if word in RIGHT_OF:
+                place, right = f"/{text[:start]}", RIGHT_OF[word]
+                in_one_place = text[:start] + right + text[end:]
+                yield _Candidate(basis, False, text, in_one_place, image, place, word)
+                yield _Candidate(basis, True, text, text.replace(word, right), image, place, word)
+
+
+def _can_be_pair(left: SeenTopic, right: SeenTopic) -> bool:
+    """Return whether two topics have similar numbers of messages and, if both are known, equal image sizes."""
+    few, many = sorted((left.count, right.count))
+    sizes = {left.size, right.size} - {(0, 0)}
+    return few >= FEWEST * many and len(sizes) < 2
+
+
+def _infos(image: SeenTopic, other: SeenTopic, seen: Sequence[SeenTopic]) -> list[SeenTopic]:
+    def shared(one: SeenTopic) -> int:
+        return len(commonprefix([re.split("[/_]", plain_name(topic.name)) for topic in (one, image)]))  # noqa: RUF071 - words
+
+    infos = [topic for topic in seen if topic.msgtype == CAMERA_INFO and shared(topic) > shared(other)]
+    infos = [topic for topic in infos if topic.size in ((0, 0), image.size) or image.size == (0, 0)]
+    return sorted(infos, key=lambda info: (-shared(info), _kind(info) != _kind(image), len(info.name)))[:1]
+
+
+def _truths(seen: Sequence[SeenTopic]) -> list[SeenTopic]:
+    """Return the topics with the surest of TRUTH_WORDS: of one body those of the best type, else all of them."""
+    able = [topic for topic in seen if topic.msgtype in TRUTH_TYPES and not NO_TRUTH.search(plain_name(topic.name))]
+    ranks = ([t for t in able if pattern.search(f"{plain_name(t.name)} {t.msgtype}")] for pattern in TRUTH_WORDS)
+    best = next(filter(None, ranks), [])
+    best = [topic for topic in best if topic.msgtype != POINT] or best  # poses say more than a point
+    if len({topic.name.rpartition("/")[0] for topic in best}) != 1:
+        return best
+    order = list(TRUTH_TYPES)
+    kind = min((topic.msgtype for topic in best), key=order.index)
+    return [topic for topic in best if topic.msgtype == kind]
