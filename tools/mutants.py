@@ -301,7 +301,7 @@ MUTATIONS = (
     Mutation("host_clock.py", "abs(passed_s - kernel_passed_s)", "passed_s - kernel_passed_s"),
     Mutation("child_process.py", 'not name.startswith("LD_") or name', "True or name"),
     # a search: what cannot be run is no worst case, what is lost is one
-    Mutation("suite/search/run.py", 'if store.state(job.key) == "failed"]:', "if False]:"),
+    Mutation("suite/search/run.py", 'if self._store.state(job.key) == "failed"]:', "if False]:"),
     Mutation("suite/search/run.py", "NOT_JUDGED if ratio is None else ratio", "0.0 if ratio is None else ratio"),
     # copies of one drive are one drive
     Mutation(DRIVES, "SAME_M = 0.01", "SAME_M = 0.001"),

@@ -219,7 +219,8 @@ def plan(
 ) -> None:
     """Say how many independent drives a requirement with a share and a confidence needs."""
     from sfr_loc_map.metrics.judging.limits_file import terms_of
-    from sfr_loc_map.suite.statistics.drive_count import count_without_runs, drive_counts, plan_table
+    from sfr_loc_map.suite.pages.tables import plan_table
+    from sfr_loc_map.suite.statistics.drive_count import count_without_runs, drive_counts
     from sfr_loc_map.suite.statistics.summary import summarise
 
     check_outputs(json_path, overwrite=overwrite)

@@ -15,7 +15,7 @@ from sfr_loc_map.suite.running.job import Job, JobOutcome
 from sfr_loc_map.suite.running.plan import make_plan
 from sfr_loc_map.suite.running.specification import Refusal, SuiteSettings, SuiteSpecification
 from sfr_loc_map.suite.running.store import Store
-from sfr_loc_map.suite.statistics.summary import Summary, summarise
+from sfr_loc_map.suite.statistics.summary import SequentialDecision, Summary, summarise
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -111,11 +111,15 @@ def run_and_keep(
     progress: Progress,
 ) -> None:
     """Run jobs and keep what comes of each, until sequential tests have decided if the suite ends then."""
+    decision = SequentialDecision(store) if settings.stop_when_decided else None
     with closing(run_jobs(client, jobs, settings.timeout_s, store.cache, at_work)) as outcomes:
         progress(0, len(jobs), None)
         for done, (job, outcome) in enumerate(outcomes, 1):
             store.save(job, outcome)
             progress(done, len(jobs), (job, outcome))
-            if settings.stop_when_decided and summarise(store).is_decided:
+            if decision is None:
+                continue
+            decision.add(job)
+            if decision.is_made:
                 say(f"decided after {done} of {len(jobs)} tasks: the others are not needed")
                 break

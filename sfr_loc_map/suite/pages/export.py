@@ -26,7 +26,7 @@ def suite_junit(summary: Summary) -> str:
     failed = {item.label: f"{item.cause}: {item.message}" for item in summary.failures}
     refused = {item.path: item.reason for item in summary.refusals}
     judged = {
-        ", ".join(filter(None, ("all drives", *group.runs))): Score(figures=group.figures, verdicts=group.verdicts)
+        ", ".join(filter(None, ("all drives", *group.key))): Score(figures=group.figures, verdicts=group.verdicts)
         for group in summary.groups
     }
     waiting = {"tasks": f"{summary.waiting} of {summary.tasks} have no result yet"} if summary.waiting else {}
@@ -68,11 +68,12 @@ def log_to_mlflow(summary: Summary, folder: Path, uri: str) -> str:
     means: dict[str, list[float]] = {}
     for drive in summary.drives:
         for figure, value in figures_of(drive.score).items():
-            means.setdefault("/".join((*filter(None, drive.runs), f"drive mean of {figure.name}")), []).append(value)
+            name = "/".join((*filter(None, drive.group_key), f"drive mean of {figure.name}"))
+            means.setdefault(name, []).append(value)
     values |= {name: sum(of_drives) / len(of_drives) for name, of_drives in means.items()}
     for group in summary.groups:
         for row in group.figures:
-            runs = "/".join(filter(None, (*group.runs, label_of(row.condition), row.figure)))
+            runs = "/".join(filter(None, (*group.key, label_of(row.condition), row.figure)))
             values |= {f"{runs}/{key}": value for key, value in row.as_dict().items() if isinstance(value, float)}
     metrics = [(re.sub(r"[^\w\-. :/]", "_", name), value) for name, value in values.items() if isinstance(value, float)]
     about = {"verdict": summary.verdict, "code": summary.code, "version": __version__, **summary.run}

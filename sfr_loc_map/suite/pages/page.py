@@ -46,8 +46,8 @@ def render_summary(summary: Summary) -> str:
 
 def _error_plots(summary: Summary) -> list[Plot]:
     # no text of a user is in the figures: runs are shown by their number in the table `groups`
-    numbers = {group.runs: n for n, group in enumerate(summary.groups, 1)}
-    each = [(numbers[drive.runs], drive.figure) for drive in summary.drives if drive.figure]
+    numbers = {group.key: n for n, group in enumerate(summary.groups, 1)}
+    each = [(numbers[drive.group_key], drive.figure) for drive in summary.drives if drive.figure]
     each.sort(key=itemgetter(0))
     if not each:
         return []

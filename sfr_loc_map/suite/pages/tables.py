@@ -29,6 +29,7 @@ from sfr_loc_map.report.verdict_view import VerdictView
 from sfr_loc_map.suite.running.job import NO_CONFIGURATION, SHORT_KEY
 from sfr_loc_map.suite.statistics.budget import Budget
 from sfr_loc_map.suite.statistics.comparison import SuiteComparison
+from sfr_loc_map.suite.statistics.drive_count import DriveCount
 from sfr_loc_map.suite.statistics.figures import map_error_of
 from sfr_loc_map.suite.statistics.history import MIN_REFERENCE, History
 from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary
@@ -174,7 +175,7 @@ def suite_tables(summary: Summary) -> list[Table]:
     """Return the tables of a suite: counts, verdicts, pooled errors, drives from the worst on, failures."""
     groups, pooled = [], []
     for place, group in enumerate(summary.groups, 1):
-        head = {"runs": _joined(*group.runs), "link": "suite.json"}
+        head = {"runs": _joined(*group.key), "link": "suite.json"}
         row = {**to_plain(group), **head, "number": place, "faults": group.faults or "none"}
         groups.append(row if group.figures else row | {"matched": None, "lost": None})  # maps have no frames
         for figure in group.figures:
@@ -262,7 +263,7 @@ def result_table(
     rows = []
     for drive in drives:
         job, score = drive.job, drive.score
-        runs = _joined(*drive.runs, f"repeat {job.repeat}" if job.repeat else "")
+        runs = _joined(*drive.group_key, f"repeat {job.repeat}" if job.repeat else "")
         link = f"{PAGES}/{job.key}.html" if job.key in pages else ""
         cells = [replace(Cell.head(job.source.name), link=link), Cell(runs)]
         for kind in errors:
@@ -310,3 +311,29 @@ def history_tables(history: History) -> list[Table]:
         which = f"{len(change.drives)} of {change.of}" + ("" if len(change.drives) == change.of else f": {named}")
         rows.append(to_plain(change) | {"range": change.range, "which": which, "command": change.command})
     return [_table("history", "Changes" if rows else "No figure changed", HISTORY, rows, note)]
+
+
+def plan_table(counts: Sequence[DriveCount]) -> Table:
+    """Return how many drives are needed as a table."""
+    columns = [Column("requirement", words=True), Column("without a failure"), Column("fixed plan"), Column("may fail")]
+    columns += [Column("sequential, expected"), Column("sequential, no failure")]
+    has_runs = any(count.drives is not None for count in counts)
+    if has_runs:
+        columns += [Column("drives"), Column("failed"), Column("at the rate seen"), Column("if normal")]
+        columns += [Column("sequential test", words=True)]
+    rows = []
+    for place, count in enumerate(counts):
+        terms = f"{100.0 * count.prob:g} % with {100.0 * count.confidence:g} %, power {100.0 * count.power:g} % at "
+        terms += f"{100.0 * count.good:g} % failures"
+        row = [Cell.head(": ".join(text for text in (count.runs, count.limit, terms) if text))]
+        names: tuple[str, ...] = ("without_failure", "fixed", "allowed", "sequential", "sequential_at_none")
+        if has_runs:
+            names = (*names, "drives", "failures", "at_the_rate_seen", "if_normal")
+        row += [Cell.number(getattr(count, name), f"{place}.{name}", undefined="no number") for name in names]
+        row += [Cell.verdict(count.state or VerdictState.NOT_ENOUGH_DATA)] if has_runs else []
+        rows.append(tuple(row))
+    note = (
+        "Independent drives. A fixed plan passes with at most so many failures; it is judged at its end. The "
+        "sequential test is judged after each drive, with the same risks."
+    )
+    return Table("plan", "Number of drives", tuple(columns), tuple(rows), note)

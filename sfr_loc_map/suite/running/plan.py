@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import functools
-import socket
-import subprocess
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import ConfigError, SfrError
-from sfr_loc_map.inputs import GIT
 from sfr_loc_map.simulation.config import SimulationConfig
-from sfr_loc_map.suite.running.digests import PACKAGE, code_fingerprint, data_hash, files_hash
+from sfr_loc_map.suite.running.digests import code_fingerprint, data_hash, files_hash
 from sfr_loc_map.suite.running.drives import DriveTrace, trace_of_estimate, trace_of_source, with_drives
 from sfr_loc_map.suite.running.job import NO_CONFIGURATION, Job, JobKind, JobSource, SourceKind
 from sfr_loc_map.suite.running.sources import fetch
 from sfr_loc_map.suite.running.specification import Refusal, SuiteSpecification
 
 READER_THREADS = 8
-"""Sources that are hashed, or fetched, at a time: of many large ones this takes longer than their jobs."""
+"""Sources that are hashed, or fetched, at a time. For many large sources, hashing takes longer than the jobs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,16 +132,3 @@ def inspect_source(path: Path) -> SourceFacts:
     pairs, nav_pairs = (0 if part is None else len(part) for part in (source.loc, source.nav))
     sha256 = files_hash(str(path))
     return SourceFacts(sha256=sha256, pairs=pairs, nav_pairs=nav_pairs, trace=trace_of_source(source))
-
-
-def about_run() -> dict[str, object]:
-    """Return by which code, where and when a suite is run; commit, branch and date are None where not known."""
-    git = GIT
-    if not git and (PACKAGE.parent / ".git").exists():  # run from its sources
-        describe = "describe --always --dirty --abbrev=40 --exclude=*"
-        asked = (describe, "rev-parse --abbrev-ref HEAD", "show --no-patch --format=%cI")
-        run_git = functools.partial(subprocess.run, cwd=PACKAGE, capture_output=True, text=True, check=False)
-        git = [run_git(["git", *arguments.split()]).stdout.strip() for arguments in asked]
-    commit, branch, date = (*(item or None for item in git), None, None, None)[:3]
-    time = datetime.now(UTC).isoformat(timespec="seconds")
-    return {"git": {"commit": commit, "branch": branch, "date": date}, "host": socket.gethostname(), "time": time}

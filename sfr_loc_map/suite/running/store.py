@@ -27,7 +27,8 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.score_json import from_dict, from_plain, json_line, to_plain
 from sfr_loc_map.suite.running.digests import file_state
 from sfr_loc_map.suite.running.job import FailureCause, Job, JobOutcome, WorkerRecord
-from sfr_loc_map.suite.running.plan import SourceFacts, about_run, inspect_source
+from sfr_loc_map.suite.running.plan import SourceFacts, inspect_source
+from sfr_loc_map.suite.running.provenance import about_run
 from sfr_loc_map.suite.running.specification import Refusal, limits_in
 
 PLAN, WORKERS = "plan.json", "workers.json"
@@ -70,6 +71,7 @@ class Store:
             if not isinstance(found, dict) or any(type(found.get(k, v)) is not type(v) for k, v in self._plan.items()):
                 raise InputError(f"'{plan}' is not the plan of a suite: run the suite again in another folder")
             self._plan |= found
+        self._jobs: tuple[Job, ...] | None = None
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -114,6 +116,7 @@ class Store:
             "run": about_run(),
         }
         write_text(json_line(self._plan), self.folder / PLAN)
+        self._jobs = None
 
     def check_files(self) -> tuple[str, ...]:
         """Compare the plan with the files that it was made of; return those that are not there.
@@ -157,10 +160,9 @@ class Store:
         A suite without its bad drive would otherwise be complete. Results of a source that is run again with other
         code, another configuration or other data are superseded.
         """
-        jobs = [job for job, _ in self.entries()]
-        keys = {job.key for job in jobs}
-        planned = {_work(job.kind.value, job.source.name, job.faults, job.fault_seed, job.repeat) for job in jobs}
-        places = {job.source.path for job in jobs}
+        keys = {job.key for job in self.jobs}
+        planned = {_work(job.kind.value, job.source.name, job.faults, job.fault_seed, job.repeat) for job in self.jobs}
+        places = {job.source.path for job in self.jobs}
         found = []
         for path in sorted(path for path in self.results.glob("*.json") if path.stem not in keys):
             about = _read(path).get("provenance", {}).get("configuration", {})
@@ -213,10 +215,12 @@ class Store:
         what = (job.key, job.label, job.source.path, outcome.cause, outcome.message, job.configuration, job.pairing)
         write_text(json_line(JobFailure(*what)), failed)
 
-    def entries(self) -> list[tuple[Job, str]]:
-        """Return the jobs of the suite in its order, each with `done`, `failed` or `waiting`."""
-        jobs = (_record(Job, item, self.folder / PLAN) for item in self._plan["jobs"])
-        return [(job, self.state(job.key)) for job in jobs]
+    @property
+    def jobs(self) -> tuple[Job, ...]:
+        """The jobs of the suite, in its order."""
+        if self._jobs is None:
+            self._jobs = tuple(_record(Job, item, self.folder / PLAN) for item in self._plan["jobs"])
+        return self._jobs
 
 
 def _work(task: object, source: object, faults: object, fault_seed: object, repeat: object) -> tuple[object, ...]:

@@ -32,7 +32,7 @@ SCHEMA = "sfr-search/1"
 CASE = "case.yaml"
 NOT_JUDGED = 2.0
 """Ratio of a drive without the figure, as one that was lost: the requirement is missed, by an unknown amount."""
-Run = Callable[[Sequence[Job]], None]
+RunJobs = Callable[[Sequence[Job]], None]
 """Runs jobs and keeps what comes of each in the folder of the suite."""
 
 
@@ -87,45 +87,71 @@ class SearchResult:
         return {parameter.name: value for parameter, value in pairs}
 
 
-def run_search(specification: SearchSpecification, store: Store, run: Run, *, at_random: bool = False) -> SearchResult:
+def run_search(
+    specification: SearchSpecification, store: Store, run_jobs: RunJobs, *, at_random: bool = False
+) -> SearchResult:
     """Search, reduce the worst point and cut slices through it; points that have results are not run again."""
-    planned: dict[str, Job] = {}
-    left_out: dict[Point, str] = {}
+    points = _Points(specification, store, run_jobs)
+    try:
+        return _search(specification, points, at_random=at_random)
+    finally:  # whatever ended the search, the folder has the plan of its results
+        store.plan(list(points.planned.values()))
 
-    def evaluate(points: Sequence[Point]) -> list[float | None]:
-        jobs = {point: specification.jobs_at(point) for point in points}
-        planned.update({job.key: job for of_point in jobs.values() for job in of_point})
-        store.plan(list(planned.values()), [])
-        for_run = {job.key: job for of_point in jobs.values() for job in of_point if _is_open(store, job)}
-        if for_run:
-            run(list(for_run.values()))
-        _check_host(store, [job for of_point in jobs.values() for job in of_point])
-        for point in points:
-            if refused := [job for job in jobs[point] if store.state(job.key) == "failed"]:
-                left_out[point] = one_line(store.failure(refused[0].key).message)
-        return [None if point in left_out else _worst_ratio(specification, store, jobs[point]) for point in points]
 
-    chosen, parameters = specification.settings, specification.parameters
+class _Points:
+    """Runs the points of a search, and keeps which jobs they have and which points cannot be run."""
+
+    def __init__(self, specification: SearchSpecification, store: Store, run_jobs: RunJobs) -> None:
+        self.planned: dict[str, Job] = {}
+        self.left_out: dict[Point, str] = {}
+        self._specification, self._store, self._run_jobs = specification, store, run_jobs
+
+    def evaluate(self, points: Sequence[Point]) -> list[float | None]:
+        """Return the largest ratio of each point, None if its scenario cannot be run."""
+        jobs = {point: self._specification.jobs_at(point) for point in points}
+        by_key = {job.key: job for of_point in jobs.values() for job in of_point}
+        self.planned |= by_key
+        waiting = [job for job in by_key.values() if _is_open(self._store, job)]
+        if waiting:
+            self._run_jobs(waiting)
+        _check_host(self._store, [job for of_point in jobs.values() for job in of_point])
+        return [self._ratio(point, jobs[point]) for point in points]
+
+    def _ratio(self, point: Point, jobs: Sequence[Job]) -> float | None:
+        if refused := [job for job in jobs if self._store.state(job.key) == "failed"]:
+            self.left_out[point] = one_line(self._store.failure(refused[0].key).message)
+            return None
+        return _worst_ratio(self._specification, self._store, jobs)
+
+    def has_figure(self, point: Point) -> bool:
+        """Return whether the results of a point have the figure of the search."""
+        jobs = self._specification.jobs_at(point)
+        return all(_ratio(self._specification, self._store, job) is not None for job in jobs)
+
+
+def _search(specification: SearchSpecification, points: _Points, *, at_random: bool) -> SearchResult:
+    chosen, parameters, usual_point = specification.settings, specification.parameters, specification.usual
     chooser = RandomChooser(parameters, chosen.seed) if at_random else TreeChooser(parameters, chosen.seed)
-    (usual_ratio,) = evaluate([specification.usual])
+    (usual_ratio,) = points.evaluate([usual_point])
     if usual_ratio is None:
-        raise InputError(f"{specification.path}: the scenario as it is cannot be run: {left_out[specification.usual]}")
-    usual = Tried(specification.usual, usual_ratio)
-    if None in (_ratio(specification, store, job) for job in specification.jobs_at(usual.point)):
+        reason = points.left_out[usual_point]
+        raise InputError(f"{specification.path}: the scenario as it is cannot be run: {reason}")
+    if not points.has_figure(usual_point):
         raise InputError(
             f"{specification.path}: the scenario as it is has no {chosen.figure} {chosen.statistic} over "
             f"{chosen.condition}; choose a figure and a condition that its drive has"
         )
-    tried = list(search_worst(chooser, evaluate, chosen.runs, chosen.batch))
+    tried = list(search_worst(chooser, points.evaluate, chosen.runs, chosen.batch))
     if not tried:
-        raise InputError(f"{specification.path}: no point can be run, the last because: {[*left_out.values()][-1]}")
+        last_reason = [*points.left_out.values()][-1]
+        raise InputError(f"{specification.path}: no point can be run, the last because: {last_reason}")
     found = max(tried, key=lambda item: item.ratio)
-    case = reduced(found, specification.usual, evaluate)
-    slices = slices_of(parameters, case, tried, chosen.slices, evaluate) if chosen.slices else []
+    case = reduced(found, usual_point, points.evaluate)
+    slices = slices_of(parameters, case, tried, chosen.slices, points.evaluate) if chosen.slices else []
     return SearchResult(
         specification=specification,
-        usual=usual,
-        left_out=left_out,
+        usual=Tried(usual_point, usual_ratio),
+        left_out=points.left_out,
         tried=tuple(tried),
         found=found,
         case=case,

@@ -80,7 +80,7 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
         )
     pairs: dict[tuple[str, FigureName], dict[str, list[DriveRatio]]] = {}  # by drive: repeats of one are of one
     for drive, same in common:
-        others, runs = figures_of(same.score), ", ".join(part for part in drive.runs if part)
+        others, runs = figures_of(same.score), ", ".join(part for part in drive.group_key if part)
         for name, value in figures_of(drive.score).items():
             if name in others and name.kind in COMPARED:
                 ratio = DriveRatio(label=drive.job.label, first=value, other=others[name])

@@ -11,7 +11,6 @@ from sfr_loc_map.metrics.judging.proof import sample_over_drives
 from sfr_loc_map.metrics.judging.sequential import sequential_test
 from sfr_loc_map.metrics.limits import BOUND, Interpretation, Limits, Terms
 from sfr_loc_map.metrics.tolerance import count_needed, moments, normal_count, zero_failure_count
-from sfr_loc_map.report.tables import Cell, Column, Table
 from sfr_loc_map.report.verdict_view import limited_name
 from sfr_loc_map.suite.statistics.summary import ScoredJob, samples_by_drive
 
@@ -64,8 +63,8 @@ def drive_counts(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator
         raise ConfigError("the suite has no limit with a share, such as position_bound_m: {limit: 0.1, prob: 0.95}")
     members: dict[tuple[str, str, str], list[ScoredJob]] = {}
     for drive in drives:
-        members.setdefault(drive.runs, []).append(drive)
-    for runs, jobs in members.items():
+        members.setdefault(drive.group_key, []).append(drive)
+    for key, jobs in members.items():
         for limit in chosen:
             terms = limit.terms or Terms()
             samples = samples_by_drive(limit, [(job.job.drive, job.score) for job in jobs])
@@ -80,7 +79,7 @@ def drive_counts(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator
             plan = count_without_runs(terms)
             yield DriveCount(
                 **{name: getattr(plan, name) for name in DriveCount.__slots__ if name not in OF_RUNS},
-                runs=", ".join(part for part in runs if part),
+                runs=", ".join(part for part in key if part),
                 limit=f"{limited_name(limit.limited.figure, None, limit.condition, BOUND)}, {interpretation}",
                 drives=len(sample.errors),
                 failures=int(has_failed.sum()),
@@ -92,29 +91,3 @@ def drive_counts(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator
 
 OF_RUNS = ("runs", "limit", "drives", "failures", "at_the_rate_seen", "if_normal", "state")
 """Fields that depend on runs."""
-
-
-def plan_table(counts: Sequence[DriveCount]) -> Table:
-    """Return how many drives are needed as a table."""
-    columns = [Column("requirement", words=True), Column("without a failure"), Column("fixed plan"), Column("may fail")]
-    columns += [Column("sequential, expected"), Column("sequential, no failure")]
-    has_runs = any(count.drives is not None for count in counts)
-    if has_runs:
-        columns += [Column("drives"), Column("failed"), Column("at the rate seen"), Column("if normal")]
-        columns += [Column("sequential test", words=True)]
-    rows = []
-    for place, count in enumerate(counts):
-        terms = f"{100.0 * count.prob:g} % with {100.0 * count.confidence:g} %, power {100.0 * count.power:g} % at "
-        terms += f"{100.0 * count.good:g} % failures"
-        row = [Cell.head(": ".join(text for text in (count.runs, count.limit, terms) if text))]
-        names: tuple[str, ...] = ("without_failure", "fixed", "allowed", "sequential", "sequential_at_none")
-        if has_runs:
-            names = (*names, "drives", "failures", "at_the_rate_seen", "if_normal")
-        row += [Cell.number(getattr(count, name), f"{place}.{name}", undefined="no number") for name in names]
-        row += [Cell.verdict(count.state or VerdictState.NOT_ENOUGH_DATA)] if has_runs else []
-        rows.append(tuple(row))
-    note = (
-        "Independent drives. A fixed plan passes with at most so many failures; it is judged at its end. The "
-        "sequential test is judged after each drive, with the same risks."
-    )
-    return Table("plan", "Number of drives", tuple(columns), tuple(rows), note)

@@ -51,7 +51,7 @@ SCHEMA = "sfr-suite/1"
 AXES = ("x", "y", "z")  #: Parts of the position error that are pooled.
 
 
-def runs_of(job: Job) -> tuple[str, str, str]:
+def group_key_of(job: Job) -> tuple[str, str, str]:
     """Return what a job has in common with the others of its group: task, configuration, faults or variant."""
     return job.kind.value, job.configuration, job.alteration
 
@@ -64,9 +64,9 @@ class ScoredJob:
     score: Score
 
     @property
-    def runs(self) -> tuple[str, str, str]:
+    def group_key(self) -> tuple[str, str, str]:
         """What it has in common with the drives of its group: task, configuration, faults or variant of a budget."""
-        return runs_of(self.job)
+        return group_key_of(self.job)
 
     @property
     def figure(self) -> float | None:
@@ -110,7 +110,7 @@ class Group:
     verdicts: tuple[GroupVerdict, ...]
 
     @property
-    def runs(self) -> tuple[str, str, str]:
+    def key(self) -> tuple[str, str, str]:
         """Task, configuration, faults, as those of its drives."""
         return self.task, self.configuration, self.faults
 
@@ -152,13 +152,7 @@ class Summary:
     @property
     def is_decided(self) -> bool:
         """Whether sequential tests have decided every limit, so that no more drives are needed."""
-        items = [item for group in self.groups for item in group.verdicts]
-        return bool(items) and all(
-            item.proof is not None
-            and item.proof.method == SEQUENTIAL
-            and item.state in (VerdictState.PASS, VerdictState.FAIL)
-            for item in items
-        )
+        return are_decided(self.groups)
 
     @property
     def completeness(self) -> Figure:
@@ -190,26 +184,65 @@ class Summary:
         return {**head, **self.run, **parts, "drives": drives}
 
 
+def are_decided(groups: Sequence[Group]) -> bool:
+    """Return whether sequential tests have decided every limit of some groups."""
+    items = [item for group in groups for item in group.verdicts]
+    return bool(items) and all(
+        item.proof is not None
+        and item.proof.method == SEQUENTIAL
+        and item.state in (VerdictState.PASS, VerdictState.FAIL)
+        for item in items
+    )
+
+
+def read_scored_job(job: Job, store: Store, limits: Limits | None) -> ScoredJob:
+    """Read the result of a job and judge it by the limits that are about its task."""
+    score = store.score(job)
+    of_score = limits_about(limits, tasks_of(score))
+    return ScoredJob(job, judged(score, of_score, partial=job.scoring.partial))
+
+
+class SequentialDecision:
+    """Whether sequential tests have decided every limit, while a suite runs; each result is read and judged once."""
+
+    def __init__(self, store: Store) -> None:
+        """Read the results that are there."""
+        self._store, self._limits = store, store.limits
+        done = [job for job in store.jobs if store.state(job.key) == "done"]
+        self._scored = {job.key: read_scored_job(job, store, self._limits) for job in done}
+
+    def add(self, job: Job) -> None:
+        """Read what came of a job that has ended."""
+        if self._store.state(job.key) == "done":
+            self._scored[job.key] = read_scored_job(job, self._store, self._limits)
+        else:
+            self._scored.pop(job.key, None)
+
+    @property
+    def is_made(self) -> bool:
+        """Whether no more drives are needed."""
+        jobs = self._store.jobs
+        drives = [self._scored[job.key] for job in jobs if job.key in self._scored]
+        unfinished = [job for job in jobs if job.key not in self._scored]
+        return are_decided([*groups_of(drives, self._limits, unfinished)])
+
+
 def summarise(store: Store) -> Summary:
     """Return what follows from the results of a suite's folder."""
-    entries, limits = store.entries(), store.limits
-    drives = []
-    for job, state in entries:
-        if state == "done":
-            score = store.score(job)
-            of_score = limits_about(limits, tasks_of(score))
-            drives.append(ScoredJob(job, judged(score, of_score, partial=job.scoring.partial)))
+    jobs, limits = store.jobs, store.limits
+    states = {job.key: store.state(job.key) for job in jobs}
+    drives = [read_scored_job(job, store, limits) for job in jobs if states[job.key] == "done"]
     return Summary(
-        tasks=len(entries),
-        waiting=sum(state == "waiting" for _, state in entries),
-        groups=tuple(groups_of(drives, limits, [job for job, state in entries if state != "done"])),
+        tasks=len(jobs),
+        waiting=sum(state == "waiting" for state in states.values()),
+        groups=tuple(groups_of(drives, limits, [job for job in jobs if states[job.key] != "done"])),
         drives=tuple(drives),
-        failures=tuple(store.failure(job.key) for job, state in entries if state == "failed"),
+        failures=tuple(store.failure(job.key) for job in jobs if states[job.key] == "failed"),
         refusals=store.refusals,
-        code=entries[0][0].code if entries else "",
+        code=jobs[0].code if jobs else "",
         workers=store.workers(),
         run=store.run,
-        budgets=tuple(budgets_of(drives, [job for job, _ in entries])),
+        budgets=tuple(budgets_of(drives, jobs)),
     )
 
 
@@ -245,12 +278,12 @@ def groups_of(drives: Sequence[ScoredJob], limits: Limits | None, unfinished: Se
     """
     members: dict[tuple[str, str, str], list[ScoredJob]] = {}
     for drive in drives:
-        members.setdefault(drive.runs, []).append(drive)
+        members.setdefault(drive.group_key, []).append(drive)
     parts_judged = {part for drive in drives for part in tasks_of(drive.score)}
-    for runs, jobs in members.items():
-        task, configuration, faults = runs
+    for key, jobs in members.items():
+        task, configuration, faults = key
         jobs = sorted(jobs, key=lambda item: (item.job.drive, item.job.key))
-        next_drive = min((job.drive for job in unfinished if runs_of(job) == runs), default=None)
+        next_drive = min((job.drive for job in unfinished if group_key_of(job) == key), default=None)
         scores = [job.score for job in jobs]
         trajectories = [score.association for score in scores if score.association is not None]
         conditions = list(dict.fromkeys(condition for score in scores for condition in score.conditions))
