@@ -402,14 +402,14 @@ MUTATIONS = (
     Mutation(JUDGE, "interval[0] <= limit.limit < interval[1]", "interval[0] <= limit.limit"),
     # methods: what is shown to them, what a call takes
     Mutation(
-        "methods/adapters/loop.py",
+        "methods/child/loop.py",
         "seconds = time.perf_counter() - begin",
         "seconds = 0.5 * (time.perf_counter() - begin)",
     ),
-    Mutation("methods/adapters/loop.py", "np.array(images[: len(", "np.asarray(images[: len("),
-    Mutation("methods/adapters/loop.py", 'return {"fault": "raised", "text": raised}', "pass"),
-    Mutation("methods/adapters/loop.py", 'order["call"] == "set" else', 'order["call"] != "set" else'),
-    Mutation("methods/adapters/loop.py", 'images[: len(order["pairs"])]', "images[:1]"),
+    Mutation("methods/child/loop.py", "np.array(images[: len(", "np.asarray(images[: len("),
+    Mutation("methods/child/loop.py", 'return {"fault": "raised", "text": raised}', "pass"),
+    Mutation("methods/child/loop.py", 'order["call"] == "set" else', 'order["call"] != "set" else'),
+    Mutation("methods/child/loop.py", 'images[: len(order["pairs"])]', "images[:1]"),
     Mutation("methods/method_process.py", "abs(measured_s - stated_s) > max(", "measured_s - stated_s > max("),
     Mutation("methods/method_process.py", "seconds = time.monotonic() - begin_s", 'seconds = reply["seconds"]'),
     # geometry

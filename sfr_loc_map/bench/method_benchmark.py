@@ -139,7 +139,7 @@ def compare_localisers(
     *,
     repeat: int = 3,
     rate_hz: float | None = None,
-    hidden: Sequence[Path] = (),
+    hidden: Sequence[Path],
     progress: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
     """Return the JSON of the figures of localisers, ours with its parameters first, on a drive.
@@ -206,7 +206,7 @@ def compare_mappers(
     config: MappingConfig,
     *,
     repeat: int = 3,
-    hidden: Sequence[Path] = (),
+    hidden: Sequence[Path],
     progress: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
     """Return the JSON of the figures of mappers, ours with its parameters first, on the pairs of a source.

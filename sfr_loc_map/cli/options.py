@@ -172,7 +172,7 @@ def method_under_test(
         return None
     if name == EXTERNAL:
         raise ConfigError("'--method external': a node is scored by sfr replay SRC --external TASK")
-    return UnderTest(find_method(name, task, config_text(config)), limits, source.truth_paths())
+    return UnderTest(find_method(name, task, config_text(config)), limits, hidden=source.truth_paths())
 
 
 # ---- scores

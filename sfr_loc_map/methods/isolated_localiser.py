@@ -13,7 +13,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import PoseEstimate, TrackingState, lost_covariance
-from sfr_loc_map.methods.adapters.loop import OrderedPair, Pose
+from sfr_loc_map.methods.child.loop import OrderedPair, Pose
 from sfr_loc_map.methods.isolated_method import IsolatedMethod, check_stamp
 from sfr_loc_map.methods.method_process import MethodCall, MethodFailureError
 from sfr_loc_map.methods.registry import Method, MethodLimits
@@ -34,7 +34,7 @@ class IsolatedLocaliser(IsolatedMethod):
         limits: MethodLimits | None = None,
         *,
         rate_hz: float = 0.0,
-        hidden: Sequence[Path] = (),
+        hidden: Sequence[Path],
     ) -> None:
         """Start it at a pose; pairs come at a rate, and what is hidden cannot be read by it."""
         super().__init__(method, rig, limits, T_ds_rb=T_ds_rb, rate_hz=rate_hz, hidden=hidden)

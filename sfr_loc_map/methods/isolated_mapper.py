@@ -20,7 +20,7 @@ from sfr_loc_map.io.clouds.array_file import MAX_HEADER, parse_npy
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.mapping.maps import FusedMap, PairMap
 from sfr_loc_map.mapping.reprojection import points_from_disparity
-from sfr_loc_map.methods.adapters.loop import Answer, OrderedPair
+from sfr_loc_map.methods.child.loop import Answer, OrderedPair
 from sfr_loc_map.methods.isolated_method import IsolatedMethod, check_stamp
 from sfr_loc_map.methods.method_process import MethodCall, MethodFailureError, numbers_of
 from sfr_loc_map.methods.registry import Method, MethodLimits
@@ -40,7 +40,7 @@ class IsolatedMapper(IsolatedMethod):
         limits: MethodLimits | None = None,
         *,
         disparities: int = 0,
-        hidden: Sequence[Path] = (),
+        hidden: Sequence[Path],
     ) -> None:
         """Start it; matchers search a number of disparities, and what is hidden cannot be read by it."""
         super().__init__(method, rig, limits, T_ds_rb=Transform.identity(), disparities=disparities, hidden=hidden)

@@ -9,7 +9,7 @@ from typing import Self
 
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.methods.adapters.loop import Answer
+from sfr_loc_map.methods.child.loop import Answer
 from sfr_loc_map.methods.method_process import MethodCall, MethodFailureError, MethodProcess
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.records import FindingKind, MethodRecord
@@ -27,7 +27,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         T_ds_rb: Transform,
         rate_hz: float = 0.0,
         disparities: int = 0,
-        hidden: Sequence[Path] = (),
+        hidden: Sequence[Path],
     ) -> None:
         """Start it; it cannot read what is hidden."""
         self._method, self._rig, self._hidden = method, rig, hidden

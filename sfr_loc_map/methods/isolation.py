@@ -2,8 +2,8 @@
 
 It may read programs, libraries, the interpreter with its packages, its own code, and what the variables
 SFR_METHOD_FILES and PYTHONPATH name; of these no path that may hold the truth (`Source.truth_paths`). Its own code is a
-package, or the folder of a file or library. The working directory is not readable as such, because converted or
-recorded copies of the truth can be there. It may write a scratch folder of its own.
+package, or a file or library with the code in its folder. Other files of this folder and the working directory are
+not readable, because converted or recorded copies of the truth can be there. It may write a scratch folder of its own.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ FACTS = ("cpuinfo", "meminfo", "stat", "version", "filesystems", "loadavg", "sys
 DEVICES = ("null", "zero", "full", "random", "urandom", "tty", "dri", "kfd", "nvidia*")
 PACKAGE = Path(__file__).parents[1]
 PACKAGES = ("site-packages", "dist-packages")  #: Names of the folders of installed packages.
-KERNELS = "sfr_loc_map.methods.adapters.numba_cache"
+CODE = ("*.py", "*.so", "*.so.*")  #: Modules and libraries, by the ends of their names.
+KERNELS = "sfr_loc_map.methods.child.numba_cache"
 
 
 def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> dict[str, list[str]]:
@@ -57,20 +58,28 @@ def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> dict[str, 
 
 def code_of(method: Method) -> list[Path]:
     """Return the files and folders of a method's own code; of a class of a package, the package or module alone."""
-    code = [Path(method.adapter).parent] if Path(method.adapter).is_absolute() else []
+    code = _code_beside(Path(method.adapter)) if Path(method.adapter).is_absolute() else []
     if method.kind is MethodKind.LIBRARY:
-        return [*code, Path(method.target).parent]
+        return [*code, *_code_beside(Path(method.target))]
     if method.kind is not MethodKind.PYTHON:
         return code
     place = method.target.rpartition(":")[0]
     if place.endswith(".py"):
-        return [*code, Path(place).parent]
+        return [*code, *_code_beside(Path(place))]
     package = place.partition(".")[0]
     found = PathFinder.find_spec(package, [str(Path.cwd())]) or find_spec(package)
     if found is None:
         return code
     folders = found.submodule_search_locations
     return [*code, *map(Path, folders if folders is not None else [found.origin or ""])]
+
+
+def _code_beside(file: Path) -> list[Path]:
+    """Return a file, and the modules, libraries and packages in its folder."""
+    folder = file.parent
+    modules = [path for pattern in CODE for path in folder.glob(pattern)]
+    packages = [path.parent for path in folder.glob("*/__init__.py")]
+    return [file, *sorted({*modules, *packages} - {file})]
 
 
 def environment_of(method: Method, folder: Path) -> dict[str, str]:

@@ -28,10 +28,10 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.memory_mark import peak_of, reset_peak
-from sfr_loc_map.methods.adapters.loop import Answer, Camera, Hello, Order, OrderedPair, Pose, Reply, Setup
+from sfr_loc_map.methods.child.loop import Answer, Camera, Hello, Order, OrderedPair, Pose, Reply, Setup
 from sfr_loc_map.methods.isolation import environment_of, rules_of
 from sfr_loc_map.methods.process_tree import ProcessTree, TreeUsage, bytes_of_files
-from sfr_loc_map.methods.registry import ADAPTERS, Method, MethodLimits
+from sfr_loc_map.methods.registry import ADAPTERS, CHILD, Method, MethodLimits
 from sfr_loc_map.metrics.call_meter import CallUsage
 from sfr_loc_map.metrics.records import FindingKind
 
@@ -119,7 +119,7 @@ class MethodProcess:
         T_ds_rb: Transform,
         rate_hz: float = 0.0,
         disparities: int = 0,
-        hidden: Sequence[Path] = (),
+        hidden: Sequence[Path],
     ) -> None:
         """Start it, shut off from hidden files, and wait until it is warmed up; the pose is that at the first pair."""
         self._limits = limits
@@ -182,8 +182,8 @@ class MethodProcess:
         work.mkdir()
         rules = json.dumps(rules_of(method, self._folder, hidden))
         python = str(method.python)
-        supervisor = [python, "-ES", str(ADAPTERS / "shut_in.py"), rules]
-        loop = [python, str(ADAPTERS / "loop.py"), str(ADAPTERS / method.adapter)]
+        supervisor = [python, "-ES", str(CHILD / "shut_in.py"), rules]
+        loop = [python, str(CHILD / "loop.py"), str(ADAPTERS / method.adapter)]
         with open(self._log.name, "ab") as log:
             return subprocess.Popen(
                 supervisor + loop,

@@ -1,6 +1,6 @@
 """Methods under test: which there are, how each is named and how its process is started.
 
-A name, `package.module:Class`, `file.py:Class` or `lib:PATH.so`.
+A method is named by its name here, or as `package.module:Class`, `file.py:Class` or `lib:PATH.so`.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from sfr_loc_map.inputs import OURS, Task, hash_path, read_text
 from sfr_loc_map.metrics.records import MethodKind, MethodRecord
 
 ADAPTERS = Path(__file__).parent / "adapters"
+CHILD = Path(__file__).parent / "child"
 EXTERNAL = "external"
 OURS_IN_TABLES = "ours"  #: Name of our method in the tables and files of a comparison.
 LIBRARY_PREFIX = "lib:"

@@ -50,7 +50,7 @@ class UnderTest:
 
     method: Method
     limits: MethodLimits = field(default_factory=MethodLimits)
-    hidden: Sequence[Path] = ()  #: Paths that it cannot read: `Source.truth_paths`.
+    hidden: Sequence[Path] = field(kw_only=True)  #: Paths that it cannot read: `Source.truth_paths`.
 
 
 # ---- drives

@@ -71,7 +71,7 @@ def called(localiser: IsolatedLocaliser, pair: StereoPair, number: int, since_st
 
 def given(count: int, rate_scale: float = 1.0, call: Any = called) -> PassInput:
     def start(method: Method) -> IsolatedLocaliser:
-        return IsolatedLocaliser(method, LOC_RIG, Transform.identity(), LIMITS)
+        return IsolatedLocaliser(method, LOC_RIG, Transform.identity(), LIMITS, hidden=())
 
     return PassInput(lambda: map(loc_pair, range(count)), start, call, rate_scale)
 
@@ -144,9 +144,9 @@ def test_a_method_that_fails_is_named_and_the_others_go_on(
         made_method(tmp_path, start=start, prepare=prepare),
     )
     first, config = start_pose(sequence, "truth").T_ds_rb, LocalisationConfig()
-    result = compare_localisers(sequence, first, [ours, bad], config, SCORING, repeat=2)
+    result = compare_localisers(sequence, first, [ours, bad], config, SCORING, repeat=2, hidden=())
     assert words in result["failed"].pop("made")
     assert not result["failed"]
     assert [entry["calls"] for entry in result["entries"].values()] == [12]
     with pytest.raises(MethodError, match=words):
-        compare_localisers(sequence, first, [replace(bad, name=OURS_IN_TABLES)], config, SCORING)
+        compare_localisers(sequence, first, [replace(bad, name=OURS_IN_TABLES)], config, SCORING, hidden=())

@@ -97,7 +97,7 @@ class Nothing:
 
 
 def calls(spec: str, config: str, count: int) -> list[tuple[PoseEstimate, MethodCall]]:
-    with IsolatedLocaliser(find_method(spec, Task.LOCALISATION, config), LOC_RIG, true_pose(0)) as localiser:
+    with IsolatedLocaliser(find_method(spec, Task.LOCALISATION, config), LOC_RIG, true_pose(0), hidden=()) as localiser:
         return [localiser.localise(loc_pair(number)) for number in range(count)]
 
 
@@ -140,7 +140,7 @@ def test_a_class_of_python_may_return_what_it_likes_and_is_checked(tmp_path: Pat
 
 def test_a_matcher_gives_points_and_a_pair_without_any_is_empty(tmp_path: Path) -> None:
     (tmp_path / "classes.py").write_text(CLASSES)
-    with IsolatedMapper(find_method(f"{tmp_path}/classes.py:Flat", Task.MAPPING), NAV_RIG) as mapper:
+    with IsolatedMapper(find_method(f"{tmp_path}/classes.py:Flat", Task.MAPPING), NAV_RIG, hidden=()) as mapper:
         item = nav_pair(0)
         first, call = mapper.map_pair(item.pair, item.T_lm_navsb, 0)
         second, _ = mapper.map_pair(item.pair, item.T_lm_navsb, 1)
@@ -156,7 +156,7 @@ def test_a_matcher_gives_points_and_a_pair_without_any_is_empty(tmp_path: Path) 
 def test_arrays_that_a_method_writes_itself_are_checked(tmp_path: Path, what: str, kind: str) -> None:
     (tmp_path / "classes.py").write_text(CLASSES)
     method = find_method(f"{tmp_path}/classes.py:Writing", Task.MAPPING, f"{what} {kind}")
-    with IsolatedMapper(method, NAV_RIG) as mapper:
+    with IsolatedMapper(method, NAV_RIG, hidden=()) as mapper:
         item = nav_pair(0)
         made, call = mapper.map_pair(item.pair, item.T_lm_navsb, 0)
     assert call.finding.startswith("invalid result: the ")
@@ -171,7 +171,7 @@ def test_the_example_in_c_localises_and_maps(example: Path) -> None:
     with pytest.raises(MethodError, match="max_disparity is 2: must be 4 to 1023"):
         calls(f"lib:{example}", "max_disparity: 2", 0)
     items = [nav_pair(0), nav_pair(1)]
-    with IsolatedMapper(find_method(f"lib:{example}", Task.MAPPING), NAV_RIG) as mapper:
+    with IsolatedMapper(find_method(f"lib:{example}", Task.MAPPING), NAV_RIG, hidden=()) as mapper:
         parts, fused, call = mapper.map_set(items)
     assert not call.finding
     assert fused.cloud.fused is False
@@ -186,7 +186,7 @@ def test_the_example_in_c_localises_and_maps(example: Path) -> None:
 def test_a_class_may_map_a_set_in_one_call_and_ours_gives_the_bits_of_its_stages(drive: Path, tmp_path: Path) -> None:
     (tmp_path / "classes.py").write_text(CLASSES)
     nav = open_source(drive).nav
-    run = map_pairs_with(nav, UnderTest(find_method(f"{tmp_path}/classes.py:Set", Task.MAPPING)))
+    run = map_pairs_with(nav, UnderTest(find_method(f"{tmp_path}/classes.py:Set", Task.MAPPING), hidden=()))
     for config, finding in (
         (
             "disparity",
@@ -195,7 +195,7 @@ def test_a_class_may_map_a_set_in_one_call_and_ours_gives_the_bits_of_its_stages
         ("pair", "invalid result: a point names pair 2: there are 2, counted from 0"),
     ):
         method = find_method(f"{tmp_path}/classes.py:Set", Task.MAPPING, config)
-        assert map_pairs_with(nav, UnderTest(method)).records[0].finding == finding
+        assert map_pairs_with(nav, UnderTest(method, hidden=())).records[0].finding == finding
     ours = map_pairs(nav, MappingConfig())  # by process and fuse
     np.testing.assert_array_equal(run.fused.cloud.to_structured(), ours.fused.cloud.to_structured())
     assert [record.state for record in run.records] == ["mapped_set"]
@@ -264,7 +264,7 @@ def test_a_peer_is_found_in_its_interpreter(tmp_path: Path, monkeypatch: pytest.
     (tmp_path / "words.txt").write_text("words")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     *_, peer = methods_to_compare(Task.LOCALISATION, Path(sys.executable), tmp_path / "words.txt")[0]
-    with IsolatedLocaliser(peer, LOC_RIG, true_pose(0), rate_hz=10.0) as slam:
+    with IsolatedLocaliser(peer, LOC_RIG, true_pose(0), rate_hz=10.0, hidden=()) as slam:
         estimate, call = slam.localise(loc_pair(0), 1.1)
     assert not call.finding
     about = {"name": "orbslam3", "version": "9.1", "kind": MethodKind.PEER}

@@ -33,7 +33,7 @@ def calls(
     library: Path, config: str, count: int = 4, limits: MethodLimits = LIMITS, start: Transform | None = None
 ) -> list[tuple[PoseEstimate, MethodCall]]:
     method = find_method(f"lib:{library}", Task.LOCALISATION, config)
-    with IsolatedLocaliser(method, LOC_RIG, start or true_pose(0), limits) as localiser:
+    with IsolatedLocaliser(method, LOC_RIG, start or true_pose(0), limits, hidden=()) as localiser:
         return [localiser.localise(replace(PAIRS[n % 4], stamp_ns=PAIRS[0].stamp_ns + n)) for n in range(count)]
 
 
@@ -130,7 +130,9 @@ def test_what_cannot_be_started_is_named(faulty: Path, build: Build, tmp_path: P
 )
 def test_points_are_checked(build: Build, options: tuple[str, ...], config: str, finding: str) -> None:
     library = mapper_library(build, *options)
-    with IsolatedMapper(find_method(f"lib:{library}", Task.MAPPING, config), NAV_RIG, limits=LIMITS) as mapper:
+    with IsolatedMapper(
+        find_method(f"lib:{library}", Task.MAPPING, config), NAV_RIG, limits=LIMITS, hidden=()
+    ) as mapper:
         item = nav_pair(1)
         made, call = mapper.map_pair(item.pair, item.T_lm_navsb, 1)
         fused, fusion = mapper.fuse([made], item.pair)
@@ -164,7 +166,7 @@ def mapper_library(build: Build, *options: str) -> Path:
 def test_a_set_is_one_call_and_its_points_are_checked(faulty: Path, drive: Path, config: str, finding: str) -> None:
     method, nav = find_method(f"lib:{faulty}", Task.MAPPING, config), open_source(drive).nav
     assert nav is not None
-    run = map_pairs_with(nav, UnderTest(method, LIMITS))
+    run = map_pairs_with(nav, UnderTest(method, LIMITS, hidden=()))
     (record,) = run.records
     assert record.state == "mapped_set"
     assert record.finding.startswith(finding)
@@ -181,7 +183,7 @@ def test_without_the_call_of_a_set_it_is_the_sum_of_its_stages(build: Build, dri
     nav = open_source(drive).nav
     assert nav is not None
     run = map_pairs_with(
-        nav, UnderTest(find_method(f"lib:{mapper_library(build, '-DPAIR_BY_PAIR')}", Task.MAPPING), LIMITS)
+        nav, UnderTest(find_method(f"lib:{mapper_library(build, '-DPAIR_BY_PAIR')}", Task.MAPPING), LIMITS, hidden=())
     )
     *stages, whole = run.records
     assert [record.state for record in run.records] == ["mapped", "mapped", "mapped_set"]

@@ -52,11 +52,30 @@ def test_a_class_of_a_package_reads_its_package_and_not_the_working_directory(
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PYTHONPATH", raising=False)
     method = find_method("reading_candidate.reader:Reader", Task.LOCALISATION, f"{package / 'weights.txt'}\n{copy}")
-    with IsolatedLocaliser(method, LOC_RIG, Transform.identity()) as localiser:
+    with IsolatedLocaliser(method, LOC_RIG, Transform.identity(), hidden=()) as localiser:
         _, call = localiser.localise(loc_pair(0))
     assert not call.finding
     found = {name: value for name, value in call.statistics.items() if name.startswith(str(tmp_path))}
     assert found == {str(package / "weights.txt"): 1.0, str(copy): 0.0}
+
+
+def test_a_class_of_a_file_reads_the_code_beside_it_and_no_other_file(tmp_path: Path) -> None:
+    """A copy of the truth may be in the folder of the candidate, or below it."""
+    package, recordings = tmp_path / "package", tmp_path / "recordings"
+    package.mkdir()
+    recordings.mkdir()
+    code = tmp_path / "module.py", tmp_path / "libpart.so.1", package / "__init__.py"
+    copies = tmp_path / "groundtruth.csv", recordings / "groundtruth.csv"
+    for path in (*code, *copies):
+        path.write_text("# 1")
+    (tmp_path / "candidate.py").write_text(f"import module\nimport package\n{READER}")
+    config = "\n".join(map(str, (*code, *copies)))
+    method = find_method(f"{tmp_path / 'candidate.py'}:Reader", Task.LOCALISATION, config)
+    with IsolatedLocaliser(method, LOC_RIG, Transform.identity(), hidden=()) as localiser:
+        _, call = localiser.localise(loc_pair(0))
+    assert not call.finding
+    found = {name: value for name, value in call.statistics.items() if name.startswith(str(tmp_path))}
+    assert found == dict.fromkeys(map(str, code), 1.0) | dict.fromkeys(map(str, copies), 0.0)
 
 
 def test_the_simulated_sources_of_a_suite_are_hidden(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sfr_loc_map.methods.registry import ADAPTERS
+from sfr_loc_map.methods.registry import CHILD
 
 ADAPTER = """
 import time
@@ -47,7 +47,7 @@ def test_a_method_gets_copies_of_each_pair_and_every_order_is_answered(tmp_path:
     images = np.memmap(tmp_path / "images", np.uint8, "w+", shape=(3, 2, 4, 6))
     images[:, 0], images[:, 1] = 10, 20
     with subprocess.Popen(
-        [sys.executable, str(ADAPTERS / "loop.py"), str(tmp_path / "adapter.py")],
+        [sys.executable, str(CHILD / "loop.py"), str(tmp_path / "adapter.py")],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

@@ -1,5 +1,5 @@
-"""What runs in the process of a method: `shut_in.py`, `loop.py`, and an adapter for each way to call a method.
+"""An adapter for each way to call a method, which `child/loop.py` loads in the process of the method.
 
-`shut_in.py`, `loop.py` and the adapters of peers (`peer_*.py`) import nothing of this package at run time, because they
-run in the interpreter that has the method. The other adapters import its geometry.
+The adapters of peers (`peer_*.py`) import nothing of this package at run time, because they run in the interpreter that
+has the method. The other adapters import its geometry.
 """

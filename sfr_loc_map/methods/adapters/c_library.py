@@ -20,7 +20,7 @@ from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.mapping.config import MAX_PAIRS
 
 if TYPE_CHECKING:
-    from sfr_loc_map.methods.adapters.loop import Answer, Order, Setup
+    from sfr_loc_map.methods.child.loop import Answer, Order, Setup
 
 ABI = 2
 STATES = (TrackingState.INITIALISING, TrackingState.TRACKING, TrackingState.DEGRADED, TrackingState.LOST)
@@ -119,7 +119,7 @@ class LibraryLocaliser(Library):
             return {"stamp_ns": stamp_ns, "state": state.value, "T_ds_rb": None}
         quat = pose["quat_xyzw"]
         length = float(np.linalg.norm(quat))
-        if not abs(length - 1.0) < 1e-2 and np.isfinite(length):
+        if np.isfinite(length) and abs(length - 1.0) >= 1e-2:
             raise ValueError(f"the quaternion has length {length:g}: must be 1")
         T_start_rb = np.eye(4)
         T_start_rb[:3, :3] = matrix_from_quat(quat) if np.isfinite(length) else np.nan

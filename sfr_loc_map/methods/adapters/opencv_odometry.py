@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatArray
 
 if TYPE_CHECKING:
-    from sfr_loc_map.methods.adapters.loop import Answer, Order, Setup
+    from sfr_loc_map.methods.child.loop import Answer, Order, Setup
 
 FEATURES = 2000
 QUALITY, SPACING_PX = 0.003, 8.0

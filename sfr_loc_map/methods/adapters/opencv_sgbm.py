@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from sfr_loc_map.methods.adapters.loop import Answer, Order, Setup
+    from sfr_loc_map.methods.child.loop import Answer, Order, Setup
 
 BLOCK = 3
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from sfr_loc_map.methods.adapters.loop import Answer, Order, Setup
+    from sfr_loc_map.methods.child.loop import Answer, Order, Setup
 
 # the settings format before 1.0: with that of 1.0 the wheel's stereo sensor ends at start-up
 SETTINGS = {

@@ -23,7 +23,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.localisation.estimate import PoseEstimate
 
 if TYPE_CHECKING:
-    from sfr_loc_map.methods.adapters.loop import Answer, Order, Pose, Setup
+    from sfr_loc_map.methods.child.loop import Answer, Order, Pose, Setup
 
 
 def _transform(numbers: Pose | None) -> Transform:

@@ -22,7 +22,6 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
-from sfr_loc_map.methods.process_watch import ProcessWatch, processes_named
 from sfr_loc_map.metrics.association import UPPER, Estimates, symmetric
 from sfr_loc_map.metrics.convention import aligned_estimates, converted_estimates, world_at_first_pose
 from sfr_loc_map.metrics.pose_convention import FIRST_POSE, PoseConvention
@@ -30,6 +29,7 @@ from sfr_loc_map.metrics.records import ConventionRecord, ExternalScore, MethodK
 from sfr_loc_map.nodes.launch.processes import ChildProcess
 from sfr_loc_map.nodes.replay.graph_node import ReplayNode
 from sfr_loc_map.nodes.replay.options import ExternalOptions
+from sfr_loc_map.nodes.replay.process_watch import ProcessWatch, processes_named
 from sfr_loc_map.nodes.replay.results import Results
 from sfr_loc_map.nodes.ros import messages
 from sfr_loc_map.nodes.ros.qos import LATCHED
