@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 
 import numpy as np
 
@@ -18,6 +19,34 @@ _Z = np.uint32(0xC2B2AE3D)
 _S15, _S16 = np.uint32(15), np.uint32(16)
 _TOP_BIT = np.uint32(0x80000000)
 _TO_UNIT = 1.0 / 4294967296.0
+
+
+class Stream(IntEnum):
+    """Numbers that make all random values of a data set independent; a changed number changes its images.
+
+    The first group are words beside the seed of the data set, the second group are keys of noise at a position.
+    """
+
+    TERRAIN = 1
+    ROCK_PLACES = 2
+    ROCK_POSES = 3
+    ROCK_SHAPES = 4
+    DRIVE = 5
+    RIGHT_EXPOSURE = 6
+    EXPOSURE = 8
+    SENSOR_NOISE = 9
+    SUN_SAMPLES = 20
+
+    HILLS = 11
+    RELIEF = 22
+    RIPPLES = 33
+    CRATERS = 44
+    SAND = 55
+    BEDROCK = 66
+    PEBBLES = 101
+    FINE_TEXTURE = 102
+    ROCK_SURFACE = 103
+    PLATES = 104
 
 
 @jit_inline

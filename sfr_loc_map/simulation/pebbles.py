@@ -1,6 +1,6 @@
 """Pebbles, which are too many and too small to be triangles: their effect on shading, as a function of position.
 
-Lengths are metres, positions are in DS.
+Lengths are metres, positions are in DS. The page docs/simulation.md has the source of each number.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.jit import jit, jit_inline
-from sfr_loc_map.simulation.noise import hash2, mix, unit
+from sfr_loc_map.simulation.noise import Stream, hash2, mix, unit
 from sfr_loc_map.simulation.terrain import smooth_step
 
 SIZES = 5  #: Grids of pebbles, one for each size.
 LARGEST_CELL_M = 0.075  #: Cell of the grid with the largest pebbles, m; a cell has at most one pebble.
 RATIO = 0.56  #: Cell of a grid over that of the next larger pebbles, so that the smallest cell is 7 mm.
-_PEBBLE = np.uint32(101)
+_PEBBLE = np.uint32(Stream.PEBBLES)
 _COSINES, _SINES = (f(np.arange(256) * (2.0 * np.pi / 255.0)) for f in (np.cos, np.sin))  # by eight bits of a hash
 PEBBLE = np.dtype([(name, np.float64) for name in (
     "x", "y", "reach", "inverse_b", "px", "py", "qx", "qy", "shadow_p", "shadow_q", "skew", "tone", "tilt_x", "tilt_y",

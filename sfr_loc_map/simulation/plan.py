@@ -17,6 +17,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, Task
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.drive import STEP_S, VIBRATION_HZ, Drive, legs_of, states_of
+from sfr_loc_map.simulation.noise import Stream
 from sfr_loc_map.simulation.rover import SPACING_M, rig_extrinsics, settle_on_terrain
 from sfr_loc_map.simulation.terrain import Terrain
 
@@ -44,7 +45,7 @@ class Plan:
         if not config.drive.segments:
             raise ConfigError("drive.segments is empty: give at least one, as 'stop 1', or set drive.enabled=false")
         terrain = Terrain.make(config.seed, config.terrain, config.ground)
-        rng = np.random.default_rng([config.seed, 5])
+        rng = np.random.default_rng([config.seed, Stream.DRIVE])
         states = states_of(config.drive, legs_of(config.drive), rng)
         times = np.arange(len(states), dtype=np.float64) * STEP_S
         origins, rotations = settle_on_terrain(terrain, *states.T[:3])

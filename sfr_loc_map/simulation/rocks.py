@@ -1,6 +1,6 @@
 """Rocks: size distribution, shapes and positions.
 
-Lengths are metres, positions are in DS.
+Lengths are metres, positions are in DS. The page docs/simulation.md has the source of each number.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.simulation.config import RockConfig
 from sfr_loc_map.simulation.ground_mesh import Mesh, cell_size, coarseness, path_distance
+from sfr_loc_map.simulation.noise import Stream
 from sfr_loc_map.simulation.terrain import Terrain
 
 CLASS_RATIO = 1.35  #: Ratio of the diameters that bound one size class.
@@ -56,7 +57,7 @@ def rocks_per_area(diameter_m: FloatArray, cover: float) -> FloatArray:
 
 def place_rocks(seed: int, config: RockConfig, terrain: Terrain, path: FloatArray, half_width_m: float) -> Rocks:
     """Scatter rocks around a path, large ones as far as they can be seen."""
-    rng = np.random.default_rng([seed, 2])
+    rng = np.random.default_rng([seed, Stream.ROCK_PLACES])
     parts = [np.zeros((0, 3))]
     low = config.smallest_m
     while low < config.largest_m and config.cover > 0:
@@ -78,7 +79,7 @@ def rock_meshes(seed: int, config: RockConfig, rocks: Rocks) -> list[Mesh]:
     A rock is at most 40 % narrower and 15 to 60 % lower than long, which spans the axis ratios of ejected rocks
     (Capaccioni et al. 1984: 1 to 0.7 to 0.5 on average).
     """
-    rng = np.random.default_rng([seed, 3])
+    rng = np.random.default_rng([seed, Stream.ROCK_POSES])
     count = len(rocks.diameters)
     # any heading, tilted by some 15 degrees, as rocks rest on flat sides
     heading = rng.uniform(0, 2 * np.pi, count)
@@ -143,7 +144,7 @@ def _library(seed: int, angular: float, level: int) -> list[tuple[FloatArray, Fl
     directions, triangles = _sphere(level)
     shapes = []
     for number in range(SHAPES):
-        rng = np.random.default_rng([seed, 4, number])
+        rng = np.random.default_rng([seed, Stream.ROCK_SHAPES, number])
         planes = int(rng.integers(7, 14))
         sides = rng.normal(size=(planes, 3))
         sides /= np.linalg.norm(sides, axis=1, keepdims=True)

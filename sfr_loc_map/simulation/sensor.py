@@ -1,4 +1,4 @@
-"""From light to grey levels: lens, exposure, noise, converter."""
+"""From light to grey levels: lens, exposure, noise, converter; docs/simulation.md has the source of each number."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SensorConfig
+from sfr_loc_map.simulation.noise import Stream
 
-_RIGHT_EXPOSURE, _EXPOSURE, _NOISE = 6, 8, 9  # numbers in the seeds, so that the three are independent
 TASK_SEEDS = {Task.LOCALISATION: 0, Task.MAPPING: 1}  #: Number of a task in the seeds of what is random.
 
 
@@ -18,10 +18,10 @@ def sensor_image(bright: FloatImage, seed: int, config: SensorConfig, task: Task
     number, image = TASK_SEEDS[task], bright.astype(np.float32)
     if config.blur_px > 0:
         image = cv2.GaussianBlur(image, (0, 0), config.blur_px, borderType=cv2.BORDER_REFLECT_101).astype(np.float32)
-    both = np.random.default_rng([seed, _EXPOSURE, number, frame]).normal() * config.gain_step
-    one = np.random.default_rng([seed, _RIGHT_EXPOSURE, number]).normal() * config.gain_mismatch
+    both = np.random.default_rng([seed, Stream.EXPOSURE, number, frame]).normal() * config.gain_step
+    one = np.random.default_rng([seed, Stream.RIGHT_EXPOSURE, number]).normal() * config.gain_mismatch
     image = image * np.float32(np.exp(both + (one if camera else 0.0)))
-    noise = np.random.default_rng([seed, _NOISE, number, frame, camera])
+    noise = np.random.default_rng([seed, Stream.SENSOR_NOISE, number, frame, camera])
     if config.full_well > 0:
         electrons = np.clip(image, 0.0, 4.0) * config.full_well
         image = image + np.sqrt(electrons) * noise.standard_normal(image.shape, np.float32) / config.full_well

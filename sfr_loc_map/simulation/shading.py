@@ -1,7 +1,8 @@
 """Appearance of what rays hit: texture of the ground, pebbles, rocks, and its light.
 
 Lengths are metres, positions are in DS, a footprint is the size of a pixel on the ground, arrays are `(N,)`. Loops over
-positions have no branches and no calls that are not inlined where they shall become vector code.
+positions have no branches and no calls that are not inlined where they shall become vector code. The page
+docs/simulation.md has the source of each number.
 """
 
 from __future__ import annotations
@@ -15,10 +16,10 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.jit import jit, jit_inline
 from sfr_loc_map.simulation.config import SimulationConfig, settings_in
-from sfr_loc_map.simulation.noise import hash2, mix, unit, value2, value3
+from sfr_loc_map.simulation.noise import Stream, hash2, mix, unit, value2, value3
 from sfr_loc_map.simulation.pebbles import PebbleCache, PebbleField, pebble_cache, pebbles
-from sfr_loc_map.simulation.renderer import GROUND, SKY, Hits
 from sfr_loc_map.simulation.terrain import Terrain, TerrainParameters, materials, smooth_step
+from sfr_loc_map.simulation.tracer import GROUND, SKY, Hits
 
 UNMESHED_M = 0.12
 UNMESHED_PER_RANGE = 0.03
@@ -26,7 +27,7 @@ UNMESHED_PER_RANGE = 0.03
 GRAIN_M = 0.045  #: Longest wave of the reflectance that counts as grain, m.
 OCTAVES = 9  #: Octaves of the fine relief and reflectance.
 LONGEST_M = 3.1  #: Longest wave of these octaves, m.
-_FINE, _PLATE = np.uint32(102), np.uint32(104)
+_FINE, _PLATE = np.uint32(Stream.FINE_TEXTURE), np.uint32(Stream.PLATES)
 
 
 class GroundHits(NamedTuple):
@@ -167,7 +168,7 @@ def reflect(mu0: float, mu: float, lunar: float) -> float:
 
 
 RUN = 1024  #: Rays shaded at once: their numbers stay in the processor's first cache.
-_STONE = np.uint32(103)
+_STONE = np.uint32(Stream.ROCK_SURFACE)
 
 
 Vector = tuple[float, float, float]  #: A vector in DS.
@@ -239,10 +240,13 @@ def _emission_cosine(normal: FloatArray, ray: FloatArray) -> float:
 
 @jit_inline
 def _footprint(normal: FloatArray, ray: FloatArray, small: float) -> float:
-    """Return the size of a pixel on a surface, between that across and that along the line of sight."""
+    """Return the size of a pixel on a surface, between that across and that along the line of sight.
+
+    The size is proportional to cos^-3/8 of the emission angle: cos^0 gives the size across, cos^-1 along the line.
+    """
     cosine = max(-(normal[0] * ray[0] + normal[1] * ray[1] + normal[2] * ray[2]), 0.08)
-    root = math.sqrt(math.sqrt(cosine))
-    return float(small / (root * math.sqrt(root)))
+    root4 = math.sqrt(math.sqrt(cosine))
+    return float(small / (root4 * math.sqrt(root4)))  # 1/4 + 1/8; square roots are faster than a power
 
 
 @jit_inline
@@ -251,7 +255,8 @@ def surface_brightness(
 ) -> float:
     """Return the brightness of a surface in the light of sun and sky, through the haze.
 
-    A level surface sees the whole sky and a vertical one 55 % of it; pebbles that block the sun block part of the sky.
+    A level surface sees the whole sky and a vertical one 55 % of it. Pebbles that block the sun block 40 % of the sky.
+    Haze has 0.9 of the brightness of the sky.
     """
     nx, ny, nz = normal
     length = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)

@@ -34,7 +34,7 @@ from sfr_loc_map.io.tables.trajectory_file import trajectory_text
 from sfr_loc_map.signals import deferred_signals
 from sfr_loc_map.simulation.config import SimulationConfig
 from sfr_loc_map.simulation.plan import Plan
-from sfr_loc_map.simulation.renderer import require_tracer
+from sfr_loc_map.simulation.tracer import require_tracer
 from sfr_loc_map.simulation.world import World
 
 SETTINGS = "simulation.yaml"

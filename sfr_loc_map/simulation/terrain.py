@@ -1,4 +1,4 @@
-"""The ground: height and material anywhere, as functions of position."""
+"""The ground: height and material as functions of position; docs/simulation.md has the source of each number."""
 
 from __future__ import annotations
 
@@ -11,22 +11,23 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.jit import jit, jit_inline
 from sfr_loc_map.simulation.config import GroundConfig, ReliefConfig, settings_in
-from sfr_loc_map.simulation.noise import gradient2, hash2, mix, sub_seed, unit, value2
+from sfr_loc_map.simulation.noise import Stream, gradient2, hash2, mix, sub_seed, unit, value2
 
 SHORTEST_M = 0.02  #: Shortest wave of the relief that is geometry; finer waves show in shading only.
 CRATER_CLASSES = 4  #: Doublings of crater size, from 1 m across.
 OCTAVE_ANGLE = 0.6435
 """Angle between the grids of two octaves, radians (of a 3-4-5 triangle), so that no grid direction stands out."""
-_HILL, _RELIEF, _RIPPLE, _CRATER, _SAND, _ROCK = (np.uint32(k) for k in (11, 22, 33, 44, 55, 66))
+_HILL, _RELIEF, _RIPPLE = (np.uint32(k) for k in (Stream.HILLS, Stream.RELIEF, Stream.RIPPLES))
+_CRATER, _SAND, _ROCK = (np.uint32(k) for k in (Stream.CRATERS, Stream.SAND, Stream.BEDROCK))
 
 
 class TerrainParameters(NamedTuple):
     """The ground as kernels take it; a field has the name of the setting that it is."""
 
-    relief_m: float  #: Standard deviation of the rolling relief.
+    relief_m: float  #: Height scale of the rolling relief.
     relief_length_m: float  #: Longest wavelength of the relief.
     hurst: float  #: Roughness exponent of the relief.
-    hills_m: float  #: Standard deviation of the hills.
+    hills_m: float  #: Height scale of the hills.
     hills_length_m: float  #: Wavelength of the hills.
     ripple_height_m: float  #: Crest height of wind ripples.
     ripple_wave_x: float  #: Wave number of the ripples to the east, radians per metre.
@@ -58,7 +59,7 @@ class Terrain:
             gradient=math.tan(math.radians(terrain.slope_deg)),
             ripple_wave_x=number * math.cos(azimuth) / terrain.ripple_length_m,
             ripple_wave_y=number * math.sin(azimuth) / terrain.ripple_length_m,
-            seed=sub_seed(seed, 1),
+            seed=sub_seed(seed, Stream.TERRAIN),
         )
         return cls(parameters, float(terrain.coarseness))
 
@@ -168,7 +169,11 @@ def _crater_profile(r: float, depth: float, rim: float) -> float:
 
 @jit
 def _craters(x: float, y: float, density: float, seed: np.uint32) -> float:
-    """Small craters: numbers fall with the square of the diameter, depth about a tenth of it (aged)."""
+    """Return the height of small craters, whose number decreases with the square of the diameter (aged: Pike 1977).
+
+    A size class is from one to two times its least diameter, so that it has 1 - 1/4 of the craters of that diameter or
+    more, at most one in a cell.
+    """
     total, largest = 0.0, 2.0
     for k in range(CRATER_CLASSES):
         cell = 2.4 * largest

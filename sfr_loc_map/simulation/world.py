@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, IntArray, PointImage
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task
-from sfr_loc_map.simulation import renderer
+from sfr_loc_map.simulation import tracer
 from sfr_loc_map.simulation.ground_mesh import Mesh, ground_mesh
-from sfr_loc_map.simulation.noise import sub_seed
+from sfr_loc_map.simulation.noise import Stream, sub_seed
 from sfr_loc_map.simulation.plan import Plan
 from sfr_loc_map.simulation.rocks import place_rocks, rock_meshes
 from sfr_loc_map.simulation.rover import HALF_WIDTH_M, rover_mesh
@@ -39,14 +39,14 @@ class World:
         self.plan = plan
         path = plan.path()
         rocks = place_rocks(config.seed, config.rocks, plan.terrain, path, HALF_WIDTH_M)
-        self._tracer = renderer.Tracer(
+        self._tracer = tracer.Tracer(
             Mesh.join([ground_mesh(plan.terrain, path), *rock_meshes(config.seed, config.rocks, rocks)])
         )
         elevation, azimuth = math.radians(config.light.sun_elevation_deg), math.radians(config.light.sun_azimuth_deg)
         level = math.cos(elevation)
         self._sun = np.array([level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)])
         self._shading = shading_parameters(config, self._sun, plan.terrain)
-        self._rover = renderer.Tracer(rover_mesh()) if config.light.rover_shadow else None
+        self._rover = tracer.Tracer(rover_mesh()) if config.light.rover_shadow else None
 
     def image(self, task: Task, frame: int, camera: int) -> GreyImage:
         """Return the rectified image `(H, W)` of a camera (0 left, 1 right)."""
@@ -55,20 +55,21 @@ class World:
 
     def brightness(self, task: Task, frame: int, camera: int) -> FloatImage:
         """Return the brightness `(H, W)` before the sensor, as a share of the full range."""
-        rig, sensor = self.plan.rig(task), self.plan.config.sensor
-        radius = math.radians(self.plan.config.light.sun_radius_deg)
+        config, rig = self.plan.config, self.plan.rig(task)
+        sensor = config.sensor
+        radius = math.radians(config.light.sun_radius_deg)
         total = np.zeros(rig.height * rig.width, np.float32)
-        for k, (du, dv, moment) in enumerate(renderer.sample_offsets(sensor.samples)):
+        for k, (du, dv, moment) in enumerate(tracer.sample_offsets(sensor.samples)):
             delay = moment * sensor.exposure_s
-            T_ds_cam = renderer.camera_pose(self.plan.rig_pose(task, frame, delay), rig, bool(camera))
+            T_ds_cam = tracer.camera_pose(self.plan.rig_pose(task, frame, delay), rig, bool(camera))
             occluder = self._occluder(task, frame, delay)
             for pixels in _bands(len(total)):
                 u, v = pixels % rig.width + du, pixels // rig.width + dv
-                rays = renderer.pixel_rays(rig, T_ds_cam, u, v)
-                hits = renderer.trace_primary_rays(self._tracer, T_ds_cam.translation, rays)
-                key = sub_seed(self.plan.config.seed, 20, TASK_SEEDS[task], frame, camera, k, int(pixels[0]))
-                suns = renderer.sun_rays(self._sun, radius, len(pixels), key)
-                lit = renderer.trace_shadow_rays(self._tracer, hits, suns, occluder)
+                rays = tracer.pixel_rays(rig, T_ds_cam, u, v)
+                hits = tracer.trace_primary_rays(self._tracer, T_ds_cam.translation, rays)
+                key = sub_seed(config.seed, Stream.SUN_SAMPLES, TASK_SEEDS[task], frame, camera, k, int(pixels[0]))
+                suns = tracer.sun_rays(self._sun, radius, len(pixels), key)
+                lit = tracer.trace_shadow_rays(self._tracer, hits, suns, occluder)
                 bright = np.empty(len(pixels), np.float32)
                 shade(hits, rays, lit, 1.0 / rig.fx, self._shading, bright)
                 total[pixels] += bright
@@ -78,27 +79,27 @@ class World:
         """Return points `(H, W, 3)`, m, LM, NaN for sky, at the left camera's pixels; mask `(H, W)` of `MaskBit`."""
         rig = self.plan.rig(Task.MAPPING)
         T_ds_sb = self.plan.rig_pose(Task.MAPPING, frame)
-        T_ds_left, T_ds_right = (renderer.camera_pose(T_ds_sb, rig, right) for right in (False, True))
+        T_ds_left, T_ds_right = (tracer.camera_pose(T_ds_sb, rig, right) for right in (False, True))
         count = rig.height * rig.width
         points, mask = np.empty((count, 3), np.float32), np.zeros(count, np.uint8)
         T_lm_ds = self.plan.T_ds_lm.inverse()
         occluder = self._occluder(Task.MAPPING, frame, 0.0)
         for pixels in _bands(count):
-            rays = renderer.pixel_rays(rig, T_ds_left, pixels % rig.width, pixels // rig.width)
-            hits = renderer.trace_primary_rays(self._tracer, T_ds_left.translation, rays)
-            sky = hits.objects == renderer.SKY
+            rays = tracer.pixel_rays(rig, T_ds_left, pixels % rig.width, pixels // rig.width)
+            hits = tracer.trace_primary_rays(self._tracer, T_ds_left.translation, rays)
+            sky = hits.objects == tracer.SKY
             points[pixels] = np.where(sky[:, None], np.nan, T_lm_ds.apply(hits.points))
             suns = np.repeat(self._sun[None].astype(np.float32), len(pixels), axis=0)
-            lit = renderer.trace_shadow_rays(self._tracer, hits, suns, occluder)
-            occluded = renderer.occlusion_mask(self._tracer, hits, T_ds_right, rig)
+            lit = tracer.trace_shadow_rays(self._tracer, hits, suns, occluder)
+            occluded = tracer.occlusion_mask(self._tracer, hits, T_ds_right, rig)
             mask[pixels] = MaskBit.SKY * sky + MaskBit.SHADOW * (~sky & (lit == 0)) + MaskBit.OCCLUDED * occluded
         return points.reshape(rig.height, rig.width, 3), mask.reshape(rig.height, rig.width)
 
-    def _occluder(self, task: Task, frame: int, delay_s: float) -> tuple[renderer.Tracer, Transform] | None:
+    def _occluder(self, task: Task, frame: int, delay_s: float) -> tuple[tracer.Tracer, Transform] | None:
         return None if self._rover is None else (self._rover, self.plan.rover_pose(task, frame, delay_s))
 
 
 def _bands(count: int) -> Iterator[IntArray]:
-    """Yield the numbers of the pixels of an image, those that are traced at once together."""
-    for start in range(0, count, renderer.BAND_RAYS):
-        yield np.arange(start, min(start + renderer.BAND_RAYS, count))
+    """Yield the numbers of the pixels of an image in runs, whose rays are traced together."""
+    for start in range(0, count, tracer.BAND_RAYS):
+        yield np.arange(start, min(start + tracer.BAND_RAYS, count))

@@ -7,7 +7,6 @@ import pytest
 
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.simulation.config import GroundConfig, LightConfig, ReliefConfig, SimulationConfig
-from sfr_loc_map.simulation.renderer import GROUND, SKY, Hits
 from sfr_loc_map.simulation.shading import (
     RUN,
     ShadingParameters,
@@ -17,6 +16,7 @@ from sfr_loc_map.simulation.shading import (
     surface_brightness,
 )
 from sfr_loc_map.simulation.terrain import Terrain
+from sfr_loc_map.simulation.tracer import GROUND, SKY, Hits
 
 SUN = np.array([0.6, 0.0, 0.8])
 

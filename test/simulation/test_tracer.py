@@ -13,7 +13,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.simulation.ground_mesh import Mesh
-from sfr_loc_map.simulation.renderer import (
+from sfr_loc_map.simulation.tracer import (
     GROUND,
     SKY,
     Tracer,
