@@ -1,6 +1,6 @@
 """Kinds of fault that are injected into stereo pairs: failures of cameras, clocks, calibrations and of the view.
 
-All that is known of a kind is declared here, once; the function that changes a pair stands in `injector.CHANGES`.
+All that is known of a kind is declared here, once; the function that changes a pair is in `injector.CHANGES`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class KindInfo(NamedTuple):
     start: int = 1
     largest: float = 1000.0  #: Largest amount.
     is_signed: bool = False  #: Whether the amount may be negative.
-    affects_all_pairs: bool = False  #: Whether share and burst are without effect, and start but for a drift.
+    affects_all_pairs: bool = False  #: Whether share and burst have no effect. Nor has start, except that of a drift.
     affects_one_camera: bool = False  #: Whether `camera` chooses the images that change.
     has_complete_bursts: bool = False  #: Whether a burst begins only if it can end within the sequence.
     neutral: float = 0.0  #: Amount without an effect: 1 of factors.

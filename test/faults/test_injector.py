@@ -63,6 +63,13 @@ def test_rotated_right_camera_moves_the_image(kind: str, du: int, dv: int) -> No
     assert v.mean() - 23.5 == pytest.approx(5 * dv, abs=0.3)
 
 
+def test_a_drift_turns_the_right_camera_from_its_start_on() -> None:
+    source, found = list(pairs()), faulty_pairs("drift:amount=20,start=10")
+    changed = [not np.array_equal(found[k].right, source[k].right) for k in range(COUNT)]
+    assert changed == [False] * 11 + [True] * (COUNT - 11)
+    assert all(np.array_equal(found[k].left, source[k].left) for k in range(COUNT))
+
+
 def test_every_kind_has_its_change_and_no_other_is_known() -> None:
     assert set(CHANGES) == set(FaultKind)
 

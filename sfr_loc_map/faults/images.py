@@ -1,0 +1,183 @@
+"""Faults of whole images, of stamps and of the right camera; each is a function of the affected pair."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from sfr_loc_map.faults.affected import READ_NOISE, Affected, as_grey, moved, warped, with_noise
+from sfr_loc_map.faults.kinds import Fault, FaultKind
+from sfr_loc_map.geometry.arrays import GreyImage
+from sfr_loc_map.geometry.rotation import matrix_from_rotvec
+from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
+from sfr_loc_map.inputs import NS_PER_S
+
+DRIFT_PAIRS = 100.0  #: Pairs over which a drift reaches its amount.
+LAST_STAMP_NS = 2**63 - 1  #: Largest stamp of 64 bits.
+
+
+# ---- faults of the pair, of stamps and of the right camera
+
+
+def unchanged(at: Affected) -> StereoPair:
+    """Return the pair: a dropped pair is not delivered, and a fault of the calibration is in `FaultInjector.rig`."""
+    return at.pair
+
+
+def repeated(at: Affected) -> StereoPair:
+    """Return the last new images with the stamp of the pair."""
+    return at.pair if at.previous is None else replace(at.previous, stamp_ns=at.pair.stamp_ns)
+
+
+def swapped(at: Affected) -> StereoPair:
+    """Exchange the left and the right image."""
+    return replace(at.pair, left=at.pair.right, right=at.pair.left)
+
+
+def identical(at: Affected) -> StereoPair:
+    """Show the left image on both sides."""
+    return replace(at.pair, right=at.pair.left)
+
+
+def stamp_with_fault(fault: Fault, stamp_ns: int, following_ns: int | None) -> int:
+    """Return the stamp of an affected pair; a late one stays before the next pair of the source, None after the last.
+
+    Kinds that do not concern stamps leave it.
+    """
+    moved_ns = stamp_ns + round(fault.amount * NS_PER_S)
+    if fault.kind is FaultKind.CLOCK:
+        return moved_ns
+    if fault.kind is FaultKind.LATE:
+        return min(moved_ns, LAST_STAMP_NS if following_ns is None else following_ns - 1)
+    return stamp_ns
+
+
+def with_stamp(at: Affected) -> StereoPair:
+    """Return the pair with the stamp that the fault gives it."""
+    following_ns = None if at.following is None else at.following.stamp_ns
+    return replace(at.pair, stamp_ns=stamp_with_fault(at.fault, at.pair.stamp_ns, following_ns))
+
+
+def shifted(at: Affected) -> StereoPair:
+    """Move the right image to the right."""
+    return replace(at.pair, right=as_grey(moved(at.pair.right.astype(np.float32), at.amount)))
+
+
+def right_camera_rotated(axis: int, sign: float, at: Affected) -> StereoPair:
+    """Rotate the right camera about an axis of its optical frame."""
+    return replace(at.pair, right=rotated(at.pair.right, axis, sign * at.amount, at.rig))
+
+
+def drifting(at: Affected) -> StereoPair:
+    """Turn the right camera ever further to the left, from the pair `start` of the fault on."""
+    progress = max((at.moment.pair - at.fault.start) / DRIFT_PAIRS, 0.0)
+    return replace(at.pair, right=rotated(at.pair.right, 1, -at.amount * progress, at.rig))
+
+
+def rotated(image: GreyImage, axis: int, angle_deg: float, rig: StereoRig) -> GreyImage:
+    """Return the image of a camera that is rotated against its calibration (the homography `K R K^-1`).
+
+    `axis` is that of the optical frame about which the camera is rotated.
+    """
+    vector = np.zeros(3)
+    vector[axis] = np.radians(angle_deg)
+    K = rig.camera_matrix
+    homography = K @ matrix_from_rotvec(vector).T @ np.linalg.inv(K)
+    size = (rig.width, rig.height)
+    return np.asarray(cv2.warpPerspective(image, homography, size, flags=cv2.INTER_CUBIC), np.uint8)
+
+
+# ---- faults of single images
+
+
+def each_image(change: Callable[[GreyImage, Affected], GreyImage], at: Affected) -> StereoPair:
+    """Return the pair with the images of the affected cameras changed, the left one first."""
+    left = at.pair.left if at.fault.camera == "right" else change(at.pair.left, at)
+    right = at.pair.right if at.fault.camera == "left" else change(at.pair.right, at)
+    return replace(at.pair, left=left, right=right)
+
+
+def black(image: GreyImage, at: Affected) -> GreyImage:
+    """Return a black image."""
+    return np.zeros_like(image)
+
+
+def blurred(image: GreyImage, at: Affected) -> GreyImage:
+    """Blur by a Gaussian."""
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), max(at.amount, 1e-3)), np.uint8)
+
+
+def sheared(image: GreyImage, at: Affected) -> GreyImage:
+    """Move each row in proportion to its distance from the middle one, to a random side."""
+    height = len(image)
+    slope = (at.amount if at.moment.spot[0] < 0.5 else -at.amount) / height
+    shear = np.array([[1.0, slope, -0.5 * slope * height], [0.0, 1.0, 0.0]])
+    return as_grey(warped(image.astype(np.float32), shear))
+
+
+def exposed(image: GreyImage, at: Affected) -> GreyImage:
+    """Multiply the brightness."""
+    return as_grey(at.amount * image.astype(np.float32))
+
+
+def noisy(image: GreyImage, at: Affected) -> GreyImage:
+    """Add Gaussian noise."""
+    return with_noise(image.astype(np.float32), at.amount, at.moment.rng)
+
+
+def faded(image: GreyImage, at: Affected) -> GreyImage:
+    """Darken to the middle of the burst, where the image is black, and brighten again."""
+    return with_noise(abs(2.0 * at.moment.progress - 1.0) * image.astype(np.float32), READ_NOISE, at.moment.rng)
+
+
+def saturated(image: GreyImage, at: Affected) -> GreyImage:
+    """Brighten until the brightest share of the image is clipped."""
+    white = max(float(np.quantile(image, 1.0 - at.amount)), 1.0)
+    return with_noise(255.0 / white * image.astype(np.float32), READ_NOISE, at.moment.rng)
+
+
+def blinded(image: GreyImage, at: Affected) -> GreyImage:
+    """Add a glare around a point."""
+    height, width = image.shape
+    y, x = np.mgrid[:height, :width]
+    distance_px = np.hypot(x - at.moment.spot[0] * width, y - at.moment.spot[1] * height)
+    r = distance_px / max(0.5 * at.amount * width, 1e-6)
+    glare = (255.0 * np.minimum(1.2, 1.2 / np.maximum(r, 1e-3) ** 3)).astype(np.float32)
+    return as_grey(image.astype(np.float32) + glare)
+
+
+# ---- faults that show the pair before
+
+
+def with_previous(change: Callable[[GreyImage, GreyImage, Affected], GreyImage], at: Affected) -> StereoPair:
+    """Return the pair with parts of the last new one; the first pair has none and does not change."""
+    if at.previous is None:
+        return at.pair
+    left = change(at.pair.left, at.previous.left, at)
+    right = change(at.pair.right, at.previous.right, at)
+    return at.with_images(left, right)
+
+
+def frozen(image: GreyImage, old: GreyImage, at: Affected) -> GreyImage:
+    """Return the image before with new noise."""
+    return with_noise(old.astype(np.float32), at.amount, at.moment.rng)
+
+
+def ghost(image: GreyImage, old: GreyImage, at: Affected) -> GreyImage:
+    """Blend with the image before."""
+    return as_grey((1.0 - at.amount) * image + at.amount * old)
+
+
+def torn(image: GreyImage, old: GreyImage, at: Affected) -> GreyImage:
+    """Return the image with the lower rows of the image before."""
+    rows = np.arange(len(image)) >= round((1.0 - at.amount) * len(image))
+    return np.where(rows[:, None], old, image)
+
+
+def interlaced(image: GreyImage, old: GreyImage, at: Affected) -> GreyImage:
+    """Return the image with every second row of the image before."""
+    rows = np.arange(len(image)) % 2 == 1
+    return np.where(rows[:, None], old, image)

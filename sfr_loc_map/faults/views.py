@@ -1,0 +1,147 @@
+"""Faults of the view: what stands in front of both cameras or lies on the ground; functions of the affected pair."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+
+from sfr_loc_map.faults.affected import READ_NOISE, Affected, as_grey, moved, with_noise
+from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
+from sfr_loc_map.geometry.stereo import StereoPair
+
+BODY_DEPTH, OBJECT_DEPTH, SHADOW_DEPTH = 6.0, 8.0, 12.0
+"""Depth of the own body, of a crossing object and of the ground in the own shadow, baselines: 0.7, 1.0 and 1.4 m with
+the rig of the simulator, nearer than the ground in the middle of its image.
+"""
+TEXTURE_CONTRAST = 30.0  #: Standard deviation of the texture of body and object, grey levels (chosen by eye).
+SHADOW_BRIGHTNESS, DIRT_BRIGHTNESS = 0.35, 0.4
+"""Factors on grey levels in the own shadow, which the sky alone lights, and under dirt (chosen by eye)."""
+SCRATCH_LIGHT = 60.0  #: Grey levels by which the strongest scratches are brighter or darker.
+SPOT_RADIUS = 0.04  #: Typical radius of a spot of dirt, fraction of the image's width (chosen by eye).
+SPEED = 0.006  #: Motion of a texture from pair to pair, fraction of the image's width: 3 px at 512.
+Views = tuple[GreyImage, GreyImage]  #: Left and right image.
+
+
+def in_view(draw: Callable[[Affected], Views], at: Affected) -> StereoPair:
+    """Return the pair with what is drawn into the view of both cameras."""
+    return at.with_images(*draw(at))
+
+
+def with_body(at: Affected) -> Views:
+    """Cover the bottom with a fixed texture, which is near the cameras."""
+    rig = at.rig
+    disparity = rig.fx / BODY_DEPTH
+    texture = _texture(rig.height, rig.width + int(disparity) + 2, at.pair.left, at.fixed)
+    cover = np.zeros((rig.height, rig.width), np.float32)
+    cover[rig.height - round(at.amount * rig.height) :] = 1.0
+    left = _covered(at.pair.left, texture[:, : rig.width], cover, at)
+    return left, _covered(at.pair.right, moved(texture, -disparity)[:, : rig.width], cover, at)
+
+
+def with_arm(at: Affected) -> Views:
+    """Cover a rectangle that comes in from below, ever slower, and stays."""
+    rig = at.rig
+    side, disparity = np.sqrt(at.amount), rig.fx / BODY_DEPTH
+    texture = _texture(2 * rig.height, rig.width, at.pair.left, at.fixed)
+    width, first = round(side * rig.width), round((1.0 - side) * at.fixed.random() * rig.width)
+    rows = round(side * rig.height * np.sin(0.5 * np.pi * min(at.moment.progress, 1.0)))
+    cover = np.zeros((rig.height, rig.width), np.float32)
+    cover[rig.height - rows :, first : first + width] = 1.0
+    view = texture[rows : rows + rig.height]
+    left = _covered(at.pair.left, view, cover, at)
+    return left, _covered(at.pair.right, moved(view, -disparity), moved(cover, -disparity), at)
+
+
+def with_texture(at: Affected) -> Views:
+    """Cover the bottom with a texture that moves sideways, at the depth of the own body."""
+    rig = at.rig
+    shift = round(SPEED * rig.width) * at.moment.pair
+    texture = np.roll(_texture(rig.height, 2 * rig.width, at.pair.left, at.fixed), shift, axis=1)
+    cover = np.zeros((rig.height, rig.width), np.float32)
+    cover[rig.height - round(at.amount * rig.height) :] = 1.0
+    there = texture[:, round(rig.fx / BODY_DEPTH) :][:, : rig.width]
+    return _covered(at.pair.left, texture[:, : rig.width], cover, at), _covered(at.pair.right, there, cover, at)
+
+
+def with_reflection(at: Affected) -> Views:
+    """Add a fixed texture, at the depth of the own body, to the image that is left."""
+    rig = at.rig
+    texture, kept = _texture(rig.height, rig.width, at.pair.left, at.fixed), 1.0 - at.amount
+    there = moved(texture, -rig.fx / BODY_DEPTH)
+    left = as_grey(kept * at.pair.left + at.amount * texture)
+    return left, as_grey(kept * at.pair.right + at.amount * there)
+
+
+def with_scratches(at: Affected) -> Views:
+    """Draw bright and dark lines over both images, at the same pixels, until they cover a share."""
+    rig = at.rig
+    lines = np.zeros((rig.height, rig.width), np.uint8)
+    while np.count_nonzero(lines) < at.amount * lines.size:
+        start, end = (at.fixed.random((2, 2)) * (rig.width, rig.height)).astype(int).tolist()
+        cv2.line(lines, start, end, int(at.fixed.integers(1, 256)), 1)
+    light = np.where(lines > 0, SCRATCH_LIGHT * (lines / 128.0 - 1.0), 0.0).astype(np.float32)
+    return as_grey(at.pair.left + light), as_grey(at.pair.right + light)
+
+
+def with_object(at: Affected) -> Views:
+    """Cover an ellipse that moves from the left edge of the images to the right one, at a constant depth."""
+    rig = at.rig
+    side = np.sqrt(at.amount * 4.0 / np.pi)
+    width, height = side * rig.width, side * rig.height
+    texture = _texture(rig.height, rig.width, at.pair.left, at.fixed)
+    centre = at.moment.progress * (rig.width + width) - 0.5 * width
+    v, u = np.mgrid[: rig.height, : rig.width].astype(np.float32)
+    row = (0.3 + 0.4 * at.fixed.random()) * rig.height
+    views = []
+    for image, x in zip((at.pair.left, at.pair.right), (centre, centre - rig.fx / OBJECT_DEPTH), strict=True):
+        inside = ((u - x) / (0.5 * width + 1e-6)) ** 2 + ((v - row) / (0.5 * height + 1e-6)) ** 2 < 1.0
+        texture_here = moved(texture, x - 0.5 * rig.width)
+        views.append(_covered(image, texture_here, inside.astype(np.float32), at))
+    return views[0], views[1]
+
+
+def with_dirt(at: Affected) -> Views:
+    """Darken blurred spots on a share of the image, others in each image."""
+    rig = at.rig
+    views = []
+    for image in (at.pair.left, at.pair.right):
+        cover = np.zeros((rig.height, rig.width), np.uint8)
+        while cover.mean() < at.amount:
+            centre = (round(at.fixed.random() * rig.width), round(at.fixed.random() * rig.height))
+            radius = max(1, round(SPOT_RADIUS * (0.5 + at.fixed.random()) * rig.width))
+            cv2.circle(cover, centre, radius, 1, -1)
+        shade = cv2.GaussianBlur(cover.astype(np.float32), (0, 0), 0.25 * SPOT_RADIUS * rig.width)
+        views.append(_darkened(image, np.asarray(shade, np.float32), DIRT_BRIGHTNESS))
+    return views[0], views[1]
+
+
+def with_shadow(at: Affected) -> Views:
+    """Darken a rectangle at the bottom, with a penumbra; in the right image where ground of a usual depth has it."""
+    rig = at.rig
+    side = np.sqrt(at.amount)
+    width, height = round(min(side, 0.9) * rig.width), round(at.amount / min(side, 0.9) * rig.height)
+    first = round(at.fixed.random() * (rig.width - width))
+    shade = np.zeros((rig.height, rig.width), np.float32)
+    shade[rig.height - min(height, rig.height) :, first : first + width] = 1.0
+    shade = cv2.GaussianBlur(shade, (0, 0), 0.01 * rig.width).astype(np.float32)
+    there = moved(shade, -rig.fx / SHADOW_DEPTH)
+    return _darkened(at.pair.left, shade, SHADOW_BRIGHTNESS), _darkened(at.pair.right, there, SHADOW_BRIGHTNESS)
+
+
+def _texture(height: int, width: int, like: GreyImage, fixed: np.random.Generator) -> FloatImage:
+    noise = fixed.standard_normal((2, height, width), np.float32)
+    grains = [cv2.GaussianBlur(layer, (0, 0), sigma) for layer, sigma in zip(noise, (1.0, 4.0), strict=True)]
+    total = sum(layer / max(float(layer.std()), 1e-6) for layer in grains)
+    bright = float(np.clip(like.mean(), 60.0, 190.0))
+    return np.asarray(bright + TEXTURE_CONTRAST / np.sqrt(2.0) * total, np.float32)
+
+
+def _covered(image: GreyImage, view: FloatImage, cover: FloatImage, at: Affected) -> GreyImage:
+    """Return the image with another view where it is covered; only there the noise is new."""
+    return np.where(cover > 0.5, with_noise(view, READ_NOISE, at.moment.rng), image).astype(np.uint8)
+
+
+def _darkened(image: GreyImage, shade: FloatImage, brightness: float) -> GreyImage:
+    return as_grey(image * (1.0 - (1.0 - brightness) * shade))
