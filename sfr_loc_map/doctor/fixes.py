@@ -19,8 +19,7 @@ from sfr_loc_map.source_setup.proposal import propose_config
 
 def observe(source: Path, config: SourceConfig, advance: Callable[[], None] = lambda: None) -> Observation:
     """Return what a source holds; `advance` is called once for each pair that is read."""
-    plain = replace(config, path=None, remap={}, extrinsics=type(config.extrinsics)())
-    if is_bag(source) and plain == type(config)():
+    if is_bag(source) and config.uses_messages_as_recorded:
         return observe_bag(source, config)
     return observe_source(source, config, advance)
 

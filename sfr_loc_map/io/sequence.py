@@ -59,7 +59,7 @@ class NavSequence(Protocol):
 
 
 class SourceFormat(StrEnum):
-    """The layout of a source, as it is shown to users."""
+    """The layout of a source, as it is shown to users; of a bag also whether its messages are used as recorded."""
 
     FOLDER = "sfr"
     BAG = "bag"

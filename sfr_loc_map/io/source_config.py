@@ -116,6 +116,16 @@ class SourceConfig:
     truth: TruthConfig = field(default_factory=TruthConfig)
 
     @property
+    def uses_messages_as_recorded(self) -> bool:
+        """Whether frames, calibration, stamps and truth are those of the source itself."""
+        return (self.frames, self.calibration, self.sync, self.truth) == (
+            FramesConfig(),
+            CalibrationConfig(),
+            SyncConfig(),
+            TruthConfig(),
+        )
+
+    @property
     def topics(self) -> dict[str, str]:
         """Topics of a graph by their names in the suite; that of the truth is ground_truth/odometry."""
         truth = {"ground_truth/odometry": self.truth.source} if TOPIC.fullmatch(self.truth.source) else {}

@@ -19,6 +19,7 @@ from sfr_loc_map.io.bag.bag import Bag, Topic, read_frame_tree
 from sfr_loc_map.io.images.codec import claimed_size
 from sfr_loc_map.io.layouts.bag_source import image_name
 from sfr_loc_map.io.registry import format_of, open_source
+from sfr_loc_map.io.sequence import SourceFormat
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.truth.names import is_tracker
 from sfr_loc_map.io.truth.of_bag import could_be_truth
@@ -79,7 +80,7 @@ def propose_config(
 
     Files in or below the folder of `path` are named relative to it. InputError if the source is none, or broken.
     """
-    is_bag = format_of(source) == "bag"
+    is_bag = format_of(source) is SourceFormat.BAG
     sections = {name: dict(v) if isinstance(v, Mapping) else v for name, v in given.items()}
     found, values = Proposal(source, sections, path), flatten(sections)
     kept = {name for name, value in flatten(before or {}).items() if values.get(name) == value}

@@ -22,16 +22,25 @@ from rosbags.rosbag2.metadata import ReaderMetadata, parse_qos
 from sfr_loc_map.inputs import expansion_limit, parse_yaml
 from sfr_loc_map.io.bag.encoding import cdr_of_ros1, is_ros1, readable
 from sfr_loc_map.io.bag.files import MCAP_MAGIC, is_unfinished
+from sfr_loc_map.io.bag.mcap_format import (
+    CHANNEL,
+    CHUNK,
+    CHUNK_HEAD,
+    CHUNK_INDEX,
+    DATA_END,
+    FOOTER,
+    FOOTER_SIZE,
+    HEADER,
+    MESSAGE,
+    MESSAGE_HEAD,
+    RECORD_HEAD,
+    SCHEMA,
+    STATISTICS,
+)
 from sfr_loc_map.io.bag.unpacking import unpack_lz4, unpack_zstd
 
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06  #: Opcodes of records.
-CHUNK_INDEX, STATISTICS, DATA_END = 0x08, 0x0B, 0x0F
-RECORD_HEAD = struct.Struct("<BQ")  #: Opcode and length of a record.
-FOOTER_SIZE = RECORD_HEAD.size + 20  #: With the start of the summary, of its offsets, and a checksum.
-MESSAGE_HEAD = struct.Struct("<HIQQ")  #: Channel, sequence, time of recording, time of publishing.
-CHUNK_HEAD = struct.Struct("<QQQI")  #: First and last time, size and checksum of the content.
-NEVER = 2**63 - 1
-NO_MESSAGES = ReaderMetadata(0, NEVER, 0, 0, None, None, None, None)
+LATEST_NS = 2**63 - 1  #: Largest time of recording.
+NO_MESSAGES = ReaderMetadata(0, LATEST_NS, 0, 0, None, None, None, None)
 DEFINITIONS = {
     "ros2msg": MessageDefinitionFormat.MSG,
     "ros2idl": MessageDefinitionFormat.IDL,
@@ -110,7 +119,7 @@ class McapFile:
         """Yield connection, time (ns) and CDR of the messages from `start` until before `stop`, in order of time."""
         wanted = {each.id: each for each in connections}
         low = 0 if start is None else start
-        high = NEVER if stop is None else stop
+        high = LATEST_NS if stop is None else stop
         streams = (self._in_chunks(wanted.keys(), low, high), self._outside_chunks())
         for time_ns, channel, data in heapq.merge(*streams, key=lambda message: message[0]):
             connection = wanted.get(channel)
@@ -178,7 +187,7 @@ class _Contents:
         self.chunks: list[Chunk] = []
         self.loose: list[LooseMessage] = []
         self.counts: Counter[int] = Counter()
-        self.start_ns = NEVER
+        self.start_ns = LATEST_NS
         self.end_ns = 0
 
     def define(self, opcode: int, content: bytes) -> None:

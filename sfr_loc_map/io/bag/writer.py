@@ -29,21 +29,20 @@ from sfr_loc_map.inputs import SIDES, Task
 from sfr_loc_map.io.bag import messages
 from sfr_loc_map.io.bag.bag import TYPESTORE
 from sfr_loc_map.io.bag.files import MCAP_MAGIC
+from sfr_loc_map.io.bag.mcap_format import CHECKSUM_BYTES, CHUNK_HEAD, DATA_END, FOOTER, FOOTER_BYTES, RECORD_HEAD
 from sfr_loc_map.topics import COMPRESSED_END, NAV_POSE, RECTIFIED, TRUE_POINTS, TRUE_POSES
 
 Storage = Literal["mcap", "sqlite3"]
 STORAGE_BY_SUFFIX: dict[str, Storage] = {".mcap": "mcap", ".bag": "mcap", ".db3": "sqlite3"}
 """Storage of a bag by the ending of its name; other names are data set folders."""
-CHUNK_HEAD = 9 + 24
-"""Bytes from the start of an mcap chunk record to its CRC: opcode and length, two times and the size (mcap 1.0)."""
-CHUNK_BYTES = 8 * 2**20  # of a recording
-SYNC_S = 1.0
-DATA_END = b"\x0f" + (4).to_bytes(8, "little") + bytes(4)
-FOOTER = b"\x02" + (20).to_bytes(8, "little") + bytes(20)
-END = DATA_END + FOOTER + MCAP_MAGIC  #: End of a file without an index (mcap specification: Data End, Footer, Magic).
-NEVER = QosTime(0, 0)
+CHUNK_BYTES = 8 * 2**20  #: Size at which a recording ends a chunk.
+SYNC_S = 1.0  #: Longest time between two writings of a recording to the disk, s.
+_DATA_END = RECORD_HEAD.pack(DATA_END, CHECKSUM_BYTES) + bytes(CHECKSUM_BYTES)
+_FOOTER = RECORD_HEAD.pack(FOOTER, FOOTER_BYTES) + bytes(FOOTER_BYTES)
+END = _DATA_END + _FOOTER + MCAP_MAGIC  #: End of a file without an index.
+NO_TIME = QosTime(0, 0)  #: A duration of a profile that is not limited.
 _KEPT = (QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL)
-LATCHED = Qos(*_KEPT, NEVER, NEVER, QosLiveliness.AUTOMATIC, NEVER, False)
+LATCHED = Qos(*_KEPT, NO_TIME, NO_TIME, QosLiveliness.AUTOMATIC, NO_TIME, False)
 """Profile of `/tf_static`: reliable, the last one is kept for late listeners."""
 
 
@@ -56,7 +55,7 @@ class CheckedMcapWriter(McapWriter):
         start = self.bio.tell()
         super().close_chunk()
         end = self.bio.tell()
-        self.bio.seek(start + CHUNK_HEAD)
+        self.bio.seek(start + RECORD_HEAD.size + CHUNK_HEAD.size - CHECKSUM_BYTES)  # the last field of the head
         self.bio.write(crc.to_bytes(4, "little"))
         self.bio.seek(end)
 
