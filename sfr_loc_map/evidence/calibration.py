@@ -17,7 +17,7 @@ import numpy as np
 
 from sfr_loc_map.evidence.agreement import Agreement
 from sfr_loc_map.evidence.variants import PairsInMemory, Run
-from sfr_loc_map.faults.injector import rotated
+from sfr_loc_map.faults.images import rotated
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.metrics import formulas
 from sfr_loc_map.metrics.config import label_of
