@@ -97,7 +97,7 @@ def run(
 
 def _list_tasks(specification: SuiteSpecification, store: Store, workers: int | None, *, retry_failed: bool) -> None:
     """Print the tasks that a run would run."""
-    from sfr_loc_map.suite.run import open_jobs, places_for, planned_jobs
+    from sfr_loc_map.suite.run import open_jobs, planned_jobs, slots_for
 
     settings = specification.settings
     with store.locked():
@@ -107,8 +107,8 @@ def _list_tasks(specification: SuiteSpecification, store: Store, workers: int | 
         jobs = open_jobs(planned, store, settings, retry_failed=retry_failed)
     for job in jobs:
         say(f"{job.key}  {job.label}")
-    places = min(places_for(settings, workers), max(1, len(jobs)))
-    say(f"{len(jobs)} of {len(planned)} tasks to run, {places} at a time")
+    slots = min(slots_for(settings, workers), max(1, len(jobs)))
+    say(f"{len(jobs)} of {len(planned)} tasks to run, {slots} at a time")
 
 
 def _tell(text: str) -> None:
@@ -153,7 +153,7 @@ def search(
 ) -> None:
     """Search the scenario with the least margin (extra search); exit code 1 if one misses the limit."""
     from sfr_loc_map.suite.pages.search_page import render_search, search_tables
-    from sfr_loc_map.suite.run import places_for, run_and_keep, suite_workers
+    from sfr_loc_map.suite.run import run_and_keep, slots_for, suite_workers
     from sfr_loc_map.suite.running.store import Store
     from sfr_loc_map.suite.search.run import CASE, case_file, run_search
     from sfr_loc_map.suite.search.specification import load_search
@@ -163,10 +163,10 @@ def search(
     _refuse_both(workers, scheduler)
     specification, store = load_search(search), Store(out)
     running = specification.running
-    places = places_for(running, workers)
+    slots = slots_for(running, workers)
     with store.locked(), ExitStack() as stack:
         # workers are started if any run waits
-        connection = cache(lambda: stack.enter_context(suite_workers(store, running, places, scheduler, _tell)))
+        connection = cache(lambda: stack.enter_context(suite_workers(store, running, slots, scheduler, _tell)))
 
         def run_points(jobs: Sequence[Job]) -> None:
             with _progress() as progress:

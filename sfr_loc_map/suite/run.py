@@ -51,8 +51,8 @@ def run_suite(
         jobs = open_jobs(planned, store, settings, retry_failed=retry_failed)
         try:
             if jobs:
-                places = min(places_for(settings, workers), len(jobs))
-                with suite_workers(store, settings, places, scheduler, say) as (client, at_work):
+                slots = min(slots_for(settings, workers), len(jobs))
+                with suite_workers(store, settings, slots, scheduler, say) as (client, at_work):
                     run_and_keep(jobs, store, settings, client, at_work, say, progress)
         except KeyboardInterrupt:
             interrupted = True
@@ -82,7 +82,7 @@ def open_jobs(planned: Sequence[Job], store: Store, settings: SuiteSettings, *, 
     return jobs
 
 
-def places_for(settings: SuiteSettings, workers: int | None) -> int:
+def slots_for(settings: SuiteSettings, workers: int | None) -> int:
     """Return how many jobs run at a time on this host: as many as `workers`, by default one a core."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return workers or max(1, cores // settings.threads)
@@ -90,10 +90,10 @@ def places_for(settings: SuiteSettings, workers: int | None) -> int:
 
 @contextmanager
 def suite_workers(
-    store: Store, settings: SuiteSettings, places: int, scheduler: str | None, say: Say
+    store: Store, settings: SuiteSettings, slots: int, scheduler: str | None, say: Say
 ) -> Iterator[tuple[Client, SuiteWorkers]]:
     """Yield a client of Dask and its workers; what they did is kept in the folder."""
-    with connected(settings, workers=places, scheduler=scheduler) as client:
+    with connected(settings, workers=slots, scheduler=scheduler) as client:
         at_work = SuiteWorkers(client, lambda text: say(one_line(text)), settings.wait_s)
         try:
             yield client, at_work

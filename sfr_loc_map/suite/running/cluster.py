@@ -99,7 +99,8 @@ def _end(cluster: Any) -> None:  # noqa: ANN401 - distributed is typed in part
 def proof_plugin(resource: str, expected: Mapping[str, str]) -> WorkerPlugin:
     """Return the plugin by which a worker compares its code, and then offers a resource.
 
-    It goes to each worker as a whole, whatever is installed there.
+    The class is defined here because a class in a function is pickled by value: it works on a worker that has other
+    code or none. For the same reason it may use no name of this module.
     """
     from distributed import Status, WorkerPlugin
 
@@ -117,7 +118,7 @@ def proof_plugin(resource: str, expected: Mapping[str, str]) -> WorkerPlugin:
                 about = {"lacks": f"sfr_loc_map of another version, or none ({type(error).__name__}: {error})"}
             worker.log_event(topic, {**about, "worker": worker.address, "resource": resource})
             if not about["lacks"]:
-                # Dask looks for workers of waiting tasks only when one starts to run, with what it offers then
+                # Dask assigns waiting tasks only when a worker changes to running, by the resources that it has then
                 worker.status = Status.paused
                 await worker.set_resources(**{resource: worker.state.nthreads})
                 worker.status = Status.running
@@ -135,30 +136,30 @@ class SuiteWorkers:
         self._say = say
         self._wait_s = wait_s
         self._asked_at = -ASK_EVERY_S
-        self._places = 0
+        self._slots = 0
         self._without_since = time.monotonic()  # since when no worker may run a task
         self._reported = ""
         self._events_read = len(client.get_events(JOINED))  # those of earlier runs
         with contextlib.suppress(Exception):  # a worker that cannot read the plugin offers nothing
             client.register_plugin(proof_plugin(self.resource, code_facts()))
 
-    def places(self) -> int:
+    def slots(self) -> int:
         """Return how many tasks run at the same time on the present workers; report if none may run a task.
 
         InputError if there has been none for longer than the limit.
         """
         now = time.monotonic()
-        if self._places and now - self._asked_at < ASK_EVERY_S:
-            return self._places
+        if self._slots and now - self._asked_at < ASK_EVERY_S:
+            return self._slots
         self._asked_at = now
         self._read_events()
         workers = self._client.scheduler_info(n_workers=-1)["workers"]
         fit = [worker for worker in workers.values() if worker["resources"].get(self.resource, 0) > 0]
-        self._places = sum(int(worker["nthreads"]) for worker in fit)
-        if self._places:
+        self._slots = sum(int(worker["nthreads"]) for worker in fit)
+        if self._slots:
             self._without_since = now
             self._reported = ""
-            return self._places
+            return self._slots
         waited_s = now - self._without_since
         reason = self._reason(list(workers))
         if waited_s > self._wait_s:
@@ -171,8 +172,8 @@ class SuiteWorkers:
         return 0
 
     def ask_again(self) -> None:
-        """Ask the scheduler for its workers again at the next call of `places`, because one has died."""
-        self._places = 0
+        """Ask the scheduler for its workers again at the next call of `slots`, because one has died."""
+        self._slots = 0
 
     def count(self, outcome: JobOutcome) -> None:
         """Count a task that a worker has done."""
@@ -221,8 +222,8 @@ def run_jobs(
     deaths: Counter[str] = Counter()
 
     def submit() -> None:
-        places = workers.places()
-        while waiting and len(submitted) < places:
+        slots = workers.slots()
+        while waiting and len(submitted) < slots:
             job = waiting.popleft()
             future = client.submit(
                 run_on_worker,

@@ -162,7 +162,7 @@ class Store:
         """
         keys = {job.key for job in self.jobs}
         planned = {_work(job.kind.value, job.source.name, job.faults, job.fault_seed, job.repeat) for job in self.jobs}
-        places = {job.source.path for job in self.jobs}
+        paths = {job.source.path for job in self.jobs}
         found = []
         for path in sorted(path for path in self.results.glob("*.json") if path.stem not in keys):
             about = _read(path).get("provenance", {}).get("configuration", {})
@@ -170,7 +170,7 @@ class Store:
                 found.append(_left_over(str(about.get("suite.source")), path))
         for path in sorted(path for path in self.failures.glob("*.json") if path.stem not in keys):
             failure = self.failure(path.stem)
-            if failure.source not in places:
+            if failure.source not in paths:
                 found.append(_left_over(failure.source, path))
         return tuple(found)
 

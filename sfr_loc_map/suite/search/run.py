@@ -115,9 +115,9 @@ class _Points:
         if waiting:
             self._run_jobs(waiting)
         _check_host(self._store, [job for of_point in jobs.values() for job in of_point])
-        return [self._ratio(point, jobs[point]) for point in points]
+        return [self._ratio_at(point, jobs[point]) for point in points]
 
-    def _ratio(self, point: Point, jobs: Sequence[Job]) -> float | None:
+    def _ratio_at(self, point: Point, jobs: Sequence[Job]) -> float | None:
         if refused := [job for job in jobs if self._store.state(job.key) == "failed"]:
             self.left_out[point] = one_line(self._store.failure(refused[0].key).message)
             return None
@@ -126,7 +126,7 @@ class _Points:
     def has_figure(self, point: Point) -> bool:
         """Return whether the results of a point have the figure of the search."""
         jobs = self._specification.jobs_at(point)
-        return all(_ratio(self._specification, self._store, job) is not None for job in jobs)
+        return all(_ratio_of(self._specification, self._store, job) is not None for job in jobs)
 
 
 def _search(specification: SearchSpecification, points: _Points, *, at_random: bool) -> SearchResult:
@@ -179,11 +179,11 @@ def _check_host(store: Store, jobs: Sequence[Job]) -> None:
 
 def _worst_ratio(specification: SearchSpecification, store: Store, jobs: Sequence[Job]) -> float:
     """Return the largest ratio of the runs of a point; a drive that was lost lacks the figure and is a miss."""
-    ratios = [_ratio(specification, store, job) for job in jobs]
+    ratios = [_ratio_of(specification, store, job) for job in jobs]
     return max(NOT_JUDGED if ratio is None else ratio for ratio in ratios)
 
 
-def _ratio(specification: SearchSpecification, store: Store, job: Job) -> float | None:
+def _ratio_of(specification: SearchSpecification, store: Store, job: Job) -> float | None:
     """Return the ratio of a run, None if it has no result or its result lacks the figure."""
     return specification.ratio_of(store.score(job)) if store.state(job.key) == "done" else None
 

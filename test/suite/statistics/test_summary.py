@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import dataclasses
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from helpers.made_suites import JOB
 from helpers.random_drives import drive, score_of
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.judging.proof import sample_of
+from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
+from sfr_loc_map.metrics.score_json import to_json
 from sfr_loc_map.metrics.table import Figure, figure_row
-from sfr_loc_map.suite.statistics.summary import GroupVerdict, pool, pooled_row, verdicts_over
+from sfr_loc_map.suite.running.job import Job, JobOutcome
+from sfr_loc_map.suite.running.store import Store
+from sfr_loc_map.suite.statistics.summary import GroupVerdict, SequentialDecision, pool, pooled_row, verdicts_over
 
 
 def rows_of(values: np.ndarray) -> list[Figure]:
@@ -144,3 +152,27 @@ def test_a_bound_over_drives_within_the_error_of_the_truth_decides_nothing() -> 
     for beyond, state in ((0.02, "not enough data"), (0.04, "pass")):  # 1.96 sqrt(2) 0.01 m
         found = group_of("position_bound_m", {**terms, "limit": bound + beyond}, results)
         assert (found.state, found.over) == (state, "all drives")
+
+
+def test_a_sequential_decision_reads_each_result_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store, jobs = Store(tmp_path), [dataclasses.replace(JOB, repeat=number) for number in range(3)]
+    store.plan(jobs)
+    read: list[str] = []
+    score_of_job = Store.score
+
+    def counted(self: Store, job: Job) -> Score:
+        read.append(job.key)
+        return score_of_job(self, job)
+
+    def save(job: Job) -> None:
+        provenance = Provenance(version="", configuration={"suite.key": job.key})
+        store.save(job, JobOutcome(result=to_json(Score(figures=(), provenance=provenance))))
+
+    save(jobs[0])
+    monkeypatch.setattr(Store, "score", counted)
+    decision = SequentialDecision(store)
+    for job in jobs[1:]:
+        save(job)
+        decision.add(job)
+        assert not decision.is_made, "no limit is decided"
+    assert read == [job.key for job in jobs]
