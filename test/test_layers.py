@@ -35,7 +35,7 @@ IO_FLOORS = (
     {"truth"},
     {"source_config"},
     {"layouts"},
-    {"board_file", "convert", "message_stream", "registry"},
+    {"convert", "message_stream", "registry"},
 )
 """Folders of `io`, and the modules beside them, from the bottom."""
 NEIGHBOURS = {("cli", "api"), ("__main__", "cli")}

@@ -124,7 +124,7 @@ def _convert_pairs(
     source: Path, destination: Path, remap: list[str] | None, config: Path | None, *, overwrite: bool
 ) -> None:
     """Write the pairs of a source for a target board; a drive with a truth starts at its first true pose."""
-    from sfr_loc_map.io.board_file import write_pairs
+    from sfr_loc_map.io.layouts.board_file import write_pairs
     from sfr_loc_map.runs.offline import start_pose
 
     check_outputs(destination, inputs=(source, config), overwrite=overwrite)

@@ -34,7 +34,7 @@ def table(path: Path) -> list[dict[str, str]]:
 
 @pytest.fixture(scope="module")
 def pairs(drive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    from sfr_loc_map.io.board_file import write_pairs
+    from sfr_loc_map.io.layouts.board_file import write_pairs
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.runs.offline import start_pose
 
