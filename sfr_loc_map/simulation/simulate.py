@@ -29,7 +29,7 @@ from sfr_loc_map.inputs import SIDES, Task
 from sfr_loc_map.io.bag.writer import STORAGE_BY_SUFFIX
 from sfr_loc_map.io.calibration.rig_file import rig_json
 from sfr_loc_map.io.images.codec import encode_png
-from sfr_loc_map.io.layouts.folder import LOC_COLUMNS, NAV_COLUMNS, TRUTH_COLUMN, pair_row
+from sfr_loc_map.io.layouts.folder import pair_row, pairs_lines
 from sfr_loc_map.io.tables.trajectory_file import trajectory_text
 from sfr_loc_map.signals import deferred_signals
 from sfr_loc_map.simulation.config import SimulationConfig
@@ -207,8 +207,7 @@ def lists_of(plan: Plan, task: Task) -> dict[str, bytes]:
             rows.append(pair_row(stamp_ns, frame))
         else:
             rows.append(pair_row(stamp_ns, frame, plan.lm_pose(frame), f"truth/{frame:06d}.npy"))
-    header = LOC_COLUMNS if task is Task.LOCALISATION else (*NAV_COLUMNS, TRUTH_COLUMN)
     if task is Task.LOCALISATION:
         files["groundtruth.csv"] = trajectory_text(plan.trajectory())
-    files["pairs.csv"] = "\n".join(map(",".join, [header, *rows])) + "\n"
+    files["pairs.csv"] = "\n".join(pairs_lines(rows)) + "\n"
     return {name: text.encode() for name, text in files.items()}

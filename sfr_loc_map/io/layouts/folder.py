@@ -9,7 +9,7 @@ A folder with both tasks holds the two as `loc/` and `nav/`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -160,6 +160,14 @@ def pair_row(stamp_ns: int, index: int, T_lm_navsb: Transform | None = None, tru
     return [*row, *map(repr, (*T_lm_navsb.translation.tolist(), *attitude.tolist())), truth]
 
 
+def pairs_lines(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return the header of pairs.csv and its lines, without the column of the truth if no pair has one."""
+    header: tuple[str, ...] = LOC_COLUMNS
+    if rows and len(rows[0]) > len(LOC_COLUMNS):
+        header = (*NAV_COLUMNS, TRUTH_COLUMN) if any(row[-1] for row in rows) else NAV_COLUMNS
+    return [",".join(row[: len(header)]) for row in (header, *rows)]
+
+
 class FolderWriter(TableWriter):
     """A data set folder that is being written, as a stream; with both tasks in `loc/` and `nav/`. A context manager."""
 
@@ -170,10 +178,9 @@ class FolderWriter(TableWriter):
         self._nav_rows: list[list[str]] = []
 
     def _finish(self) -> None:
-        has_truth = any(row[-1] for row in self._nav_rows)
-        header = (*NAV_COLUMNS, TRUTH_COLUMN) if has_truth else NAV_COLUMNS
-        for row in self._nav_rows:
-            self.append(f"{self._nav}/pairs.csv", ",".join(row[: len(header)]), ",".join(header))
+        header, *lines = pairs_lines(self._nav_rows)
+        for line in lines:
+            self.append(f"{self._nav}/pairs.csv", line, header)
         if self._truth:
             save_trajectory(self._path / self._loc / "groundtruth.csv", self._true_poses)
 
