@@ -79,9 +79,10 @@ class TrackedBody:
             variances = np.full((len(poses), 6), np.nan)
         kept, poses = possible_truth(poses, read_from, self.attitude, self.unknown, variances)
         variances = variances[kept]
-        known = (variances[:, 3:] < LOST_VARIANCE).any(axis=1) & (variances[:, 3:] >= 0.0).all(axis=1)
-        told = poses.has_attitude and bool(known.any() or np.isnan(variances[:, 3:]).any())
-        has_attitude = {"yes": True, "no": False}.get(self.attitude, told)
+        of_attitude = variances[:, 3:]
+        is_known = (of_attitude < LOST_VARIANCE).any(axis=1) & (of_attitude >= 0.0).all(axis=1)
+        is_stated = poses.has_attitude and bool(is_known.any() or np.isnan(of_attitude).any())
+        has_attitude = {"yes": True, "no": False}.get(self.attitude, is_stated)
         if has_attitude and not poses.has_attitude:
             raise InputError(f"truth {read_from} has no attitudes: set truth.attitude to auto or no")
         positions, quats = poses.positions, poses.quats_xyzw if has_attitude else np.zeros((len(poses), 4))
@@ -89,7 +90,7 @@ class TrackedBody:
         if has_attitude and self.has_lever:
             quats = quat_multiply(quats, quat_conjugate(np.array(self.lever_quat_xyzw)))
             positions, lever = positions - quat_rotate(quats, lever), np.zeros(3)
-        sigmas = [sigma_of(variances[:, :3]), np.degrees(sigma_of(variances[:, 3:])) if has_attitude else 0.0]
+        sigmas = [sigma_of(variances[:, :3]), np.degrees(sigma_of(of_attitude)) if has_attitude else 0.0]
         return Truth(
             poses.stamps_ns + round(self.clock_offset_s * NS_PER_S),
             positions,
@@ -105,7 +106,7 @@ class TrackedBody:
 
     @property
     def declared(self) -> tuple[str, ...]:
-        """The settings `truth.NAME=VALUE` that change poses; where the truth is to be found is none of them."""
+        """The settings `truth.NAME=VALUE` that change poses, without those that say where the truth is."""
         values = changed(self, "truth.").items()
         return tuple(f"{name}={value}" for name, value in values if name not in PLACE_SETTINGS)
 
