@@ -311,7 +311,7 @@ MUTATIONS = (
     Mutation(DRIVES, "key=lambda number: sources[number].sha256", "key=lambda number: number"),
     # a suite hides no drive that was run, and its plan is that of its files
     Mutation(STORE, "for name in WORK)) not in planned:", "for name in WORK)) in planned:"),
-    Mutation(STORE, "if failure.source not in paths:", "if failure.source in places:"),
+    Mutation(STORE, "if failure.source not in paths:", "if failure.source in paths:"),
     Mutation(STORE, "fault_seed if faults else 0, repeat)", "fault_seed if faults else 0)"),
     Mutation(STORE, 'elif hash_path(path) != item["sha256"]:', "elif False:"),
     Mutation(STORE, 'if to_plain(limits_in(suite)) != self._plan["limits"]:', "if False:"),

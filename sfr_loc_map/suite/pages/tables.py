@@ -8,7 +8,7 @@ from operator import itemgetter
 from typing import Any
 
 from sfr_loc_map.metrics.catalogue import ANY, DRIVE, KINDS, TOTAL, Subject, statistic_title
-from sfr_loc_map.metrics.config import CallKind, label_of
+from sfr_loc_map.metrics.config import CallKind, VerdictState, label_of
 from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.verdict import counts_of
 from sfr_loc_map.report.tables import (
@@ -161,7 +161,7 @@ def verdict_table(summary: Summary) -> Table:
     for place, group in enumerate(summary.groups):
         for row, item in enumerate(group.verdicts):
             view = VerdictView.of(item, f"groups.{place}.verdicts.{row}")
-            runs = replace(Cell.head(_joined(*group.runs)), link="suite.json")
+            runs = replace(Cell.head(_joined(*group.key)), link="suite.json")
             numbers = (view.value, view.limit, view.margin, view.interval, Cell(item.over), view.count)
             shown_by = Cell(ABSENT if item.proof is None else view.confidence)
             head = (Cell.verdict(item.state.value), runs, Cell(view.title), Cell(view.unit.symbol or ABSENT))
