@@ -270,6 +270,7 @@ def test_a_map_whose_values_were_changed_is_refused_by_the_fusion() -> None:
         whole.pixel_status,
         whole.T_lm_left.rotation,
         whole.T_lm_left.translation,
+        mapper.fuse([whole]).random_sigma,
     ):
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 1
