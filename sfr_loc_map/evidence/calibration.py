@@ -27,7 +27,7 @@ from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table, Unit
 
 ANGLES = {"pitch": "vertical_offset_px", "roll": "roll_offset_px", "yaw": "disparity_offset_px"}
 """Statistic of the localiser by the angle that causes it."""
-AXES = {"pitch": (0, -1.0), "roll": (2, 1.0), "yaw": (1, 1.0)}
+AXES = {"pitch": (0, -1.0), "roll": (2, 1.0), "yaw": (1, -1.0)}
 """Axis of the optical frame and sign of the rotation that takes an offset back, by angle."""
 NAMES = {
     "right_camera": "right camera, ",

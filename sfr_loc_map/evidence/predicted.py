@@ -36,18 +36,22 @@ class Source(StrEnum):
 
 
 def predicted_rows(run: Run, condition: Condition) -> Iterator[Figure]:
-    """Yield the root mean square error that a run states over the sub-trajectories of a condition, by its sources."""
+    """Yield the root mean square error that a run states over the sub-trajectories of a condition, by its sources.
+
+    Sub-trajectories with a degraded or lost pose are skipped, because their covariance is that of an unseen motion.
+    """
     poses = run.estimates.trajectory
     if run.estimates.steps is None:
         return
     rows = np.arange(len(poses))
     frames = Frames(poses.stamps_ns, poses.positions, poses.quats_xyzw, poses.positions, poses.quats_xyzw, rows)
     starts, ends = select(condition, SPACING, frames, formulas.path_length_m(poses.positions))
+    unsound = np.concatenate(([0], np.cumsum(run.estimates.lost | run.estimates.degraded)))
     sums = sums_of_steps(run.estimates, run.estimates.steps, np.unique(np.concatenate((starts, ends))))
     parts = [
         squares_by_source(sums[start], sums[end], poses.positions[end])
         for start, end in zip(starts.tolist(), ends.tolist(), strict=True)
-        if sums[start].unknown_steps == sums[end].unknown_steps and not run.estimates.lost[[start, end]].any()
+        if sums[start].unknown_steps == sums[end].unknown_steps and unsound[start] == unsound[end + 1]
     ]
     if not parts:
         return
@@ -112,7 +116,7 @@ def predicted_table(figures: Sequence[Figure]) -> Table:
     )
     note = (
         "Error budget by the covariance of the forward run. Disparity: a constant error, as by a yaw of the right "
-        "camera. Lens: an error that varies over the image. Sources that the localiser does not state are missing: "
-        "baseline, focal length, mounting, stamps. The prediction is no measurement of the error."
+        "camera. Lens: an error that varies over the image. Sub-trajectories with a degraded or lost pose are skipped. "
+        "Sources that the localiser does not state are missing: baseline, focal length, mounting, stamps."
     )
     return Table("predicted", "Predicted error by its sources", columns, tuple(rows), note)

@@ -78,10 +78,10 @@ def test_a_wrong_calibration_is_to_be_redone_and_its_cost_is_measured(angle: str
 
 
 def test_a_yaw_is_taken_back_in_the_images() -> None:
-    """The localiser reports a positive yaw of a camera that looks to the left (docs/measurements.md)."""
+    """The localiser reports a negative yaw of a camera that looks to the left (docs/measurements.md)."""
     clean, sequence = drive(1)[0].right, faulty("yaw:amount=0.3")
     (corrected,) = corrected_drive(
-        replace(sequence, kept=sequence.kept[:1]), [CameraOffset("yaw", 4, 0.0, 0.0, 0.0, 0.3, None)]
+        replace(sequence, kept=sequence.kept[:1]), [CameraOffset("yaw", 4, 0.0, 0.0, 0.0, -0.3, None)]
     ).kept
     inner = (slice(5, -5), slice(5, -5))
     before, after = (

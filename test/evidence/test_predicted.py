@@ -82,7 +82,19 @@ def test_the_table_shows_each_source_once_for_a_condition() -> None:
 def test_poses_without_steps_have_no_prediction() -> None:
     run = Run("other", Estimates.of(straight_run().estimates.trajectory))
     assert list(predicted_rows(run, CONDITION)) == []
-    lost = np.ones(COUNT, np.bool_)
+
+
+def test_sub_trajectories_with_a_degraded_or_lost_pose_are_skipped() -> None:
+    """A pose of unseen motion in the middle: sub-trajectories that contain the pose state metres."""
     estimates = straight_run().estimates
-    unseen = Run("lost", Estimates.of(estimates.trajectory, lost=lost, steps=estimates.steps))
-    assert list(predicted_rows(unseen, CONDITION)) == []
+    usual = Score(figures=tuple(predicted_rows(straight_run(), CONDITION)))
+    is_bad = np.arange(COUNT) == 30
+    assert estimates.steps is not None
+    steps = estimates.steps.copy()
+    steps[30, 0] = 100.0
+    for state in ("lost", "degraded"):
+        run = Run(state, Estimates.of(estimates.trajectory, steps=steps, **{state: is_bad}))
+        found = Score(figures=tuple(predicted_rows(run, CONDITION)))
+        whole = {"part": Source.ALL.value}
+        assert found.number("predicted", "value", **whole) == pytest.approx(usual.number("predicted", "value", **whole))
+        assert found.number("predicted", "n", **whole) < usual.number("predicted", "n", **whole)
