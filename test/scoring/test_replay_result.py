@@ -33,7 +33,7 @@ from sfr_loc_map.runs.offline import MapRun, map_pairs
 from sfr_loc_map.runs.replay_result import CollectedRun, ExternalRun, ReplayFiles, save_replay
 from sfr_loc_map.scoring.inputs import Correction, ScoreInputs
 from sfr_loc_map.scoring.monitor_score import MonitorScore
-from sfr_loc_map.scoring.score_replay import score_replay
+from sfr_loc_map.scoring.replay_score import score_replay
 from sfr_loc_map.scoring.score_run import score_files
 
 SAMPLE = Path(__file__).parents[2] / "sample" / "sample.mcap"

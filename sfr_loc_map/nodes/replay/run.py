@@ -18,7 +18,7 @@ from sfr_loc_map.nodes.replay.session import replay
 from sfr_loc_map.runs.offline import states_text, tracking_warning
 from sfr_loc_map.runs.replay_result import CollectedRun, ReplayFiles, save_replay
 from sfr_loc_map.scoring.inputs import Correction
-from sfr_loc_map.scoring.score_replay import score_replay
+from sfr_loc_map.scoring.replay_score import score_replay
 
 
 @dataclass(frozen=True, slots=True)
