@@ -82,7 +82,7 @@ def scheduler() -> Iterator[str]:
     A suite that starts a worker of its own costs two seconds more.
     """
     distributed = pytest.importorskip("distributed", reason="needs the extra [suite]")
-    options = {"threads_per_worker": 1, "processes": False, "protocol": "tcp://", "dashboard_address": None}
+    options = {"threads_per_worker": 1, "processes": False, "protocol": "tcp://", "dashboard_address": ":0"}
     with distributed.LocalCluster(n_workers=1, **options) as cluster:
         yield cluster.scheduler_address
 

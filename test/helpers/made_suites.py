@@ -54,7 +54,7 @@ def straight(count: int, sigma_m: float, seed: int, step_m: float = 0.1) -> Traj
     )
 
 
-def made_suite(folder: Path, drives: int, sigma_m: float = 0.001, *, poses: int = 60, **more: object) -> Path:
+def made_suite(folder: Path, drives: int, sigma_m: float = 0.0001, *, poses: int = 60, **more: object) -> Path:
     """Write estimates, the truth of each, and the file of a suite that scores them.
 
     The truths differ in speed and place: estimates of one truth, or of copies of it, are one drive.
