@@ -25,6 +25,7 @@ from sfr_loc_map.errors import MethodError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.host_clock import CallClock
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.memory_mark import peak_of, reset_peak
@@ -138,6 +139,7 @@ class MethodProcess:
         self._resident: deque[int] = deque(maxlen=LEAK_CALLS)
         self._measured_s = self._stated_s = 0.0  # summed over the calls since the last finding
         self._stated_calls = 0
+        self._clock = CallClock()
         setup = Setup(
             task=method.task.value,
             target=method.target,
@@ -209,12 +211,12 @@ class MethodProcess:
         begun = self._tree.usage()
         self._peak_bytes = 0
         reset_peak(self._method_pid)
-        begin_s = time.monotonic()
+        self._clock.begin()
         self._log.truncate(0)  # the words of this call are kept, for the case that it crashes
         for images, pair in zip(self._images, pairs, strict=False):
             images[0], images[1] = pair.left, pair.right
         reply = self._exchange(order, Reply, self._limits.call_timeout_s)
-        seconds = time.monotonic() - begin_s
+        seconds = self._clock.end()
         now, last, self._ended = self._look(), self._ended, self._tree.usage()
         if "fault" in reply:
             raise MethodFailureError(FindingKind(reply["fault"]), reply.get("text", ""))

@@ -6,10 +6,13 @@ A method is named by its name here, or as `package.module:Class`, `file.py:Class
 from __future__ import annotations
 
 import hashlib
+import json
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import param
@@ -177,9 +180,10 @@ def listed_methods() -> list[dict[str, str | None]]:
     return rows
 
 
-def record_of_ours(task: Task) -> MethodRecord:
-    """Return what the score says of the suite's own method."""
-    return BUILT_IN[task][OURS].record(__version__)
+def record_of_ours(task: Task, settings: Mapping[str, object] = MappingProxyType({})) -> MethodRecord:
+    """Return what the score says of the suite's own method, with the settings that are not its defaults."""
+    text = json.dumps(dict(settings), sort_keys=True) if settings else ""
+    return replace(BUILT_IN[task][OURS], config=text).record(__version__)
 
 
 def header_folder() -> Path:

@@ -107,6 +107,8 @@ CATALOGUE = (
     FigureKind("poses_of_truth", Subject.COMPLETENESS, "", "1", "poses that are those of the ground truth"),
     FigureKind("errors_of_truth", Subject.COMPLETENESS, "", "1", "judged motions that are those of the ground truth"),
     FigureKind(ERRORS_BEYOND, Subject.COMPLETENESS, "", "1", "unjudged frames with an error far above the judged ones"),
+    FigureKind("standing", Subject.COMPLETENESS, "", "1", "sub-trajectories of a rover that stands"),
+    FigureKind("path_without_images", Subject.COMPLETENESS, "", "1", "true path without images"),
     FigureKind("longest_gap", Subject.COMPLETENESS, "", "m", "longest gap"),
     FigureKind("points_without_truth", Subject.COMPLETENESS, "", "1", "map points without ground truth"),
     FigureKind("pairs_without_cloud", Subject.COMPLETENESS, "", "1", "mapping pairs without points"),
@@ -155,6 +157,9 @@ KINDS: dict[str, FigureKind] = {kind.name: kind for kind in CATALOGUE}
 ANY = "*"  #: In a look-up: whatever the rows have there.
 DRIVE, MAP, LIVE, SUITE, CALLS, MEMORY = "drive", "map", "live", "suite", "calls", "memory"
 """What a row `judged` is about (`RowPart.what`): the last two are followed by the kind of call."""
+STANDING = "standing"  #: Fraction of the sub-trajectories in which the rover stands.
+MOVING = "moving"  #: Part of the row of the errors of the other sub-trajectories.
+SUB_TRAJECTORIES = "sub-trajectories"  #: Part of the row of the fraction that stands over one condition.
 OTHER_FRAMES = "other frames"  #: Part of the row of the errors of frames that are in no judged error.
 CLAUSES_OF_MEMORY = {CallKind.LOCALISATION: "4.2.2", CallKind.MAPPING_CALL: "4.3.2"}  #: By the kind of call.
 DIRECTIONS = {"x": "x (east)", "y": "y (north)", "z": "z (up)", "along": "along the path", "cross": "across the path"}

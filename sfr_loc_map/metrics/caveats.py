@@ -13,6 +13,8 @@ from sfr_loc_map.metrics.score import Score
 
 NOT_COMPARED = "its limits were not compared"  #: End of a warning that limits were not compared with their file.
 JUDGED_ELSEWHERE = "judged in another of the scores"  #: End of a warning that names the limits that are omitted.
+NOT_BOUND = "that they are of the run that gave the estimate is not shown"
+"""End of a warning that calls have nothing in common with the estimate but their stamps."""
 MAX_EXCESS = 0.05  #: Largest fraction of the path of a truth that may be noise without a warning.
 
 
@@ -50,6 +52,6 @@ def reading_caveats(score: Score) -> Iterator[str]:
     yield f"{text} {first.name}{over}: {each} (displacement and position need an estimate that starts at a true pose)"
 
 
-def limits_caveats(score: Score) -> Iterator[str]:
-    """Yield that limits were not compared with the file that the score names, or are judged in another score."""
-    yield from (text for text in score.warnings if text.endswith((NOT_COMPARED, JUDGED_ELSEWHERE)))
+def inputs_caveats(score: Score) -> Iterator[str]:
+    """Yield what was not compared (limits with their file, calls with the estimate) or is judged in another score."""
+    yield from (text for text in score.warnings if text.endswith((NOT_COMPARED, JUDGED_ELSEWHERE, NOT_BOUND)))

@@ -67,13 +67,15 @@ def completeness(
     steps = np.linalg.norm(np.diff(truth.positions[rows], axis=0), axis=1)
     travelled_m = np.append(0.0, np.cumsum(steps))
     tolerance_ns = round(association.tolerance_s * NS_PER_S)
-    needed, images = np.union1d(true_ns, outside_of_truth(stamps, true_ns, tolerance_ns, in_flight_ns)), None
+    max_gap_ns = round(association.max_gap_s * NS_PER_S)
+    unseen_ns = estimates_without_truth(settled(stamps, stamps[:0], in_flight_ns), true_ns, max_gap_ns, tolerance_ns)
+    needed, images = np.union1d(true_ns, unseen_ns), None
     if image_stamps_ns is not None and len(image_stamps_ns):
         needed = settled(np.unique(image_stamps_ns), stamps, in_flight_ns)
         images = len(needed)
     near_ns = nearness_ns(needed, tolerance_ns)
     has_estimate, has_frame = has_near(needed, stamps, near_ns), has_near(needed, frames_ns, near_ns)
-    has_truth = is_spanned(needed, true_ns, round(association.max_gap_s * NS_PER_S), tolerance_ns)
+    has_truth = is_spanned(needed, true_ns, max_gap_ns, tolerance_ns)
     has_truth &= has_frame | ~has_estimate | ~needs_frame(needed, true_ns, near_ns, association.mode)
     gaps = gaps_of(needed, ~has_estimate)
     # a truth may be denser than the images: without images, only a long time without an estimate is a gap of the path
@@ -93,6 +95,8 @@ def completeness(
     figures = [expected_row(RowPart(DRIVE), int(np.count_nonzero(has_estimate & has_truth)), expected)]
     for name, (count, total) in counts.items():
         figures += share_rows(name, count, total)
+    without_images = path_without_images(needed, true_ns, travelled_m, max_gap_ns) if images else None
+    figures.append(figure_row("path_without_images", value=without_images))
     longest = sizes_of(gaps, stamps, true_ns, travelled_m, images)
     figures.append(figure_row("longest_gap", part="distance", value=longest.longest_m))
     figures.append(figure_row("longest_gap", part="time", unit="s", value=longest.longest_s))
@@ -196,16 +200,34 @@ def is_spanned(needed: IntArray, true_ns: IntArray, max_gap_ns: int, tolerance_n
     return np.asarray(is_inside | is_beside)
 
 
-def outside_of_truth(stamps: IntArray, true_ns: IntArray, tolerance_ns: int, in_flight_ns: int) -> IntArray:
-    """Return the stamps of estimates before the first and after the last true pose by more than its usual period.
+def estimates_without_truth(stamps: IntArray, true_ns: IntArray, max_gap_ns: int, tolerance_ns: int) -> IntArray:
+    """Return the stamps of estimates that the truth does not cover: outside of it, and in its holes.
 
-    Where images are unknown, these stamps are those of images that the truth does not cover.
+    Where images are unknown, these stamps are those of images without a truth. Stamps of both go up.
     """
     if len(true_ns) < 2:
         return np.empty(0, np.int64)
-    reach_ns = max(tolerance_ns, round(float(np.median(np.diff(true_ns)))))
-    is_outside = (stamps < true_ns[0] - reach_ns) | (stamps > true_ns[-1] + reach_ns)
-    return settled(stamps[is_outside], stamps[:0], in_flight_ns)
+    return np.asarray(stamps[~is_spanned(stamps, true_ns, max_gap_ns, tolerance_ns)])
+
+
+def path_without_images(
+    images_ns: IntArray, true_ns: IntArray, travelled_m: FloatArray, max_gap_ns: int
+) -> float | None:
+    """Return the fraction of the true path before the first image, after the last one, and in holes between images.
+
+    A hole is longer than `max_gap_ns` and than five usual periods. No estimate is expected there. None without a path.
+    """
+    if not len(true_ns) or travelled_m[-1] <= 0.0:
+        return None
+    steps_ns = np.diff(images_ns)
+    is_hole = steps_ns > max(max_gap_ns, GAP_PERIODS * float(np.median(steps_ns)) if len(steps_ns) else 0.0)
+    begins_ns = np.concatenate((true_ns[:1], images_ns[:-1][is_hole], images_ns[-1:]))
+    ends_ns = np.concatenate((images_ns[:1], images_ns[1:][is_hole], true_ns[-1:]))
+    since_ns = (true_ns - true_ns[0]).astype(np.float64)  # differences of stamps keep all digits
+    begins_m, ends_m = (
+        np.interp((at_ns - true_ns[0]).astype(np.float64), since_ns, travelled_m) for at_ns in (begins_ns, ends_ns)
+    )
+    return float(np.sum(np.maximum(ends_m - begins_m, 0.0)) / travelled_m[-1])
 
 
 def gaps_of(needed: IntArray, is_absent: Mask) -> Gaps:

@@ -157,6 +157,11 @@ class Condition:
         return cls(parts[0].kind, parts[0].value, tuple(parts[1:]))
 
     @property
+    def is_of_time(self) -> bool:
+        """Whether the condition also ends a sub-trajectory in which the rover stands."""
+        return all(part.kind in (ConditionKind.TIME, ConditionKind.FRAMES) for part in self.parts)
+
+    @property
     def label(self) -> str:
         """The one spelling for people: `5 m`, `60 s`, `100 frames`, `5 m and 10 s`."""
         straight = {ConditionKind.DISPLACEMENT: " straight", ConditionKind.TURN: " turned"}

@@ -7,23 +7,37 @@ statistics must agree with this sample. Counts and fractions of the same thing m
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, ERRORS_BEYOND, MAP, OTHER_FRAMES, Subject
-from sfr_loc_map.metrics.details import CallPlots, SubTrajectoryRows
+from sfr_loc_map.metrics.calls import AFTER_FIRST, FIRST
+from sfr_loc_map.metrics.catalogue import (
+    CALLS,
+    DRIVE,
+    ERRORS_BEYOND,
+    MAP,
+    MOVING,
+    OTHER_FRAMES,
+    STANDING,
+    SUB_TRAJECTORIES,
+    Subject,
+)
+from sfr_loc_map.metrics.config import CallKind, Condition
+from sfr_loc_map.metrics.details import CallPlots, Details, SubTrajectoryRows
 from sfr_loc_map.metrics.formulas import QUANTILES, STATISTICS, statistics
-from sfr_loc_map.metrics.row_part import RowPart
+from sfr_loc_map.metrics.limits import LimitSection
+from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.shortfall_kinds import SHORTFALLS
-from sfr_loc_map.metrics.table import Figure
+from sfr_loc_map.metrics.table import Figure, figure_row
 
 EXACT = 1e-9  #: Relative difference of a statistic that was computed again.
 DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5
 """Difference by the digits of the errors of sub-trajectories and of map points that are kept for plots."""
 SIGMAS = 5.0  #: Deviations of a sample from the whole at which a statistic contradicts the sample.
+PAIR = "pair "  #: Beginning of the part of a row that is about one mapping pair.
 CORRELATED = 10.0  #: Kept values that are worth an independent one.
 COUNTED = (
     "lost",
@@ -49,11 +63,13 @@ WITHOUT_RESULT = {DRIVE: ("missing", Subject.TRAJECTORY), MAP: ("pairs_without_c
 def raw_contradiction(score: Score) -> str | None:
     """Return which figure does not follow from the raw values of a score; None if all do."""
     of_raw = (*_required(score), *_of_sub_trajectories(score), *_of_points(score), *_of_calls(score))
-    return next(iter((*of_raw, *_of_counts(score), *_of_judged(score))), None)
+    of_table = (*_of_pairs(score), *_of_first_calls(score), *_of_counts(score), *_of_judged(score))
+    return next(iter((*of_raw, *of_table)), None)
 
 
 def _required(score: Score) -> Iterator[str]:
-    """Yield the limited figures of the trajectory whose errors or whose rows of the other frames are absent."""
+    """Yield the limited figures whose details, whose errors or whose rows of the other frames are absent."""
+    yield from _required_details(score)
     drive = score.association
     for limit in () if score.rules is None or drive is None else score.rules.limits:
         figure, condition = limit.limited.figure, limit.condition
@@ -62,9 +78,35 @@ def _required(score: Score) -> Iterator[str]:
             continue
         if score.errors_of(figure, condition or "") is None:
             yield f"{row.label} is limited, but its errors are absent"
-        for name, part in ((figure, OTHER_FRAMES), (ERRORS_BEYOND, figure)):
+        needed = [(figure, OTHER_FRAMES), (ERRORS_BEYOND, figure)]
+        if Condition.parse(condition or "").is_of_time:
+            needed.append((STANDING, SUB_TRAJECTORIES))
+            standing = score.figure(STANDING, condition=condition, part=SUB_TRAJECTORIES)
+            needed += [(figure, MOVING)] if standing is not None and 0.0 < (standing.value or 0.0) < 1.0 else []
+        for name, part in needed:
             if score.figure(name, condition=condition, part=part) is None:
                 yield f"{row.label} is limited, but the row {name} {part} is absent"
+
+
+def _required_details(score: Score) -> Iterator[str]:
+    """Yield the limited figures of the map and of the calls whose details are absent.
+
+    The report of a run in progress names no inputs and has no details. The times of a target, the answers of an
+    external node and points without pixels have none either.
+    """
+    if score.rules is None or score.provenance is None or not score.provenance.inputs:
+        return
+    details = Details() if score.details is None else score.details
+    node = None if score.external is None else score.external.task
+    for limit in score.rules.limits:
+        has_pixels = score.cloud is not None and not score.cloud.nearest_only
+        if limit.section is LimitSection.MAP and has_pixels and details.map is None:
+            yield f"{limit.name} is limited, but the details of the map are absent"
+        call = limit.limited.call
+        if limit.section not in (LimitSection.TIMING, LimitSection.MEMORY) or call is None or call == node:
+            continue
+        if score.figure(call, part=None) is not None and call not in details.calls:
+            yield f"{limit.name} is limited, but the details of the {call.words} calls are absent"
 
 
 def _of_judged(score: Score) -> Iterator[str]:
@@ -163,11 +205,68 @@ def _of_points(score: Score) -> Iterator[str]:
         yield from _as_the_sample(row, sizes, POINT_DIGITS_M)
 
 
+def _of_pairs(score: Score) -> Iterator[str]:
+    """Yield the figures of map points that do not follow from the rows of the pairs."""
+    for name in ("point_error", "disparity_error"):
+        row = score.figure(name, part=None)
+        if row is None:
+            continue
+        parts = [each for each in score.rows(name) if (each.part or "").startswith(PAIR)]
+        pairs = score.number("pairs")
+        if pairs is not None and len(parts) != pairs:
+            yield f"{row.label} has the rows of {len(parts)} pairs, the ground truth has {pairs:g}"
+        yield from _of_parts(row, parts)
+
+
+def _of_first_calls(score: Score) -> Iterator[str]:
+    """Yield the times of calls that do not follow from the first call and the others."""
+    node = None if score.external is None else score.external.task
+    for kind in CallKind:
+        for place in (Place.HOST, Place.TARGET):
+            row = score.figure(kind, part=RowPart(place=place))
+            first, others = (score.figure(kind, part=RowPart(part, place=place)) for part in (FIRST, AFTER_FIRST))
+            if row is None or row.n is None or (place is Place.HOST and kind == node):  # one time of each answer
+                continue
+            if first is None or first.value is None or (row.n > 1 and others is None):
+                yield f"{row.label} has no row of its first call, or none of the others"
+                continue
+            alone = figure_row(kind, n=1, mean=first.value, rmse=first.value, max=first.value)
+            yield from _of_parts(row, [alone] if others is None else [alone, others])
+
+
+def _of_parts(row: Figure, parts: Sequence[Figure]) -> Iterator[str]:
+    """Yield the statistics of a row that do not follow from those of the parts that all its values are divided into."""
+    known = [part for part in parts if part.n]
+    if not known or row.n is None:
+        return
+    count = sum(part.n or 0 for part in known)
+    derived: dict[str, float] = {"n": float(count), "max": max(part.max or 0.0 for part in known)}
+    derived["mean"] = sum((part.n or 0) * (part.mean or 0.0) for part in known) / count
+    derived["rmse"] = float(np.sqrt(sum((part.n or 0) * (part.rmse or 0.0) ** 2 for part in known) / count))
+    for name, value in derived.items():
+        stored = row.statistic(name)
+        scale = max(value, derived["rmse"]) if name == "mean" else value  # a mean may cancel
+        if stored is not None and abs(stored - value) > EXACT * abs(scale):
+            yield f"{name} of {row.label} is {stored:.9g}, from its parts follows {value:.9g}"
+
+
 def _of_calls(score: Score) -> Iterator[str]:
     for kind, plots in () if score.details is None else score.details.calls.items():
         row = score.figure(kind, part=None)
         if row is not None:
             yield from _of_times(row, plots)
+        yield from _of_memory(score, kind, plots)
+
+
+def _of_memory(score: Score, kind: str, plots: CallPlots) -> Iterator[str]:
+    """Yield that the peak of the memory is not that of the calls that are kept: of all, or of the slowest ones."""
+    row = score.figure("peak", part=kind)
+    peaks = [value for value in plots.series.peak_rss_bytes if value is not None and value > 0.0]
+    if row is None or row.value is None or not peaks or score.external is not None:
+        return
+    is_of_all = plots.series.slowest_of == 1
+    if max(peaks) > row.value or (is_of_all and max(peaks) < row.value):
+        yield f"{row.label} is {row.value:.9g}, one of its calls has {max(peaks):.9g}"
 
 
 def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:
@@ -201,6 +300,12 @@ def _of_counts(score: Score) -> Iterator[str]:
             continue
         if abs(share.value * count.n - count.value) > EXACT * count.n:
             yield f"{name} is {share.value:.9g} of {count.n}, its count is {count.value:.9g}"
+    for share in score.rows(STANDING, part=SUB_TRAJECTORIES):
+        moving = score.figure("position", condition=share.condition, part=MOVING)
+        given = 0 if moving is None else (moving.n or 0) + (moving.unknown or 0)
+        stands = (share.value or 0.0) * (share.n or 0)
+        if 0.0 < stands < (share.n or 0) and abs(stands + given - (share.n or 0)) > EXACT * (share.n or 0):
+            yield f"{share.label} is {_text(share.value)} of {share.n}, the errors of {given} others are there"
     for name in ("lost", "degraded"):
         row, drive = score.figure(name, part="count"), score.association
         if row is not None and drive is not None and row.value not in (None, getattr(drive, name)):

@@ -168,7 +168,9 @@ class MethodRecord(Record, frozen=True, kw_only=True):
     version: str | None  #: As the method reports it; null where it does not.
     kind: MethodKind  #: How it is reached.
     sha256: str | None = None  #: Hash of the file that it was loaded from; null where it is not one file.
-    config_sha256: str | None = None  #: Hash of the text of its configuration; null without one, or where unknown.
+    #: Hash of the text of its configuration, of our method that of the settings that are not the defaults; null without
+    #: one, or where unknown.
+    config_sha256: str | None = None
     isolation: str | None = None  #: What its process was kept from; null where that is unknown, or not needed.
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, ERRORS_BEYOND, LIVE, MAP
+from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, ERRORS_BEYOND, LIVE, MAP, STANDING
 
 
 class ShortfallKind(NamedTuple):
@@ -21,6 +21,7 @@ class ShortfallKind(NamedTuple):
 
 
 BEYOND_MOST = 0.02  #: Fraction of the frames that may be wrong between the judged ones, as a short loss is.
+STANDING_MOST = 0.5  #: Fraction of the sub-trajectories in which the rover may stand.
 SHORTFALLS = (
     ShortfallKind("missing", DRIVE, 0.0),  # in the words of `incomplete.missing_text`
     ShortfallKind(
@@ -33,6 +34,7 @@ SHORTFALLS = (
     ShortfallKind("lost", DRIVE),
     ShortfallKind("degraded", DRIVE),
     ShortfallKind("unmatched", DRIVE),
+    ShortfallKind("path_without_images", DRIVE),
     ShortfallKind("doubled", DRIVE, 0.0, "{percent} % of the estimates have the stamp of another estimate"),
     ShortfallKind(
         "poses_repeated",
@@ -58,6 +60,8 @@ SHORTFALLS = (
     ),
     # in the words of `incomplete.beyond_text`, for each limit that the errors of the other frames miss
     ShortfallKind(ERRORS_BEYOND, DRIVE, BEYOND_MOST),
+    # in the words of `incomplete.standing_text`, for each limit that the errors of the moving rover miss
+    ShortfallKind(STANDING, DRIVE, STANDING_MOST),
     ShortfallKind("pairs_without_cloud", MAP, 0.0, "{percent} % of the mapping pairs have no point in the cloud"),
     # a few points at the edges of the sky have no truth
     ShortfallKind(

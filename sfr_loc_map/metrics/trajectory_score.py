@@ -27,6 +27,7 @@ from sfr_loc_map.metrics.other_frames import largest_fraction_beyond, rows_of_ot
 from sfr_loc_map.metrics.placement import READINGS, PlacedFrames, Placement, of_known, placed_frames
 from sfr_loc_map.metrics.plot_columns import path_rows, sub_trajectory_rows
 from sfr_loc_map.metrics.records import Association, TruthRecord
+from sfr_loc_map.metrics.standing import largest_standing_fraction, rows_of_moving
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.three_sigma import evidence_rows
 from sfr_loc_map.metrics.trajectory_errors import (
@@ -96,10 +97,13 @@ def score_trajectory(
         figures += evidence_of(condition.setting, sub_trajectories, overlap, placed, truth, sums)
         of_other_frames = list(rows_of_other_frames(condition.setting, sub_trajectories, placed, has_height=has_height))
         figures += of_other_frames
+        if condition.is_of_time:
+            figures += rows_of_moving(condition.setting, sub_trajectories, overlap, has_height=has_height)
         unjudged += unjudged_frames(condition.setting, sub_trajectories, placed, of_other_frames)
         errors += error_columns(condition.setting, sub_trajectories, kept_errors)
         rows.append(sub_trajectory_rows(condition.setting, sub_trajectories, frames.stamps_ns, placed.length_m))
     figures += largest_fraction_beyond(figures)
+    figures.append(largest_standing_fraction(figures))
     figures += growth_rows(placed.poses, placed.length_m, config.spacing, placed.reading)
     figures += truth_error_rows(truth, frames.stamps_ns if association.interpolated else frames.stamps_ns[:0])
     path = path_rows(placed.estimates, frames, placed.length_m) if details else None

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from sfr_loc_map.inputs import NS_PER_S
-from sfr_loc_map.metrics.catalogue import TOTAL, Subject
-from sfr_loc_map.metrics.caveats import limits_caveats, reading_caveats, truth_caveats
+from sfr_loc_map.metrics.catalogue import MOVING, STANDING, SUB_TRAJECTORIES, TOTAL, Subject
+from sfr_loc_map.metrics.caveats import inputs_caveats, reading_caveats, truth_caveats
 from sfr_loc_map.metrics.config import SPACING_FRAMES, CallKind, MapScoreConfig, Rebase, label_of
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, MINIMUM_INDEPENDENT
 from sfr_loc_map.metrics.row_part import RowPart
@@ -16,6 +16,9 @@ from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.report.tables import METRE, fitting, number
 from sfr_loc_map.report.verdict_view import VerdictView
 
+PATH_WITHOUT_IMAGES = 0.01
+"""Fraction of the true path without images from which this is a deviation: a truth begins and ends beside an image."""
+TOLD_STANDING = 0.1  #: Fraction of sub-trajectories of a rover that stands from which this is a deviation.
 STAGES = (CallKind.MAPPING, CallKind.FUSION)  #: Calls that are stages of the mapping call of the document.
 
 
@@ -31,6 +34,16 @@ def deviations_of(score: Score) -> Iterator[str]:
                 yield f"{count} of {drive.matched} frames are {what}. They are judged like the others."
         if unmatched := score.number("unmatched", part="count"):
             yield f"{unmatched:.0f} estimates have no truth and are not judged."
+        without_images = score.number("path_without_images") or 0.0
+        if without_images > PATH_WITHOUT_IMAGES:
+            share = f"{100.0 * without_images:.3g} %"
+            yield f"{share} of the true path has no images, so that no estimate is expected there."
+        if not drive.images:
+            yield (
+                "The images of the drive are unknown. The estimate had to cover the true poses alone, so that images "
+                "that have neither an estimate nor a true pose are not counted."
+            )
+        yield from _standing(score)
         if drive.estimate_duplicates:
             yield f"{drive.estimate_duplicates} estimates were ignored because a later one has the same stamp."
     without_cloud = score.figure("pairs_without_cloud", part="count")
@@ -40,10 +53,26 @@ def deviations_of(score: Score) -> Iterator[str]:
         yield f"{without_truth:.0f} points are where the truth has no surface, and are not judged."
     if score.calls is None and score.association is not None and score.verdicts:
         yield "The calls of the run are unknown, and with them its findings and the states of its poses."
+    if score.external is not None:
+        yield "The external node was not isolated: it could read the ground truth from the disk."
     if score.truth is not None and score.truth.declared:
         yield f"The ground truth was read with {', '.join(score.truth.declared)}; the recording does not state this."
     if score.convention is not None:
         yield f"The poses were converted before: {', '.join(score.convention.declared) or 'as diagnosed'}."
+
+
+def _standing(score: Score) -> Iterator[str]:
+    """Yield of the conditions of time that the rover stands in many of their sub-trajectories."""
+    for row in score.rows(STANDING, part=SUB_TRAJECTORIES):
+        if row.value is None or row.value <= TOLD_STANDING:
+            continue
+        moving = score.number("position", TOTAL, condition=row.condition, part=MOVING)
+        share, over = f"{100.0 * row.value:.3g} %", label_of(row.condition or "")
+        text = f"In {share} of the {row.n} sub-trajectories over {over} the rover stands."
+        if moving is not None:
+            unit = fitting(METRE, moving)
+            text += f" Of the others, mean + 3 sigma is {number(moving, unit=unit)} {unit.symbol}."
+        yield text
 
 
 def _from_the_document(score: Score) -> Iterator[str]:
@@ -119,7 +148,7 @@ def caveats_of(score: Score) -> Iterator[str]:
     if score.truth is not None:
         yield from truth_caveats(score.truth)
     yield from reading_caveats(score)
-    yield from limits_caveats(score)
+    yield from inputs_caveats(score)
 
 
 def is_of_stage(item: Verdict) -> bool:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sfr_loc_map.config import changed
 from sfr_loc_map.errors import InputError, MappingError
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
@@ -28,6 +29,7 @@ from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.mapping.mapper import Mapper
 from sfr_loc_map.mapping.maps import FusedMap, PairMap
 from sfr_loc_map.mapping.search_range import search_range
+from sfr_loc_map.methods.config_truth import check_configuration
 from sfr_loc_map.methods.isolated_localiser import IsolatedLocaliser
 from sfr_loc_map.methods.isolated_mapper import IsolatedMapper
 from sfr_loc_map.methods.registry import Method, MethodLimits, record_of_ours
@@ -119,7 +121,7 @@ def drive(
         if isinstance(how, UnderTest):
             yield from localise_with(how, sequence, start.T_ds_rb)
             return
-        about = record_of_ours(Task.LOCALISATION)
+        about = record_of_ours(Task.LOCALISATION, changed(how))
         for estimate, record in localise(sequence, how, start, watch):
             yield Step(estimate, record, about)
 
@@ -143,6 +145,7 @@ def localise(
 
 def localise_with(how: UnderTest, sequence: LocSequence, T_ds_rb: Transform) -> Iterator[Step]:
     """Yield the step of each pair of a drive by a method under test."""
+    check_configuration(how.method.config, sequence.ground_truth)
     first_ns, *later_ns = sequence.stamps_ns[:2]
     step_s = next(((stamp_ns - first_ns) / NS_PER_S for stamp_ns in later_ns if stamp_ns > first_ns), DEFAULT_STEP_S)
     setup = (sequence.rig, T_ds_rb, how.limits)
@@ -247,7 +250,7 @@ def map_pairs(
         records.append(call_of_fusion(fused, [item.stamp_ns for item in maps], usage, MappingState.FUSED))
     usage = call_of_stages(records, whole.processing_time_s)
     records.append(CallRecord(maps[-1].stamp_ns, *usage.cost(MappingState.MAPPED_SET), task=Task.MAPPING))
-    return MapRun(maps, fused, records, record_of_ours(Task.MAPPING))
+    return MapRun(maps, fused, records, record_of_ours(Task.MAPPING, changed(config)))
 
 
 def map_pairs_with(

@@ -71,7 +71,7 @@ def save_replay(result: CollectedRun, files: ReplayFiles) -> None:
     if len(result.estimate):
         save_trajectory(files.estimate, result.estimate)
     if result.records:
-        save_stats(files.stats, result.records)
+        save_stats(files.stats, result.records, estimate=result.estimate)
     if result.cloud is not None:
         save_cloud(files.cloud, result.cloud)
     if result.points is not None:

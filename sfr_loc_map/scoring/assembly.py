@@ -8,7 +8,7 @@ from dataclasses import replace
 from msgspec.structs import replace as struct_replace
 
 from sfr_loc_map.metrics.catalogue import ERRORS_BEYOND
-from sfr_loc_map.metrics.caveats import reading_caveats
+from sfr_loc_map.metrics.caveats import NOT_BOUND, reading_caveats
 from sfr_loc_map.metrics.config import Condition, ScoreConfig
 from sfr_loc_map.metrics.details import CallPlots, Details, MapDetails, TrajectoryDetails
 from sfr_loc_map.metrics.judging.incomplete import why_not_whole
@@ -68,6 +68,7 @@ def score_of_parts(
     )
     score = judged(score, limits, partial=config.trajectory.partial)
     warnings = [*_convention_warnings(run.convention), *trajectory.warnings, *surface.warnings, *calls.warnings]
+    warnings += _unbound_calls(run)
     warnings += () if method is None else _process_warnings(method, run)
     warnings += [*_partial_warnings(score), *reading_caveats(score)]
     if any(item.figure == ERRORS_BEYOND for item in score.verdicts):
@@ -99,6 +100,13 @@ def _method_of(run: Run) -> MethodRecord | None:
     methods = [item.method for item in run.all_calls if item.method is not None]
     others = [method for method in methods if method.kind is not MethodKind.BUILT_IN]
     return run.method or next(iter([*others, *methods]), None)
+
+
+def _unbound_calls(run: Run) -> Iterator[str]:
+    """Yield that calls of files state no positions by which they would belong to the estimate."""
+    unbound = [item for item in run.stats if item.positions is None and len(item.localised_ns)]
+    if run.drive is not None and run.inputs.stats and unbound:
+        yield f"the calls (--stats) state no positions: {NOT_BOUND}"
 
 
 def _process_warnings(method: MethodRecord, run: Run) -> Iterator[str]:

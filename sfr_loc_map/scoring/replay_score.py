@@ -70,12 +70,14 @@ def score_replay(
         else:
             in_memory["cloud"] = hash_arrays([cloud.loaded.xyz])
     task = Task.MAPPING if drive is None else Task.LOCALISATION
+    prefix = f"{task}."
+    own = {name.removeprefix(prefix): value for name, value in settings.items() if name.startswith(prefix)}
     run = Run(
         inputs,
         stats,
         drive=drive,
         cloud=cloud,
-        method=record_of_ours(task),
+        method=record_of_ours(task, own),
         unposed_images=unposed,
         nav_stamps_ns=nav_stamps_ns,
         unmapped_pairs=unmapped,

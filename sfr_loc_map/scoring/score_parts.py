@@ -28,7 +28,7 @@ from sfr_loc_map.metrics.calls import (
 from sfr_loc_map.metrics.catalogue import DRIVE, MAP
 from sfr_loc_map.metrics.caveats import truth_caveats
 from sfr_loc_map.metrics.cloud_error import PairTruth, score_map, score_nearest, typical_pixel_offset
-from sfr_loc_map.metrics.completeness import expected_row, share_rows
+from sfr_loc_map.metrics.completeness import SPARSER, expected_row, share_rows
 from sfr_loc_map.metrics.config import AlignedErrorConfig, AssociationMode, MapScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.details import CallPlots, ErrorRows, MapDetails, TrajectoryDetails
 from sfr_loc_map.metrics.records import Alignment, Association, CallRecords, CloudRecord, TargetRun, TruthRecord
@@ -38,7 +38,7 @@ from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.runs.calls import CallStats
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run
 
-FEW_TRUE_POSES = 0.5  #: Below so many true poses an image it is said that frames count true poses.
+FEW_TRUE_POSES = 1.0 / SPARSER  #: Up to so many true poses an image it is said that frames count true poses.
 MAX_PIXEL_OFFSET = 5.0  #: Typical distance of points from the pixels that they name, px: matching errs by less.
 
 
@@ -138,10 +138,11 @@ def _frame_warnings(drive: DriveToScore, association: Association) -> Iterator[s
     many, what = association.images, "images"
     if not many:
         many, what = len(drive.estimates.trajectory), "estimates"
-    if association.mode is AssociationMode.MATCH and association.truth_poses < FEW_TRUE_POSES * many:
+    if association.mode is AssociationMode.MATCH and association.truth_poses <= FEW_TRUE_POSES * many:
         yield (
             f"the truth has {association.truth_poses} poses for {many} {what}: frames and spacing count true poses; "
-            "sfr score --frames images interpolates the truth to every image"
+            "no figure contains the errors between them; sfr score --frames images interpolates the truth to "
+            "every image"
         )
 
 

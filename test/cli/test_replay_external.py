@@ -12,7 +12,10 @@ import pytest
 pytest.importorskip("rclpy")
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(180)]
 
+import psutil
+
 from campaigns.misbehaviour import CASES, differences, run_case
+from helpers import HELPERS
 from helpers.cli_result import Sfr
 from helpers.made_scene import write_folder
 from helpers.processes import Process
@@ -101,3 +104,17 @@ def test_options_that_cannot_be_are_one_line(sfr: Sfr, tmp_path: Path, words: li
     assert result.code == 2
     (line,) = result.err.strip().splitlines()
     assert problem in line
+
+
+@pytest.mark.slow
+def test_a_node_that_forks_twice_is_measured_and_ended(sfr: Sfr, tmp_path: Path, own_domain: None) -> None:
+    source, out, page = write_folder(tmp_path / "source", PAIRS, 0), tmp_path / "out", tmp_path / "r.html"
+    node = f"{sys.executable} {HELPERS / 'misbehaving_node.py'} forks"
+    ran = sfr("replay", source, "--external", "localisation", "--command", node, *SCORED, "--out", out)
+    assert (out / "report.json").exists(), ran.err
+    score = json.loads((out / "report.json").read_text())
+    assert score["external"]["process"]["peak_rss_bytes"] > 4e8
+    commands = [each.info["cmdline"] for each in psutil.process_iter(["cmdline"])]
+    assert node.split() not in commands, "the orphan was left behind"
+    sfr("report", out / "report.json", "--test-report", page)
+    assert "The external node was not isolated" in page.read_text()

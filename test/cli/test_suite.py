@@ -19,6 +19,8 @@ import yaml
 from helpers.cli_result import Sfr
 from helpers.made_suites import SFR, made_suite, results
 from helpers.score_rows import row
+from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.io.tables.trajectory_file import read_trajectory_file, save_trajectory
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.metrics.records import MethodKind, MethodRecord
 from sfr_loc_map.runs.calls import CallRecord, save_stats, stats_beside
@@ -195,6 +197,32 @@ def test_a_suite_without_its_bad_drive_and_an_edited_plan_pass_nothing(
     assert "left out: 'drive2.csv' was run" in chosen.err
     suite.unlink()
     assert "was not checked" in sfr(*report).err
+
+
+def test_a_suite_with_another_drive_in_place_of_its_bad_drive_passes_nothing(sfr: Sfr, tmp_path: Path) -> None:
+    """Both drives are as long as each other, and their files have the same names in different folders."""
+    out, words = tmp_path / "out", ("--workers", 1, "--json", "-")
+    bad, good = (made_suite(tmp_path / name, 1, sigma, limits=LIMITS) for name, sigma in (("bad", 0.2), ("good", 1e-3)))
+    assert sfr("suite", "run", bad, "--out", out, *words).code == 1
+    swapped = sfr("suite", "run", good, "--out", out, *words)
+    assert (swapped.code, json.loads(swapped.out)["verdict"]) == (2, "incomplete")
+    assert "left out: 'drive0.csv' was run" in swapped.err
+
+
+def test_wrong_frames_between_the_starts_and_copies_pass_no_suite(sfr: Sfr, tmp_path: Path) -> None:
+    """What makes the score of a drive incomplete makes the suite incomplete."""
+    for name, said in (("between", "of the frames are in no judged error"), ("copy", "are those of the ground truth")):
+        suite = made_suite(tmp_path / name, 2, limits=LIMITS)
+        path, truth = suite.parent / "drive0.csv", read_trajectory_file(suite.parent / "truth0.csv").trajectory
+        drive = read_trajectory_file(path).trajectory
+        is_between = (np.arange(len(drive)) % 5 > 0)[:, None]
+        wrong = drive.positions + is_between * np.array([0.0, 0.0, 3.0])
+        chosen = wrong if name == "between" else truth.positions
+        save_trajectory(path, Trajectory(drive.stamps_ns, chosen, drive.quats_xyzw))
+        ran = sfr("suite", "run", suite, "--out", tmp_path / name / "out", "--workers", 1, "--json", "-")
+        found = json.loads(ran.out)
+        assert (ran.code, found["verdict"]) == (3, "incomplete"), ran.err
+        assert [said in drive.get("incomplete", "") for drive in found["drives"]] == [True, False], found["drives"]
 
 
 def test_usage_errors_are_one_line(sfr: Sfr, tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ Processes
     peer: a node that publishes and listens. manager: a peer that manages one node in the process of the test.
     own_domain, ros_domain, dds_client, rover_process: DDS of its own, and who takes part in it.
     misbehaving_class, misbehaving_node, misbehaving_jobs, faulty_external_node: methods, nodes and jobs that fail.
-    faulty_candidate.c, slow_clock.c: a library under test, and one that slows the clock.
+    faulty_candidate.c, slow_clock.c, repaid_clock.c: a library under test, and two that slow the clock.
 Live page
     live_run, page_server, browser, foxglove_client.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 
@@ -46,5 +47,16 @@ class Misbehaving(Node):
             self.publisher.publish(out)
 
 
+def fork_twice() -> bytes:
+    """Go on in a process of another session whose parent has ended, with 400 MB; the first process waits."""
+    if os.fork():
+        signal.pause()
+    os.setsid()
+    if os.fork():
+        os._exit(0)
+    return b"x" * 400_000_000
+
+
+ballast = fork_twice() if sys.argv[1] == "forks" else b""
 rclpy.init()
 rclpy.spin(Misbehaving(sys.argv[1]))

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from helpers.cli_result import Sfr
 from helpers.judge import FEW_INDEPENDENT, OVER_5_M, Judge
@@ -14,6 +15,7 @@ from helpers.scored_drives import POSITION, limits, straight, write_calls_of
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.clouds.cloud_file import save_cloud
+from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 
 
@@ -76,3 +78,39 @@ def test_unknown_calls_are_a_deviation(tmp_path: Path, files: tuple[Path, Path],
         assert sfr("score", *files, "--limits", rules, "--json", score, "--overwrite", *options).code == 0
         assert sfr("report", score, "--test-report", page, "--overwrite").code == 0
         assert ("The calls of the run are unknown" in page.read_text()) == is_deviation
+        of_any_run = "the calls (--stats) state no positions" in page.read_text().lower()
+        assert of_any_run != is_deviation, "these calls have nothing in common with the estimate but stamps"
+
+
+def test_a_sparse_truth_and_unknown_images_are_conditions_of_the_verdict(tmp_path: Path, sfr: Sfr) -> None:
+    """Every second true pose is absent: nothing shows whether there was one."""
+    truth, score, page = straight(), tmp_path / "s.json", tmp_path / "r.html"
+    save_trajectory(tmp_path / "e.csv", straight(scale=0.999))
+    save_trajectory(tmp_path / "t.csv", Trajectory(truth.stamps_ns[::2], truth.positions[::2], truth.quats_xyzw[::2]))
+    rules = limits(tmp_path, {**POSITION, "minimum_independent": 2})
+    done = sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", rules, "--json", score)
+    assert (done.code, "no figure contains the errors between them" in done.err) == (0, True), done.err
+    sfr("report", score, "--test-report", page)
+    for text in ("no figure contains the errors between them", "The images of the drive are unknown", "150 estimates"):
+        assert text in page.read_text()
+
+
+@pytest.mark.parametrize("cut", [slice(5, 25), slice(0, 20), slice(20, 40), slice(5, 9)])
+def test_a_true_path_without_images_is_a_deviation(tmp_path: Path, sfr: Sfr, cut: slice) -> None:
+    """A single score of a list of pairs that was cut, with the estimate of the pairs that are left."""
+    folder, poses, page = write_folder(tmp_path / "data", 40, 1), tmp_path / "e.csv", tmp_path / "t.html"
+    truth, table, score = open_source(folder).truth, folder / "loc" / "pairs.csv", tmp_path / "s.json"
+    assert truth is not None
+    is_cut = np.isin(np.arange(40), np.arange(40)[cut])
+    header, *rows = table.read_text().splitlines(keepends=True)
+    table.write_text("".join([header, *(row for row, is_out in zip(rows, is_cut, strict=True) if not is_out)]))
+    kept = (truth.stamps_ns[~is_cut], 0.999 * truth.positions[~is_cut], truth.quats_xyzw[~is_cut])
+    save_trajectory(poses, Trajectory(*kept))
+    content = {"minimum_independent": 1, "trajectory": [{"condition": "frames=4", "position_mean_plus_3sigma_m": 1.0}]}
+    done = sfr("score", poses, folder, "--limits", limits(tmp_path, content), "--json", score)
+    assert done.code == 0, done.out + done.err
+    sfr("report", score, "--test-report", page)
+    is_told = "of the true path has no images, so that no estimate is expected there" in page.read_text()
+    assert is_told == (cut != slice(5, 9)), "four images are less than a hole"
+    stated = limits(tmp_path, content | {"completeness": {"path_without_images_max_share": 0.05}})
+    assert sfr("score", poses, folder, "--limits", stated).code == (1 if is_told else 0)

@@ -195,3 +195,21 @@ def test_frames_that_are_true_poses_not_images_are_said(judge: Judge) -> None:
     holed = rows_of(sparse, np.r_[0:30, 50:81])  # 10.5 s without truth
     assert judge("--frames", "images", truth=holed)[1]["association"]["matched"] == POSES - 104
     assert judge("--frames", "images", "--associate", "match", truth=sparse)[0].code == 2
+
+
+@pytest.mark.parametrize(("frames", "code"), [(30, 3), (4, 0)])
+def test_an_estimate_in_a_hole_of_the_truth_is_not_judged(tmp_path: Path, sfr: Sfr, frames: int, code: int) -> None:
+    """The estimate is wrong by metres there; a truth with a short outage is honest."""
+    estimate, truth = straight(scale=0.999), straight()
+    is_cut = (np.arange(COUNT) > 121) & (np.arange(COUNT) <= 121 + frames)
+    wrong = estimate.positions + np.array([0.0, 3.0, 0.0]) * (is_cut & (frames > 4))[:, None]
+    save_trajectory(tmp_path / "e.csv", Trajectory(estimate.stamps_ns, wrong, estimate.quats_xyzw))
+    columns = (truth.stamps_ns[~is_cut], truth.positions[~is_cut], truth.quats_xyzw[~is_cut])
+    save_trajectory(tmp_path / "t.csv", Trajectory(*columns))
+    content = {**POSITION, "minimum_independent": 3}
+    done = sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", limits(tmp_path, content))
+    assert (done.code, "9.396 % of the images or true poses have no ground truth" in done.out) == (code, code == 3), (
+        done.out + done.err
+    )
+    allowed = limits(tmp_path, content | {"completeness": {"unmatched_max_share": 0.2}})
+    assert sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", allowed).code == 0

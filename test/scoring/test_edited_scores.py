@@ -7,11 +7,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from helpers.cli_result import Sfr
 from helpers.judge import OVER_5_M, Judge
+from helpers.made_scene import nav_pair, write_folder
 from helpers.scored_drives import COUNT, PERIOD_NS, POSITION, limits
+from sfr_loc_map.geometry.cloud import PointCloud
+from sfr_loc_map.io.clouds.cloud_file import save_cloud
 from sfr_loc_map.metrics.judging.judge import judged_again
 from sfr_loc_map.metrics.score_json import decoded, to_json
 
@@ -20,7 +24,11 @@ Edit = Callable[[dict[str, Any]], None]
 
 def without_errors(score: dict[str, Any]) -> None:
     score["errors"] = []
-    score["details"] = None
+    score["details"]["trajectory"] = None
+
+
+def without_calls(score: dict[str, Any]) -> None:
+    score["details"]["calls"] = {}
 
 
 def without_other_frames(score: dict[str, Any]) -> None:
@@ -64,6 +72,7 @@ def with_fewer_independent(score: dict[str, Any]) -> None:
         (without_copies, "but the row poses_of_truth is absent"),
         (without_missing, "but the row missing is absent"),
         (partly_judged, "judged drive is 0.8, from what is absent follows 1"),
+        (without_calls, "localisation_p95_s is limited, but the details of the localisation calls are absent"),
         (looser, "its limits are not those of"),
         (with_fewer_independent, "its limits are not those of"),
     ],
@@ -72,7 +81,7 @@ def test_an_edited_file_is_refused(tmp_path: Path, files: tuple[Path, Path], sfr
     stats, made, page = tmp_path / "calls.csv", tmp_path / "s.json", tmp_path / "p.html"
     rows = [f"{row * PERIOD_NS},0.1,{'lost' if row < 10 else 'tracking'}" for row in range(COUNT)]
     stats.write_text("\n".join(["stamp_ns,processing_time_s,state", *rows]) + "\n")
-    rules = limits(tmp_path, POSITION)
+    rules = limits(tmp_path, {**POSITION, "timing": {"localisation_p95_s": 1.0}})
     assert sfr("score", *files, "--limits", rules, "--stats", stats, "--json", made).code == 0
     assert sfr("report", made, "-o", page).code == 0
     content = json.loads(made.read_text())
@@ -153,3 +162,76 @@ def test_limits_whose_file_is_absent_or_changed_are_reported(
     table = tmp_path / "control.csv"
     sfr("report", made, "--test-report", page, "--control", table, "--overwrite")
     assert all("were not compared" in path.read_text() for path in (page, table)), "a deviation"
+
+
+def points_of(number: int) -> PointCloud:
+    """The true point of each pixel of a pair, 1 mm or 2 mm off."""
+    truth = nav_pair(number).truth
+    assert truth is not None
+    v, u = (part.ravel().astype(np.uint16) for part in np.indices(truth.shape[:2]))
+    same, pair = np.full(len(u), 0.05, np.float32), np.full(len(u), number, np.uint8)
+    points = truth.reshape(-1, 3) + np.array([0.001 * (number + 1), 0.0, 0.0], np.float32)
+    return PointCloud(points, same, same, u, v, pair, fused=False)
+
+
+def without_details(score: dict[str, Any]) -> None:
+    score["details"]["calls"] = {}
+    score["details"]["map"] = None
+
+
+def of_part(score: dict[str, Any], part: str | None, figure: str) -> dict[str, Any]:
+    (row,) = [row for row in score["figures"] if (row["figure"], row.get("part")) == (figure, part)]
+    return row
+
+
+def faster(score: dict[str, Any]) -> None:
+    """Scale the times of all calls, and what plots are drawn from, but for the row of the first call."""
+    for part in (None, "after the first call"):
+        row = of_part(score, part, "localisation")
+        row.update({name: 0.1 * row[name] for name in ("mean", "sigma", "mean_plus_3sigma", "p50", "p95", "p99")})
+        row.update({name: 0.1 * row[name] for name in ("max", "rmse")})
+    series = score["details"]["calls"]["localisation"]["series"]
+    series["processing_time_s"] = [0.1 * value for value in series["processing_time_s"]]
+
+
+def smaller(score: dict[str, Any]) -> None:
+    of_part(score, "localisation", "peak")["value"] *= 0.2
+
+
+def nearer(score: dict[str, Any]) -> None:
+    """Lower the errors of the whole map, whose pairs keep theirs, and omit the sample of the points."""
+    row = of_part(score, None, "point_error")
+    row.update({name: 0.1 * row[name] for name in ("mean", "sigma", "mean_plus_3sigma", "p50", "p95", "p99")})
+    row.update({name: 0.1 * row[name] for name in ("max", "rmse")})
+    score["details"]["map"]["cloud"]["error_m"] = [0.1 * e for e in score["details"]["map"]["cloud"]["error_m"]]
+
+
+def without_a_pair(score: dict[str, Any]) -> None:
+    score["figures"] = [row for row in score["figures"] if row.get("part") != "pair 1"]
+
+
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        (without_details, "point_error_p95_m is limited, but the details of the map are absent"),
+        (faster, "of localisation is 0.01"),
+        (smaller, "peak localisation is 100000000, one of its calls has 500000000"),
+        (nearer, "of point_error is 0."),
+        (without_a_pair, "point_error has the rows of 1 pairs, the ground truth has 2"),
+    ],
+)
+def test_rows_of_maps_and_calls_agree(tmp_path: Path, sfr: Sfr, edit: Edit, said: str) -> None:
+    """One score of a map and of the calls of a localiser: every row that is left contradicts the edited one."""
+    folder, cloud, made = write_folder(tmp_path / "data", 0, 2), tmp_path / "c.ply", tmp_path / "s.json"
+    stats, page = tmp_path / "calls.csv", tmp_path / "p.html"
+    save_cloud(cloud, PointCloud.concatenate([points_of(number) for number in range(2)]))
+    rows = [f"{row * PERIOD_NS},{0.1 + 0.001 * row},tracking,5e8" for row in range(20)]
+    stats.write_text("\n".join(["stamp_ns,processing_time_s,state,peak_rss_bytes", *rows]) + "\n")
+    rules = limits(tmp_path, {"map": {"point_error_p95_m": 1.0}})
+    assert sfr("score", cloud, folder, "--limits", rules, "--stats", stats, "--json", made).code == 0
+    assert sfr("report", made, "-o", page).code == 0
+    content = json.loads(made.read_text())
+    edit(content)
+    made.write_text(to_json(judged_again(decoded(json.dumps(content)))))
+    done = sfr("report", made, "-o", page, "--overwrite")
+    assert (done.code, said in done.err) == (2, True), done.err

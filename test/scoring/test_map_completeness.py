@@ -10,7 +10,7 @@ import pytest
 
 from helpers.cli_result import Sfr
 from helpers.judge import SKY_ROWS, Judge
-from helpers.made_scene import NAV_RIG, true_cloud, write_folder
+from helpers.made_scene import NAV_RIG, nav_pair, true_cloud, write_folder
 from helpers.scored_drives import limits
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.io.clouds.cloud_file import load_cloud, save_cloud, save_points
@@ -79,3 +79,17 @@ def test_points_without_pixels_are_repeated_at_one_place(tmp_path: Path, sfr: Sf
     for points, code in ((wrong, 1), (good, 0), (np.vstack((wrong, twenty)), 3), (np.vstack((wrong, moved)), 3)):
         save_points(path, points)
         assert sfr("score", path, folder, "--limits", rules).code == code, (len(points), code)
+
+
+def test_a_range_without_a_true_pixel_requires_no_point_and_is_incomplete(tmp_path: Path, sfr: Sfr) -> None:
+    """Three exact points are no map, also where no true pixel is in the scored range."""
+    folder, cloud = write_folder(tmp_path / "data", 0, 1), tmp_path / "c.ply"
+    truth = nav_pair(0).truth
+    assert truth is not None
+    v, u = (part.ravel()[:3].astype(np.uint16) for part in np.indices(truth.shape[:2]))
+    points, same = truth[v, u] + 0.001, np.full(3, 0.05, np.float32)
+    save_cloud(cloud, PointCloud(points, same, same, u, v, np.zeros(3, np.uint8), fused=False))
+    rules = limits(tmp_path, {"map": {"point_error_p95_m": 0.01}})
+    for options, said in (((), "has no map point at"), (("--range", "5000", "6000"), "has a true pixel in the scored")):
+        done = sfr("score", cloud, folder, "--limits", rules, *options)
+        assert (done.code, said in done.out) == (3, True), done.out + done.err

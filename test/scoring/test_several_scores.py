@@ -8,9 +8,11 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
+import yaml
 
 from helpers.cli_result import Sfr
 from helpers.judge import OVER_5_M, POSES, Judge, rows_of
+from helpers.made_scene import write_folder
 from helpers.scored_drives import LOOSE, POSITION, limits, wandering
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
@@ -115,3 +117,29 @@ def test_a_difference_that_may_be_chance_is_neither_better_nor_worse(sfr: Sfr, j
     for item in pairs:
         told = item["verdict"] in ("better", "worse")
         assert told == (item in clear and item["p_corrected"] <= 0.05)
+
+
+def test_runs_of_our_method_by_several_configurations_have_no_pass_in_common(tmp_path: Path, sfr: Sfr) -> None:
+    """One run meets the limits of memory and the other those of time; a map of another configuration is of its own."""
+    folder, config, page = write_folder(tmp_path / "data", 12, 1), tmp_path / "few.yaml", tmp_path / "r.html"
+    config.write_text(yaml.safe_dump({"localisation": {"max_features": 300}}))
+    rules = {
+        name: limits(tmp_path, {name: {f"localisation_{number}": 1e11}}).rename(tmp_path / f"{name}.yaml")
+        for name, number in (("timing", "p95_s"), ("memory", "peak_bytes"))
+    }
+    found, hashes = {}, {}
+    for name, options in (("default", ()), ("few", ("--config", config))):
+        estimate = tmp_path / f"{name}.csv"
+        assert sfr("localise", folder, "-o", estimate, "--start", "truth", *options).code == 0
+        for kind, path in rules.items():
+            found[name, kind] = tmp_path / f"{name}-{kind}.json"
+            words = ("--condition", "frames=2", "--limits", path, "--json", found[name, kind])
+            done = sfr("score", estimate, folder, *words)
+            assert done.code == 0, done.out + done.err
+        hashes[name] = json.loads(found[name, kind].read_text())["method"].get("config_sha256")
+    assert hashes["default"] is None
+    assert hashes["few"] is not None
+    together = sfr("report", found["few", "timing"], found["few", "memory"], "--test-report", page)
+    assert together.code == 0, together.err
+    mixed = sfr("report", found["default", "timing"], found["few", "memory"], "--test-report", page, "--overwrite")
+    assert (mixed.code, "the item under test had several configurations" in mixed.err) == (3, True), mixed.err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from helpers.cli_result import Sfr
 from helpers.honest_drives import honest_drive
-from helpers.scored_drives import COUNT, POSITION, limits, straight
+from helpers.scored_drives import COUNT, PERIOD_NS, POSITION, limits, straight
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 from sfr_loc_map.metrics.association import Estimates
@@ -105,3 +106,60 @@ def test_random_honest_drives_have_no_error_beyond_the_judged_ones() -> None:
         rows = [row for row in figures if row.figure == ERRORS_BEYOND]
         assert all((row.value or 0.0) <= BEYOND_MOST for row in rows), (seed, kind, rows)
         assert any(row.part == OTHER_FRAMES for row in figures)
+
+
+def with_stop(drive: Trajectory, frames: int) -> Trajectory:
+    """Return a drive with a stop of so many frames at its end."""
+    rows = np.minimum(np.arange(COUNT + frames), COUNT - 1)
+    return Trajectory(np.arange(COUNT + frames) * PERIOD_NS, drive.positions[rows], drive.quats_xyzw[rows])
+
+
+@pytest.mark.parametrize(
+    ("scale", "frames", "code"),
+    [
+        (0.99, 0, 1),  # 50 mm over 5 m
+        (0.99, 5700, 3),  # diluted to 36 mm
+        (0.999, 5700, 0),  # 5 mm over 5 m
+    ],
+)
+def test_a_rover_that_stands_meets_no_limit_for_one_that_moves(
+    tmp_path: Path, sfr: Sfr, scale: float, frames: int, code: int
+) -> None:
+    paths, score, page = (tmp_path / "e.csv", tmp_path / "t.csv"), tmp_path / "s.json", tmp_path / "r.html"
+    for path, factor in zip(paths, (scale, 1.0), strict=True):
+        save_trajectory(path, with_stop(straight(scale=factor), frames))
+    bound = {"limit": 0.04, "prob": 0.9, "confidence": 0.95, "interpretation": "temporal"}
+    entry = {"condition": "time=5", "position_mean_plus_3sigma_m": 0.04}
+    for content in (entry, {**entry, "position_bound_m": bound}):
+        rules = limits(tmp_path, {"trajectory": [content]})
+        done = sfr("score", *paths, "--limits", rules, "--json", score, "--overwrite")
+        if code or content is entry:
+            assert done.code == code, done.err
+        assert ("of the sub-trajectories over 5 s the rover stands; of the others" in done.err) == (code == 3), done.err
+    if code == 3:
+        assert sfr("score", *paths, "--limits", rules, "--partial").code == 3
+        states = {item["name"]: item["verdict"] for item in json.loads(score.read_text())["verdicts"]}
+        assert states["position_bound_m"] == "incomplete"
+        allowed = limits(tmp_path, {"trajectory": [content], "completeness": {"standing_max_share": 0.96}})
+        done = sfr("score", *paths, "--limits", allowed, "--json", score, "--overwrite")
+        assert done.code == 0, done.err
+    sfr("report", score, "--test-report", page)
+    told = re.search(
+        r"In 9[0-9.]+ % of the \d+ sub-trajectories over 5 s the rover stands. Of the others", page.read_text()
+    )
+    assert bool(told) == (frames > 0)
+
+
+@pytest.mark.parametrize("frames", [0, 150])
+def test_a_drive_that_stands_throughout_or_for_a_third_is_judged(tmp_path: Path, sfr: Sfr, frames: int) -> None:
+    """A test at standstill, whose truth has noise or has not, and a stop of an honest drive."""
+    rng, paths = np.random.default_rng(5), (tmp_path / "e.csv", tmp_path / "t.csv")
+    drive = with_stop(straight(scale=0.999), frames) if frames else straight(scale=0.0)
+    truth = with_stop(straight(), frames) if frames else drive
+    for sigma_m in (0.0, 1e-3):
+        noise = [rng.normal(0.0, size, truth.positions.shape) for size in (1e-3, sigma_m)]
+        for path, poses, error in zip(paths, (drive, truth), noise, strict=True):
+            save_trajectory(path, Trajectory(poses.stamps_ns, poses.positions + error, poses.quats_xyzw))
+        rules = limits(tmp_path, {"trajectory": [{"condition": "time=5", "position_mean_plus_3sigma_m": 0.04}]})
+        done = sfr("score", *paths, "--limits", rules)
+        assert done.code == 0, done.out + done.err

@@ -14,7 +14,10 @@ from sfr_loc_map.metrics.catalogue import (
     KINDS,
     MAP,
     MEMORY,
+    MOVING,
     OTHER_FRAMES,
+    STANDING,
+    SUB_TRAJECTORIES,
     Subject,
     statistic_title,
     title_of,
@@ -26,7 +29,7 @@ from sfr_loc_map.metrics.judging.limit_scope import judged_parts, limits_of
 from sfr_loc_map.metrics.limits import COVERAGE_MIN, Limit, Limits, LimitSection, Rules, margin_of, meets
 from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.score import Score
-from sfr_loc_map.metrics.shortfall_kinds import BEYOND_MOST, SHORTFALLS
+from sfr_loc_map.metrics.shortfall_kinds import BEYOND_MOST, SHORTFALLS, STANDING_MOST
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.verdict import Verdict
 
@@ -35,6 +38,7 @@ UNKNOWN = "what was expected of the {part} is unknown: score against the source"
 NO_CALL = "no {part} call was measured: give the calls of the run (--stats)"
 NO_STAMP = "the {part} calls have no stamps, so that their pairs are unknown"
 NO_STATE = "which poses are {figure} is unknown: give the calls of the run (--stats)"
+NO_PIXEL = "no mapping pair has a true pixel in the scored range, so that no point was required"
 OF_STATES = ("lost", "degraded")  #: Figures that need the state of each pose.
 NEVER_PARTIAL = ("calls_other", "calls_doubled", "doubled", "poses_of_truth", "errors_of_truth")
 """Figures that are no matter of a part: what is given is of something else, or twice."""
@@ -92,6 +96,8 @@ def shortfalls(score: Score) -> list[Shortfall]:
         found += _shortfalls_of(score, part, allowed)
     if ERRORS_BEYOND not in allowed:
         found += _beyond_the_judged(score, limits)
+    if STANDING not in allowed:
+        found += _met_by_standing(score, limits)
     for limit in limits.limits:
         figure = limit.limited.figure
         row = score.figure(figure, part=None) if figure in OF_STATES else None
@@ -117,7 +123,11 @@ def _shortfalls_of(score: Score, part: RowPart, allowed: Collection[str]) -> Ite
         asked = is_partial and figure not in NEVER_PARTIAL
         found = score.figure(figure, subject=Subject.COMPLETENESS, part=kind)
         value = None if found is None else found.value
-        if figure in (ERRORS_BEYOND, *allowed) or asked or most is None or value is None or value <= most:
+        if figure in (ERRORS_BEYOND, STANDING, *allowed) or asked or most is None:
+            continue
+        if figure == "pixels_without_point" and found is not None and value is None:
+            yield Shortfall(part, figure, most, None, NO_PIXEL, score.place_of(found))
+        if value is None or value <= most:
             continue
         said = text.format(percent=f"{100.0 * value:.4g}", value=f"{value:g}", part=kind)
         said = missing_text(score) if figure == "missing" else said
@@ -142,6 +152,35 @@ def _beyond_the_judged(score: Score, limits: Limits) -> Iterator[Shortfall]:
         if value is not None and not meets(limit, value):
             text = beyond_text(score, limit, share.value, value)
             yield Shortfall(RowPart(DRIVE), ERRORS_BEYOND, BEYOND_MOST, share.value, text, score.place_of(share))
+
+
+def _met_by_standing(score: Score, limits: Limits) -> Iterator[Shortfall]:
+    """Yield the limits that the errors meet because the rover stands in most sub-trajectories.
+
+    The errors of the others miss the limit, or are too few for a verdict. A drive that stands from its begin to its end
+    is a test of its own.
+    """
+    for limit in limits.limits:
+        figure, condition = limit.limited.figure, limit.condition
+        share = score.figure(STANDING, condition=condition, part=SUB_TRAJECTORIES) if condition is not None else None
+        moving = score.figure(figure, condition=condition, part=MOVING)
+        if share is None or moving is None or (share.value or 0.0) <= STANDING_MOST:
+            continue
+        value, independent = moving.statistic(statistic_of(limit)), moving.independent or 0.0
+        if value is None or independent < limits.minimum_independent or not meets(limit, value):
+            text = standing_text(limit, share, moving, value)
+            yield Shortfall(RowPart(DRIVE), STANDING, STANDING_MOST, share.value, text, score.place_of(share))
+
+
+def standing_text(limit: Limit, share: Figure, moving: Figure, value: float | None) -> str:
+    """Return in which fraction of the sub-trajectories the rover stands, and what the others are."""
+    figure, over = limit.limited.figure, label_of(limit.condition or "")
+    number = "unknown" if value is None else f"{value:.4g} {KINDS[figure].unit}"
+    return (
+        f"in {100.0 * (share.value or 0.0):.4g} % of the sub-trajectories over {over} the rover stands; of the others "
+        f"{moving.independent or 0.0:.3g} are independent, and {statistic_title(statistic_of(limit))} of their "
+        f"{title_of(figure)} is {number}"
+    )
 
 
 def statistic_of(limit: Limit) -> str:

@@ -39,6 +39,7 @@ def common_verdict(scores: Sequence[Score]) -> Common:
     if worst is VerdictState.PASS and None in states:
         worst = None
     items = {_item(score.method) for score in scores}
+    configurations = {(part, _configuration(score.method)) for score in scores for part in tasks_of(score)}
     if worst is None and any(states):
         return Common(None, "There is no common verdict: not every score was judged by limits.")
     if worst is not VerdictState.PASS or len(scores) < 2:
@@ -47,13 +48,20 @@ def common_verdict(scores: Sequence[Score]) -> Common:
         return Common(None, "There is no common verdict: not every score names its item under test.")
     if len(items) > 1:
         return Common(None, f"There is no common verdict: the scores are of {len(items)} items under test.")
+    if len(configurations) > len({part for part, _ in configurations}):
+        return Common(None, "There is no common verdict: the item under test had several configurations.")
     if (difference := difference_of(scores)) is not None:
         return Common(None, f"There is no common verdict: {difference}.")
     return Common(worst)
 
 
 def _item(method: MethodRecord | None) -> tuple[str | None, ...] | None:
-    return None if method is None else (method.name, method.version, method.sha256, method.config_sha256)
+    return None if method is None else (method.name, method.version, method.sha256)
+
+
+def _configuration(method: MethodRecord | None) -> str | None:
+    """Return the hash of a method's configuration, which the scores of its drives and those of its maps share."""
+    return None if method is None else method.config_sha256
 
 
 def is_closed(verdict: Verdict, score: Score, common: Common) -> bool:

@@ -10,10 +10,11 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
-from functools import partial
 from pathlib import Path
 
-from sfr_loc_map.child_process import child_environment, end_with_parent
+import psutil
+
+from sfr_loc_map.child_process import adopt_descendants, child_environment, end_with_parent
 from sfr_loc_map.errors import ConfigError, NodeError
 from sfr_loc_map.inputs import SUITE_NODES
 from sfr_loc_map.nodes.ros import environment
@@ -36,11 +37,21 @@ class ChildProcess:
     """
 
     def __init__(
-        self, name: str, words: Sequence[str], log: Path | None = None, variables: Mapping[str, str] | None = None
+        self,
+        name: str,
+        words: Sequence[str],
+        log: Path | None = None,
+        variables: Mapping[str, str] | None = None,
+        *,
+        adopts: bool = False,
     ) -> None:
-        """Start it; without a log it writes to standard output and error of this process."""
+        """Start it; without a log it writes to standard output and error of this process.
+
+        With `adopts` all that it starts stays below it in the tree of processes.
+        """
         self.name, self._words = name, words
         self._log, self._variables = log, variables
+        self._adopts = adopts
         self.start()
 
     def start(self) -> None:
@@ -54,13 +65,18 @@ class ChildProcess:
                 stderr=stream and subprocess.STDOUT,
                 env=self._variables,
                 start_new_session=True,
-                preexec_fn=partial(end_with_parent, signal.SIGTERM, END_SIGNALS if START in self._words else ()),
+                preexec_fn=self._before_exec,
             )
         except OSError as error:
             raise NodeError(f"cannot start '{self.name}': {error.strerror}; check memory and process limits") from error
         finally:
             if stream is not None:
                 stream.close()
+
+    def _before_exec(self) -> None:
+        end_with_parent(signal.SIGTERM, END_SIGNALS if START in self._words else ())
+        if self._adopts:
+            adopt_descendants()
 
     @property
     def is_running(self) -> bool:
@@ -112,14 +128,25 @@ def user_command(command: str, folder: Path) -> Iterator[ChildProcess]:
     if not words:
         raise ConfigError("'--command' is empty: give a program and its arguments")
     try:
-        process = ChildProcess(os.path.basename(words[0]), words, folder / "external.log")
+        process = ChildProcess(os.path.basename(words[0]), words, folder / "external.log", adopts=True)
     except NodeError as error:
         raise ConfigError(f"'--command': {str(error).partition(';')[0]}") from error
     try:
         yield process
     finally:
+        started = descendants(process.popen.pid)
         end_processes([process])
         process.send(signal.SIGKILL)  # what it started and left behind
+        for each in started:  # in sessions of their own
+            with suppress(psutil.Error):
+                each.kill()
+
+
+def descendants(pid: int) -> list[psutil.Process]:
+    """Return the processes below a process that runs; empty if it has ended."""
+    with suppress(psutil.Error):
+        return psutil.Process(pid).children(recursive=True)
+    return []
 
 
 class Supervisor(AbstractContextManager["Supervisor"]):

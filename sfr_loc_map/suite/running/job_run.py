@@ -144,6 +144,7 @@ def _provenance(job: Job, provenance: Provenance | None, scratch: Path) -> Prove
     """Add what the job was; names and places of its files come from the suite, not from the scratch folder."""
     known = provenance or Provenance(version="")
     about = {"task": job.kind.value, "source": job.source.name, "source_sha256": job.source.sha256}
+    about["path"] = job.source.path
     about |= {name: getattr(job, name) for name in PROVENANCE_KEYS}
     of_suite = {f"suite.{name}": value for name, value in about.items()}
     host = {**known.host, "threads": str(job.threads)}

@@ -158,21 +158,30 @@ class Store:
         """Return the sources that have a result or a failure in the folder, but no task of the same kind in the plan.
 
         A suite without its bad drive would otherwise be complete. Results of a source that is run again with other
-        code, another configuration or other data are superseded.
+        code, another configuration or other data are superseded. A source is the same one if its path or its data are:
+        another source may have the same name.
         """
         keys = {job.key for job in self.jobs}
-        planned = {_work(job.kind.value, job.source.name, job.faults, job.fault_seed, job.repeat) for job in self.jobs}
+        planned: dict[object, set[object]] = {}
+        for job in self.jobs:
+            work = _work(job.kind.value, job.source.name, job.faults, job.fault_seed, job.repeat)
+            planned.setdefault(work, set()).update((self._place(job.source.path), job.source.sha256))
         paths = {job.source.path for job in self.jobs}
         found = []
         for path in sorted(path for path in self.results.glob("*.json") if path.stem not in keys):
             about = _read(path).get("provenance", {}).get("configuration", {})
-            if _work(*(about.get(f"suite.{name}") for name in WORK)) not in planned:
+            same = planned.get(_work(*(about.get(f"suite.{name}") for name in WORK)), set())
+            if same.isdisjoint((self._place(str(about.get("suite.path"))), about.get("suite.source_sha256"))):
                 found.append(_left_over(str(about.get("suite.source")), path))
         for path in sorted(path for path in self.failures.glob("*.json") if path.stem not in keys):
             failure = self.failure(path.stem)
             if failure.source not in paths:
                 found.append(_left_over(failure.source, path))
         return tuple(found)
+
+    def _place(self, path: str) -> str:
+        """Return the path of a source; of a fetched source, whose folder is named after its version, the name alone."""
+        return Path(path).name if self.cache.absolute() in Path(path).parents else path
 
     def workers(self) -> tuple[WorkerRecord, ...]:
         """Return the workers of all its runs."""

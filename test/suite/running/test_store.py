@@ -19,6 +19,7 @@ from sfr_loc_map.suite.running.store import Store
 def result_of(job: Job) -> JobOutcome:
     about = {"key": job.key, "task": job.kind.value, "source": job.source.name, "faults": job.faults}
     about |= {"fault_seed": job.fault_seed, "repeat": job.repeat}
+    about |= {"path": job.source.path, "source_sha256": job.source.sha256}
     configuration = {f"suite.{name}": value for name, value in about.items()}
     return JobOutcome(result=to_json(Score(figures=(), provenance=Provenance(version="", configuration=configuration))))
 
@@ -37,6 +38,28 @@ def test_a_source_that_was_run_and_is_in_no_task_is_reported(tmp_path: Path) -> 
     assert sorted(item.path for item in store.refusals) == ["a", "b", "c.mcap"], "a repeat is work of its own"
     store.plan([replace(job, code="other", fault_seed=7) for job in (JOB, bad, gone, again)])
     assert not store.refusals, "with other code, and with a seed of no faults, the same work is done again"
+
+
+def test_another_source_of_the_same_name_supersedes_nothing(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    bad = replace(JOB, source=replace(JOB.source, path="bad/a.mcap"))
+    store.save(bad, result_of(bad))
+    others = {
+        "another drive": replace(JOB.source, path="good/a.mcap", sha256="1"),
+        "new data": replace(bad.source, sha256="1"),
+        "the same data elsewhere": replace(bad.source, path="moved/a.mcap"),
+        "another version": replace(JOB.source, path=f"{store.cache.absolute()}/fetched/2/a.mcap", sha256="1"),
+    }
+    found = {}
+    for name, source in others.items():
+        store.plan([replace(bad, source=source, code="other")])
+        found[name] = [item.path for item in store.refusals]
+    assert found == {"another drive": ["a"], "new data": [], "the same data elsewhere": [], "another version": ["a"]}
+    fetched = replace(bad, source=replace(others["another version"], path=f"{store.cache.absolute()}/fetched/1/a.mcap"))
+    (store.results / f"{bad.key}.json").unlink()
+    store.save(fetched, result_of(fetched))
+    store.plan([replace(bad, source=replace(others["another version"], sha256="3"), code="other")])
+    assert not store.refusals, "a server has a new version of its file"
 
 
 def test_a_plan_is_compared_with_its_files(tmp_path: Path) -> None:

@@ -1,0 +1,47 @@
+"""Whether the configuration of a method under test contains the ground truth of its drive."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from sfr_loc_map.errors import ConfigError
+from sfr_loc_map.geometry.arrays import FloatArray
+from sfr_loc_map.geometry.stereo import OPTICAL_IN_BODY
+from sfr_loc_map.geometry.trajectory import Trajectory
+
+NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+STRIDES = (1, 4)
+"""Numbers from x to y and from y to z: of a table of poses, and of a table of matrices."""
+SAME_M = 0.001  #: Coordinates are compared after rounding to 1 mm, the coarsest resolution of usual files.
+MOST_POSITIONS = 10  #: A start, a goal or a few waypoints are honest settings.
+FAR_M = 1e9  #: Larger numbers, such as stamps, are no coordinates; their multiples of 1 mm exceed 64 bits.
+
+
+def units_of(positions: FloatArray) -> set[tuple[int, ...]]:
+    """Return positions `(N, 3)` as whole numbers of `SAME_M`, each once."""
+    return {tuple(row) for row in np.rint(positions / SAME_M).astype(np.int64).tolist()}
+
+
+def check_configuration(text: str, truth: Trajectory | None) -> None:
+    """Raise ConfigError if the text of a configuration has many positions of the ground truth.
+
+    A copy that was changed, for instance scaled or compressed, is not detected.
+    """
+    if truth is None or not text:
+        return
+    numbers = np.array([float(word) for word in NUMBER.findall(text)], np.float64)
+    numbers = np.where(np.abs(numbers) < FAR_M, numbers, np.nan)
+    true = units_of(truth.positions)
+    named = true | units_of(truth.positions @ OPTICAL_IN_BODY)  # files of KITTI have the axes of a camera
+    found = set[tuple[int, ...]]()
+    for stride in STRIDES:
+        count = len(numbers) - 2 * stride
+        rows = np.column_stack([numbers[place * stride : place * stride + max(count, 0)] for place in range(3)])
+        found |= named & units_of(rows[np.isfinite(rows).all(axis=1)])
+    if len(found) > MOST_POSITIONS:
+        raise ConfigError(
+            f"the configuration of the method has {len(found)} of {len(true)} positions of the ground truth: a method "
+            "under test must not know them; give a configuration without them"
+        )

@@ -1,0 +1,53 @@
+"""The sub-trajectories over a time or a number of frames in which the rover stands, and the errors of the others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from sfr_loc_map.geometry.arrays import Mask
+from sfr_loc_map.metrics import formulas
+from sfr_loc_map.metrics.catalogue import MOVING, STANDING, SUB_TRAJECTORIES
+from sfr_loc_map.metrics.completeness import share_of
+from sfr_loc_map.metrics.copies import MOVING_SHARE
+from sfr_loc_map.metrics.formulas import SubTrajectoryErrors
+from sfr_loc_map.metrics.table import Figure, figure_row
+from sfr_loc_map.metrics.trajectory_errors import SubTrajectories, error_figures, error_row
+
+TURN_DEG = 1.0  #: Least turn of a rover that turns on the spot, larger than the noise of usual true attitudes.
+QUARTERS = (0.25, 0.5, 0.75, 1.0)
+"""Places of a sub-trajectory whose distance from its start is compared, because it may end where it starts."""
+
+
+def rows_of_moving(condition: str, judged: SubTrajectories, overlap: float, *, has_height: bool) -> Iterator[Figure]:
+    """Yield the fraction of the sub-trajectories in which the rover stands, and the errors of the others if it does."""
+    moves, count = is_moving(judged), len(judged.starts)
+    standing = count - int(np.count_nonzero(moves))
+    yield figure_row(STANDING, condition, SUB_TRAJECTORIES, n=count, value=share_of(standing, count))
+    if not 0 < standing < count:
+        return
+    errors = SubTrajectoryErrors(*(values[moves] for values in judged.errors))
+    others = judged._replace(starts=judged.starts[moves], ends=judged.ends[moves], errors=errors)
+    for kind in error_figures(with_horizontal=not has_height):
+        yield error_row(kind, condition, MOVING, others, overlap)
+
+
+def is_moving(judged: SubTrajectories) -> Mask:
+    """Return in which sub-trajectories the rover moves or turns by a tenth of the largest motion or turn of them."""
+    starts, ends = judged.starts, judged.ends
+    places = [starts + np.rint(share * (ends - starts)).astype(np.int64) for share in QUARTERS]
+    position = np.nan_to_num(judged.poses.true_position)  # heights may be unknown
+    moved_m = [np.linalg.norm(formulas.displacement(position, starts, at), axis=1) for at in places]
+    farthest_m = np.max(moved_m, axis=0)
+    attitude = judged.poses.true_attitude
+    cosine = np.abs(np.sum(attitude[starts] * attitude[ends], axis=1))
+    turn_deg = np.degrees(2.0 * np.arccos(np.minimum(cosine, 1.0)))
+    least_deg = max(TURN_DEG, MOVING_SHARE * np.max(turn_deg, initial=0.0))
+    return np.asarray((farthest_m > MOVING_SHARE * np.max(farthest_m, initial=0.0)) | (turn_deg > least_deg))
+
+
+def largest_standing_fraction(rows: Sequence[Figure]) -> Figure:
+    """Return the row of the largest fraction of any condition, 0 without a condition of time or frames."""
+    fractions = [row.value for row in rows if row.figure == STANDING and row.value is not None]
+    return figure_row(STANDING, value=max(fractions, default=0.0))
