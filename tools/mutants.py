@@ -298,6 +298,7 @@ MUTATIONS = (
     Mutation(ANSWERS, "self._findings.setdefault(FindingKind.CRASHED, record)", "pass"),
     # the clock of the process that measures
     Mutation("host_clock.py", "MOST_S, MOST_SHARE = 0.1, 0.01", "MOST_S, MOST_SHARE = 0.1, 0.02"),
+    Mutation("host_clock.py", "            check_passed(self._passed_s, self._kernel_passed_s)\n", ""),
     Mutation("host_clock.py", "abs(passed_s - kernel_passed_s)", "passed_s - kernel_passed_s"),
     Mutation("child_process.py", 'not name.startswith("LD_") or name', "True or name"),
     # a search: what cannot be run is no worst case, what is lost is one
@@ -310,13 +311,19 @@ MUTATIONS = (
     Mutation(DRIVES, "path_m = path_m @ truth.pose(0).rotation", "path_m = path_m @ truth.pose(0).rotation.T"),
     Mutation(DRIVES, "key=lambda number: sources[number].sha256", "key=lambda number: number"),
     # a suite hides no drive that was run, and its plan is that of its files
-    Mutation(STORE, "for name in WORK)) not in planned:", "for name in WORK)) in planned:"),
+    Mutation(STORE, "if same.isdisjoint((", "if not same.isdisjoint(("),
+    Mutation(STORE, ".update((self._place(job.source.path), job.source.sha256))", ".update((job.source.sha256,))"),
+    Mutation(STORE, 'about.get("suite.source_sha256"))):', "0)):"),
     Mutation(STORE, "if failure.source not in paths:", "if failure.source in paths:"),
     Mutation(STORE, "fault_seed if faults else 0, repeat)", "fault_seed if faults else 0)"),
     Mutation(STORE, 'elif hash_path(path) != item["sha256"]:', "elif False:"),
     Mutation(STORE, 'if to_plain(limits_in(suite)) != self._plan["limits"]:', "if False:"),
     # edited scores
     Mutation("metrics/raw_values.py", "(*_required(score), *_of_sub", "(*_of_sub"),
+    Mutation("metrics/raw_values.py", "(*_of_pairs(score), *_of_first_calls(score), ", "(*_of_first_calls(score), "),
+    Mutation("metrics/raw_values.py", "(*_of_pairs(score), *_of_first_calls(score), ", "(*_of_pairs(score), "),
+    Mutation("metrics/raw_values.py", "    yield from _required_details(score)\n", ""),
+    Mutation("metrics/raw_values.py", "        yield from _of_memory(score, kind, plots)\n", ""),
     Mutation("metrics/raw_values.py", 'for name in ("lost", "degraded"):', 'for name in ("degraded",):'),
     Mutation("scoring/provenance.py", "if given != (limits.limits,", "if given == (limits.limits,"),
     # what is given besides the poses
@@ -326,8 +333,24 @@ MUTATIONS = (
     Mutation("scoring/load.py", "    check_one_method(stats, target)\n", ""),
     Mutation("scoring/score_run.py", " or fitted_unit(run.convention)", ""),
     Mutation("metrics/pose_convention.py", "rtol=0.0, atol=1e-9", "rtol=0.0, atol=1e-3"),
-    Mutation("metrics/completeness.py", "(stamps < true_ns[0] - reach_ns) | ", ""),
-    Mutation("metrics/completeness.py", " | (stamps > true_ns[-1] + reach_ns)", ""),
+    Mutation(
+        "metrics/completeness.py",
+        "stamps[~is_spanned(stamps, true_ns, max_gap_ns, tolerance_ns)]",
+        "stamps[(stamps < true_ns[0]) | (stamps > true_ns[-1])]",
+    ),
+    Mutation("metrics/completeness.py", "stamps[~is_spanned(stamps, true_ns, max_gap_ns, tolerance_ns)]", "stamps[:0]"),
+    # a path without images, a range without a pixel, a rover that stands
+    Mutation("metrics/completeness.py", "(true_ns[:1], images_ns[:-1][is_hole], images_ns[-1:])", "(true_ns[:1], )"),
+    Mutation("metrics/completeness.py", "is_hole = steps_ns > max(max_gap_ns, ", "is_hole = steps_ns > max(0, "),
+    Mutation("metrics/judging/incomplete.py", 'if figure == "pixels_without_point" and found', "if False and found"),
+    Mutation("metrics/judging/incomplete.py", "(share.value or 0.0) <= STANDING_MOST", "(share.value or 0.0) <= 1.0"),
+    Mutation(
+        "metrics/judging/incomplete.py",
+        " or not meets(limit, value):\n            text = standing",
+        ":\n            text = standing",
+    ),
+    Mutation("metrics/standing.py", "farthest_m > MOVING_SHARE * np.max", "farthest_m >= 0.0 * np.max"),
+    Mutation("metrics/standing.py", "if not 0 < standing < count:", "if not 0 < standing:"),
     Mutation("report/deviations.py", "None not in used and used != [", "None not in used and used == ["),
     # true poses at starts and ends
     Mutation(
@@ -387,6 +410,14 @@ MUTATIONS = (
     Mutation("metrics/catalogue.py", " or place is Place.STATED:", ":"),
     Mutation("metrics/cloud_error.py", "max(len(xyz) - len(np.unique(xyz, axis=0)), len(xyz) - pixels, 0)", "0"),
     Mutation("metrics/judging/several_scores.py", "if len(items) > 1:", "if len(items) > 2:"),
+    Mutation(
+        "metrics/judging/several_scores.py", "if len(configurations) > len({", "if len(configurations) > 1 + len({"
+    ),
+    Mutation(
+        "metrics/judging/several_scores.py",
+        "for score in scores for part in tasks_of(score)}",
+        "for score in scores for part in (DRIVE,)}",
+    ),
     Mutation("metrics/judging/several_scores.py", "if None in items:", "if items == {None, 0}:"),
     Mutation(JUDGE, "(figure.independent or 0.0) >= limits", "(figure.independent or 0.0) > limits"),
     Mutation("metrics/verdict.py", "<= self.truth_error", "<= 0.1 * self.truth_error"),
@@ -411,7 +442,7 @@ MUTATIONS = (
     Mutation("methods/child/loop.py", 'order["call"] == "set" else', 'order["call"] != "set" else'),
     Mutation("methods/child/loop.py", 'images[: len(order["pairs"])]', "images[:1]"),
     Mutation("methods/method_process.py", "abs(measured_s - stated_s) > max(", "measured_s - stated_s > max("),
-    Mutation("methods/method_process.py", "seconds = time.monotonic() - begin_s", 'seconds = reply["seconds"]'),
+    Mutation("methods/method_process.py", "seconds = self._clock.end()", 'seconds = reply["seconds"]'),
     # geometry
     Mutation("geometry/rotation.py", "aw * bx + ax * bw + ay * bz - az * by", "aw * bx + ax * bw - ay * bz + az * by"),
     Mutation("geometry/rotation.py", "np.abs(quat[..., 3])", "quat[..., 3]"),
