@@ -96,7 +96,7 @@ def completeness(
     for name, (count, total) in counts.items():
         figures += share_rows(name, count, total)
     without_images = path_without_images(needed, true_ns, travelled_m, max_gap_ns) if images else None
-    figures.append(figure_row("path_without_images", value=without_images))
+    figures.append(figure_row("path_without_images", n=images or 0, value=without_images))
     longest = sizes_of(gaps, stamps, true_ns, travelled_m, images)
     figures.append(figure_row("longest_gap", part="distance", value=longest.longest_m))
     figures.append(figure_row("longest_gap", part="time", unit="s", value=longest.longest_s))

@@ -264,9 +264,9 @@ def _of_memory(score: Score, kind: str, plots: CallPlots) -> Iterator[str]:
     peaks = [value for value in plots.series.peak_rss_bytes if value is not None and value > 0.0]
     if row is None or row.value is None or not peaks or score.external is not None:
         return
-    is_of_all = plots.series.slowest_of == 1
-    if max(peaks) > row.value or (is_of_all and max(peaks) < row.value):
-        yield f"{row.label} is {row.value:.9g}, one of its calls has {max(peaks):.9g}"
+    is_of_all, largest = plots.series.slowest_of == 1, int(max(peaks))  # the row has whole bytes
+    if largest > row.value or (is_of_all and largest < row.value):
+        yield f"{row.label} is {row.value:.9g}, one of its calls has {largest}"
 
 
 def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:

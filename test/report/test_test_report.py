@@ -254,6 +254,10 @@ def test_several_items_under_test_have_no_common_pass() -> None:
     tuned = replace(met, method=MethodRecord(name="ours", version="1", kind=MethodKind.PYTHON, config_sha256="1" * 64))
     assert common_verdict([tuned, tuned]).state == "pass"
     assert common_verdict([ours, tuned]).state is None
+    of_points = parse_limits({"map": {"point_error_p95_m": 100.0}}, "test")
+    mapper = replace(judged(of_map(whole_score()), of_points), method=replace(tuned.method, config_sha256="2" * 64))
+    assert mapper.verdict == "pass"
+    assert common_verdict([tuned, mapper]).state == "pass", "localiser and mapper have each a configuration"
     assert common_verdict([ours, judged(half(of_drive(whole_score())), loose)]).state == "incomplete"
 
 
