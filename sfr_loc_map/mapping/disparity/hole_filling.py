@@ -345,7 +345,9 @@ def _own_costs(scene: HoleScene, flat_indices: IntArray) -> FloatArray32:
 def _is_contradicted(disparity: np.float32, surfaces: RightSurfaces, y: int, x: int) -> bool:
     """Return whether the corresponding pixel is outside the right image or belongs to another surface.
 
-    The last column is outside, because the matching cost interpolates to the right of the corresponding point.
+    A farther surface contradicts as well, unlike in `surfaces.occlusion_mask`: there a measured pixel may hide it, but
+    a hypothesis has no measurement of its own. The last column is outside, because the matching cost interpolates to
+    the right of the corresponding point.
     """
     column = F(x) - disparity
     if not (column >= F(0.0) and column < F(surfaces.low.shape[1] - 1)):
