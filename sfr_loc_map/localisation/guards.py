@@ -41,7 +41,7 @@ MIN_STEREO_FRACTION: Final = 0.3
 so that both show most of them in a good pair."""
 MAX_SHEAR: Final = 7.0
 """Squared shear of the rows over its variance, per degree of freedom, above which rows are of different moments. It is
-at most 6.4 on clean drives, and 7 or more for a shear of one pixel."""
+at most 6.4 on clean drives, and 7 to 250 for a shear of one pixel: the smallest of these may not be reported."""
 MAX_MEAN_SHEAR: Final = 1.4
 """Mean of the same above which they are. It is at most 1.3 on clean drives, and 2 to 5 for a shear of 0.3 px."""
 FIRST_SHEAR_GAIN: Final = 0.2

@@ -209,7 +209,7 @@ def _slope(before: GreyImage, change: FloatImage, exposed: Mask, step: int) -> _
     above = np.abs(_second_difference(before[:-2:step].astype(np.float32)))
     below = np.abs(_second_difference(before[2::step].astype(np.float32)))
     texture = np.maximum(above, below)[exposed]
-    scale = float(np.quantile(texture, CALM_QUANTILE)) + 1.0
+    scale = float(np.quantile(texture, CALM_QUANTILE)) + 1.0  # one grey level, in images without texture
     weight = np.asarray(1.0 / (np.square(texture) + scale**2), np.float32)
     first = _second_difference(before[1:-1:step].astype(np.float32))[exposed]
     changes = _second_difference(change)[exposed]

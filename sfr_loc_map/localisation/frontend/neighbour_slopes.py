@@ -142,7 +142,7 @@ def _fit_slopes(
         for _ in range(PLANE_ITERATIONS):
             information = np.zeros((3, 3))
             rhs = np.zeros(3)
-            # A weak prior of zero slope regularises isolated points.
+            # the corner itself counts as a neighbour; a weak prior of zero slope regularises isolated points
             information[0, 0] = 1.0
             information[1, 1] = SLOPE_INFORMATION * reach * reach
             information[2, 2] = SLOPE_INFORMATION * reach * reach

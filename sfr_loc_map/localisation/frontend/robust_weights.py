@@ -1,7 +1,10 @@
-"""Weights of robust least squares: how much an observation counts, by its squared normalised residual.
+"""Weight of robust least squares: how much an observation counts, by its squared normalised residual.
 
-Each is the weight of iteratively reweighted least squares that belongs to a robust loss, 1 at a residual of 0 (Zhang
-1997, Parameter estimation techniques: a tutorial with application to conic fitting, table 1).
+It is the weight of iteratively reweighted least squares that belongs to the Geman-McClure loss, 1 at a residual of 0
+(Zhang 1997, Parameter estimation techniques: a tutorial with application to conic fitting, table 1). The pose, the
+window and the right camera have this weight. Two small fits to data of one keyframe have the Cauchy weight
+`1 / (1 + chi2)` of the same table: the planes of neighbours (`neighbour_slopes`), and pitch and roll
+(`backend/online_calibration`).
 """
 
 from __future__ import annotations
