@@ -455,8 +455,8 @@ MUTATIONS = (
     Mutation("geometry/transform.py", "-self.rotation.T.dot(self.translation)", "-self.rotation.dot(self.translation)"),
     Mutation(
         "geometry/transform.py",
-        "[[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]",
-        "[[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]",
+        "((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))",
+        "((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))",
     ),
     Mutation("geometry/stereo.py", "0.5 * self.baseline_m, 0.0", "-0.5 * self.baseline_m, 0.0"),
     Mutation("geometry/trajectory.py", "poses.positions + quat_rotate(", "poses.positions - quat_rotate("),
