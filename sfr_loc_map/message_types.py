@@ -1,6 +1,6 @@
-"""Names of the message types of ROS 2 that the suite reads and writes, and the levels of diagnostics."""
+"""Names of the message types of ROS 2 that the suite reads and writes; levels and kinds of a status on /diagnostics."""
 
-from enum import IntEnum
+from enum import IntEnum, StrEnum
 
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
@@ -34,3 +34,14 @@ class Level(IntEnum):
     def word(self) -> str:
         """The level in the JSON of the live page, and for people."""
         return "warning" if self is Level.WARN else self.name.lower()
+
+
+class StatusKind(StrEnum):
+    """What a status of a node on /diagnostics is about; its name is `NODE: KIND`."""
+
+    HEALTH = "health"
+    CALL = "call"
+    INPUT = "input"
+    """An input that cannot be used."""
+    FAULT = "fault"
+    """An exception within the node that was not foreseen."""

@@ -17,7 +17,7 @@ from sfr_loc_map.live import updates
 from sfr_loc_map.live.headline import headline
 from sfr_loc_map.live.path import ROW_FIELDS, LivePath
 from sfr_loc_map.live.timeline import LOCALISATION_NODE, NODE_FRESHNESS, EventKind, Timeline, TopicView
-from sfr_loc_map.message_types import Level
+from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.judging.judge import judged_at_the_end
 from sfr_loc_map.metrics.score import SCHEMA, Score
@@ -38,7 +38,7 @@ CALL_TIMES = ("processing_time_s", "latency_transport_s", "latency_receive_to_pu
 
 @dataclass(slots=True)
 class NodeView:
-    """What a node reports: its last health, its last call, its last unusable input."""
+    """What a node reports: its last health, its last call, its last unusable input or internal fault."""
 
     name: str
     level: Level = Level.STALE
@@ -61,7 +61,7 @@ class NodeView:
 
     def _add_status(self, status: updates.Status) -> None:
         message, now_s = status.message[:MAX_LETTERS], status.received_s
-        if status.kind is updates.StatusKind.INPUT:
+        if status.kind is not StatusKind.HEALTH:
             self.problem = message
         else:
             self.periods.extend(() if self.health_s is None else (now_s - self.health_s,))

@@ -10,7 +10,7 @@ from typing import Any
 from sfr_loc_map.inputs import NS_PER_S, Task, jumped_back
 from sfr_loc_map.live import updates
 from sfr_loc_map.localisation.estimate import TrackingState
-from sfr_loc_map.message_types import Level
+from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.verdict import Verdict
 from sfr_loc_map.runs.calls import CallRecord
 
@@ -113,7 +113,7 @@ class Timeline:
                 self._call = update.record
                 if self._pose is not None and POSE in self._open:
                     self._note_tracking(at_s, lost=self._open[POSE].kind is EventKind.LOST)
-        elif isinstance(update, updates.Status) and update.kind is updates.StatusKind.HEALTH:
+        elif isinstance(update, updates.Status) and update.kind is StatusKind.HEALTH:
             is_bad = update.level is Level.ERROR and update.node != LOCALISATION_NODE  # a lost pose is another event
             kind = EventKind.NODE if is_bad else None
             if update.values.get("activity") == EventKind.COMPILING:

@@ -16,7 +16,7 @@ import numpy as np
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, FloatArray32
 from sfr_loc_map.inputs import one_line
-from sfr_loc_map.message_types import Level
+from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.association import UPPER, lost_by_covariance
 from sfr_loc_map.runs.calls import CallRecord
 
@@ -28,13 +28,6 @@ class Track(StrEnum):
 
     ESTIMATE = "estimate"
     TRUTH = "truth"
-
-
-class StatusKind(StrEnum):
-    """Subject of a status on /diagnostics; the value is the last part of its name."""
-
-    HEALTH = "health"
-    INPUT = "input"
 
 
 class View(StrEnum):
@@ -81,7 +74,7 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """One status of a node on /diagnostics."""
+    """One status of a node on /diagnostics: its health, an unusable input, or an internal fault."""
 
     node: str
     kind: StatusKind

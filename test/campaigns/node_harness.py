@@ -133,7 +133,7 @@ class Harness:
                 self.calls[node, values["state"], int(values["stamp_ns"])] = values
             elif kind == "health":
                 self.health[node] = Health(time.monotonic(), level_of(status), status.message, values)
-            elif kind == "input":
+            elif kind in ("input", "fault"):
                 self.problems.append(status.message)
 
     # ---- the rover

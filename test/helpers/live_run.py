@@ -23,11 +23,10 @@ from sfr_loc_map.live.updates import (
     Report,
     Sampled,
     Status,
-    StatusKind,
     Track,
     Update,
 )
-from sfr_loc_map.message_types import Level
+from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score import Score

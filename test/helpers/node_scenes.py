@@ -64,8 +64,8 @@ def calls(diagnostics: list[DiagnosticArray]) -> list[DiagnosticStatus]:
 
 
 def problems(diagnostics: list[DiagnosticArray]) -> str:
-    """Return what was wrong with the input, a line each."""
-    found = [status for array in diagnostics for status in array.status if status.name.endswith(": input")]
+    """Return the unusable inputs and internal faults, a line each."""
+    found = [status for array in diagnostics for status in array.status if status.name.endswith((": input", ": fault"))]
     return "\n".join(status.message for status in found)
 
 

@@ -19,8 +19,8 @@ from helpers.page_server import Recorder, served
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.server import LiveServer
 from sfr_loc_map.live.state import LiveState
-from sfr_loc_map.live.updates import Action, ImageProblem, PoseSample, Report, Status, StatusKind
-from sfr_loc_map.message_types import Level
+from sfr_loc_map.live.updates import Action, ImageProblem, PoseSample, Report, Status
+from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.judging.limits_file import parse_limits
 from sfr_loc_map.metrics.score_json import to_json

@@ -13,7 +13,8 @@ from msgspec.structs import replace
 from helpers.live_run import NODES, call, fill, frame, health, scored
 from helpers.made_scores import HOSTILE, dig, json_of, whole_score
 from sfr_loc_map.live.state import MAX_CALLS, MAX_NODES, LiveState
-from sfr_loc_map.live.updates import Call, GraphView, PoseSample, Report, Sampled, Status, StatusKind, Track, Update
+from sfr_loc_map.live.updates import Call, GraphView, PoseSample, Report, Sampled, Status, Track, Update
+from sfr_loc_map.message_types import StatusKind
 from sfr_loc_map.metrics.config import Condition, ConditionKind, ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.judge import judged
 from sfr_loc_map.metrics.score_json import to_json

@@ -26,7 +26,7 @@ from rclpy.qos import QoSProfile
 
 from sfr_loc_map.config import param
 from sfr_loc_map.inputs import NS_PER_S, one_line
-from sfr_loc_map.message_types import Level
+from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.call_meter import CallMeter
 from sfr_loc_map.nodes.ros.messages import header_msg
 from sfr_loc_map.runs.calls import CallRecord
@@ -201,7 +201,7 @@ class StatusReporter:
             before, self._last_kind = self._last_kind, (activity.lifecycle, level.name, *(text for _, text in lasting))
             values |= dict(activity.counts)
         if not only_changes or before != self._last_kind:
-            self._publish("health", level, message, values)
+            self._publish(StatusKind.HEALTH, level, message, values)
 
     def _findings(self, now: float, memory: int, activity: NodeActivity) -> list[tuple[Level, str]]:
         config, found = self._config, list(activity.findings)
@@ -241,16 +241,23 @@ class StatusReporter:
         took |= {name: value for name, value in memory.items() if value is not None} | dict(call.times)
         values: dict[str, Value] = {"task": self._task, "stamp_ns": call.stamp_ns, "state": call.state}
         values |= {"reason": call.reason, "memory_method": self.meter.method, **took, **call.counts}
-        self._publish("call", level, call.outcome, values, call.stamp_ns)
+        self._publish(StatusKind.CALL, level, call.outcome, values, call.stamp_ns)
         self.note_call(level, call.outcome, took, call.statistics)
         self.publish_health(only_changes=True)
 
     def error(self, text: str) -> None:
-        """Report something that keeps the node from working: log, /diagnostics, health."""
+        """Report an input that cannot be used: log, /diagnostics, health."""
+        self._report_error(StatusKind.INPUT, text)
+
+    def fault(self, text: str) -> None:
+        """Report an internal fault: log, /diagnostics, health."""
+        self._report_error(StatusKind.FAULT, text)
+
+    def _report_error(self, kind: StatusKind, text: str) -> None:
         text = one_line(text)
         self._node.get_logger().error(text, throttle_duration_sec=LOG_PERIOD_S)
         self.note_problem(Level.ERROR, text)
-        self._publish("input", Level.ERROR, text, {"task": self._task, **self._activity().counts})
+        self._publish(kind, Level.ERROR, text, {"task": self._task, **self._activity().counts})
         self.publish_health(only_changes=True)
 
     def info(self, text: str) -> None:
@@ -265,8 +272,8 @@ class StatusReporter:
         self.publish_health(only_changes=True)
 
     def _publish(
-        self, name: str, level: Level, message: str, values: Mapping[str, Value], stamp_ns: int | None = None
+        self, kind: StatusKind, level: Level, message: str, values: Mapping[str, Value], stamp_ns: int | None = None
     ) -> None:
-        status = status_msg(f"{self._node.get_fully_qualified_name().lstrip('/')}: {name}", level, message, values)
+        status = status_msg(f"{self._node.get_fully_qualified_name().lstrip('/')}: {kind}", level, message, values)
         stamp_ns = self._node.get_clock().now().nanoseconds if stamp_ns is None else stamp_ns
         self.publisher.publish(DiagnosticArray(header=header_msg(stamp_ns, ""), status=[status]))

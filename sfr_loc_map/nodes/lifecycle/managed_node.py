@@ -353,7 +353,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
             self.status.error(str(error))
             return
         self.get_logger().error("".join(traceback.format_exception(error)))
-        self.status.error(f"internal fault, {self.task} restarts: {type(error).__name__}: {error}")
+        self.status.fault(f"internal fault, {self.task} restarts: {type(error).__name__}: {error}")
         self.restart_after_fault()
 
     # ---- parameters

@@ -11,10 +11,9 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from sfr_loc_map.errors import InputError
+from sfr_loc_map.errors import InputError, NodeError, SfrError
 from sfr_loc_map.inputs import Task, stamp_of
-from sfr_loc_map.message_types import Level
-from sfr_loc_map.nodes.lifecycle.diagnostics import level_of
+from sfr_loc_map.message_types import StatusKind
 from sfr_loc_map.nodes.replay.external import ExternalNode
 from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
 from sfr_loc_map.nodes.replay.results import Results
@@ -47,7 +46,7 @@ class ResultCollector:
         self._node = node
         other = None if external is None else external.options.task
         subscribe = node.node.create_subscription
-        self._input_error = ""  # what a node reports of input that it cannot use
+        self._error: SfrError | None = None  # that one of our nodes has reported
         deep = QoSProfile(depth=QUEUE_DEPTH)
         if other is not Task.LOCALISATION:
             subscribe(Odometry, ESTIMATE, self._on_odometry, deep)
@@ -77,8 +76,8 @@ class ResultCollector:
             return
 
         def is_complete() -> bool:
-            if self._input_error:
-                raise InputError(self._input_error)
+            if self._error is not None:
+                raise self._error
             return self.results.has_pair(rig, stamp_ns)
 
         def problem() -> str:
@@ -138,9 +137,12 @@ class ResultCollector:
         self.results.clouds.append((stamp_of(message), cloud_from_msg(message)))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        """Note what one of our nodes reports of input that it cannot use."""
+        """Note an input that one of our nodes cannot use, or its internal fault."""
         for status in message.status:
-            node, _, what = status.name.rpartition(": ")
-            is_ours = node in self._node.supervisor.processes
-            if level_of(status) is Level.ERROR and what == "input" and is_ours:
-                self._input_error = f"{node}: {status.message}"
+            node, _, kind = status.name.rpartition(": ")
+            if node not in self._node.supervisor.processes:
+                continue
+            if kind == StatusKind.INPUT:
+                self._error = InputError(f"{node}: {status.message}")
+            elif kind == StatusKind.FAULT:
+                self._error = NodeError(f"{node}: {status.message}")

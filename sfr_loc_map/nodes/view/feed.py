@@ -30,6 +30,7 @@ from sfr_loc_map.io.truth.messages import TruePoses
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.tracked_images import TrackedImages
+from sfr_loc_map.message_types import StatusKind
 from sfr_loc_map.nodes.input.truth_input import TruthTopic
 from sfr_loc_map.nodes.launch.live_process import page_node_name
 from sfr_loc_map.nodes.lifecycle.diagnostics import level_of, values_of
@@ -63,6 +64,8 @@ SPIN_S = 0.1  #: Longest wait of the executor, and with it for the end of the th
 IMAGE_PERIOD_S = 0.15  #: Shortest time between two image pairs that are shown.
 MAX_MAPS = 8  #: Clouds, elevation and hazard grids that wait; the oldest are dropped.
 MAX_REASON_LETTERS = 300
+SHOWN_KINDS = (StatusKind.HEALTH, StatusKind.INPUT, StatusKind.FAULT)
+"""Statuses that are shown; calls are received as records."""
 BEST_EFFORT = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 IMAGE_QOS = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
 TRUTH_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -221,10 +224,12 @@ class RosFeed(Peer):
         for status in message.status:
             full_name, _, kind = status.name.partition(": ")
             space, _, name = full_name.strip("/").rpartition("/")
-            if space != self._space or name not in SUITE_NODES or kind not in set(updates.StatusKind):
+            if space != self._space or name not in SUITE_NODES or kind not in SHOWN_KINDS:
                 continue
-            what, level = updates.StatusKind(kind), level_of(status)
-            self._state.put(updates.Status(name, what, level, status.message, values_of(status), time.time()))
+            found = updates.Status(
+                name, StatusKind(kind), level_of(status), status.message, values_of(status), time.time()
+            )
+            self._state.put(found)
 
     def _on_call(self, task: Task, message: String, _: dict[str, Any]) -> None:
         call = decode_call(message.data, task)
