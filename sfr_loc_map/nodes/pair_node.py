@@ -16,7 +16,7 @@ from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, InputError
 from sfr_loc_map.geometry.run_order import AGREEING
 from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.inputs import Task, jumped_back
+from sfr_loc_map.inputs import Task
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair, StereoInput, StereoInputConfig
 from sfr_loc_map.nodes.input.waiting import Input, missing_input
@@ -173,9 +173,7 @@ class PairNode(ManagedNode[P], ABC):
 
     def clock_jumped_back(self) -> None:
         """Start a new run, unless its pairs were received already."""
-        last_ns = self._stereo.last_ns
-        if last_ns is not None and jumped_back(last_ns, self.get_clock().now().nanoseconds):
-            self._stereo.restart()
+        if self._stereo.restart_if_set_back(self.get_clock().now().nanoseconds):
             self.on_restart("the clock has gone back")
 
     def counts(self) -> dict[str, int]:

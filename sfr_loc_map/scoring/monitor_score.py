@@ -21,7 +21,7 @@ from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import JUMP_BACK_NS, NS_PER_S
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.io.truth.config import RB_ITSELF, TrackedBody
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.metrics.association import COVARIANCE_SIZE, UPPER, Estimates
@@ -40,6 +40,7 @@ from sfr_loc_map.scoring.live_score import LiveRun, score_so_far
 
 T = TypeVar("T")
 MAX_STAGES = 16  #: Stages whose times are kept: their names come from the network.
+DIAGNOSED_GROWTH = 1.2  #: A convention mismatch is looked for again once there are so many times the poses.
 MAX_KEPT = 2 * MAX_PAIRS  #: True points, poses, sets of pairs and clouds that are kept until the others come.
 POSE = [("stamp_ns", np.int64), ("position", np.float64, 3), ("quat", np.float64, 4)]
 TRUE_POSE = [*POSE, ("variances", np.float64, 6)]
@@ -131,17 +132,29 @@ class MapInputs:
     """Clouds, and the truth of their pairs, by stamp, until they can be scored."""
 
     def __init__(self) -> None:
-        self.rig: StereoRig | None = None  # of the navigation cameras
-        self.true_points = _Latest[PointImage]()  # `(H, W, 3)` of each pair, metres, LM
-        self.poses = _Latest[Transform]()  # `T_lm_navsb` of each pair
-        self.clouds = _Latest[PointCloud]()  # as published; the stamp is that of the last pair
+        self.rig: StereoRig | None = None  #: Of the navigation cameras; None before their camera_info.
+        self._true_points = _Latest[PointImage]()  # `(H, W, 3)` of each pair, metres, LM
+        self._poses = _Latest[Transform]()  # `T_lm_navsb` of each pair
+        self._clouds = _Latest[PointCloud]()  # as published; the stamp is that of the last pair
         self.pair_stamps_ns = set[int]()  # of all mapping pairs that came, which maps have to hold
         self._mapped_until_ns = -1  # stamp of the last pair of the last map
         self._fusions = _Latest[CallRecord]()  # by the stamp of their cloud
 
+    def set_rig(self, rig: StereoRig) -> None:
+        """Take the rig of the pairs that follow."""
+        self.rig = rig
+
+    def add_true_points(self, stamp_ns: int, points: PointImage) -> None:
+        """Add the true points `(H, W, 3)` of a mapping pair, metres in LM."""
+        self._true_points[stamp_ns] = points
+
+    def add_cloud(self, stamp_ns: int, cloud: PointCloud) -> None:
+        """Add a published cloud; its stamp is that of its last pair."""
+        self._clouds[stamp_ns] = cloud
+
     def add_pose(self, stamp_ns: int, T_lm_navsb: Transform) -> None:
         """Add the pose of a mapping pair."""
-        self.poses[stamp_ns] = T_lm_navsb
+        self._poses[stamp_ns] = T_lm_navsb
         self.pair_stamps_ns.add(stamp_ns)
 
     def add_call(self, record: CallRecord) -> None:
@@ -154,18 +167,18 @@ class MapInputs:
 
         The third value is the number of pairs that came since the last map, which the map has to hold.
         """
-        for stamp_ns in list(self.clouds):
+        for stamp_ns in list(self._clouds):
             fusion = self._fusions.get(stamp_ns)
             if fusion is None or self.rig is None:
                 continue
             wanted = fusion.pair_stamps_ns
-            if not all(stamp in self.true_points and stamp in self.poses for stamp in wanted):
+            if not all(stamp in self._true_points and stamp in self._poses for stamp in wanted):
                 continue
-            truths = [PairTruth(self.true_points[s], self.poses[s] @ self.rig.T_sb_left, self.rig) for s in wanted]
+            truths = [PairTruth(self._true_points[s], self._poses[s] @ self.rig.T_sb_left, self.rig) for s in wanted]
             last_ns, begin_ns = max(wanted), self._mapped_until_ns
             expected = sum(begin_ns < stamp <= last_ns for stamp in self.pair_stamps_ns)
             self._mapped_until_ns = max(begin_ns, last_ns)
-            yield replace(self.clouds.pop(stamp_ns), fused=fusion.is_fused), truths, max(expected, len(wanted))
+            yield replace(self._clouds.pop(stamp_ns), fused=fusion.is_fused), truths, max(expected, len(wanted))
 
 
 class MonitorScore:
@@ -174,38 +187,18 @@ class MonitorScore:
     def __init__(self, config: ScoreConfig, limits: Limits | None, body: TrackedBody = RB_ITSELF) -> None:
         """Start a run, judged by limits if there are any; `body` is what the true poses are of."""
         self.map_inputs = MapInputs()
-        self.limits = limits
-        self._config, self._body = config, body
-        self._latest_ns: dict[str, int] = {}
-        self.restarts = 0  #: How often another time began a new run since the operator's reset.
-        self.dropped = 0  #: Messages that were lost in transport or dropped.
+        self._config, self._limits, self._body = config, limits, body
+        self._contradiction: str | None = None  # convention mismatch as it was found last
+        self._diagnosed_poses = 0  # number of poses then
         self.restart()
 
-    def restart(self, kind: str = "", stamp_ns: int = 0) -> None:
-        """Forget everything but the inputs of maps to come; `kind` is what has begun another run, at a stamp."""
-        self.restarts = self.restarts + 1 if kind else 0
-        end_ns = max(self._latest_ns.values(), default=0)
-        self._ended_ns = {name: (ns, end_ns) for name, ns in self._latest_ns.items() if kind and name != kind}
-        self._latest_ns = {kind: stamp_ns} if kind else {}
+    def restart(self) -> None:
+        """Forget everything but the inputs of maps to come."""
         self._estimates = _Rows(ESTIMATE)
         self._truth = _Rows(TRUE_POSE)
         self._calls = _CallRows()
         self._covariance_ns = -1  # stamp of the last estimate that was published with a covariance
         self.map_score: ScoredMap | None = None
-
-    def is_late(self, kind: str, stamp_ns: int) -> bool:
-        """Return whether a stamp is of the run before, which another kind has left; of results, which come later."""
-        own_ns, end_ns = self._ended_ns.get(kind, (0, -1))  # what this kind had come to, and the run
-        new_ns = max(self._latest_ns.values(), default=stamp_ns)
-        late = kind in self._ended_ns and own_ns - JUMP_BACK_NS <= stamp_ns <= end_ns + JUMP_BACK_NS
-        late = late and stamp_ns - new_ns > JUMP_BACK_NS
-        if not late:
-            self._ended_ns.pop(kind, None)
-        return late
-
-    def note_stamp(self, kind: str, stamp_ns: int) -> None:
-        """Note a stamp of a kind in the present run."""
-        self._latest_ns[kind] = max(self._latest_ns.get(kind, stamp_ns), stamp_ns)
 
     def add_estimate(
         self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float], covariance: FloatArray | None
@@ -250,12 +243,13 @@ class MonitorScore:
         details: bool = True,
         in_flight_s: float = 0.0,
         image_stamps_ns: IntArray | None = None,
-        contradiction: str | None = None,
+        dropped: int = 0,
+        restarts: int = 0,
     ) -> Score:
         """Return the score so far with the errors of its sub-trajectories; with details, what all plots are drawn from.
 
         While a run goes on, results of the last `in_flight_s` seconds are still expected and do not count as missing.
-        `contradiction` is what the method of that name found.
+        `dropped` messages were lost in transport or dropped, and a new run has begun `restarts` times.
         """
         stats = self._calls.stats()
         truth = self._given_truth()
@@ -266,26 +260,32 @@ class MonitorScore:
         live = LiveRun(
             in_flight_ns=round(in_flight_s * NS_PER_S),
             details=details,
-            contradiction=contradiction,
+            contradiction=self._contradiction,
             scored_map=self.map_score,
-            received=self.poses + len(self._calls),
-            dropped=self.dropped,
-            restarts=self.restarts,
+            received=self._poses + len(self._calls),
+            dropped=dropped,
+            restarts=restarts,
             provenance=provenance,
         )
         pairs = np.array(sorted(self.map_inputs.pair_stamps_ns), np.int64)
         run = Run(ScoreInputs(), [] if stats is None else [stats], drive=drive, nav_stamps_ns=pairs)
-        return score_so_far(run, live, self._config, self.limits)
+        return score_so_far(run, live, self._config, self._limits)
 
-    def contradiction(self) -> str | None:
-        """Return the convention mismatch of estimate and truth so far, None without one; takes 0.1 s and more."""
+    def diagnose(self) -> None:
+        """Look for a convention mismatch of estimate and truth, which takes 0.1 s and more.
+
+        Without `DIAGNOSED_GROWTH` times the poses of the last search, its result holds.
+        """
+        if self._diagnosed_poses <= self._poses < DIAGNOSED_GROWTH * self._diagnosed_poses:
+            return
+        self._diagnosed_poses = self._poses
+        self._contradiction = None
         truth, estimates = self._given_truth(), self._given_estimates(None)
-        if truth is None or estimates is None:
-            return None
-        return convention_mismatch(DriveToScore(estimates, truth), self._config)
+        if truth is not None and estimates is not None:
+            self._contradiction = convention_mismatch(DriveToScore(estimates, truth), self._config)
 
     @property
-    def poses(self) -> int:
+    def _poses(self) -> int:
         """Number of estimates and true poses so far."""
         return len(self._estimates) + len(self._truth)
 

@@ -208,7 +208,7 @@ def test_the_truth_may_have_each_type_that_is_scored_of_files(ros: None, capfd: 
             peer.publish(Odometry, "localisation/odometry", raw(message))
 
         send_estimate(0)
-        peer.until(lambda: node.node._orders["estimate"].has_items, "the estimate")
+        peer.until(lambda: node.node._has_estimate, "the estimate")
         node.node.look_around()
         assert "nothing is scored without true poses on /ground_truth/odometry: no publisher" in node.text
         truth = stack.enter_context(tracker(kind))
@@ -236,7 +236,7 @@ def test_the_truth_may_have_each_type_that_is_scored_of_files(ros: None, capfd: 
 def test_a_truth_of_another_type_is_named(ros: None, capfd: Capture) -> None:
     with Manager("monitor_node") as peer, LocalNode(peer, capfd, MonitorNode) as node, tracker(String):
         peer.publish(Odometry, "localisation/odometry", raw(bag_messages.odometry(START_NS, np.zeros(3), NO_TURN)))
-        peer.until(lambda: node.node._orders["estimate"].has_items, "the estimate")
+        peer.until(lambda: node.node._has_estimate, "the estimate")
         peer.until(lambda: node.node.count_publishers("/ground_truth/odometry"), "the publisher")
         node.node.look_around()
         assert "the type is std_msgs/msg/String: nav_msgs/msg/Odometry or" in node.text

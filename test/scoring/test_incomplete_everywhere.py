@@ -164,13 +164,13 @@ def replayed(made: Made) -> Score:
 def saved(made: Made) -> Score:
     """What the monitor writes to its file, read again; it knows the images of the drive by the truth alone."""
     monitor = MonitorScore(CONFIG, LIMITS)
-    monitor.map_inputs.rig = NAV_RIG
+    monitor.map_inputs.set_rig(NAV_RIG)
     for item in made.nav:
         monitor.map_inputs.add_pose(item.pair.stamp_ns, item.T_lm_navsb)
-        monitor.map_inputs.true_points[item.pair.stamp_ns] = item.truth
+        monitor.map_inputs.add_true_points(item.pair.stamp_ns, item.truth)
     for record in made.records:
         monitor.add_call(record)
-    monitor.map_inputs.clouds[NAV_STAMPS[-1]] = replace(made.cloud, fused=None, pair_stamps_ns=None)
+    monitor.map_inputs.add_cloud(NAV_STAMPS[-1], replace(made.cloud, fused=None, pair_stamps_ns=None))
     assert monitor.score_maps()
     for poses, add in ((made.estimate, monitor.add_estimate), (made.truth, monitor.add_truth)):
         for stamp, position, quat in zip(poses.stamps_ns.tolist(), poses.positions, poses.quats_xyzw, strict=True):

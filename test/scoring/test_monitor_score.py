@@ -106,26 +106,6 @@ def of_file(scored: ScoredTrajectory) -> Score:
     )
 
 
-def test_results_of_a_run_that_has_ended_do_not_begin_another_one() -> None:
-    monitor, second = MonitorScore(ScoreConfig(CONFIG), None), 10**9
-    assert not monitor.is_late("estimate", 20 * second)
-    for kind in ("truth", "estimate"):
-        monitor.note_stamp(kind, 20 * second)
-    monitor.restart("truth", 0)
-    for stamp_ns in (20 * second, 20 * second + 100):  # of the run before
-        assert monitor.is_late("estimate", stamp_ns)
-    assert not monitor.is_late("estimate", 22 * second)  # another clock: the truth alone has begun again
-    monitor.note_stamp("estimate", 5 * second)
-    monitor.note_stamp("truth", 9 * second)
-    monitor.restart("truth", 0)
-    for stamp_ns in (6 * second, 9 * second):  # results that come 4 s late
-        assert monitor.is_late("estimate", stamp_ns)
-    assert not monitor.is_late("truth", 100)
-    for stamp_ns in (100, 20 * second):  # of the new one, to its end
-        assert not monitor.is_late("estimate", stamp_ns)
-        monitor.note_stamp("estimate", stamp_ns)
-
-
 def test_a_thousand_orders_of_messages_give_the_score_of_the_file() -> None:
     """Equal, not nearly so."""
     rng, flags = np.random.default_rng(7), 0

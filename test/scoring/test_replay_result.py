@@ -59,14 +59,14 @@ def file_score(cloud: Path, source: Path) -> dict[str, Any]:
 def live_score(source: Source, run: MapRun, cloud: PointCloud) -> dict[str, Any]:
     """Return the map's score as the monitor makes it of what is published."""
     monitor = MonitorScore(ScoreConfig(), None)
-    monitor.map_inputs.rig = source.nav.rig
+    monitor.map_inputs.set_rig(source.nav.rig)
     for item in source.nav.pairs():
         monitor.map_inputs.add_pose(item.pair.stamp_ns, item.T_lm_navsb)
-        monitor.map_inputs.true_points[item.pair.stamp_ns] = item.truth
+        monitor.map_inputs.add_true_points(item.pair.stamp_ns, item.truth)
     for record in run.records:
         monitor.add_call(replace(record, fused=cloud.fused if record.state == "fused" else None))
     message = replace(cloud, fused=None, pair_stamps_ns=None)  # it does not say
-    monitor.map_inputs.clouds[run.maps[-1].stamp_ns] = message
+    monitor.map_inputs.add_cloud(run.maps[-1].stamp_ns, message)
     assert monitor.score_maps()
     return of_map(monitor.result())
 

@@ -231,9 +231,19 @@ class StereoInput:
 
     def restart(self) -> None:
         """Forget what waits and which stamp was last."""
+        self._forget_waiting()
+        self._order.restart()
+
+    def restart_if_set_back(self, now_ns: int) -> bool:
+        """Restart if a clock was set back to another time than that of the last pair; return whether it was."""
+        if not self._order.restart_if_set_back(now_ns):
+            return False
+        self._forget_waiting()
+        return True
+
+    def _forget_waiting(self) -> None:
         self._pairing.clear()
         self._without_rig.clear()
-        self._order.restart()
 
     def add_camera_info(self, side: Side, message: CameraInfo) -> None:
         """Add a camera_info, and use the rig that it completes."""

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Any
+from functools import partial
+from typing import Any, Protocol
 
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from sfr_loc_map.doctor.silence import Reliability, silence_of
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.geometry.run_order import RunOrder
-from sfr_loc_map.inputs import jumped_back, refusing
+from sfr_loc_map.inputs import refusing
 from sfr_loc_map.io.bag.frames import FrameSeries, PoseRow, chain_above, chain_poses, pose_row
-from sfr_loc_map.io.truth.messages import TRUTH_TYPES, UNKNOWN, TrueRow
+from sfr_loc_map.io.truth.messages import TRUTH_TYPES, UNKNOWN, TruePoses, TrueRow
 from sfr_loc_map.message_types import ODOMETRY
+from sfr_loc_map.nodes.ros.messages import message_type, tf_message_type
+from sfr_loc_map.nodes.ros.publishers import publishers_of
+from sfr_loc_map.nodes.ros.qos import TF_STATIC_QOS
+from sfr_loc_map.topics import TF, TF_STATIC, TRUE_POSES
 
 MAX_WAITING = 1000  #: Transforms of a frame that wait for those of the other frames; the oldest are dropped.
 
@@ -51,7 +61,8 @@ class TruthFrame:
         self._series = FrameSeries()
         self._orders: dict[tuple[str, str], RunOrder[PoseRow]] = {}
         self._received = Counter[str]()  # transforms of each frame in its parent on the chain
-        self._last_ns = 0  # stamp of the last pose that was made
+        self._last_ns = 0  # stamp of the last pose of the run
+        self._restarted = set[str]()  # transforms that have begun a new run since the last pose
 
     @property
     def strays(self) -> int:
@@ -68,9 +79,10 @@ class TruthFrame:
         moving = [name for name in chain if not frames[name].is_static]
         if not moving or frames[chain[-1]].parent != self._parent or not all(frames[name].rows for name in chain):
             return []
-        stamps_of = max(moving, key=lambda name: self._received[name])
-        if jumped_back(self._last_ns, frames[stamps_of].rows[-1][0]):  # a new run
+        if self._restarted.intersection(moving):
             self._last_ns = 0
+        self._restarted.clear()
+        stamps_of = max(moving, key=lambda name: self._received[name])
         with refusing("/tf", "correct the publisher"):
             poses = chain_poses(frames, chain, stamps_of)
         found: list[TrueRow] = []
@@ -96,9 +108,100 @@ class TruthFrame:
         if begins_run:
             frame.rows.clear()
             self._received[name] = 0
+            self._restarted.add(name)
         frame.rows += accepted
         self._received[name] += len(accepted)
         del frame.rows[:-MAX_WAITING]
+
+
+class Subscribe(Protocol):
+    """Subscribes with a callback; returns what ends the subscription."""
+
+    def __call__(  # noqa: D102
+        self,
+        kind: type[Any],
+        topic: str,
+        callback: Callable[[Any], None],
+        qos: QoSProfile,
+        *,
+        has_several_publishers: bool = False,
+    ) -> Callable[[], object]: ...
+
+
+class TruthInput(ABC):
+    """Receives the true poses that a node scores with."""
+
+    @abstractmethod
+    def subscribe(self, subscribe: Subscribe, qos: QoSProfile, add: Callable[[list[TrueRow]], None]) -> None:
+        """Receive true poses; `add` is called with those of each message."""
+
+    @property
+    def strays(self) -> int:
+        """Number of messages that were dropped because of their stamps."""
+        return 0
+
+    @abstractmethod
+    def reason_for_silence(self) -> str:
+        """Return why no true pose was received; empty if the reason was removed just now."""
+
+
+class TopicTruthInput(TruthInput):
+    """Receives true poses on their topic, whichever type it has."""
+
+    def __init__(self, node: Node, reliability: Reliability) -> None:
+        """Receive nothing yet."""
+        self._node, self._reliability = node, reliability
+
+    def subscribe(self, subscribe: Subscribe, qos: QoSProfile, add: Callable[[list[TrueRow]], None]) -> None:
+        """Receive true poses of the type that is published."""
+
+        def subscribe_to(msgtype: str) -> Callable[[], object]:
+            reader = TruePoses(msgtype)
+            return subscribe(message_type(msgtype), TRUE_POSES, lambda message: add(reader.rows(message)), qos)
+
+        self._topic = TruthTopic(subscribe_to)
+
+    def reason_for_silence(self) -> str:
+        """Follow a change of the published type; otherwise return why no true pose was received."""
+        topic = self._node.resolve_topic_name(TRUE_POSES)
+        publishers = publishers_of(self._node, topic)
+        if self._topic.follow([publisher.msgtype for publisher in publishers]):
+            self._node.get_logger().info(f"{TRUE_POSES} is {self._topic.msgtype}: true poses are read from it")
+            return ""
+        found = silence_of(topic, tuple(TRUTH_TYPES), publishers, self._reliability)
+        return f"nothing is scored without true poses on {topic}: {found.text}; {found.fix}"
+
+
+class FrameTruthInput(TruthInput):
+    """Receives true poses from /tf and /tf_static, which have several publishers each."""
+
+    def __init__(self, frame: str) -> None:
+        """Receive nothing yet; ConfigError if the frame is not `PARENT:CHILD`."""
+        self._frame = frame
+        self._reader = TruthFrame(frame)
+
+    def subscribe(self, subscribe: Subscribe, qos: QoSProfile, add: Callable[[list[TrueRow]], None]) -> None:
+        """Receive the transforms of the frames."""
+        kind = tf_message_type()
+        if kind is None:
+            raise ConfigError("truth.frame: tf2_msgs for /tf is not installed: install ros-jazzy-tf2-msgs")
+
+        def on_transforms(message: Any, *, is_static: bool) -> None:  # noqa: ANN401 - of tf2_msgs
+            add(self._reader.rows(message, is_static=is_static))
+
+        on_static = partial(on_transforms, is_static=True)
+        on_moving = partial(on_transforms, is_static=False)
+        subscribe(kind, TF_STATIC, on_static, TF_STATIC_QOS, has_several_publishers=True)
+        subscribe(kind, TF, on_moving, qos, has_several_publishers=True)
+
+    @property
+    def strays(self) -> int:
+        """Number of transforms that were dropped because of their stamps."""
+        return self._reader.strays
+
+    def reason_for_silence(self) -> str:
+        """Return which transforms are required."""
+        return f"nothing is scored without the transforms {self._frame} on /tf: publish them"
 
 
 def _forget_before(rows: list[PoseRow], stamp_ns: int) -> None:

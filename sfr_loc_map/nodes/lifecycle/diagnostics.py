@@ -15,6 +15,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from threading import Lock
+from types import MappingProxyType
 
 import numpy as np
 import psutil
@@ -152,15 +153,21 @@ class StatusReporter:
             self._last_arrival = time.monotonic()
             self._remember(self._arrivals, self._last_arrival)
 
-    def note_call(self, level: Level, state: str, values: Mapping[str, Value], statistics: Mapping[str, float]) -> None:
+    def note_call(
+        self,
+        level: Level,
+        state: str,
+        times: Mapping[str, float] = MappingProxyType({}),
+        statistics: Mapping[str, float] = MappingProxyType({}),
+    ) -> None:
         """Note a call: of its times those that begin with `latency_` are summarised, figures of `OFFSETS` watched."""
         with self._lock:
             self._remember(self._calls, time.monotonic())
             self._last_call = (level, state)
             self._offsets |= {name: float(statistics[name]) for name in OFFSETS if name in statistics}
-            for name, value in values.items():
+            for name, seconds in times.items():
                 if name.startswith("latency_"):
-                    self._latencies.setdefault(name, deque(maxlen=LATENCY_WINDOW)).append(float(value))
+                    self._latencies.setdefault(name, deque(maxlen=LATENCY_WINDOW)).append(seconds)
 
     def note_problem(self, level: Level, text: str, kind: str = "") -> None:
         """Note something that shows for a while; with a kind it takes the place of the last one of that kind."""
@@ -242,7 +249,7 @@ class StatusReporter:
         values: dict[str, Value] = {"task": self._task, "stamp_ns": call.stamp_ns, "state": call.state}
         values |= {"reason": call.reason, "memory_method": self.meter.method, **took, **call.counts}
         self._publish(StatusKind.CALL, level, call.outcome, values, call.stamp_ns)
-        self.note_call(level, call.outcome, took, call.statistics)
+        self.note_call(level, call.outcome, call.times, call.statistics)
         self.publish_health(only_changes=True)
 
     def error(self, text: str) -> None:

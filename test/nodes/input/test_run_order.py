@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.geometry.run_order import LEAP_NS, AnyOrder, RunOrder
+from sfr_loc_map.geometry.run_order import LEAP_NS, AnyOrder, CommonRuns, RunOrder, StampOrder
 from sfr_loc_map.geometry.stamp_pairing import StampPairing, match_stamps
 from sfr_loc_map.geometry.thinned_path import ThinnedPath
 from sfr_loc_map.geometry.transform import Transform
@@ -200,3 +200,59 @@ def test_a_pose_that_is_sent_again_or_is_of_another_time_is_dropped_and_counted(
     assert (run, begun, order.strays) == ([*RUN], [], 1)
     run, begun, order = accepted([*RUN[:10], RUN[4] + 1000, *RUN[10:]])  # a late one of its own
     assert (sorted(run), begun, order.strays) == (sorted([*RUN, RUN[4] + 1000]), [], 0)
+
+
+def common_runs(kind: type[StampOrder]) -> CommonRuns[int]:
+    """Truth and estimate of one run, which have come to 20 s."""
+    runs: CommonRuns[int] = CommonRuns({"truth": kind(), "estimate": kind()})
+    for second in range(15, 21):
+        for source in ("truth", "estimate"):
+            assert runs.add(source, second * S, second) == ([second], False)
+    return runs
+
+
+def begin_again(runs: CommonRuns[int], source: str, seconds: Sequence[int]) -> list[int]:
+    """Add items of a source until a new run begins; return what is accepted with it."""
+    for second in seconds:
+        accepted, begins_run = runs.add(source, second * S, second)
+        if begins_run:
+            return accepted
+        assert accepted == []
+    raise AssertionError("no run has begun")
+
+
+@pytest.mark.parametrize("kind", [RunOrder, AnyOrder])
+def test_results_of_the_run_before_do_not_begin_another_one(kind: type[StampOrder]) -> None:
+    runs = common_runs(kind)
+    assert begin_again(runs, "truth", (15, 16, 17)) == [15, 16, 17]
+    for stamp_ns in (20 * S, 20 * S + 100):  # of the run before
+        assert runs.add("estimate", stamp_ns, 0) == ([], False)
+    for second in (15, 16, 17, 18, 19, 20):  # of the new run, to the end of the one before
+        assert runs.add("estimate", second * S, second) == ([second], False)
+    assert runs.strays == 0
+
+
+@pytest.mark.parametrize("kind", [RunOrder, AnyOrder])
+def test_a_source_with_another_clock_keeps_its_time_when_the_other_begins_again(kind: type[StampOrder]) -> None:
+    runs = common_runs(kind)
+    begin_again(runs, "truth", (15, 16, 17))
+    assert runs.add("estimate", 22 * S, 22) == ([22], False)
+
+
+@pytest.mark.parametrize("kind", [RunOrder, AnyOrder])
+def test_items_that_are_held_when_the_other_source_begins_a_run_are_part_of_it(kind: type[StampOrder]) -> None:
+    runs = common_runs(kind)
+    for second in (15, 16):
+        assert runs.add("estimate", second * S, 100 + second) == ([], False)
+    assert begin_again(runs, "truth", (15, 16, 17)) == [15, 16, 17, 115, 116]
+    assert runs.add("estimate", 17 * S, 117) == ([117], False)
+    assert runs.strays == 0
+
+
+def test_a_clock_that_is_set_back_begins_a_run_with_the_next_item() -> None:
+    order = RunOrder[int]()
+    assert not order.restart_if_set_back(5 * S), "nothing was received"
+    order.add(10 * S, 10)
+    assert not order.restart_if_set_back(9 * S + 1), "less than a second"
+    assert order.restart_if_set_back(9 * S)
+    assert order.add(2 * S, 2) == ([2], False)
