@@ -35,8 +35,9 @@ def match_stamps(left: Sequence[int], right: Sequence[int], tolerance_ns: int) -
 class StampPairing(Generic[T]):
     """Pairs the items of two streams by their stamps, with a bounded memory.
 
-    The stamps of each stream increase until a new run begins with an earlier one. An item is therefore dropped, and
-    counted as `unpaired`, when the other stream has reached a later stamp of the same run. `overflowed` counts items
+    The stamps of each stream increase until the stream goes back to an earlier one. An item is therefore dropped, and
+    counted as `unpaired`, when the other stream has reached a later stamp and both have gone back equally often. What
+    a return means is decided by `run_order`, which is given the pairs. `overflowed` counts items
     that were dropped because their queue was full. The tolerance is less than half of either stream's period, so that
     items of neighbouring moments are not paired.
     """
@@ -45,9 +46,9 @@ class StampPairing(Generic[T]):
         """Start without items; stamps of a pair differ by up to the tolerance, and `depth` items of a side may wait."""
         self._tolerance_ns = tolerance_ns
         self._depth = depth
-        self._waiting: tuple[deque[tuple[int, int, T]], ...] = (deque(), deque())  # stamp, run of its stream, item
+        self._waiting: tuple[deque[tuple[int, int, T]], ...] = (deque(), deque())  # stamp, returns before it, item
         self._latest_ns: list[int | None] = [None, None]
-        self._runs = [0, 0]
+        self._returns = [0, 0]  # how often each stream has gone back to an earlier stamp
         self._gaps_ns: tuple[deque[int], ...] = (deque(maxlen=PERIODS), deque(maxlen=PERIODS))
         self.unpaired = 0
         self.overflowed = 0
@@ -67,12 +68,12 @@ class StampPairing(Generic[T]):
         for queue in self._waiting:
             queue.clear()
         self._latest_ns = [None, None]
-        self._runs = [0, 0]
+        self._returns = [0, 0]
 
     def _partner_of(self, side: int, stamp_ns: int, item: T) -> T | None:
         """Return the partner of a new item of a side, 0 for left and 1 for right; None if the item has to wait."""
         latest = self._latest_ns[side]
-        self._runs[side] += latest is not None and stamp_ns < latest
+        self._returns[side] += latest is not None and stamp_ns < latest
         if latest is not None and stamp_ns > latest:
             self._gaps_ns[side].append(stamp_ns - latest)
         self._latest_ns[side] = stamp_ns
@@ -80,13 +81,13 @@ class StampPairing(Generic[T]):
         other = self._waiting[1 - side]
         best = min(range(len(other)), key=lambda i: abs(other[i][0] - stamp_ns), default=None)
         if best is None or abs(other[best][0] - stamp_ns) > below_half_period(self._tolerance_ns, *self._gaps_ns):
-            own.append((stamp_ns, self._runs[side], item))
+            own.append((stamp_ns, self._returns[side], item))
             if len(own) > self._depth:
                 own.popleft()
                 self.overflowed += 1
             self._drop_hopeless()
             return None
-        _, self._runs[side], partner = other[best]  # the same moment, so the same run
+        _, self._returns[side], partner = other[best]  # the same moment, so both have gone back equally often
         while own and own[0][0] < stamp_ns:
             own.popleft()
             self.unpaired += 1
@@ -99,9 +100,9 @@ class StampPairing(Generic[T]):
         """Drop items whose partner can no longer arrive, because the other stream is beyond their stamp."""
         for side, queue in enumerate(self._waiting):
             latest = self._latest_ns[1 - side]
-            run = self._runs[1 - side]
+            returns = self._returns[1 - side]
             if latest is None:
                 continue
-            while queue and queue[0][1] == run and queue[0][0] < latest - self._tolerance_ns:
+            while queue and queue[0][1] == returns and queue[0][0] < latest - self._tolerance_ns:
                 queue.popleft()
                 self.unpaired += 1

@@ -65,7 +65,7 @@ class FoxgloveView:
     def __exit__(self, *_: object) -> None:
         self._stopped.set()
         self._thread.join(5.0)
-        self._state.looks.pop(self, None)
+        self._state.forget_viewer(self)
         if self._server is not None:
             self._server.stop()
         for channel in self._channels.values():
@@ -75,15 +75,17 @@ class FoxgloveView:
         state, before, sent, due_s = self._state, set[str](), dict[str, Media](), 0.0
         while not self._stopped.wait(TICK_S):
             looked_at = {topic for topic, channel in self._channels.items() if channel.has_sinks()}
-            state.looks[self] = frozenset(VIEWS[topic] for topic in looked_at & VIEWS.keys())
-            of_all = list(state.media.values())
-            newest = {GRID if isinstance(media, ElevationSample) else f"/{media.topic}": media for media in of_all}
+            state.show(self, frozenset(VIEWS[topic] for topic in looked_at & VIEWS.keys()))
+            shown = state.shown_media(self).values()
+            newest = {GRID if isinstance(media, ElevationSample) else f"/{media.topic}": media for media in shown}
             media = {topic: newest[topic] for topic in looked_at & newest.keys()}
             for topic, item in media.items():
                 if sent.get(topic) is not item:
                     self._channels[topic].log(_message(item))
             if looked_at and (looked_at - before or time.monotonic() >= due_s):
-                due_s, rows = time.monotonic() + PERIOD_S, list(state.path.rows)
+                due_s = time.monotonic() + PERIOD_S
+                with state.lock:
+                    rows = list(state.path.rows)
                 self._channels[FIGURES].log(json.dumps(state.to_plain(time.time()), allow_nan=False).encode())
                 stamp = _stamp(rows[-1].stamp_ns if rows else 0)
                 estimate, truth = [row.position_m for row in rows], [row.truth_m for row in rows if row.truth_m]

@@ -16,7 +16,7 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.stamped_poses import pose_at
 from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import NS_PER_S, jumped_back
+from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.updates import PoseSample, Track
 
 MAX_ROWS = 4000
@@ -57,16 +57,19 @@ class LivePath:
     def __init__(self) -> None:
         self.version = -1  # changes whenever rows that were given out do not hold any more
         self._may_be_late = True  # whether the run may have begun before the first pose here
-        self.restart()
+        self._forget()
 
     def restart(self) -> None:
-        """Forget all poses: a new run begins."""
+        """Forget all poses: a new run begins, which is seen from its first pose."""
+        self._may_be_late = False
+        self._forget()
+
+    def _forget(self) -> None:
         self.version += 1
         self.before_m = 0.0  # distance travelled before the first pose here
         self.rows: list[PathRow] = []
         self._count = 0
         self._every = 1
-        self._latest_ns: dict[Track, int] = {}
         self._truths: deque[tuple[int, Transform]] = deque(maxlen=MAX_TRUTHS)
         self._pending: deque[tuple[PoseSample, float | None]] = deque(maxlen=MAX_PENDING)
         self._to_truth: Transform | None = None
@@ -74,19 +77,13 @@ class LivePath:
         self._last: tuple[Point, Point | None, float] | None = None  # estimate as sent, truth, distance
 
     def add(self, sample: PoseSample, published_s: float | None = None) -> None:
-        """Add a pose, and when its image was published; a stamp far behind the latest one begins a new run."""
-        stamp_ns = sample.stamp_ns
-        if jumped_back(self._latest_ns.get(sample.track, stamp_ns), stamp_ns):
-            self._may_be_late = False
-            self.restart()
-        latest_ns = self._latest_ns.get(sample.track, -1)
-        self._latest_ns[sample.track] = max(latest_ns, stamp_ns)
+        """Add a pose, and when its image was published; the stamps of each track increase."""
         if sample.track is Track.ESTIMATE:
             self._pending.append((sample, published_s))
-        elif stamp_ns > latest_ns:
+        else:
             self._positions_alone = not any(sample.quat_xyzw)
             quat = (0.0, 0.0, 0.0, 1.0) if self._positions_alone else sample.quat_xyzw
-            self._truths.append((stamp_ns, Transform.from_quat(sample.position, quat)))
+            self._truths.append((sample.stamp_ns, Transform.from_quat(sample.position, quat)))
         while self._pending:
             estimate, published_s = self._pending[0]
             newest_ns = self._truths[-1][0] if self._truths else estimate.stamp_ns

@@ -14,7 +14,6 @@ import ipaddress
 import json
 import logging
 import secrets
-import signal
 import time
 import webbrowser
 from collections.abc import Awaitable, Callable
@@ -69,6 +68,7 @@ HEARTBEAT_S = 20.0  #: Period of the websocket's ping.
 SHUTDOWN_S = 1.0  #: Time for pending requests when the server ends.
 LAST_MESSAGE_S = 0.1  #: Time for the last message to the pages.
 TICK_S = 0.01  #: Changes within this time are sent together.
+END_PERIOD_S = 0.1  #: Period at which the end of the run is looked for.
 NODES_PERIOD_S = 0.25  #: Period of the message with the nodes' state, which also shows that the server is alive.
 
 
@@ -126,12 +126,11 @@ class LiveServer:
         try:
             with closing(await self._listen(self._connections)) as listener:
                 self.url = self._address(listener.sockets[0].getsockname()[1])
-                self.state.on_change = self._wake_from_any_thread(asyncio.get_running_loop())
+                self.state.call_on_change(self._wake_from_any_thread(asyncio.get_running_loop()))
                 ready(self.url)
                 await self._send_changes()
         finally:
-            if self.state.operator is not None:
-                self.state.operator.close()
+            self.state.close_operator()
             await runner.cleanup()
 
     def end(self) -> None:
@@ -192,15 +191,19 @@ class LiveServer:
 
     def _notify_viewers(self, now_s: float) -> None:
         state = self.state
-        if state.report is not None and state.report is not self._report:
-            self._report = state.report
-            self._texts["report"] = text_message("report", state.report.to_plain())
-        if self._events_version != state.timeline.version:
-            self._events_version = state.timeline.version
-            self._texts["events"] = text_message("events", {"events": state.events_to_plain()})
-        if not 0.0 <= now_s - self._nodes_sent_s < NODES_PERIOD_S:
-            self._nodes_sent_s = now_s
-            self._texts["nodes"] = text_message("nodes", state.live_to_plain(now_s) | {"actions": state.actions})
+        are_nodes_due = not 0.0 <= now_s - self._nodes_sent_s < NODES_PERIOD_S
+        with state.lock:
+            if are_nodes_due:
+                state.tick(now_s)
+            if state.report is not None and state.report is not self._report:
+                self._report = state.report
+                self._texts["report"] = text_message("report", state.report.to_plain())
+            if self._events_version != state.timeline.version:
+                self._events_version = state.timeline.version
+                self._texts["events"] = text_message("events", {"events": state.events_to_plain()})
+            if are_nodes_due:
+                self._nodes_sent_s = now_s
+                self._texts["nodes"] = text_message("nodes", state.live_to_plain(now_s) | {"actions": state.actions})
         for viewer in self._viewers:
             viewer.notify(self._texts)
 
@@ -305,7 +308,7 @@ class LiveServer:
                     viewer.receive(received.data)
         finally:
             self._viewers.remove(viewer)
-            self.state.looks.pop(viewer, None)
+            self.state.forget_viewer(viewer)
             sender.cancel()
         return channel
 
@@ -323,33 +326,51 @@ class LiveServer:
 async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, end_file: Path | None = None) -> None:
     """Serve until SIGINT, SIGTERM or SIGHUP; print the address when the page can be opened.
 
-    SIGUSR1 reports that the run is over. The file, which `nodes/launch/live_process.py` writes, holds how it ended.
-    The pages show that and can still be opened.
+    Once the run is over, `nodes/launch/live_process.py` writes to the file how it ended. The pages show that and can
+    still be opened.
     """
+    taken = ""  # of the file
 
     def announce(url: str) -> None:
         print(f"live: {url}", flush=True)
         if open_browser:
             webbrowser.open(url)
 
+    def take_end(file: Path) -> None:
+        """Show how the run ended, if the file has something new."""
+        nonlocal taken
+        text = ""
+        with suppress(OSError):
+            text = file.read_text(encoding="utf-8")
+        if text == taken:
+            return
+        taken = text
+        outcome: Any = parse_json(text)
+        page = b""
+        with suppress(OSError):
+            page = Path(outcome.get("report") or "").read_bytes()
+        server.state.end(outcome.get("missing", ""), outcome.get("aborted", ""), time.time(), page)
+        server.end()
+
+    async def watch_end() -> None:
+        while end_file is not None:
+            take_end(end_file)
+            await asyncio.sleep(END_PERIOD_S)
+
     def end_server() -> None:
+        if end_file is not None:
+            take_end(end_file)
         server.end()
         loop.call_later(LAST_MESSAGE_S, task.cancel)
 
-    def end_run() -> None:
-        outcome: Any = {}
-        with suppress(OSError, ValueError):
-            outcome = {} if end_file is None else parse_json(end_file.read_text(encoding="utf-8"))
-        with suppress(OSError):
-            server.state.report_page = Path(outcome.get("report") or "").read_bytes()
-        server.state.end(outcome.get("missing", ""), outcome.get("aborted", ""), time.time())
-        server.end()
-
     loop = asyncio.get_running_loop()
     task = asyncio.ensure_future(server.serve(announce))
-    loop.add_signal_handler(signal.SIGUSR1, end_run)
-    with stopping(lambda: loop.call_soon_threadsafe(end_server)), suppress(asyncio.CancelledError):
-        await task
+    watch = asyncio.ensure_future(watch_end())
+    try:
+        with stopping(lambda: loop.call_soon_threadsafe(end_server)), suppress(asyncio.CancelledError):
+            await task
+    finally:
+        watch.cancel()
 
 
 def _page_files(command_token: str) -> dict[str, bytes]:

@@ -12,6 +12,7 @@ from threading import RLock
 from typing import Any
 
 from sfr_loc_map.errors import InputError, SfrError
+from sfr_loc_map.geometry.run_order import CommonRuns, RunOrder
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.headline import headline
@@ -156,9 +157,10 @@ class LiveState:
 
     def __init__(self) -> None:
         self.lock = RLock()
-        self.on_change: Callable[[], None] = lambda: None  # called in the thread of the feed after each record
-        self.operator: updates.Operator | None = None  # set by the feed once commands can be carried out
-        self.looks: dict[object, frozenset[updates.View]] = {}  # views that each viewer shows
+        self._on_change: Callable[[], None] = lambda: None
+        self._operator: updates.Operator | None = None
+        self._shown: dict[object, frozenset[updates.View]] = {}  # views that each viewer shows
+        self._runs: CommonRuns[updates.PoseSample] = CommonRuns({track: RunOrder() for track in updates.Track})
         self.path = LivePath()
         self.report: ReportView | None = None
         self.nodes: dict[str, NodeView] = {}
@@ -171,7 +173,7 @@ class LiveState:
         self.timeline = Timeline()
         self.ended_s: float | None = None  # time of the end; a run in progress is not incomplete
         self.aborted: dict[str, Any] | None = None  # `by`: cause, `at`: time, seconds
-        self.report_page = b""  # report of a run that is over, HTML
+        self._report_page = b""  # report of a run that is over, HTML
         self._missing = ""  # what the estimate is known to lack at the end
         self._result_s = 0.0  # time of the last result that contributes to the verdict
         self._published: OrderedDict[int, float] = OrderedDict()
@@ -182,24 +184,65 @@ class LiveState:
         """Whether the run is over."""
         return self.ended_s is not None
 
+    # ---- viewers
+
     @property
     def wanted(self) -> frozenset[updates.View]:
         """Views that at least one viewer shows; a feed prepares no others."""
-        return frozenset[updates.View]().union(*list(self.looks.values()))
+        with self.lock:
+            return frozenset[updates.View]().union(*self._shown.values())
+
+    def show(self, viewer: object, views: frozenset[updates.View]) -> None:
+        """Note which views a viewer shows."""
+        with self.lock:
+            self._shown[viewer] = views
+
+    def forget_viewer(self, viewer: object) -> None:
+        """Note that a viewer has left."""
+        with self.lock:
+            self._shown.pop(viewer, None)
+
+    def shown_media(self, viewer: object) -> dict[str, updates.Media]:
+        """Return, by topic, the newest images and maps of the views that a viewer shows."""
+        with self.lock:
+            views = self._shown.get(viewer, frozenset())
+            return {topic: media for topic, media in self.media.items() if media.view in views}
+
+    def call_on_change(self, callback: Callable[[], None]) -> None:
+        """Call a function after each record, in the thread of the feed."""
+        self._on_change = callback
+
+    @property
+    def report_page(self) -> bytes:
+        """Report of a run that is over, HTML; empty before."""
+        return self._report_page
+
+    # ---- commands
+
+    def set_operator(self, operator: updates.Operator) -> None:
+        """Take who carries out commands, once nodes have been joined."""
+        self._operator = operator
+
+    def close_operator(self) -> None:
+        """End the commands that are under way."""
+        if self._operator is not None:
+            self._operator.close()
 
     @property
     def actions(self) -> list[updates.Action]:
         """Actions that are possible now."""
-        return [] if self.operator is None else sorted(self.operator.actions)
+        return [] if self._operator is None else sorted(self._operator.actions)
 
     def _actions_of(self, node: str) -> dict[str, list[updates.Action]]:
-        return {"actions": [] if self.operator is None else list(self.operator.node_actions.get(node, ()))}
+        return {"actions": [] if self._operator is None else list(self._operator.node_actions.get(node, ()))}
 
     def run(self, command: updates.Command) -> str:
         """Carry out a command and return what was done; SfrError with the reason if it is impossible."""
-        if self.operator is None:
+        if self._operator is None:
             raise InputError(f"'{command.action}' is not possible (yet): no nodes have been joined")
-        return self.operator.run(command)
+        return self._operator.run(command)
+
+    # ---- records
 
     def put(self, update: updates.Update) -> None:
         """Process a record; an invalid record is reported as a problem."""
@@ -211,7 +254,13 @@ class LiveState:
                 self._take_in(update)
             except (SfrError, ValueError, OverflowError) as error:
                 self.problems.append(one_line(str(error)))
-        self.on_change()
+        self._on_change()
+
+    def tick(self, now_s: float) -> None:
+        """Note as events what was not received until now: poses, and reports of nodes."""
+        with self.lock:
+            if not self.ended:
+                self.timeline.look(now_s, self._silent_nodes(now_s))
 
     def stop(self, now_s: float) -> None:
         """Note that no more is received, so that later silence is not reported as stale data."""
@@ -220,11 +269,12 @@ class LiveState:
                 self.timeline.end(now_s)
                 self.ended_s = now_s
 
-    def end(self, missing: str = "", aborted: str = "", now_s: float = 0.0) -> None:
+    def end(self, missing: str = "", aborted: str = "", now_s: float = 0.0, report_page: bytes = b"") -> None:
         """Note that the run is over, or was aborted: from now on an uncovered part of the drive is missing."""
         with self.lock:
             self.stop(now_s)
             self._missing = missing
+            self._report_page = report_page or self._report_page
             if aborted and self.aborted is None:
                 self.aborted = {"by": aborted, "at": now_s}
                 self.timeline.mark(now_s, EventKind.ABORTED, f"aborted: {aborted}")
@@ -251,9 +301,7 @@ class LiveState:
     def live_to_plain(self, now_s: float) -> dict[str, Any]:
         """Return what `state.json` adds to the score as JSON values, except what changes with the report only."""
         with self.lock:
-            silent = {name: node.heard_s for name, node in self.nodes.items() if node.heard_s and node.is_stale(now_s)}
-            if not self.ended:
-                self.timeline.look(now_s, silent)
+            silent = self._silent_nodes(now_s)
             report, rows = self.report, self.path.rows
             localisation = None
             if rows:
@@ -282,7 +330,7 @@ class LiveState:
                 "ended": self.ended,
                 "ended_at": self.ended_s,
                 "aborted": self.aborted,
-                "has_report": bool(self.report_page),
+                "has_report": bool(self._report_page),
                 "report_age_s": None if report is None else round(now_s - report.received_s, 3),
                 "nodes": [node.to_plain(now_s) | self._actions_of(name) for name, node in sorted(self.nodes.items())],
                 "topics": topics,
@@ -292,6 +340,10 @@ class LiveState:
                 "problems": list(self.problems),
                 "image_problems": {topic: text for topic, text in self.image_problems.items() if text},
             }
+
+    def _silent_nodes(self, now_s: float) -> dict[str, float]:
+        """Return the nodes that have been silent for too long, and since when."""
+        return {name: node.heard_s for name, node in self.nodes.items() if node.heard_s and node.is_stale(now_s)}
 
     def events_to_plain(self) -> list[dict[str, Any]]:
         """Return the events of the run as JSON values; times are seconds of the clock."""
@@ -319,9 +371,6 @@ class LiveState:
         return self.nodes.get(name)
 
     def _take_in(self, update: updates.Update) -> None:
-        at_s = getattr(update, "received_s", 0.0)
-        if not self.ended:
-            self.timeline.take(update, at_s)
         match update:
             case updates.Report():
                 self._take_report(update)
@@ -355,20 +404,32 @@ class LiveState:
             self.path.note_length(drive.path_length_m)
 
     def _take_pose(self, update: updates.PoseSample) -> None:
-        """Add a pose to the path of its track."""
+        """Add a pose to the path of its track, once its run is known."""
         topic = ESTIMATE if update.track is updates.Track.ESTIMATE else TRUE_POSES
         self._note_topic(topic, update.stamp_ns, update.received_s)
         if update.track is updates.Track.ESTIMATE:
             self._result_s = update.received_s
-        self.path.add(update, self._published.get(update.stamp_ns))
+        accepted, begins_run = self._runs.add(update.track, update.stamp_ns, update)
+        if begins_run:
+            self.path.restart()
+            if not self.ended:
+                self.timeline.begin_run(accepted[0].stamp_ns, update.received_s)
+        for pose in accepted:
+            if not self.ended:
+                self.timeline.take(pose, pose.received_s)
+            self.path.add(pose, self._published.get(pose.stamp_ns))
 
     def _take_status(self, update: updates.Status) -> None:
-        """Note the health or the input of a node."""
+        """Note the health of a node, an unusable input or an internal fault."""
+        if not self.ended:
+            self.timeline.take(update, update.received_s)
         if (node := self._node(update.node)) is not None:
             node.add(update)
 
     def _take_call(self, update: updates.Call) -> None:
         """Note a call of a node."""
+        if not self.ended:
+            self.timeline.take(update, update.received_s)
         if (node := self._node(update.node)) is not None:
             node.add(update)
             self._result_s = update.received_s

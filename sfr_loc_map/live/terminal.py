@@ -62,6 +62,7 @@ class Terminal:
                     self._press(key)
                     due_s = 0.0
                 if time.monotonic() >= due_s:
+                    self._state.tick(time.time())
                     if screen is not None:
                         screen.update(self.drawing(time.time()), refresh=True)
                     else:

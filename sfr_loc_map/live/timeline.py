@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
-from sfr_loc_map.inputs import NS_PER_S, Task, jumped_back
+from sfr_loc_map.inputs import NS_PER_S, Task
 from sfr_loc_map.live import updates
 from sfr_loc_map.localisation.estimate import TrackingState
 from sfr_loc_map.message_types import Level, StatusKind
@@ -120,6 +120,14 @@ class Timeline:
                 kind = EventKind.COMPILING
             self.note(update.node, at_s, kind, f"{update.node}: {update.message}")
 
+    def begin_run(self, stamp_ns: int, at_s: float) -> None:
+        """Note that a new run begins with a stamp."""
+        if self._pose is None or self._pose.stamp_ns is None:
+            return
+        back_s = (self._pose.stamp_ns - stamp_ns) / NS_PER_S
+        self.mark(at_s, EventKind.CLOCK, f"stamps go back by {back_s:.1f} s")
+        self._pose = replace(self._pose, stamp_ns=None)
+
     def look(self, now_s: float, silent: Mapping[str, float]) -> None:
         """Note missing poses, and nodes that have been silent since a time."""
         if self._pose is not None and self._pose.is_stale(now_s):
@@ -187,9 +195,7 @@ class Timeline:
         self.look(at_s, {})
         if self._pose is not None and self._pose.stamp_ns is not None:
             step_s = (pose.stamp_ns - self._pose.stamp_ns) / NS_PER_S
-            if jumped_back(self._pose.stamp_ns, pose.stamp_ns):
-                self.mark(at_s, EventKind.CLOCK, f"stamps go back by {-step_s:.1f} s")
-            elif step_s > max(GAP_S, GAP_PERIODS * self._step_s) and self._step_s > 0.0:
+            if step_s > max(GAP_S, GAP_PERIODS * self._step_s) and self._step_s > 0.0:
                 self.mark(at_s, EventKind.CLOCK, f"stamps go on by {step_s:.1f} s at once")
             else:
                 self._step_s = step_s if self._step_s <= 0.0 else 0.8 * self._step_s + 0.2 * step_s

@@ -79,7 +79,7 @@ class Viewer:
             content = parse_json(text)
         match content:
             case {"type": "want", "views": [*views]}:
-                self._state.looks[self] = frozenset(view for view in View if view.value in views)
+                self._state.show(self, frozenset(view for view in View if view.value in views))
         self._changed.set()
 
     async def send_all(self, server: dict[str, Any]) -> None:
@@ -127,14 +127,11 @@ class Viewer:
 
     def _next_media(self) -> PageMedia | None:
         """Return an image or map that the page shows and has not been sent: of the topic that waited longest."""
-        newest = dict(self._state.media)
-        views = self._state.looks.get(self, frozenset())
+        newest = self._state.shown_media(self)
         never_sent = [topic for topic in newest if topic not in self._sent_media]
         for topic in (*never_sent, *self._sent_media):
             media = newest.get(topic)
-            if not isinstance(media, PageMedia) or media.view not in views:
-                continue
-            if self._sent_media.get(topic) is not media:
+            if isinstance(media, PageMedia) and self._sent_media.get(topic) is not media:
                 return media
         return None
 

@@ -109,6 +109,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     task = "monitor"
     config_type = MonitorNodeConfig
     names_of_others = tuple(f"input.{item.name}" for item in fields(StereoInputConfig))
+    _truth: TruthInput
 
     def setup(self) -> None:
         """Read the limits, create publishers."""
@@ -150,7 +151,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._report_file = ReportFile(Path(config.save_file)) if config.save_file else None
         self._gaps: list[TransportGaps] = []
         self._camera_infos = CameraInfoPair()
-        self._truth: TruthInput = TopicTruthInput(self, Reliability(config.input.reliability))
+        self._truth = TopicTruthInput(self, Reliability(config.input.reliability))
         self._runs: CommonRuns[Callable[[], None]] = CommonRuns({ESTIMATES: AnyOrder(), TRUTH: AnyOrder()})
         self._restarts = 0  # how often a new run began since the operator's reset
         self._has_estimate = False

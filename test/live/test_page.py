@@ -187,7 +187,7 @@ async def check_hostile_names(browser: Browser, state: LiveState) -> None:
 def test_panels_states_commands_and_hostile_names() -> None:
     async def test() -> None:
         state, operator = LiveState(), Recorder()
-        state.operator = operator
+        state.set_operator(operator)
         fill(state, 80)
         async with served(state, HOSTILE) as server, Browser(height=4000) as browser:
             await browser.open(server.url)

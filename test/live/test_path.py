@@ -21,7 +21,7 @@ from sfr_loc_map.metrics.score_json import to_json
 def pose(track: Track, number: float, transform: Transform, variance: float = 1e-4) -> PoseSample:
     (x, y, z), (a, b, c, d) = transform.translation.tolist(), transform.quat_xyzw.tolist()
     covariance = np.eye(6) * variance if track is Track.ESTIMATE else None
-    return PoseSample(track, round(number * NS_PER_S / 10), (x, y, z), (a, b, c, d), number, covariance)
+    return PoseSample(track, round((number + 1) * NS_PER_S / 10), (x, y, z), (a, b, c, d), number, covariance)
 
 
 def turned(x: float, y: float, yaw: float) -> Transform:
@@ -73,3 +73,23 @@ def test_a_viewer_that_joins_late_shows_the_distance_of_the_run(joined: int) -> 
             state.put(pose(track, number, drive(number)))
     state.put(Report(to_json(score), 2.0))  # of the run before
     assert state.live_to_plain(2.0)["localisation"]["distance_m"] == pytest.approx(2 * step_m)
+
+
+@pytest.mark.parametrize("stray", [-19.5, 4 * 36000.0])
+def test_a_stray_pose_leaves_the_path_as_it_is_and_three_in_a_row_begin_another_one(stray: float) -> None:
+    state = LiveState()
+    for number in range(20, 40):
+        for track in Track:
+            state.put(pose(track, number, drive(number)))
+    for track in Track:
+        state.put(pose(track, 40 + stray, drive(0)))
+    for track in Track:
+        state.put(pose(track, 40, drive(40)))
+    assert [row.stamp_ns for row in state.path.rows] == [(number + 1) * NS_PER_S // 10 for number in range(20, 41)]
+    assert not [event for event in state.events_to_plain() if event["kind"] == "clock"]
+    for number in range(3):
+        for track in Track:
+            state.put(pose(track, number, drive(number)))
+    assert [row.stamp_ns for row in state.path.rows] == [(number + 1) * NS_PER_S // 10 for number in range(3)]
+    texts = [event["text"] for event in state.events_to_plain() if event["kind"] == "clock"]
+    assert texts == ["stamps go back by 4.0 s"]

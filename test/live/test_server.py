@@ -9,6 +9,7 @@ import resource
 import statistics
 import time
 from collections.abc import Awaitable, Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -31,7 +32,8 @@ class Served:
 
     def __init__(self, session: Any, state: LiveState, server: LiveServer) -> None:
         self.session, self.state, self.server = session, state, server
-        self.operator = state.operator = Recorder()
+        self.operator = Recorder()
+        state.set_operator(self.operator)
         self.port = int(server.url.split("?")[0].rsplit(":")[-1].strip("/"))
 
     async def get(self, path: str, **headers: str) -> tuple[int, str, Any]:
@@ -162,10 +164,36 @@ def test_open_sockets_cost_nothing(capfd: pytest.CaptureFixture[str], monkeypatc
     assert len(capfd.readouterr().err) < 500
 
 
+def test_the_end_of_a_run_is_read_from_its_file_even_if_it_was_written_before_the_page_is_served(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "END_PERIOD_S", 0.01)
+    end_file, report = tmp_path / "end.json", tmp_path / "report.html"
+    end_file.write_text(json.dumps({"aborted": "mapping_node was killed by SIGKILL"}))
+
+    async def run() -> None:
+        state = LiveState()
+        page = LiveServer(LiveConfig(port=0), state)
+        serving = asyncio.ensure_future(server.serve_until_signal(page, end_file=end_file))
+        while state.aborted is None:
+            await asyncio.sleep(0.01)
+        assert state.aborted["by"] == "mapping_node was killed by SIGKILL"
+        assert state.report_page == b""
+        report.write_text("<p>report</p>")
+        end_file.write_text(json.dumps({"report": str(report)}))
+        while not state.report_page:
+            await asyncio.sleep(0.01)
+        assert state.report_page == b"<p>report</p>"
+        serving.cancel()
+        await serving
+
+    asyncio.run(asyncio.wait_for(run(), 20))
+
+
 def test_the_report_of_a_run_is_served_apart_from_the_page() -> None:
     async def test(found: Served) -> None:
         assert (await found.get("report"))[0] == 404
-        found.state.report_page = b"<p>report</p>"
+        found.state.end(now_s=time.time(), report_page=b"<p>report</p>")
         status, text, headers = await found.get("report")
         assert (status, text) == (200, "<p>report</p>")
         assert "sandbox" in headers["Content-Security-Policy"]

@@ -126,3 +126,14 @@ def test_whatever_comes_the_state_can_be_told(found: list[Update]) -> None:
     for update in found:
         state.put(update)
     json.dumps([state.to_plain(1e9), *state.calls, *(row.to_plain() for row in state.path.rows)], allow_nan=False)
+
+
+def test_reading_the_state_changes_no_event() -> None:
+    state = LiveState()
+    fill(state, 30)
+    last_s = state.path.rows[-1].received_s
+    before = state.events_to_plain()
+    state.to_plain(last_s + 60.0)
+    assert state.events_to_plain() == before
+    state.tick(last_s + 60.0)
+    assert {event["kind"] for event in state.events_to_plain()} > {event["kind"] for event in before}

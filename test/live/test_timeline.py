@@ -37,6 +37,7 @@ def test_what_happened_is_told_with_its_times() -> None:
     drive(state, range(40, 45), word="lost")
     drive(state, range(45, 50))
     assert state.live_to_plain(4.9)["stale_reasons"] == []
+    state.tick(8.0)
     late = state.live_to_plain(8.0)
     assert late["stale_reasons"] == ["no pose for 3.1 s", "localisation_node silent for 3.1 s"]
     drive(state, range(50, 60), offset_s=4.0)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import signal
 import sys
 import tempfile
 import time
@@ -20,7 +19,7 @@ from sfr_loc_map.signals import stopping
 class LiveProcess(AbstractContextManager["LiveProcess"]):
     """The live page beside a replay or the nodes: its exit does not affect the run; a context manager.
 
-    It writes its address to standard output, and what it has to say of its end to standard error.
+    The page prints its address to standard output, and the reason of an error to standard error.
     """
 
     def __init__(self, arguments: Sequence[str]) -> None:
@@ -38,15 +37,13 @@ class LiveProcess(AbstractContextManager["LiveProcess"]):
         return page_node_name(self._process.popen.pid) if self._process.is_running else ""
 
     def run_is_over(self, **told: str) -> None:
-        """Tell it, without waiting, that the run is over, before the nodes end.
+        """Write to its file, before the nodes end, that the run is over; the page reads the file periodically.
 
         `missing`: what the estimate is known to lack; `aborted`: by what; `report`: the page of the score.
         """
         self._told |= told
         with suppress(OSError):
             write_text(json.dumps(self._told), self._end_file)
-        if self._process.is_running:
-            self._process.send(signal.SIGUSR1)
 
     def stay(self, words: str = "") -> None:
         """Let it be served until a signal or its own end; say so after other words."""

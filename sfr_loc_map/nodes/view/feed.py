@@ -89,7 +89,7 @@ class RosFeed(Peer):
         self._map_worker = Worker("sfr-live-maps", Overload.ALL, MAX_MAPS, lambda error, was_message: None)
         self._closed = Event()
         self._thread = Thread(target=self._spin, name="sfr-live-ros", daemon=True)
-        state.operator = NodeOperator(self.node)
+        state.set_operator(NodeOperator(self.node))
         self._subscribe_to_figures()
         self.node.create_timer(GRAPH_PERIOD_S, self._examine_graph)
 
@@ -98,8 +98,7 @@ class RosFeed(Peer):
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._state.operator is not None:
-            self._state.operator.close()
+        self._state.close_operator()
         self._closed.set()
         self._thread.join(5.0)
         self._map_worker.stop()
