@@ -17,6 +17,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.io.bag.bag import TYPESTORE, Bag
+from sfr_loc_map.io.bag.sequence import BagLocSequence, BagNavSequence
 from sfr_loc_map.io.sequence import LocSequence, NavSequence, Source
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE
 from sfr_loc_map.topics import COMPRESSED_END, NAV_POSE, RECTIFIED, TRUE_POINTS, TRUE_POSES
@@ -53,6 +54,28 @@ def topics_of(source: Source) -> dict[str, str]:
     bag = Bag(*recorded)
     found = [bag.find(name, *((IMAGE, COMPRESSED) if kind == IMAGE else ())) for name, kind in topics.items()]
     return {topic.name: topic.msgtype for topic in found if topic is not None}
+
+
+def parts_of_pairs(source: Source) -> dict[tuple[str, int], tuple[str, int]]:
+    """Return rig (`loc` or `nav`) and stamp of the pair that a message belongs to, by its topic and stamp.
+
+    These are the images and mapping poses of the pairs as the source has paired them. Topics of compressed images are
+    named without `/compressed`.
+    """
+    found = {}
+    for rig, part in (("loc", source.loc), ("nav", source.nav)):
+        if part is None:
+            continue
+        if source.recorded is not None and isinstance(part, BagLocSequence | BagNavSequence):
+            parts = part.parts()
+        else:
+            topics = [f"{rig}/{side}/{RECTIFIED}" for side in SIDES]
+            topics += [NAV_POSE] if part is source.nav else []
+            parts = {stamp_ns: dict.fromkeys(topics, stamp_ns) for stamp_ns in part.stamps_ns}
+        for pair_ns, stamps_ns in parts.items():
+            for topic, stamp_ns in stamps_ns.items():
+                found[topic.removesuffix(COMPRESSED_END), stamp_ns] = (rig, pair_ns)
+    return found
 
 
 def messages_of(source: Source) -> Iterator[Message]:

@@ -4,23 +4,24 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from helpers.broken_sources import rewritten_bag
 from helpers.made_scene import LOC_RIG, START_NS, loc_pair, nav_pair, true_pose, write_bag, write_folder
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.faults.source import faulty
 from sfr_loc_map.geometry.camera_info import rig_from_camera_info
-from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S
 from sfr_loc_map.geometry.trajectory import Trajectory
-from sfr_loc_map.inputs import NS_PER_S, SIDES, Task
+from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.bag.bag import TYPESTORE
+from sfr_loc_map.io.message_stream import Message, begin_of, between, end_of, messages_of, parts_of_pairs, topics_of
 from sfr_loc_map.io.convert import ConvertOptions, convert
 from sfr_loc_map.io.images.codec import samples_of
-from sfr_loc_map.io.message_stream import Message, begin_of, between, end_of, messages_of, topics_of
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
@@ -105,21 +106,57 @@ def test_a_part_of_a_source_is_what_lies_between_two_positions_and_the_first_cam
 
 @pytest.mark.parametrize("late_ns", [0, 3_000_000])
 def test_a_pair_is_whole_with_its_last_part_and_has_the_stamp_of_the_left_image(late_ns: int) -> None:
-    tracker = PairTracker(dict.fromkeys(Task, round(STAMP_TOLERANCE_S * NS_PER_S)))
-    for stamp_ns in range(10**9, 2 * 10**9, 10**8):
-        parts = [("loc/left/image_rect", 0), ("loc/right/image_rect/compressed", late_ns)]
-        added = [tracker.add(Message(topic, "", stamp_ns + later, b"")) for topic, later in parts]
-        assert added == [[], [("loc", stamp_ns)]]
-        parts = [("nav/right/image_rect", late_ns), ("nav/pose", 0), ("nav/left/image_rect", 0)]
-        added = [tracker.add(Message(topic, "", stamp_ns + later, b"")) for topic, later in parts]
-        assert added == [[], [], [("nav", stamp_ns)]]
-        assert tracker.add(Message("ground_truth/odometry", "", stamp_ns, b"")) == []
+    stamps = range(10**9, 2 * 10**9, 10**8)
+    loc = [("loc/left/image_rect", 0), ("loc/right/image_rect/compressed", late_ns)]
+    nav = [("nav/right/image_rect", late_ns), ("nav/pose", 0), ("nav/left/image_rect", 0)]
+    tracker = PairTracker(
+        {
+            (topic.removesuffix("/compressed"), stamp_ns + later): (rig, stamp_ns)
+            for stamp_ns in stamps
+            for rig, parts in (("loc", loc), ("nav", nav))
+            for topic, later in parts
+        }
+    )
+    for stamp_ns in stamps:
+        added = [tracker.add(Message(topic, "", stamp_ns + later, b"")) for topic, later in loc]
+        assert added == [None, ("loc", stamp_ns)]
+        added = [tracker.add(Message(topic, "", stamp_ns + later, b"")) for topic, later in nav]
+        assert added == [None, None, ("nav", stamp_ns)]
+        assert tracker.add(Message("ground_truth/odometry", "", stamp_ns, b"")) is None
 
 
-def test_pairs_of_a_replay_have_the_tolerance_of_the_node_that_pairs_them() -> None:
-    tracker = PairTracker({Task.LOCALISATION: 0, Task.MAPPING: 5_000_000})
-    for rig, pairs in (("loc", []), ("nav", [("nav", 10**9)])):
-        added = []
-        for topic, stamp_ns in (("left/image_rect", 10**9), ("pose", 10**9), ("right/image_rect", 10**9 + 3_000_000)):
-            added += tracker.add(Message(f"{rig}/{topic}", "", stamp_ns, b""))
-        assert added == pairs
+@pytest.mark.parametrize("kind", ["folder", "bag", "compressed bag"])
+def test_the_pairs_that_a_replay_awaits_are_those_of_the_source(tmp_path: Path, kind: str) -> None:
+    if kind == "folder":
+        path = write_folder(tmp_path / "f", 3, 2)
+    else:
+        path = write_bag(tmp_path / "b.mcap", 3, 2, jpeg_quality=90 if kind == "compressed bag" else None)
+    source = open_source(path)
+    assert (source.recorded is None) is (kind == "folder")
+    tracker = PairTracker(parts_of_pairs(source))
+    completed = [pair for pair in map(tracker.add, messages_of(source)) if pair is not None]
+    assert source.loc is not None
+    assert source.nav is not None
+    expected = [("loc", stamp_ns) for stamp_ns in source.loc.stamps_ns]
+    expected += [("nav", stamp_ns) for stamp_ns in source.nav.stamps_ns]
+    assert sorted(completed) == sorted(expected)
+
+
+def test_the_parts_of_a_recorded_pair_have_their_own_stamps_and_a_pair_without_a_pose_is_not_awaited(
+    tmp_path: Path,
+) -> None:
+    late_ns = 3_000_000
+
+    def change(topic: str, number: int, message: Any) -> Any:
+        if topic.endswith("nav/right/image_rect"):
+            message.header.stamp.nanosec += late_ns
+        return None if topic.endswith("nav/pose") and number == 1 else message
+
+    path = rewritten_bag(tmp_path / "changed.mcap", change)
+    parts = parts_of_pairs(open_source(path))
+    stamp_ns = nav_pair(0).pair.stamp_ns
+    assert {part: pair for part, pair in parts.items() if pair[0] == "nav"} == {
+        ("nav/left/image_rect", stamp_ns): ("nav", stamp_ns),
+        ("nav/right/image_rect", stamp_ns + late_ns): ("nav", stamp_ns),
+        ("nav/pose", stamp_ns): ("nav", stamp_ns),
+    }

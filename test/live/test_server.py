@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from helpers.live_run import fill, frame
+from sfr_loc_map.atomic import write_text
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import Action, Command, ImageSample, View
@@ -169,7 +170,7 @@ def test_the_end_of_a_run_is_read_from_its_file_even_if_it_was_written_before_th
 ) -> None:
     monkeypatch.setattr(server, "END_PERIOD_S", 0.01)
     end_file, report = tmp_path / "end.json", tmp_path / "report.html"
-    end_file.write_text(json.dumps({"aborted": "mapping_node was killed by SIGKILL"}))
+    write_text(json.dumps({"aborted": "mapping_node was killed by SIGKILL"}), end_file)
 
     async def run() -> None:
         state = LiveState()
@@ -180,7 +181,7 @@ def test_the_end_of_a_run_is_read_from_its_file_even_if_it_was_written_before_th
         assert state.aborted["by"] == "mapping_node was killed by SIGKILL"
         assert state.report_page == b""
         report.write_text("<p>report</p>")
-        end_file.write_text(json.dumps({"report": str(report)}))
+        write_text(json.dumps({"report": str(report)}), end_file)
         while not state.report_page:
             await asyncio.sleep(0.01)
         assert state.report_page == b"<p>report</p>"

@@ -97,6 +97,14 @@ class _BagPairs:
     def __len__(self) -> int:
         return len(self._pairs)
 
+    def parts(self) -> dict[int, dict[str, int]]:
+        """Return the stamps of the messages of each pair by topic, without the true points."""
+        images = {topic.name for topic in self._sides}
+        return {
+            stamp: {name: of_part for name, of_part in parts.items() if name in images}
+            for stamp, parts in self._pairs.items()
+        }
+
     @cached_property
     def _pairs(self) -> dict[int, dict[str, int]]:
         """The stamp of each whole pair, in order, and those of its messages by topic; reads stamps only."""
@@ -210,9 +218,22 @@ class BagNavSequence(_BagPairs):
             with refusing(where, "correct or leave out the pair"):
                 self._poses[stamp_ns] = pose_of(message.pose.position, message.pose.orientation)
 
+    def _poses_of_pairs(self) -> dict[int, int]:
+        """Return the stamp of the pose of each pair that has one."""
+        return match_stamps(self.stamps_ns, sorted(self._poses), self._tolerance_ns)
+
+    def parts(self) -> dict[int, dict[str, int]]:
+        """Return the stamps of the messages of each pair that has a pose by topic, without the true points."""
+        pose_of_pair = self._poses_of_pairs()
+        return {
+            stamp: {**images, NAV_POSE: pose_of_pair[stamp]}
+            for stamp, images in super().parts().items()
+            if stamp in pose_of_pair
+        }
+
     def pairs(self) -> Iterator[PosedStereoPair]:
         """Yield the pairs in the order of stamps, with truth where `ground_truth/points` has their stamp."""
-        pose_of_pair = match_stamps(self.stamps_ns, sorted(self._poses), self._tolerance_ns)
+        pose_of_pair = self._poses_of_pairs()
         for pair, raw in self.joined():
             if pair.stamp_ns not in pose_of_pair:
                 raise InputError(

@@ -6,13 +6,11 @@ import os
 from collections.abc import Callable
 from typing import Any
 
-from rcl_interfaces.srv import GetParameters, ListParameters
-from rclpy.parameter import parameter_value_to_python
+from rcl_interfaces.srv import ListParameters
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S
-from sfr_loc_map.inputs import MONITOR_NODE, NS_PER_S, PLAYER_NODE, Task
+from sfr_loc_map.inputs import MONITOR_NODE, PLAYER_NODE, Task
 from sfr_loc_map.nodes.launch.live_process import LiveProcess
 from sfr_loc_map.nodes.launch.processes import Supervisor
 from sfr_loc_map.nodes.ros.peer import Peer
@@ -20,7 +18,6 @@ from sfr_loc_map.nodes.ros.services import call_service
 from sfr_loc_map.topics import ESTIMATE, REPORT, RESULTS, TRUE_POSES, call_topic
 
 ANSWER_TIMEOUT_S = 120.0
-STAMP_TOLERANCE = "input.stamp_tolerance_s"  #: Parameter of the nodes that pair images.
 SETTLE_S = 0.3  #: Time for the nodes to discover each other once this node has discovered all of them.
 PAGE_TIMEOUT_S = 30.0
 PAGE_TOPICS = (ESTIMATE, TRUE_POSES, REPORT)
@@ -78,17 +75,6 @@ class ReplayNode(Peer):
 
         bounds = {"found_s": ANSWER_TIMEOUT_S, "answer_s": ANSWER_TIMEOUT_S}
         return call_service(self.node, kind, service, request, wait=wait, **bounds)
-
-    def stamp_tolerance_ns(self, task: Task) -> int:
-        """Return the tolerance by which the node of a task pairs images, the default if another node has its place."""
-        tolerance_s = STAMP_TOLERANCE_S
-        if task.node in self.supervisor.processes:
-            request = GetParameters.Request(names=[STAMP_TOLERANCE])
-            answer = self.request(
-                GetParameters, f"{task.node}/get_parameters", request, f"{task.node} did not report its parameters"
-            )
-            tolerance_s = float(parameter_value_to_python(answer.values[0]))
-        return round(tolerance_s * NS_PER_S)
 
     def wait_until_known(self) -> None:
         """Wait until each node knows all subscriptions of this one, and this one knows those of the monitor.

@@ -11,6 +11,7 @@ import yaml
 
 from sfr_loc_map.config import changed, load_yaml
 from sfr_loc_map.errors import ConfigError, naming
+from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import MONITOR_NODE, NS_PER_S, SUITE_NODES, Task
 from sfr_loc_map.io.message_stream import begin_of
@@ -81,6 +82,8 @@ def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict
     pairs = len(source.nav) if source.nav is not None else MAX_PAIRS
     localisation = changed(options.localisation, "localisation.")
     mapping = changed(options.mapping, "mapping.") | {"pairs_per_map": pairs}
+    for parameters in (localisation, mapping):  # the pairs of a bag that is played as recorded are those of its reader
+        parameters["input.stamp_tolerance_s"] = STAMP_TOLERANCE_S
     monitor = {**options.monitor, **changed(options.score, "score.")}
     truth = None if source.loc is None else source.loc.ground_truth
     if isinstance(truth, Truth):  # it consists of poses of RB, or of positions of a point on RB

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import time
+from collections import Counter
 from collections.abc import Mapping
 
-from sfr_loc_map.geometry.stamp_pairing import WAITING, StampPairing
-from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.message_stream import Message
-from sfr_loc_map.nodes.input.pose_matching import PoseMatching
-from sfr_loc_map.topics import COMPRESSED_END, NAV_POSE
+from sfr_loc_map.topics import COMPRESSED_END
 
 
 class Pacer:
@@ -35,24 +31,17 @@ class Pacer:
 
 
 class PairTracker:
-    """Tells when a stereo pair, with its pose where it needs one, has been published; pairs as the nodes pair them."""
+    """Reports when all messages of a stereo pair, its pose too where it needs one, have been published."""
 
-    def __init__(self, tolerance_ns: Mapping[Task, int]) -> None:
-        """Start before the first message; the tolerances are those by which the nodes of the tasks pair stamps."""
-        self._images = {task.rig: StampPairing[int](tolerance_ns[task], WAITING) for task in Task}
-        self._poses = PoseMatching[int](tolerance_ns[Task.MAPPING], math.inf, lambda stamp_ns: None)
+    def __init__(self, parts: Mapping[tuple[str, int], tuple[str, int]]) -> None:
+        """Start before the first message; `parts` are those of `parts_of_pairs`."""
+        self._pair_of = parts
+        self._missing = Counter(parts.values())  # messages of each pair
 
-    def add(self, message: Message) -> list[tuple[str, int]]:
-        """Add a published message; return rig and stamp, that of the left image, of the pairs that it completes."""
-        part = message.topic.removesuffix(COMPRESSED_END)
-        rig = message.rig
-        stamp_ns = message.stamp_ns
-        if part == NAV_POSE:
-            return [(rig, pair) for pair, _ in self._poses.add_pose(stamp_ns, Transform.identity())]
-        if not part.endswith("image_rect"):
-            return []
-        images = self._images[rig]
-        found = (images.add_left if "/left/" in part else images.add_right)(stamp_ns, stamp_ns)
-        if found is None or rig == Task.LOCALISATION.rig:
-            return [] if found is None else [(rig, found[0])]
-        return [(rig, pair) for pair, _ in self._poses.add_pair(found[0], found[0])]
+    def add(self, message: Message) -> tuple[str, int] | None:
+        """Add a published message; return rig and stamp of the pair that it completes, None if it completes none."""
+        pair = self._pair_of.get((message.topic.removesuffix(COMPRESSED_END), message.stamp_ns))
+        if pair is None:
+            return None
+        self._missing[pair] -= 1
+        return None if self._missing[pair] else pair

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from sfr_loc_map import signals
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.host_clock import checked_clock
-from sfr_loc_map.inputs import MONITOR_NODE, Task
+from sfr_loc_map.inputs import MONITOR_NODE
 from sfr_loc_map.io import message_stream
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.completeness import MISSING_SHARE
@@ -63,13 +63,15 @@ def replay(source: Source, options: ReplayOptions, progress: Progress, say: Say)
 
 def play(source: Source, options: ReplayOptions, parts: Running, progress: Progress) -> None:
     """Publish a source until its end or until the player is stopped, then wait for the missing results."""
-    pairs = PairTracker({task: parts.node.stamp_tolerance_ns(task) for task in Task})
+    pairs = PairTracker(message_stream.parts_of_pairs(source))
     if options.start is not None:
         parts.player.set_pose(options.start)
 
     def on_sent(message: message_stream.Message) -> None:
         sent_s = time.monotonic()
-        for rig, stamp_ns in pairs.add(message):
+        completed = pairs.add(message)
+        if completed is not None:
+            rig, stamp_ns = completed
             parts.collector.note_sent(rig, stamp_ns, sent_s)
             progress(rig)
 
