@@ -142,9 +142,7 @@ def test_the_pairs_that_a_replay_awaits_are_those_of_the_source(tmp_path: Path, 
     assert sorted(completed) == sorted(expected)
 
 
-def test_the_parts_of_a_recorded_pair_have_their_own_stamps_and_a_pair_without_a_pose_is_not_awaited(
-    tmp_path: Path,
-) -> None:
+def test_the_parts_of_a_recorded_pair_have_their_own_stamps_and_one_without_a_pose_is_absent(tmp_path: Path) -> None:
     late_ns = 3_000_000
 
     def change(topic: str, number: int, message: Any) -> Any:

@@ -69,7 +69,7 @@ class GraphObserver(Peer):
         if len(spaces) > 1 and not namespace.strip("/"):
             raise NodeError(f"nodes run in the namespaces {', '.join(spaces)}: choose one by --namespace")
         self._namespace = namespace.strip("/") or "".join(spaces)
-        others = dict(self.node.get_topic_names_and_types())
+        others = dict(self.ros_node.get_topic_names_and_types())
         found = {name: self._full_name(name) for name in EXPECTED if self._full_name(name) in others}
         found = {name: full_name for name, full_name in found.items() if not self._is_superseded(name, full_name)}
         for name, full_name in found.items():
@@ -77,21 +77,21 @@ class GraphObserver(Peer):
         tf_type = tf_message_type()
         if tf_type is not None:
             take = partial(add_static_transforms, tree=self._frames)
-            self.node.create_subscription(tf_type, TF_STATIC, take, TF_STATIC_QOS)
+            self.ros_node.create_subscription(tf_type, TF_STATIC, take, TF_STATIC_QOS)
         for task in Task:
             note = partial(self._note_call, self._full_name(task.node))
-            self.node.create_subscription(String, self._full_name(call_topic(task)), note, LATCHED)
+            self.ros_node.create_subscription(String, self._full_name(call_topic(task)), note, LATCHED)
 
         def all_heard() -> bool:
             # on a busy machine the first message takes seconds
-            heard = (self._stamps.get(name, True) or not self.node.count_publishers(found[name]) for name in found)
+            heard = (self._stamps.get(name, True) or not self.ros_node.count_publishers(found[name]) for name in found)
             return all(heard)
 
         self.spin(FIRST_MESSAGE_S, all_heard)
         self.spin(seconds)
         nodes = tuple(self._ask(name, space) for name, space in self._suite_nodes() if space == "/" + self._namespace)
         in_tf = self._frames.find(RB_FRAME, LOCSB_FRAME) is not None
-        is_played = PLAYER_NODE in self.node.get_node_names()
+        is_played = PLAYER_NODE in self.ros_node.get_node_names()
         return Observation(
             f"the graph of ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}",
             live=True,
@@ -101,7 +101,7 @@ class GraphObserver(Peer):
             extrinsics_given=extrinsics_given,
             extrinsics_in_tf=in_tf if tf_type is not None or TF_STATIC not in others else None,
             nodes=nodes,
-            has_clock=bool(self.node.get_publishers_info_by_topic(CLOCK)),
+            has_clock=bool(self.ros_node.get_publishers_info_by_topic(CLOCK)),
             now_ns=None if is_played else time.time_ns(),
             export_line=environment.EXPORT_LINE,
         )
@@ -111,12 +111,12 @@ class GraphObserver(Peer):
 
     def _is_superseded(self, name: str, full_name: str) -> bool:
         """Return whether it has raw images that are also there rectified, and that no node of the suite takes."""
-        takers = {info.node_name for info in self.node.get_subscriptions_info_by_topic(full_name)}
+        takers = {info.node_name for info in self.ros_node.get_subscriptions_info_by_topic(full_name)}
         rectified = [self._full_name(beside) for beside in rectified_beside(name)]
-        return not takers & set(SUITE_NODES) and any(map(self.node.count_publishers, rectified))
+        return not takers & set(SUITE_NODES) and any(map(self.ros_node.count_publishers, rectified))
 
     def _suite_nodes(self) -> list[tuple[str, str]]:
-        return [(name, space) for name, space in self.node.get_node_names_and_namespaces() if name in SUITE_NODES]
+        return [(name, space) for name, space in self.ros_node.get_node_names_and_namespaces() if name in SUITE_NODES]
 
     def _subscribe(self, name: str, full_name: str, types: list[str]) -> None:
         """Subscribe to a topic of the expected type; by best effort, so that a QoS mismatch can be observed."""
@@ -140,10 +140,10 @@ class GraphObserver(Peer):
     def _topic(self, name: str, full_name: str, types: list[str]) -> ObservedTopic:
         requests = {
             node_of(info): reliability_of(info)
-            for info in self.node.get_subscriptions_info_by_topic(full_name)
+            for info in self.ros_node.get_subscriptions_info_by_topic(full_name)
             if info.node_name in SUITE_NODES
         }
-        publishers, messages = publishers_of(self.node, full_name), tuple(self._messages[name])
+        publishers, messages = publishers_of(self.ros_node, full_name), tuple(self._messages[name])
         stamps_ns, lost = np.array(self._stamps.get(name, []), np.int64), self._gaps[name].lost
         return ObservedTopic(full_name, tuple(types), publishers, stamps_ns, messages, requests, lost)
 
@@ -169,7 +169,7 @@ class GraphObserver(Peer):
         """Return the answer of a service, None where none comes in time."""
         with suppress(NodeError):
             return call_service(
-                *(self.node, kind, name, request),
+                *(self.ros_node, kind, name, request),
                 wait=lambda condition, seconds: self.spin(seconds, condition),
                 found_s=ANSWER_S,
                 answer_s=ANSWER_S,
@@ -181,11 +181,11 @@ class GraphObserver(Peer):
         begin = changed = time.monotonic()
         before: Any = None
         while (now := time.monotonic()) - begin < DISCOVERY_S:
-            topics = self.node.get_topic_names_and_types()
-            graph = (topics, sorted(self.node.get_node_names()))
+            topics = self.ros_node.get_topic_names_and_types()
+            graph = (topics, sorted(self.ros_node.get_node_names()))
             if graph != before:
                 before, changed = graph, now
             images = [name for name, _ in topics if self._renamed.get(name, name).endswith(LEFT_IMAGES)]
-            if now - changed > QUIET_S and any(map(self.node.count_publishers, images)):
+            if now - changed > QUIET_S and any(map(self.ros_node.count_publishers, images)):
                 return
             self.spin(POLL_S)

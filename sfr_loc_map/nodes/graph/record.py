@@ -84,13 +84,13 @@ class _Recorder(Peer):
     def discover(self, bag: BagRecorder) -> None:
         """Subscribe to new topics; raw images that are also published rectified are recorded only if asked for."""
         chosen = bool(self._options.topics or self._options.everything)
-        for name, types in self.node.get_topic_names_and_types():
+        for name, types in self.ros_node.get_topic_names_and_types():
             wanted = name in self._wanted or (self._options.everything and "/_" not in name)
             if name in self._known or not wanted:
                 continue
             rectified = [] if chosen else rectified_beside(name)
-            infos = self.node.get_publishers_info_by_topic(name)
-            if infos and not any(map(self.node.count_publishers, rectified)):
+            infos = self.ros_node.get_publishers_info_by_topic(name)
+            if infos and not any(map(self.ros_node.count_publishers, rectified)):
                 self._known.add(name)
                 self._subscribe(bag, name, types[0], infos)
 
@@ -99,7 +99,7 @@ class _Recorder(Peer):
         found = []
         for name, gaps in self.counts.items():
             if not gaps.count:
-                silence = silence_of(name, self._types[name], publishers_of(self.node, name))
+                silence = silence_of(name, self._types[name], publishers_of(self.ros_node, name))
                 found.append(f"no message of {name}: {silence.text}; {silence.fix}")
         return found
 

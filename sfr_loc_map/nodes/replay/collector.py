@@ -15,7 +15,7 @@ from sfr_loc_map.errors import InputError, NodeError, SfrError
 from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.message_types import StatusKind
 from sfr_loc_map.nodes.replay.external import ExternalNode
-from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
+from sfr_loc_map.nodes.replay.replay_peer import ANSWER_TIMEOUT_S, ReplayPeer
 from sfr_loc_map.nodes.replay.results import Results
 from sfr_loc_map.nodes.ros.messages import cloud_from_msg, covariance_of, odometry_row
 from sfr_loc_map.nodes.ros.peer import POLL_S
@@ -31,7 +31,7 @@ class ResultCollector:
 
     def __init__(
         self,
-        node: ReplayNode,
+        peer: ReplayPeer,
         results: Results,
         external: ExternalNode | None,
         *,
@@ -43,9 +43,9 @@ class ResultCollector:
         self._external = external
         self._pairs_per_map = pairs_per_map
         self._is_lock_step = is_lock_step
-        self._node = node
+        self._peer = peer
         other = None if external is None else external.options.task
-        subscribe = node.node.create_subscription
+        subscribe = peer.ros_node.create_subscription
         self._error: SfrError | None = None  # that one of our nodes has reported
         deep = QoSProfile(depth=QUEUE_DEPTH)
         if other is not Task.LOCALISATION:
@@ -65,7 +65,7 @@ class ResultCollector:
         if self._is_lock_step:
             self.wait_for_pair(rig, stamp_ns)
             return
-        self._node.supervisor.check()
+        self._peer.supervisor.check()
         if external is not None:
             external.look_after()
 
@@ -82,10 +82,10 @@ class ResultCollector:
 
         def problem() -> str:
             name = Task.of_rig(rig).node
-            line = self._node.supervisor.processes[name].last_log_line
+            line = self._peer.supervisor.processes[name].last_log_line
             return f"{name} gave no result for the pair of stamp {stamp_ns} (its last log line: {line})"
 
-        self._node.wait_for(is_complete, ANSWER_TIMEOUT_S, problem)
+        self._peer.wait_for(is_complete, ANSWER_TIMEOUT_S, problem)
 
     def finish(self) -> None:
         """Finish a map begun, wait for the results of all published pairs, and observe an external node at its end."""
@@ -103,7 +103,7 @@ class ResultCollector:
             return maps
         for stamp_ns in mapped:
             self.wait_for_pair(Task.MAPPING.rig, stamp_ns)
-        self._node.call_trigger(f"{Task.MAPPING.node}/finish", f"{Task.MAPPING.node} did not finish its map")
+        self._peer.call_trigger(f"{Task.MAPPING.node}/finish", f"{Task.MAPPING.node} did not finish its map")
         return maps + 1
 
     def _wait_for_rest(self, maps: int) -> None:
@@ -114,7 +114,7 @@ class ResultCollector:
                 return
             if count != results.count:
                 count, deadline = results.count, time.monotonic() + QUIET_S
-            self._node.spin_for(POLL_S)
+            self._peer.spin_for(POLL_S)
 
     def _on_odometry(self, message: Odometry) -> None:
         self.results.rows.append(odometry_row(message))
@@ -140,7 +140,7 @@ class ResultCollector:
         """Note an input that one of our nodes cannot use, or its internal fault."""
         for status in message.status:
             node, _, kind = status.name.rpartition(": ")
-            if node not in self._node.supervisor.processes:
+            if node not in self._peer.supervisor.processes:
                 continue
             if kind == StatusKind.INPUT:
                 self._error = InputError(f"{node}: {status.message}")

@@ -27,12 +27,13 @@ from sfr_loc_map.metrics.convention import aligned_estimates, converted_estimate
 from sfr_loc_map.metrics.pose_convention import FIRST_POSE, PoseConvention
 from sfr_loc_map.metrics.records import ConventionRecord, ExternalScore, MethodKind, MethodRecord
 from sfr_loc_map.nodes.launch.processes import ChildProcess
-from sfr_loc_map.nodes.replay.graph_node import ReplayNode
 from sfr_loc_map.nodes.replay.options import ExternalOptions
 from sfr_loc_map.nodes.replay.process_watch import ProcessWatch, processes_named
+from sfr_loc_map.nodes.replay.replay_peer import ReplayPeer
 from sfr_loc_map.nodes.replay.results import Results
 from sfr_loc_map.nodes.ros import messages
 from sfr_loc_map.nodes.ros.qos import LATCHED
+from sfr_loc_map.nodes.replay.answer_book import AnswerBook
 from sfr_loc_map.runs.replay_result import ExternalRun
 
 DEPTH = 1000
@@ -49,20 +50,19 @@ class ExternalNode(ABC):
     kind: type[Any]
 
     def __init__(
-        self, node: ReplayNode, options: ExternalOptions, command: ChildProcess | None, results: Results
+        self, peer: ReplayPeer, options: ExternalOptions, command: ChildProcess | None, results: Results
     ) -> None:
         """Subscribe to nothing yet; the command is its process, None where it was not started here.
 
         Its published messages are stored in `results`, which also counts its answers.
         """
-        assert results.answers is not None  # a replay with an external node has a book
         self.options = options
         self.version: str | None = None
-        self._node, self._command = node, command
+        self._peer, self._command = peer, command
         self._name = "external"
         self._watch: ProcessWatch | None = None
         self._results = results
-        self._book = results.answers
+        self._book = results.answers = AnswerBook(options.task.rig, options.timeout_s, options.frames)
         self._publishers: set[tuple[int, ...]] | None = None  # when its first answer came, by their global ids
         self._looked_s = 0.0
 
@@ -71,7 +71,7 @@ class ExternalNode(ABC):
         """Return what a message holds; raises an InputError where it is no result."""
 
     @abstractmethod
-    def keep(self, message: Any, content: Any, results: Results) -> None:  # noqa: ANN401 - of `kind`
+    def keep(self, message: Any, content: Any) -> None:  # noqa: ANN401 - of `kind`
         """Store a message of the node, and publish the converted message."""
 
     def note_sent(self, stamp_ns: int, sent_s: float) -> None:
@@ -80,7 +80,7 @@ class ExternalNode(ABC):
 
     def wait_until_ready(self, topics: list[str]) -> None:
         """Wait until the node subscribes to images, and subscribe to its answers with the offered reliability."""
-        graph, command = self._node.node, self._command
+        graph, command = self._peer.ros_node, self._command
 
         def listens() -> bool:
             if command is not None and command.ending:
@@ -94,13 +94,13 @@ class ExternalNode(ABC):
                 "or set ROS_DOMAIN_ID for both, and remap its topics; nothing came"
             )
 
-        self._node.wait_for(listens, self.options.start_timeout_s, problem)
+        self._peer.wait_for(listens, self.options.start_timeout_s, problem)
 
         def are_named() -> bool:
             names = [item.node_name for item in graph.get_publishers_info_by_topic(self.options.topic)]
             return bool(names) and NOT_YET_NAMED not in names
 
-        self._node.spin(PUBLISHER_GRACE_S, are_named)
+        self._peer.spin(PUBLISHER_GRACE_S, are_named)
         publishers = list(graph.get_publishers_info_by_topic(self.options.topic))
         names = {item.node_name for item in publishers} - {NOT_YET_NAMED}
         self._name = ", ".join(sorted(names)) or (self._name if command is None else command.name)
@@ -142,7 +142,7 @@ class ExternalNode(ABC):
             return book.is_settled(stamp_ns)
 
         timeout_s = self.options.timeout_s + 60.0  # a pair is settled before
-        self._node.wait_for(settled, timeout_s, lambda: f"the node under test did not answer the pair {stamp_ns}")
+        self._peer.wait_for(settled, timeout_s, lambda: f"the node under test did not answer the pair {stamp_ns}")
         book.waited(stamp_ns)
 
     def look_after(self) -> None:
@@ -162,7 +162,7 @@ class ExternalNode(ABC):
             self._book.node_restarted(f"the publisher of its first answer on {topic} has left, or another one has come")
 
     def _present_publishers(self) -> set[tuple[int, ...]]:
-        found = self._node.node.get_publishers_info_by_topic(self.options.topic)
+        found = self._peer.ros_node.get_publishers_info_by_topic(self.options.topic)
         return {tuple(item.endpoint_gid) for item in found}
 
     def _on_answer(self, message: Any) -> None:  # noqa: ANN401 - rclpy has no types
@@ -177,7 +177,7 @@ class ExternalNode(ABC):
         if self.kind is Odometry:
             frames += f" -> {message.child_frame_id}"
         if self._book.note_answer(stamp_of(message), frames, problem):
-            self.keep(message, content, self._results)
+            self.keep(message, content)
 
 
 class ExternalLocaliser(ExternalNode):
@@ -187,28 +187,29 @@ class ExternalLocaliser(ExternalNode):
 
     def __init__(
         self,
-        node: ReplayNode,
+        peer: ReplayPeer,
         options: ExternalOptions,
         command: ChildProcess | None,
         results: Results,
         loc: LocSequence,
     ) -> None:
         """Advertise the converted poses; their frame may follow from the rig, and their world from the truth."""
-        super().__init__(node, options, command, results)
+        super().__init__(peer, options, command, results)
         self._convention, self._truth = options.convention, loc.ground_truth
         self._in_own_world = replace(options.convention, world="ds")
         self._T_rb_child = options.convention.T_rb_child(loc.rig)
         self._T_ds_world: Transform | None = None
-        self._publisher = node.node.create_publisher(Odometry, options.converted_topic, QoSProfile(depth=DEPTH))
+        self._publisher = peer.ros_node.create_publisher(Odometry, options.converted_topic, QoSProfile(depth=DEPTH))
 
     def read(self, message: Odometry) -> messages.OdometryRow:
         """Return stamp and pose."""
         return messages.odometry_row(message)
 
-    def keep(self, message: Odometry, row: messages.OdometryRow, results: Results) -> None:
+    def keep(self, message: Odometry, row: messages.OdometryRow) -> None:
         """Keep a pose as it was published, and publish it converted."""
-        results.rows.append(row)
-        results.covariances[row[0]] = covariance = messages.covariance_of(message)
+        covariance = messages.covariance_of(message)
+        self._results.rows.append(row)
+        self._results.covariances[row[0]] = covariance
         try:
             poses = Trajectory(np.array([row[0]], np.int64), np.array([row[1]]), np.array([row[2]]))
             published = Estimates.of(poses, covariance=covariance[None, *UPPER])
@@ -234,19 +235,19 @@ class ExternalMapper(ExternalNode):
 
     def __init__(
         self,
-        node: ReplayNode,
+        peer: ReplayPeer,
         options: ExternalOptions,
         command: ChildProcess | None,
         results: Results,
         nav: NavSequence,
     ) -> None:
         """Advertise the converted clouds; the poses of the pairs take their points to LM."""
-        super().__init__(node, options, command, results)
+        super().__init__(peer, options, command, results)
         convention, here = options.convention, replace(nav.rig, T_rb_sb=Transform.identity())
         self._in_lm = convention == PoseConvention(metres_per_unit=convention.metres_per_unit)
         self._unit, self._T_sb_child = convention.metres_per_unit, convention.T_rb_child(here)
         self._poses = {item.pair.stamp_ns: item.T_lm_navsb for item in nav.pairs()}
-        self._publisher = node.node.create_publisher(PointCloud2, options.converted_topic, LATCHED)
+        self._publisher = peer.ros_node.create_publisher(PointCloud2, options.converted_topic, LATCHED)
 
     def read(self, message: PointCloud2) -> FloatArray:
         """Return the points `(N, 3)` in LM."""
@@ -257,16 +258,16 @@ class ExternalMapper(ExternalNode):
             raise InputError("its stamp belongs to no pair, so that its points cannot be transformed to LM")
         return (self._poses[stamp_ns] @ self._T_sb_child).apply(points)
 
-    def keep(self, message: PointCloud2, points: FloatArray, results: Results) -> None:
+    def keep(self, message: PointCloud2, points: FloatArray) -> None:
         """Keep a cloud in LM, and publish it if it has all fields."""
         stamp_ns = stamp_of(message)
-        results.points.append((stamp_ns, points[np.isfinite(points).all(axis=1)]))
+        self._results.points.append((stamp_ns, points[np.isfinite(points).all(axis=1)]))
         try:
             cloud = messages.cloud_from_msg(message)
         except InputError:
             return  # points without pixels: they are scored by the nearest true point
         cloud = replace(cloud, xyz=points.astype(np.float32))
-        results.clouds.append((stamp_ns, cloud))
+        self._results.clouds.append((stamp_ns, cloud))
         self._publisher.publish(messages.cloud_msg(cloud, stamp_ns, MAP))
 
 
@@ -275,11 +276,11 @@ def _ended(command: ChildProcess) -> str:
 
 
 def external_node(
-    node: ReplayNode, source: Source, options: ExternalOptions, command: ChildProcess | None, results: Results
+    peer: ReplayPeer, source: Source, options: ExternalOptions, command: ChildProcess | None, results: Results
 ) -> ExternalNode:
     """Return the external node of a replay."""
     if options.task is Task.LOCALISATION and source.loc is not None:
-        return ExternalLocaliser(node, options, command, results, source.loc)
+        return ExternalLocaliser(peer, options, command, results, source.loc)
     if options.task is Task.MAPPING and source.nav is not None:
-        return ExternalMapper(node, options, command, results, source.nav)
+        return ExternalMapper(peer, options, command, results, source.nav)
     raise ConfigError(f"'--external {options.task}': the source has no pairs for it; give one that has them")

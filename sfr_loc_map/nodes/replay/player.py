@@ -14,8 +14,8 @@ from std_srvs.srv import Trigger
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.message_stream import Message
 from sfr_loc_map.localisation.estimate import StartPose
-from sfr_loc_map.nodes.replay.graph_node import ANSWER_TIMEOUT_S, ReplayNode
 from sfr_loc_map.nodes.replay.pacing import Pacer
+from sfr_loc_map.nodes.replay.replay_peer import ANSWER_TIMEOUT_S, ReplayPeer
 from sfr_loc_map.nodes.ros.messages import header_msg, message_type, pose_msg
 from sfr_loc_map.nodes.ros.peer import POLL_S
 from sfr_loc_map.topics import INITIAL_POSE, INITIAL_POSE_SET
@@ -27,18 +27,21 @@ SOURCE_DEPTH = 20
 class Player:
     """Publishes messages until their end or until it is stopped."""
 
-    def __init__(self, node: ReplayNode, topics: Mapping[str, str], rate: float, *, paused: bool) -> None:
+    def __init__(self, peer: ReplayPeer, topics: Mapping[str, str], rate: float, *, paused: bool) -> None:
         """Advertise the topics, given with their types, and the services."""
-        self.stopped, self._paused = False, paused
-        self._node, self._pacer, depth = node, Pacer(rate), QoSProfile(depth=SOURCE_DEPTH)
+        self.stopped = False
+        self._paused = paused
+        self._peer = peer
+        self._pacer = Pacer(rate)
+        depth = QoSProfile(depth=SOURCE_DEPTH)
         self._publishers = {
-            name: node.node.create_publisher(message_type(kind), name, depth) for name, kind in topics.items()
+            name: peer.ros_node.create_publisher(message_type(kind), name, depth) for name, kind in topics.items()
         }
-        self._initial_pose = node.node.create_publisher(PoseWithCovarianceStamped, INITIAL_POSE, depth)
+        self._initial_pose = peer.ros_node.create_publisher(PoseWithCovarianceStamped, INITIAL_POSE, depth)
         self._poses_set: list[PoseWithCovarianceStamped] = []  # acknowledgements of Fast DDS come after up to 3 s
-        node.node.create_subscription(PoseWithCovarianceStamped, INITIAL_POSE_SET, self._poses_set.append, depth)
+        peer.ros_node.create_subscription(PoseWithCovarianceStamped, INITIAL_POSE_SET, self._poses_set.append, depth)
         for name, is_pause in (("pause", True), ("resume", False)):
-            node.node.create_service(Trigger, f"~/{name}", self._server(is_pause))
+            peer.ros_node.create_service(Trigger, f"~/{name}", self._server(is_pause))
 
     def stop(self) -> None:
         """Publish nothing more."""
@@ -46,8 +49,8 @@ class Player:
 
     def wait_until_ready(self) -> None:
         """Wait until all nodes listen to this one and know its subscriptions."""
-        node = self._node.node
-        names = list(self._node.supervisor.processes)
+        node = self._peer.ros_node
+        names = list(self._peer.supervisor.processes)
         resets = [node.create_client(Trigger, f"{name}/reset") for name in names]
         publishers = [*self._publishers.values()]
         if Task.LOCALISATION.node in names:  # an external node may listen to it in any way
@@ -58,18 +61,18 @@ class Player:
                 return False
             return all(p.get_subscription_count() == node.count_subscribers(p.topic_name) for p in publishers)
 
-        self._node.wait_for(ready, START_TIMEOUT_S, lambda: f"the nodes {', '.join(names)} did not start")
-        self._node.wait_until_known()
+        self._peer.wait_for(ready, START_TIMEOUT_S, lambda: f"the nodes {', '.join(names)} did not start")
+        self._peer.wait_until_known()
 
     def set_pose(self, start: StartPose) -> None:
         """Publish the pose at which localisation starts, in its own world frame, and wait until it is received."""
         message = PoseWithCovarianceStamped(header=header_msg(start.stamp_ns or 0, ""))
         message.pose.pose = pose_msg(start.T_ds_rb, start.T_ds_rb.file_quat_xyzw)
         self._initial_pose.publish(message)
-        if Task.LOCALISATION.node not in self._node.supervisor.processes:
+        if Task.LOCALISATION.node not in self._peer.supervisor.processes:
             return  # an external node may listen to it or not
         problem = "localisation_node did not receive initialpose"
-        self._node.wait_for(lambda: bool(self._poses_set), ANSWER_TIMEOUT_S, lambda: problem)
+        self._peer.wait_for(lambda: bool(self._poses_set), ANSWER_TIMEOUT_S, lambda: problem)
 
     def play(self, messages: Iterator[Message], on_sent: Callable[[Message], None]) -> None:
         """Publish messages of the advertised topics when they are due.
@@ -80,10 +83,10 @@ class Player:
             if message.topic not in self._publishers:
                 continue
             while not self.stopped and (wait_s := self._wait_s(message)):
-                self._node.spin_for(min(wait_s, POLL_S))
+                self._peer.spin_for(min(wait_s, POLL_S))
             if self.stopped:
                 return
-            self._node.executor.spin_once(timeout_sec=0.0)
+            self._peer.executor.spin_once(timeout_sec=0.0)
             self._publishers[message.topic].publish(message.raw)
             on_sent(message)
 

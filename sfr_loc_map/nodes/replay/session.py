@@ -22,10 +22,10 @@ from sfr_loc_map.nodes.launch.processes import Supervisor, user_command
 from sfr_loc_map.nodes.replay.answer_book import AnswerBook
 from sfr_loc_map.nodes.replay.collector import ResultCollector
 from sfr_loc_map.nodes.replay.external import external_node
-from sfr_loc_map.nodes.replay.graph_node import ReplayNode
 from sfr_loc_map.nodes.replay.options import ReplayOptions, node_arguments
 from sfr_loc_map.nodes.replay.pacing import PairTracker
 from sfr_loc_map.nodes.replay.player import Player
+from sfr_loc_map.nodes.replay.replay_peer import ReplayPeer
 from sfr_loc_map.nodes.replay.results import Results
 from sfr_loc_map.nodes.ros import environment
 from sfr_loc_map.runs.offline import check_count
@@ -38,7 +38,7 @@ Progress = Callable[[str], None]
 class Running(NamedTuple):
     """What takes part in a replay."""
 
-    node: ReplayNode
+    peer: ReplayPeer
     player: Player
     collector: ResultCollector
 
@@ -56,7 +56,7 @@ def replay(source: Source, options: ReplayOptions, progress: Progress, say: Say)
             signals.hold()  # what was played is there to be scored
         results = parts.collector.results
         if options.page is not None:
-            parts.node.call_trigger(f"{MONITOR_NODE}/finish", f"{MONITOR_NODE} did not publish its figures")
+            parts.peer.call_trigger(f"{MONITOR_NODE}/finish", f"{MONITOR_NODE} did not publish its figures")
             options.page.run_is_over(missing=_missing_poses(source, results))
         return results, was_interrupted
 
@@ -100,26 +100,25 @@ def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[Runnin
         command = None
         if options.external is not None and options.external.command:
             command = stack.enter_context(user_command(options.external.command, folder))
-        node = stack.enter_context(ReplayNode(supervisor))
+        peer = stack.enter_context(ReplayPeer(supervisor))
         results = Results()
         external = None
-        if (other := options.external) is not None:
-            results.answers = AnswerBook(other.task.rig, other.timeout_s, other.frames)
-            external = external_node(node, source, other, command, results)
-        player = Player(node, topics, options.rate, paused=options.paused)
+        if options.external is not None:
+            external = external_node(peer, source, options.external, command, results)
+        player = Player(peer, topics, options.rate, paused=options.paused)
         pairs_per_map = 0 if source.nav is None else len(source.nav)
         is_lock_step = options.rate <= 0.0
-        collector = ResultCollector(node, results, external, pairs_per_map=pairs_per_map, is_lock_step=is_lock_step)
+        collector = ResultCollector(peer, results, external, pairs_per_map=pairs_per_map, is_lock_step=is_lock_step)
         if source.loc is not None and source.loc.rig.T_rb_sb is not None:
-            publish_extrinsics(node.node, source.loc.rig.T_rb_sb)
+            publish_extrinsics(peer.ros_node, source.loc.rig.T_rb_sb)
         say("waiting for the nodes")
-        if options.page is not None and not node.wait_for_page(options.page):
+        if options.page is not None and not peer.wait_for_page(options.page):
             say("the page is not connected yet: what is played before is missing there")
         player.wait_until_ready()
         if external is not None:
             rig = f"{external.options.task.rig}/"
             external.wait_until_ready([name for name in topics if name.startswith(rig) and RECTIFIED in name])
-        yield Running(node, player, collector)
+        yield Running(peer, player, collector)
 
 
 def _missing_poses(source: Source, results: Results) -> str:

@@ -21,7 +21,7 @@ NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 
 
 class Peer:
-    """A node with an executor that its owner spins; a context manager that leaves the graph and ends ROS."""
+    """Has a ROS node and an executor, which its owner spins; a context manager that leaves the graph and ends ROS."""
 
     def __init__(self, name: str, namespace: str = "", *, parameters: bool = False, remaps: Sequence[str] = ()) -> None:
         """Join the graph, with the services of parameters if wanted; signals stay with the program.
@@ -31,17 +31,17 @@ class Peer:
         environment.see_whole_graph()
         environment.start_ros()
         words = ["--ros-args", *(word for remap in remaps for word in ("-r", remap))] if remaps else None
-        self.node: Node = rclpy.create_node(
+        self.ros_node: Node = rclpy.create_node(
             name, namespace=namespace, cli_args=words, start_parameter_services=parameters
         )
         self.executor = SingleThreadedExecutor()
-        self.executor.add_node(self.node)
+        self.executor.add_node(self.ros_node)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.node.destroy_node()
+        self.ros_node.destroy_node()
         try_shutdown()
 
     def spin(self, seconds: float, until: Callable[[], bool] = lambda: False) -> bool:
@@ -65,4 +65,4 @@ class Peer:
         Peers that do not fit are not told of: the nodes of the suite do, and each event costs the executor time.
         """
         listener: Any = callback  # rclpy's types do not know of the information beside a message
-        return self.node.create_subscription(kind, topic, listener, qos, event_callbacks=NO_EVENTS, raw=raw)
+        return self.ros_node.create_subscription(kind, topic, listener, qos, event_callbacks=NO_EVENTS, raw=raw)

@@ -72,7 +72,7 @@ TRUTH_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class RosFeed(Peer):
-    """A ROS node that receives for the viewers of a state; a context manager that runs its thread."""
+    """Receives for the viewers of a state, in a thread of its own; a context manager."""
 
     def __init__(self, state: LiveState, namespace: str = "", remaps: Sequence[str] = ()) -> None:
         """Join the graph; `remaps` are those of the nodes, `FROM:=TO`."""
@@ -89,9 +89,9 @@ class RosFeed(Peer):
         self._map_worker = Worker("sfr-live-maps", Overload.ALL, MAX_MAPS, lambda error, was_message: None)
         self._closed = Event()
         self._thread = Thread(target=self._spin, name="sfr-live-ros", daemon=True)
-        state.set_operator(NodeOperator(self.node))
+        state.set_operator(NodeOperator(self.ros_node))
         self._subscribe_to_figures()
-        self.node.create_timer(GRAPH_PERIOD_S, self._examine_graph)
+        self.ros_node.create_timer(GRAPH_PERIOD_S, self._examine_graph)
 
     def __enter__(self) -> RosFeed:
         self._thread.start()
@@ -110,7 +110,7 @@ class RosFeed(Peer):
                 self.executor.spin_once(timeout_sec=SPIN_S)
             except Exception as error:  # one message must not stop the page
                 if not self._closed.is_set():
-                    self.node.get_logger().error(f"live: {error!r}", throttle_duration_sec=5.0)
+                    self.ros_node.get_logger().error(f"live: {error!r}", throttle_duration_sec=5.0)
 
     # ---- subscriptions
 
@@ -128,7 +128,7 @@ class RosFeed(Peer):
         """Subscribe to true poses of a type; return what ends that."""
         kind = messages.message_type(msgtype)
         subscription = self._receive(kind, TRUE_POSES, partial(self._on_truth, TruePoses(msgtype), kind), BEST_EFFORT)
-        return partial(self.node.destroy_subscription, subscription)
+        return partial(self.ros_node.destroy_subscription, subscription)
 
     def _follow_viewers(self, wanted: frozenset[updates.View]) -> None:
         """Subscribe to the media that are shown, and to no others; a map without a grid is made of the cloud."""
@@ -138,7 +138,7 @@ class RosFeed(Peer):
             self._subscriptions[view] = self._subscribe_to(view)
         for view in self._subscriptions.keys() - wanted:
             for subscription in self._subscriptions.pop(view):
-                self.node.destroy_subscription(subscription)
+                self.ros_node.destroy_subscription(subscription)
             if view is updates.View.IMAGES:
                 self._image_topics.clear()
         if updates.View.IMAGES in wanted:
@@ -167,15 +167,15 @@ class RosFeed(Peer):
                 kind = messages.message_type(msgtype)
                 received = partial(self._on_image, name, kind)
                 self._subscriptions[updates.View.IMAGES].append(self._receive(kind, topic, received, IMAGE_QOS))
-                self._image_topics[name] = full_name = self.node.resolve_topic_name(topic)
+                self._image_topics[name] = full_name = self.ros_node.resolve_topic_name(topic)
                 self._state.put(updates.ImageProblem(name, f"{full_name} has a publisher; no image has arrived yet"))
                 return
-        topics = ", ".join(self.node.resolve_topic_name(f"{name}/{ending}") for ending in IMAGES)
+        topics = ", ".join(self.ros_node.resolve_topic_name(f"{name}/{ending}") for ending in IMAGES)
         reason = f"no publisher of {topics}; other names are given by sfr live -r {name}/{RECTIFIED}:=TOPIC"
         self._state.put(updates.ImageProblem(name, reason))
 
     def _has_publisher(self, topic: str) -> bool:
-        return self.node.count_publishers(self.node.resolve_topic_name(topic)) > 0
+        return self.ros_node.count_publishers(self.ros_node.resolve_topic_name(topic)) > 0
 
     def _receive(
         self, kind: type[Any], topic: str, callback: Callable[[bytes, float], None], qos: QoSProfile
@@ -274,9 +274,9 @@ class RosFeed(Peer):
     def _examine_graph(self) -> None:
         """Detect the nodes, and receive images and maps as the viewers request."""
         self._follow_viewers(self._state.wanted)
-        published = self.node.get_publishers_info_by_topic(self.node.resolve_topic_name(TRUE_POSES))
+        published = self.ros_node.get_publishers_info_by_topic(self.ros_node.resolve_topic_name(TRUE_POSES))
         self._truth.follow([str(info.topic_type) for info in published])
-        names = self.node.get_node_names_and_namespaces()
+        names = self.ros_node.get_node_names_and_namespaces()
         nodes = frozenset(name for name, space in names if space.strip("/") == self._space) & frozenset(SUITE_NODES)
         lost = {topic: gaps.lost for topic, gaps in self._gaps.items()}
         self._state.put(updates.GraphView(nodes, time.time(), lost))

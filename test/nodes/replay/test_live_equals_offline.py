@@ -41,13 +41,13 @@ def final_report(parts: Running, reports: list[str]) -> dict[str, Any]:
     """Return the monitor's report once everything that was published is in it."""
 
     def is_complete() -> bool:
-        parts.node.call_trigger("monitor_node/finish", "monitor_node did not publish its figures")
+        parts.peer.call_trigger("monitor_node/finish", "monitor_node did not publish its figures")
         report = json.loads(reports[-1]) if reports else {}
         posed = (report.get("association") or {}).get("matched") == POSES
         timed = posed and number(report, "localisation", "n") == POSES
         return bool(timed and number(report, "mapping_call", "n") == 1 and number(report, "coverage"))
 
-    parts.node.wait_for(is_complete, 60.0, lambda: f"no complete report, the last one is {reports[-1:]}")
+    parts.peer.wait_for(is_complete, 60.0, lambda: f"no complete report, the last one is {reports[-1:]}")
     return dict(json.loads(reports[-1]))
 
 
@@ -71,7 +71,7 @@ def test_live_equals_offline(tmp_path: Path, own_domain: None) -> None:
     reports: list[str] = []
     with running(source, options, lambda line: None) as parts:
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        parts.node.node.create_subscription(String, "metrics/report", lambda m: reports.append(m.data), latched)
+        parts.peer.ros_node.create_subscription(String, "metrics/report", lambda m: reports.append(m.data), latched)
         play(source, options, parts, lambda rig: None)
         live, results = final_report(parts, reports), parts.collector.results
     offline = to_dict(score_replay(source, results.collected_run(), config, None))

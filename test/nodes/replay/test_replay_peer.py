@@ -7,12 +7,12 @@ import rclpy
 from std_srvs.srv import Trigger
 
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.nodes.replay.graph_node import ReplayNode
+from sfr_loc_map.nodes.replay.replay_peer import ReplayPeer
 
 
 def test_a_node_of_another_program_is_the_reason_and_not_what_it_publishes() -> None:
     supervisor = SimpleNamespace(processes={"localisation_node": None}, check=lambda: None)
-    with ReplayNode(supervisor) as replay:
+    with ReplayPeer(supervisor) as replay:
         nodes = [rclpy.create_node("localisation_node", namespace=name) for name in ("rover1", "")]
         replay.wait_for(lambda: True, 1.0, lambda: "nothing")
         nodes.append(rclpy.create_node("localisation_node"))
@@ -28,12 +28,12 @@ def test_a_service_that_reports_failure_fails_the_replay() -> None:
         return response
 
     supervisor = SimpleNamespace(processes={}, check=lambda: None)
-    with ReplayNode(supervisor) as replay:
-        service = replay.node.create_service(Trigger, "mapping_node/finish", answer)
+    with ReplayPeer(supervisor) as replay:
+        service = replay.ros_node.create_service(Trigger, "mapping_node/finish", answer)
         is_good = True
         text = replay.call_trigger("mapping_node/finish", "mapping_node did not finish its map")
         assert text == "failed: no pair is complete"
         is_good = False
         with pytest.raises(NodeError, match=r"mapping_node did not finish its map: failed: no pair is complete"):
             replay.call_trigger("mapping_node/finish", "mapping_node did not finish its map")
-        replay.node.destroy_service(service)
+        replay.ros_node.destroy_service(service)

@@ -1,4 +1,4 @@
-"""The ROS node of a replay: joins the graph, waits while it watches the nodes, calls their services."""
+"""The peer of a replay: joins the graph, waits while it watches the nodes, calls their services."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ PAGE_TOPICS = (ESTIMATE, TRUE_POSES, REPORT)
 """Topics that a page receives whatever it shows."""
 
 
-class ReplayNode(Peer):
-    """A ROS node whose waiting fails (`NodeError`) as soon as a supervised node ends; a context manager."""
+class ReplayPeer(Peer):
+    """A peer whose waiting fails (`NodeError`) as soon as a supervised node ends; a context manager."""
 
     def __init__(self, supervisor: Supervisor) -> None:
         super().__init__(PLAYER_NODE, parameters=True)
@@ -49,7 +49,7 @@ class ReplayNode(Peer):
 
         def settled() -> bool:
             self.supervisor.check()
-            name, receivers = page.node_name, map(self.node.get_subscriptions_info_by_topic, PAGE_TOPICS)
+            name, receivers = page.node_name, map(self.ros_node.get_subscriptions_info_by_topic, PAGE_TOPICS)
             return not name or all(any(found.node_name == name for found in of_topic) for of_topic in receivers)
 
         return self.spin(PAGE_TIMEOUT_S, settled)
@@ -74,7 +74,7 @@ class ReplayNode(Peer):
             return True
 
         bounds = {"found_s": ANSWER_TIMEOUT_S, "answer_s": ANSWER_TIMEOUT_S}
-        return call_service(self.node, kind, service, request, wait=wait, **bounds)
+        return call_service(self.ros_node, kind, service, request, wait=wait, **bounds)
 
     def wait_until_known(self) -> None:
         """Wait until each node knows all subscriptions of this one, and this one knows those of the monitor.
@@ -89,7 +89,7 @@ class ReplayNode(Peer):
         def monitor_listens() -> bool:
             tasks = [task for task in Task if task.node in self.supervisor.processes]
             topics = [topic for task in tasks for topic in (RESULTS[task], call_topic(task))]
-            receivers = map(self.node.get_subscriptions_info_by_topic, topics)
+            receivers = map(self.ros_node.get_subscriptions_info_by_topic, topics)
             return all(any(found.node_name == MONITOR_NODE for found in of_topic) for of_topic in receivers)
 
         self.wait_for(monitor_listens, ANSWER_TIMEOUT_S, lambda: "monitor_node did not subscribe to the results")
@@ -97,9 +97,9 @@ class ReplayNode(Peer):
 
     def _refuse_others(self) -> None:
         """Make sure that no other program has nodes that would take part."""
-        found = self.node.get_node_names_and_namespaces()
+        found = self.ros_node.get_node_names_and_namespaces()
         for name in (PLAYER_NODE, *self.supervisor.processes):
-            if found.count((name, self.node.get_namespace())) > 1:
+            if found.count((name, self.ros_node.get_namespace())) > 1:
                 raise NodeError(
                     f"another {name} is in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0} and would interfere: "
                     f"unset ROS_DOMAIN_ID, so that the replay uses its own domain, or end that node (a killed node "
