@@ -11,13 +11,13 @@ import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 import msgspec
 import yaml
 
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.inputs import parse_yaml, read_text
+from sfr_loc_map.inputs import MONITOR_NODE, SUITE_NODES, Task, parse_yaml, read_text
 
 C = TypeVar("C")
 
@@ -205,10 +205,37 @@ SECTIONS = (
     *("localisation", "mapping", "monitor", "conditions", "limits"),
 )
 """Sections of `sfr.yaml`, the one configuration of all commands and nodes."""
-_OF_NODES = {"T_rb_locsb": "extrinsics", "input": "sync"} | {
-    name: name for name in ("localisation", "mapping", "truth")
+
+
+class NodeSection(NamedTuple):
+    """The parameters of the nodes that a section of `sfr.yaml` holds."""
+
+    prefix: str  #: First part of their names; empty: they have the names of the section.
+    nodes: tuple[str, ...]  #: Nodes that have them. A parameter file is read at the first one.
+
+
+_LOCALISER, _MAPPER = Task.LOCALISATION.node, Task.MAPPING.node
+NODE_SECTIONS = {
+    "localisation": NodeSection("localisation", (_LOCALISER,)),
+    "mapping": NodeSection("mapping", (_MAPPER,)),
+    "monitor": NodeSection("", (MONITOR_NODE,)),
+    "truth": NodeSection("truth", (MONITOR_NODE,)),
+    "extrinsics": NodeSection("T_rb_locsb", (_LOCALISER,)),
+    "sync": NodeSection("input", (_LOCALISER, _MAPPER)),
 }
-"""The section of a parameter of the nodes by the first part of its name."""
+"""Sections whose values are parameters of the nodes."""
+_SECTION_OF_PREFIX = {known.prefix: name for name, known in NODE_SECTIONS.items() if known.prefix}
+
+
+def node_parameters(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return the parameters of each node from values of `NODE_SECTIONS` by dotted name."""
+    found: dict[str, dict[str, Any]] = {node: {} for node in SUITE_NODES}
+    for section, values in sections.items():
+        prefix, nodes = NODE_SECTIONS[section]
+        for node in nodes:
+            for name, value in values.items():
+                found[node][f"{prefix}.{name}" if prefix else name] = value
+    return found
 
 
 def read_sections(path: Path) -> dict[str, Any]:
@@ -222,14 +249,14 @@ def read_sections(path: Path) -> dict[str, Any]:
     sections: dict[str, Any] = {}
     for node, name, value in sorted(of_nodes, key=lambda item: not item[0].startswith("/**")):  # what is for all first
         first, _, rest = name.partition(".")
-        section = _OF_NODES.get(first)
-        of_node = "mapping_node" if first == "mapping" else "monitor_node" if first == "truth" else "localisation_node"
-        known = section != "sync" or rest == "stamp_tolerance_s"
-        if section is not None and known and node.rpartition("/")[2] in ("**", of_node):
+        section = _SECTION_OF_PREFIX.get(first)
+        if section is None or (section == "sync" and rest != "stamp_tolerance_s"):
+            continue
+        if node.rpartition("/")[2] in ("**", NODE_SECTIONS[section].nodes[0]):
             sections.setdefault(section, {})[rest] = value
     for name, value in () if of_nodes else flat.items():
         section, _, rest = name.partition(".")
-        section = "extrinsics" if section == "T_rb_locsb" else section  # as the nodes call it
+        section = "extrinsics" if section == NODE_SECTIONS["extrinsics"].prefix else section
         if section in SECTIONS and not rest:
             if section not in ("conditions", "limits") and value is not None:
                 raise ConfigError(f"{path}: '{section}' is {value!r:.40}: names with values are required")

@@ -7,10 +7,10 @@ session.
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import NamedTuple
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid
@@ -59,6 +59,13 @@ class MappingNodeConfig(PairNodeConfig):
     mapping: MappingConfig = field(default_factory=MappingConfig)
 
 
+class CountedPair(NamedTuple):
+    """A pair of the map begun, and the time and memory that mapping it took."""
+
+    result: PairMap
+    usage: CallUsage
+
+
 class MappingNode(PairNode[MappingNodeConfig]):
     """Publishes the disparity of each stereo pair and the cloud of a set of pairs."""
 
@@ -75,9 +82,8 @@ class MappingNode(PairNode[MappingNodeConfig]):
         """Load compiled code, create publishers."""
         super().setup()
         self.load_kernels("mapping", "terrain")
-        self._stages: deque[CallUsage] = deque(maxlen=MAX_PAIRS)  # time and memory of mapping the last pairs
         self.status.meter.mark_idle()
-        self._lm_frame, add_publisher = self.config.frame(self.config.lm_frame), self.endpoints.add_publisher
+        add_publisher = self.endpoints.add_publisher
         self._cloud = add_publisher(PointCloud2, CLOUD, 1, latched=True)
         self._elevation = add_publisher(PointCloud2, ELEVATION, 1, latched=True)
         self._hazard = add_publisher(OccupancyGrid, HAZARD, 1, latched=True)
@@ -97,7 +103,8 @@ class MappingNode(PairNode[MappingNodeConfig]):
         super().reset_state()
         config = self.config
         self._poses_received = 0  # since the last look around
-        self._pairs: list[PairMap] = []  # of the map begun
+        self._lm_frame = config.frame(config.lm_frame)
+        self._pairs: list[CountedPair] = []  # of the map begun
         self._mapper: Mapper | None = None  # of the parameters and the rig that follows, made when it is needed
         self._mapped_rig: StereoRig | None = None
         self._matching: PoseMatching[ReceivedPair] = PoseMatching(
@@ -205,11 +212,10 @@ class MappingNode(PairNode[MappingNodeConfig]):
         mapper = self._present_mapper()
         with self.status.meter.measure() as usage:
             result = mapper.process(pair, pose, len(self._pairs))
-        self._pairs.append(result)
+        self._pairs.append(CountedPair(result, usage))
         header = messages.header_msg(pair.stamp_ns, received.frame_id)
         disparity = messages.disparity_msg(result.disparity_px, received.rig, mapper.search, header)
         self._disparity.publish(disparity)
-        self._stages.append(usage)
         cost, times = usage.cost(MappingState.MAPPED), self.times(received, conversion_s)
         call = CallRecord(pair.stamp_ns, *cost, result.statistics, times=times, task=Task.MAPPING)
         self._report_call(call, result.warnings)
@@ -221,11 +227,11 @@ class MappingNode(PairNode[MappingNodeConfig]):
         mapper, pairs = self._present_mapper(), self._pairs.copy()
         self._pairs.clear()
         with self.status.meter.measure() as usage:
-            fused = mapper.fuse(pairs)
-        stamps_ns = [pair.stamp_ns for pair in pairs]
+            fused = mapper.fuse([pair.result for pair in pairs])
+        stamps_ns = [pair.result.stamp_ns for pair in pairs]
         stamp_ns = stamps_ns[-1]
         self._cloud.publish(messages.cloud_msg(fused.cloud, stamp_ns, self._lm_frame))
-        whole = call_of_stages([*list(self._stages)[-len(pairs) :], usage])
+        whole = call_of_stages([*(pair.usage for pair in pairs), usage])
         for took, state in ((usage, MappingState.FUSED), (whole, MappingState.MAPPED_SET)):
             self._report_call(call_of_fusion(fused, stamps_ns, took, state), fused.warnings)
         # After its call: the time of the call is that of the cloud.

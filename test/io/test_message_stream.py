@@ -19,9 +19,9 @@ from sfr_loc_map.geometry.camera_info import rig_from_camera_info
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.bag.bag import TYPESTORE
-from sfr_loc_map.io.message_stream import Message, begin_of, between, end_of, messages_of, parts_of_pairs, topics_of
 from sfr_loc_map.io.convert import ConvertOptions, convert
 from sfr_loc_map.io.images.codec import samples_of
+from sfr_loc_map.io.message_stream import Message, begin_of, between, end_of, messages_of, parts_of_pairs, topics_of
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import yaml
 
-from sfr_loc_map.config import changed, read_config, read_sections, section
+from sfr_loc_map.config import changed, node_parameters, read_config, read_sections, section
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.inputs import Task
+from sfr_loc_map.inputs import MONITOR_NODE, Task
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
@@ -34,24 +33,27 @@ def run_arguments(config: Path, written: Path) -> list[str]:
             f"'{config}': sync.stamps and truth.stamps of record are for recordings, whose times they take: stamp the "
             "messages when they are published"
         )
-    values: dict[str, dict[str, Any]] = {
-        "localisation": changed(read_config(LocalisationConfig, config, "localisation"), "localisation."),
-        "mapping": changed(read_config(MappingConfig, config, "mapping"), "mapping."),
-        "monitor": {**section(config, "monitor"), **changed(replace(how.truth, source="", columns=""), "truth.")},
-    }
-    values["localisation"] |= changed(how.extrinsics, "T_rb_locsb.")
+    found = node_parameters(
+        {
+            "localisation": changed(read_config(LocalisationConfig, config, "localisation")),
+            "mapping": changed(read_config(MappingConfig, config, "mapping")),
+            "monitor": section(config, "monitor"),
+            "truth": changed(replace(how.truth, source="", columns="")),
+            "extrinsics": changed(how.extrinsics),
+            "sync": {"stamp_tolerance_s": how.sync.stamp_tolerance_s},
+        }
+    )
     if how.frames.base:
-        values["localisation"]["rb_frame"] = how.frames.base
+        found[Task.LOCALISATION.node]["rb_frame"] = how.frames.base
     if isinstance(limits := sections.get("limits"), str):
-        values["monitor"]["limits_file"] = str((config.parent / limits).resolve())
+        found[MONITOR_NODE]["limits_file"] = str((config.parent / limits).resolve())
     if conditions := sections.get("conditions"):
-        values["monitor"]["score.trajectory.conditions"] = conditions
-    for task in ("localisation", "mapping"):
-        values[task]["input.stamp_tolerance_s"] = how.sync.stamp_tolerance_s
-        raw = f"{Task(task).rig}/left/image_raw"
+        found[MONITOR_NODE]["score.trajectory.conditions"] = conditions
+    for task in Task:
+        raw = f"{task.rig}/left/image_raw"
         names = (name.removesuffix(COMPRESSED_END) for name in how.remap.values())
-        values[task]["input.rectify"] = any(name.endswith(raw) for name in names)
-    content = {f"/**/{name}_node": {"ros__parameters": parameters} for name, parameters in values.items()}
+        found[task.node]["input.rectify"] = any(name.endswith(raw) for name in names)
+    content = {f"/**/{node}": {"ros__parameters": parameters} for node, parameters in found.items()}
     written.write_text(yaml.safe_dump(content), encoding="utf-8")
     return ["--params-file", str(written), *(word for rule in remaps_of(how) for word in ("-r", rule))]
 

@@ -14,6 +14,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from threading import Lock
 from types import MappingProxyType
 
@@ -42,8 +43,6 @@ MAX_MOMENTS = 10_000  #: Arrivals or calls within the window that a rate is take
 MAX_REASONS = 4  #: Reasons that a message names.
 MB = 1_000_000
 COMPILING = "compiling"  #: Activity of a node whose kernels are being compiled.
-UNCONFIGURED, ACTIVE = "unconfigured", "active"
-"""Primary states of a managed node (design.ros2.org, "Managed nodes") that make a difference here."""
 DROPS = {
     "dropped_overload": "came faster than they are processed: slow them down, or give this host more to work with",
     "dropped_in_transport": "were lost between their publisher and this node",
@@ -61,6 +60,15 @@ OFFSETS = {
     "disparity_offset_px": (0.3, "disparity bias of more than {:g} px"),
 }
 """Statistics of the localiser that are monitored (right camera pitched, rolled, yawed): their limit and warning."""
+
+
+class NodeState(StrEnum):
+    """Primary states of a managed node (design.ros2.org, "Managed nodes")."""
+
+    UNCONFIGURED = "unconfigured"
+    INACTIVE = "inactive"
+    ACTIVE = "active"
+    FINALIZED = "finalized"
 
 
 SEVERITY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)
@@ -214,7 +222,7 @@ class StatusReporter:
         config, found = self._config, list(activity.findings)
         if memory > config.memory_warn_mb * MB:
             found.append((Level.WARN, f"more than {config.memory_warn_mb} MB of memory in use"))
-        if activity.lifecycle != ACTIVE:
+        if activity.lifecycle != NodeState.ACTIVE:
             return found
         if activity.expects_input and now - self._last_arrival > config.stale_after_s:
             found.append((Level.STALE, f"nothing came for more than {config.stale_after_s:g} s"))

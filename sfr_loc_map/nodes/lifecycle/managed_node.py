@@ -35,16 +35,15 @@ from sfr_loc_map.inputs import JUMP_BACK_NS
 from sfr_loc_map.kernels import load_kernels
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.lifecycle.diagnostics import (
-    ACTIVE,
     COMPILING,
     DROPS,
     LOG_PERIOD_S,
-    UNCONFIGURED,
     NodeActivity,
+    NodeState,
     StatusReporter,
 )
 from sfr_loc_map.nodes.lifecycle.endpoints import Endpoints
-from sfr_loc_map.nodes.lifecycle.parameters import BUILT_IN, FIXED, NodeConfig, as_list, descriptor, is_near_miss
+from sfr_loc_map.nodes.lifecycle.parameters import AUTOSTART, BUILT_IN, NodeConfig, as_list, descriptor, is_near_miss
 from sfr_loc_map.nodes.lifecycle.worker import Worker
 from sfr_loc_map.topics import configuration_topic
 
@@ -69,7 +68,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     def __init__(self, name: str = "", **options: Any) -> None:  # noqa: ANN401
         """Declare the parameters, as files and command line give them; `options` are those of `rclpy.node.Node`."""
-        self.state = UNCONFIGURED  # of the managed node, or that of a transition
+        self.state: str = NodeState.UNCONFIGURED  # or the transition that is under way
         super().__init__(name or f"{self.task}_node", automatically_declare_parameters_from_overrides=True, **options)
         self._origin = f"parameters of {self.get_fully_qualified_name()}"
         self._infos = {info.name: info for info in parameters(self.config_type)}
@@ -172,7 +171,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
             return
 
         async def serve(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            if self.state != ACTIVE:
+            if self.state != NodeState.ACTIVE:
                 response.message = f"the node is {self.state}: activate it first"
                 return response
             first()
@@ -213,31 +212,33 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Create what an inactive node has."""
-        return self._run("configure", "inactive", self._configure, undo=self._clean_up)
+        return self._run("configure", NodeState.INACTIVE, self._configure, undo=self._clean_up)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Receive and publish."""
         enable = super().on_activate
-        return self._run("activate", ACTIVE, lambda: enable(state), self._activate, undo=self._deactivate)
+        return self._run("activate", NodeState.ACTIVE, lambda: enable(state), self._activate, undo=self._deactivate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Receive nothing more, finish the running job, stop publishing."""
         disable = super().on_deactivate
         say = self.get_logger().info
-        return self._run("deactivate", "inactive", self._deactivate, lambda: disable(state), lambda: say("inactive"))
+        return self._run(
+            "deactivate", NodeState.INACTIVE, self._deactivate, lambda: disable(state), lambda: say(NodeState.INACTIVE)
+        )
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Release everything."""
-        return self._run("cleanup", UNCONFIGURED, self._clean_up)
+        return self._run("cleanup", NodeState.UNCONFIGURED, self._clean_up)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Release everything, from any state."""
-        return self._run("shutdown", "finalized", self._deactivate, self._clean_up)
+        return self._run("shutdown", NodeState.FINALIZED, self._deactivate, self._clean_up)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Release everything after a transition that raised: the node can then be configured again."""
         broke = self._last_error
-        result = self._run("error", UNCONFIGURED, self._deactivate, self._clean_up)
+        result = self._run("error", NodeState.UNCONFIGURED, self._deactivate, self._clean_up)
         self.status.note_problem(Level.ERROR, f"a transition broke: {broke}")
         return result
 
@@ -386,9 +387,9 @@ class ManagedNode(LifecycleNode, Generic[C]):
         now = flatten(self.config)
         differing = [c.name for c in changes if c.name in self._infos and as_list(now[c.name]) != as_list(c.value)]
         held = sorted(name for name in differing if not name.startswith(self.live_parameters))
-        if FIXED in held:
-            return SetParametersResult(successful=False, reason=f"'{FIXED}' is read-only: it is read at the start")
-        if held and self.state != UNCONFIGURED:
+        if AUTOSTART in held:
+            return SetParametersResult(successful=False, reason=f"'{AUTOSTART}' is read-only: it is read at the start")
+        if held and self.state != NodeState.UNCONFIGURED:
             reason = f"'{held[0]}' is read-only while the node is {self.state}: deactivate and clean it up first"
             return SetParametersResult(successful=False, reason=reason)
         try:

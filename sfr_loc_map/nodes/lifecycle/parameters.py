@@ -22,7 +22,7 @@ from sfr_loc_map.nodes.ros.qos import RELIABILITIES
 BUILT_IN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 """Parameters that ROS itself declares on a node."""
 ALIKE = 0.85  #: Ratio of equal characters (difflib) from which an unknown name counts as misspelt.
-FIXED = "autostart"  #: Is read once, when the node starts.
+AUTOSTART = "autostart"  #: Parameter that is read once, when the node starts.
 
 
 @dataclass(frozen=True, slots=True)

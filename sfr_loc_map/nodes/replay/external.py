@@ -27,13 +27,13 @@ from sfr_loc_map.metrics.convention import aligned_estimates, converted_estimate
 from sfr_loc_map.metrics.pose_convention import FIRST_POSE, PoseConvention
 from sfr_loc_map.metrics.records import ConventionRecord, ExternalScore, MethodKind, MethodRecord
 from sfr_loc_map.nodes.launch.processes import ChildProcess
+from sfr_loc_map.nodes.replay.answer_book import AnswerBook
 from sfr_loc_map.nodes.replay.options import ExternalOptions
 from sfr_loc_map.nodes.replay.process_watch import ProcessWatch, processes_named
 from sfr_loc_map.nodes.replay.replay_peer import ReplayPeer
 from sfr_loc_map.nodes.replay.results import Results
 from sfr_loc_map.nodes.ros import messages
 from sfr_loc_map.nodes.ros.qos import LATCHED
-from sfr_loc_map.nodes.replay.answer_book import AnswerBook
 from sfr_loc_map.runs.replay_result import ExternalRun
 
 DEPTH = 1000

@@ -9,11 +9,11 @@ from typing import Any
 
 import yaml
 
-from sfr_loc_map.config import changed, load_yaml
+from sfr_loc_map.config import changed, load_yaml, node_parameters
 from sfr_loc_map.errors import ConfigError, naming
 from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S
 from sfr_loc_map.geometry.trajectory import Truth
-from sfr_loc_map.inputs import MONITOR_NODE, NS_PER_S, SUITE_NODES, Task
+from sfr_loc_map.inputs import MONITOR_NODE, NS_PER_S, Task
 from sfr_loc_map.io.message_stream import begin_of
 from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.io.truth.config import TrackedBody
@@ -79,33 +79,23 @@ def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict
     The monitor runs in each replay, with or without a page, because a replay tests the three nodes together. The score
     of the replay is that of its collected results. The report of the monitor is shown on the page alone.
     """
-    pairs = len(source.nav) if source.nav is not None else MAX_PAIRS
-    localisation = changed(options.localisation, "localisation.")
-    mapping = changed(options.mapping, "mapping.") | {"pairs_per_map": pairs}
-    for parameters in (localisation, mapping):  # the pairs of a bag that is played as recorded are those of its reader
-        parameters["input.stamp_tolerance_s"] = STAMP_TOLERANCE_S
-    monitor = {**options.monitor, **changed(options.score, "score.")}
-    truth = None if source.loc is None else source.loc.ground_truth
-    if isinstance(truth, Truth):  # it consists of poses of RB, or of positions of a point on RB
-        attitude = "auto" if truth.has_attitude else "no"
-        unknown = {(True, True): "none", (False, True): "height", (True, False): "tilt", (False, False): "planar"}
-        body = TrackedBody(
-            truth.lever_arm_m,
-            sigma_m=truth.sigma_m,
-            sigma_deg=truth.sigma_deg,
-            attitude=attitude,
-            unknown=unknown[truth.has_height, truth.has_tilt],
-        )
-        monitor |= changed(body, "truth.")
+    given = node_parameters(
+        {
+            "localisation": changed(options.localisation),
+            "mapping": changed(options.mapping),
+            "monitor": {**options.monitor, **changed(options.score, "score.")},
+            "truth": _tracked_body(source),
+            "extrinsics": _extrinsics(source),
+            # The pairs of a bag that is played as recorded are those of its reader.
+            "sync": {"stamp_tolerance_s": STAMP_TOLERANCE_S},
+        }
+    )
+    given[Task.MAPPING.node]["pairs_per_map"] = len(source.nav) if source.nav is not None else MAX_PAIRS
     if options.limits is not None:
-        monitor["limits_file"] = str(options.limits.resolve())
-    if source.loc is not None and source.loc.rig.T_rb_sb is not None:
-        extrinsics = source.loc.rig.T_rb_sb
-        localisation["T_rb_locsb.translation_m"] = extrinsics.translation.tolist()
-        localisation["T_rb_locsb.quat_xyzw"] = extrinsics.file_quat_xyzw.tolist()
+        given[MONITOR_NODE]["limits_file"] = str(options.limits.resolve())
     external = options.external
     found = {}
-    for node, parameters in zip(SUITE_NODES, (localisation, mapping, monitor), strict=True):
+    for node, parameters in given.items():
         if external is not None and node == external.task.node:
             continue
         # in lock step each message is awaited
@@ -117,6 +107,30 @@ def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict
     if external is not None and external.converted_topic != RESULTS[external.task]:
         found[MONITOR_NODE] += ["-r", f"{RESULTS[external.task]}:={external.converted_topic}"]
     return found
+
+
+def _tracked_body(source: Source) -> dict[str, Any]:
+    """Return the settings of the truth: poses of RB, or positions of a point on RB."""
+    truth = None if source.loc is None else source.loc.ground_truth
+    if not isinstance(truth, Truth):
+        return {}
+    unknown = {(True, True): "none", (False, True): "height", (True, False): "tilt", (False, False): "planar"}
+    body = TrackedBody(
+        truth.lever_arm_m,
+        sigma_m=truth.sigma_m,
+        sigma_deg=truth.sigma_deg,
+        attitude="auto" if truth.has_attitude else "no",
+        unknown=unknown[truth.has_height, truth.has_tilt],
+    )
+    return changed(body)
+
+
+def _extrinsics(source: Source) -> dict[str, Any]:
+    """Return the pose of the rig on the rover."""
+    if source.loc is None or source.loc.rig.T_rb_sb is None:
+        return {}
+    T_rb_sb = source.loc.rig.T_rb_sb
+    return {"translation_m": T_rb_sb.translation.tolist(), "quat_xyzw": T_rb_sb.file_quat_xyzw.tolist()}
 
 
 def is_ros_parameter_file(path: Path) -> bool:

@@ -19,7 +19,6 @@ from sfr_loc_map.io.sequence import Source
 from sfr_loc_map.metrics.completeness import MISSING_SHARE
 from sfr_loc_map.nodes.input.extrinsics import publish_extrinsics
 from sfr_loc_map.nodes.launch.processes import Supervisor, user_command
-from sfr_loc_map.nodes.replay.answer_book import AnswerBook
 from sfr_loc_map.nodes.replay.collector import ResultCollector
 from sfr_loc_map.nodes.replay.external import external_node
 from sfr_loc_map.nodes.replay.options import ReplayOptions, node_arguments
