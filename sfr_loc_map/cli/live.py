@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,7 +16,8 @@ from sfr_loc_map.errors import InterruptedRunError, MissingExtraError
 from sfr_loc_map.io.source_config import SourceConfig
 
 if TYPE_CHECKING:
-    from sfr_loc_map.live.foxglove import FoxgloveView
+    from sfr_loc_map.live.foxglove import FoxgloveServer
+    from sfr_loc_map.live.state import LiveState
 
 
 @app.command(
@@ -62,42 +62,45 @@ def live(
     check_live(files)
     require_ros("live")
     propose("sfr replay SRC --live --out DIR", why="a run that is scored while the page shows it")
-    view_of = _foxglove_view() if foxglove else None
+    foxglove_of = _foxglove_server() if foxglove else None
     remaps = list(remap or ())
     if config is not None:
         from sfr_loc_map.nodes.launch.run_arguments import remaps_of
 
         remaps += remaps_of(SourceConfig.of(read_sections(config), config))
-    state, served = LiveState(), None
+    page = None
     if not terminal:
         require_live()
         from sfr_loc_map.live.server import LiveConfig
 
-        served = build(LiveConfig, {"host": host, "port": port, "token": token}, origin="sfr live")
+        page = build(LiveConfig, {"host": host, "port": port, "token": token}, origin="sfr live")
+    state = LiveState()
     with ExitStack() as stack:
-        from sfr_loc_map.nodes.view.feed import RosFeed
+        if foxglove_of is not None:
+            server = stack.enter_context(foxglove_of(state, foxglove_port, namespace))
+            print(f"foxglove: {server.url}", flush=True)
+        if page is not None:
+            from sfr_loc_map.nodes.view.main import serve_page
 
-        title = namespace
-        stack.enter_context(RosFeed(state, namespace, remaps))
-        if view_of is not None:
-            view = stack.enter_context(view_of(state, foxglove_port, title))
-            print(f"foxglove: {view.url}", flush=True)
-        if served is not None:
-            from sfr_loc_map.live.server import LiveServer, serve_until_signal
-
-            asyncio.run(serve_until_signal(LiveServer(served, state, title), open_browser=open_browser))
+            serve_page(page, state, namespace, remaps, open_browser=open_browser)
             return
-        from sfr_loc_map.live.terminal import Terminal
+        _show_on_terminal(state, namespace, remaps)
 
+
+def _show_on_terminal(state: LiveState, namespace: str, remaps: list[str]) -> None:
+    from sfr_loc_map.live.terminal import Terminal
+    from sfr_loc_map.nodes.view.feed import RosFeed
+
+    with RosFeed(state, namespace, remaps):
         try:
-            Terminal(state, title).show()
+            Terminal(state, namespace).show()
         except KeyboardInterrupt:
             raise InterruptedRunError("interrupted: only the view has ended, the nodes continue") from None
 
 
-def _foxglove_view() -> type[FoxgloveView]:
+def _foxglove_server() -> type[FoxgloveServer]:
     try:
-        from sfr_loc_map.live.foxglove import FoxgloveView
+        from sfr_loc_map.live.foxglove import FoxgloveServer
     except ImportError as error:
         raise MissingExtraError(f"--foxglove needs its SDK ({error}): pip install 'sfr_loc_map[foxglove]'") from error
-    return FoxgloveView
+    return FoxgloveServer

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
     from sfr_loc_map.metrics.limits import Limits
     from sfr_loc_map.nodes.replay.options import ReplayOptions
-    from sfr_loc_map.nodes.replay.run import ScoredReplay
+    from sfr_loc_map.nodes.replay.scored_replay import ScoredReplay
     from sfr_loc_map.runs.replay_result import ReplayFiles
     from sfr_loc_map.scoring.inputs import Correction
 
@@ -233,7 +233,7 @@ def _replayed(
     source: Source, options: ReplayOptions, limits: Limits | None, correction: Correction, files: ReplayFiles | None
 ) -> ScoredReplay:
     """Replay and score with progress bars."""
-    from sfr_loc_map.nodes.replay.run import replay_and_score
+    from sfr_loc_map.nodes.replay.scored_replay import replay_and_score
 
     parts = ((Task.LOCALISATION, source.loc), (Task.MAPPING, source.nav))
     with progress_bar("pairs") as bar:

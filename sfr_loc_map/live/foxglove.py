@@ -36,7 +36,7 @@ TOPICS = (FIGURES, *CHANNELS)
 FLOAT32 = messages.PackedElementFieldNumericType.Float32
 
 
-class FoxgloveView:
+class FoxgloveServer:
     """Serves a state at `url`, on a port of loopback (0: a free one); a context manager."""
 
     def __init__(self, state: LiveState, port: int, title: str) -> None:
@@ -50,7 +50,7 @@ class FoxgloveView:
         self._stopped = Event()
         self._thread = Thread(target=self._run, name="sfr-live-foxglove", daemon=True)
 
-    def __enter__(self) -> FoxgloveView:
+    def __enter__(self) -> FoxgloveServer:
         """Begin to serve; NodeError if the port is not available."""
         options: dict[str, Any] = {"message_backlog_size": BACKLOG_MESSAGES, "context": self._context}
         try:

@@ -32,7 +32,7 @@ from sfr_loc_map.errors import ConfigError, NodeError, SfrError
 from sfr_loc_map.inputs import parse_json
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.connections import IDLE_TIMEOUT_S, BoundedConnections
-from sfr_loc_map.live.state import LiveState, ReportView
+from sfr_loc_map.live.state import LiveReport, LiveState
 from sfr_loc_map.live.viewer import Viewer, text_message
 from sfr_loc_map.signals import stopping
 
@@ -104,7 +104,7 @@ class LiveServer:
         self._begin_s = time.time()
         self._nodes_sent_s = 0.0
         self._events_version = -1
-        self._report: ReportView | None = None
+        self._report: LiveReport | None = None
         self._connections: BoundedConnections | None = None
         self._changed = asyncio.Event()
 

@@ -17,7 +17,7 @@ from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.headline import headline
 from sfr_loc_map.live.path import ROW_FIELDS, LivePath
-from sfr_loc_map.live.timeline import LOCALISATION_NODE, NODE_FRESHNESS, EventKind, Timeline, TopicView
+from sfr_loc_map.live.timeline import LOCALISATION_NODE, NODE_FRESHNESS, EventKind, LiveTopic, Timeline
 from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.config import label_of
 from sfr_loc_map.metrics.judging.judge import judged_at_the_end
@@ -38,7 +38,7 @@ CALL_TIMES = ("processing_time_s", "latency_transport_s", "latency_receive_to_pu
 
 
 @dataclass(slots=True)
-class NodeView:
+class LiveNode:
     """What a node reports: its last health, its last call, its last unusable input or internal fault."""
 
     name: str
@@ -100,17 +100,17 @@ class NodeView:
         }
 
 
-class ReportView:
+class LiveReport:
     """One report: its score, the JSON values of the score, and the tables and bars that are shown."""
 
     def __init__(self, score: Score, received_s: float) -> None:
         self.score, self.received_s, self.content = score, received_s, to_dict(score)
         self.overall, self.tables, self.bars = overall_of(score), score_tables(score), limit_bars(score)
 
-    def ended(self, missing: str) -> ReportView:
+    def ended(self, missing: str) -> LiveReport:
         """Return the report of a run that is over, which may be incomplete; the figures are unchanged."""
         score = judged_at_the_end(self.score, missing)
-        return self if score is self.score else ReportView(score, self.received_s)
+        return self if score is self.score else LiveReport(score, self.received_s)
 
     def to_plain(self) -> dict[str, Any]:
         """Return what a page shows, as JSON values."""
@@ -162,12 +162,12 @@ class LiveState:
         self._shown: dict[object, frozenset[updates.View]] = {}  # views that each viewer shows
         self._runs: CommonRuns[updates.PoseSample] = CommonRuns({track: RunOrder() for track in updates.Track})
         self.path = LivePath()
-        self.report: ReportView | None = None
-        self.nodes: dict[str, NodeView] = {}
+        self.report: LiveReport | None = None
+        self.nodes: dict[str, LiveNode] = {}
         self.calls: deque[dict[str, Any]] = deque(maxlen=MAX_CALLS)  # JSON values, each with its number `n`
         self.media: dict[str, updates.Media] = {}  # the newest of each topic
         self.image_problems: dict[str, str] = {}  # why images cannot be shown, by topic
-        self.topics: dict[str, TopicView] = {}
+        self.topics: dict[str, LiveTopic] = {}
         self.lost: dict[str, int] = {}  # messages that did not arrive here, by topic
         self.problems: deque[str] = deque(maxlen=MAX_PROBLEMS)  # inputs that could not be read, the latest last
         self.timeline = Timeline()
@@ -363,11 +363,11 @@ class LiveState:
 
     def _note_topic(self, name: str, stamp_ns: int | None, received_s: float) -> None:
         if name in self.topics or len(self.topics) < MAX_TOPICS:
-            self.topics[name] = TopicView.after(self.topics.get(name), stamp_ns, received_s)
+            self.topics[name] = LiveTopic.after(self.topics.get(name), stamp_ns, received_s)
 
-    def _node(self, name: str) -> NodeView | None:
+    def _node(self, name: str) -> LiveNode | None:
         if name not in self.nodes and len(self.nodes) < MAX_NODES:
-            self.nodes[name] = NodeView(name)
+            self.nodes[name] = LiveNode(name)
         return self.nodes.get(name)
 
     def _take_in(self, update: updates.Update) -> None:
@@ -384,7 +384,7 @@ class LiveState:
                 self._take_stamp(update)
             case updates.ImageProblem():
                 self._take_image_problem(update)
-            case updates.GraphView():
+            case updates.GraphNodes():
                 self._take_graph(update)
             case _:  # media
                 self._take_media(update)
@@ -394,7 +394,7 @@ class LiveState:
         self._note_topic(REPORT, None, update.received_s)
         if (length := len(update.text)) > MAX_REPORT_CHARACTERS:
             raise InputError(f"{REPORT} has {length} characters: up to {MAX_REPORT_CHARACTERS} are read")
-        report = ReportView(from_json(update.text, REPORT), update.received_s)
+        report = LiveReport(from_json(update.text, REPORT), update.received_s)
         self.report = report.ended(self._missing) if self.ended else report
         judged = {bar.place: bar for bar in self.report.bars}
         states = self.report.score.verdicts
@@ -448,7 +448,7 @@ class LiveState:
         if update.topic in self.image_problems or len(self.image_problems) < MAX_TOPICS:
             self.image_problems[update.topic] = one_line(update.text)[:MAX_LETTERS]
 
-    def _take_graph(self, update: updates.GraphView) -> None:
+    def _take_graph(self, update: updates.GraphNodes) -> None:
         """Note which nodes are in the graph, and what their transport lost."""
         self.lost = dict(update.lost)
         for name in update.nodes:

@@ -20,7 +20,7 @@ from rich.text import Text
 from sfr_loc_map.inputs import one_line, printable
 from sfr_loc_map.live.headline import clock_time
 from sfr_loc_map.live.keyboard import Keyboard
-from sfr_loc_map.live.state import LiveState, ReportView
+from sfr_loc_map.live.state import LiveReport, LiveState
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, Table, fitting, number, to_rich
 
@@ -142,7 +142,7 @@ def _word(shown: dict[str, str]) -> str:
     return ", ".join(filter(None, (f"{shown['icon']} {shown['word']}", shown["age"])))
 
 
-def _figures(report: ReportView | None) -> list[Table]:
+def _figures(report: LiveReport | None) -> list[Table]:
     return [] if report is None else [table for table in report.tables if table.name == "headline"]
 
 

@@ -54,7 +54,7 @@ class EventKind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class TopicView:
+class LiveTopic:
     """When a topic was last received, its last stamp, and the smoothed time between two messages (0: unknown)."""
 
     stamp_ns: int | None
@@ -62,7 +62,7 @@ class TopicView:
     period_s: float = 0.0
 
     @classmethod
-    def after(cls, before: TopicView | None, stamp_ns: int | None, received_s: float) -> TopicView:
+    def after(cls, before: LiveTopic | None, stamp_ns: int | None, received_s: float) -> LiveTopic:
         """Return the view after a message; `before` is the view until then."""
         passed_s = 0.0 if before is None else max(received_s - before.received_s, 0.0)
         known = before is not None and before.period_s
@@ -99,7 +99,7 @@ class Timeline:
         self.events: list[Event] = []
         self._open: dict[str, Event] = {}
         self._call: CallRecord | None = None  # the localiser's last one
-        self._pose: TopicView | None = None
+        self._pose: LiveTopic | None = None
         self._step_s = 0.0  # of the stamps of poses, smoothed
 
     def take(self, update: updates.Update, at_s: float) -> None:
@@ -199,7 +199,7 @@ class Timeline:
                 self.mark(at_s, EventKind.CLOCK, f"stamps go on by {step_s:.1f} s at once")
             else:
                 self._step_s = step_s if self._step_s <= 0.0 else 0.8 * self._step_s + 0.2 * step_s
-        self._pose = TopicView.after(self._pose, pose.stamp_ns, at_s)
+        self._pose = LiveTopic.after(self._pose, pose.stamp_ns, at_s)
         self._note_tracking(at_s, lost=pose.is_lost)
 
     def _note_tracking(self, at_s: float, *, lost: bool) -> None:

@@ -144,7 +144,7 @@ class ElevationSample:
 
 
 @dataclass(frozen=True, slots=True)
-class GraphView:
+class GraphNodes:
     """Which nodes of the suite are in the graph, and how many messages of each topic did not arrive at the feed."""
 
     nodes: frozenset[str]
@@ -153,7 +153,7 @@ class GraphView:
 
 
 Media = ImageSample | CloudSample | ElevationSample  #: Large: only the newest of each topic is kept.
-Update = Report | PoseSample | Call | Status | Sampled | Media | ImageProblem | GraphView
+Update = Report | PoseSample | Call | Status | Sampled | Media | ImageProblem | GraphNodes
 
 
 class Action(StrEnum):

@@ -17,7 +17,7 @@ from sfr_loc_map.live.updates import (
     Call,
     CloudSample,
     ElevationSample,
-    GraphView,
+    GraphNodes,
     ImageSample,
     PoseSample,
     Report,
@@ -156,7 +156,7 @@ def fill(state: LiveState, frames: int = 60) -> None:
             state.put(update)
         state.put(call(number, now_s))
     state.put(Report(to_json(whole_score(100, 48, 2)), now_s))
-    state.put(GraphView(frozenset(NODES), now_s, {"localisation/odometry": 0}))
+    state.put(GraphNodes(frozenset(NODES), now_s, {"localisation/odometry": 0}))
     for media in (*images(STEP_NS, now_s), *cloud(STEP_NS, now_s)):
         state.put(media)
 
@@ -169,5 +169,5 @@ def updates(count: int, begin_s: float) -> Iterator[Update]:
     yield health("localisation_node", end_s)
     yield health("mapping_node", end_s, Level.WARN, "stereo pairs without a pose")
     yield health("monitor_node", end_s, Level.OK, "scoring")
-    yield GraphView(frozenset(NODES), end_s, {"loc/left/image_rect": 2})
+    yield GraphNodes(frozenset(NODES), end_s, {"loc/left/image_rect": 2})
     yield report(count, end_s)

@@ -21,7 +21,7 @@ from helpers.live_run import updates
 from helpers.page_server import served
 from helpers.score_rows import number
 from sfr_loc_map.errors import NodeError
-from sfr_loc_map.live.foxglove import IMAGES, TOPICS, FoxgloveView
+from sfr_loc_map.live.foxglove import IMAGES, TOPICS, FoxgloveServer
 from sfr_loc_map.live.media import cloud_samples, image_sample
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import View
@@ -54,10 +54,10 @@ def shown() -> tuple[dict[str, Any], dict[str, Any], dict[str, Any], Any]:
         for update in (*updates(COUNT, BEGIN_S), cloud, grid, *images):
             state.put(update)
         async with served(state) as server:
-            with FoxgloveView(state, 0, "rover1") as view:
+            with FoxgloveServer(state, 0, "rover1") as view:
                 assert view.url.startswith("ws://127.0.0.1:")
                 with pytest.raises(NodeError, match="--foxglove-port"):
-                    FoxgloveView(state, int(view.url.rpartition(":")[2]), "another").__enter__()
+                    FoxgloveServer(state, int(view.url.rpartition(":")[2]), "another").__enter__()
                 wanted: list[frozenset[View]] = []
                 channels, messages = await first_messages(view.url, lambda: wanted.append(state.wanted))
                 assert wanted == [{View.IMAGES, View.CLOUDS, View.MAPS}], "what is looked at is made"

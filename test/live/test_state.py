@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from helpers.live_run import NODES, call, fill, frame, health, scored
 from helpers.made_scores import HOSTILE, dig, json_of, whole_score
 from sfr_loc_map.live.state import MAX_CALLS, MAX_NODES, LiveState
-from sfr_loc_map.live.updates import Call, GraphView, PoseSample, Report, Sampled, Status, Track, Update
+from sfr_loc_map.live.updates import Call, GraphNodes, PoseSample, Report, Sampled, Status, Track, Update
 from sfr_loc_map.message_types import StatusKind
 from sfr_loc_map.metrics.config import Condition, ConditionKind, ScoreConfig, TrajectoryScoreConfig
 from sfr_loc_map.metrics.judging.judge import judged
@@ -115,7 +115,7 @@ updates = st.one_of(
     ),
     st.builds(Status, words, st.sampled_from(StatusKind), st.integers(-300, 300), words, values, times),
     st.builds(PoseSample, st.sampled_from(Track), st.integers(0, 2**63), places, quats, times),
-    st.builds(GraphView, st.frozensets(words, max_size=3), times),
+    st.builds(GraphNodes, st.frozensets(words, max_size=3), times),
 )
 
 

@@ -21,7 +21,7 @@ from sfr_loc_map.topics import TF_STATIC
 
 
 def add_static_transforms(message: Any, tree: FrameTree) -> None:  # noqa: ANN401 - tf2_msgs need not be there
-    """Take the transforms of a tf2_msgs/TFMessage into a tree; one that is no rigid motion is omitted."""
+    """Add the transforms of a tf2_msgs/TFMessage to a tree; a transform that is no rigid motion is ignored."""
     for item in message.transforms:
         p, q = item.transform.translation, item.transform.rotation
         with suppress(GeometryError):
@@ -36,12 +36,12 @@ class Extrinsics:
     """
 
     def __init__(self, config: ExtrinsicsConfig, base_frame: str, sb_frame: str) -> None:
-        """Take the parameters, and the names of the frames in /tf_static; an empty base is one of `BASE_FRAMES`."""
+        """Take the parameters and the names of the frames in /tf_static; an empty base is any of `BASE_FRAMES`."""
         self.T_rb_sb = config.transform("T_rb_locsb")
         self._base_frame, self._sb_frame, self._tree = base_frame, sb_frame, FrameTree()
 
     def subscribe(self, endpoints: Endpoints, say: Callable[[str], object]) -> None:
-        """Subscribe to /tf_static if they are unknown, and say so."""
+        """Subscribe to /tf_static if the parameters have no extrinsics; `say` reports that."""
         if self.T_rb_sb is not None:
             return
         kind = tf_message_type()
@@ -51,7 +51,7 @@ class Extrinsics:
         say(f"the extrinsics of the stereo rig (parameters T_rb_locsb) are not given: {source}")
 
     def look(self, camera_frame: str, baseline_m: float, say: Callable[[str], object]) -> None:
-        """Look for them by the frame of the left camera, and say where they are from."""
+        """Search the received transforms for the frame of the left camera; `say` reports what was found."""
         if self.T_rb_sb is None:
             found = rig_in_body(self._tree, camera_frame, baseline_m, self._base_frame, self._sb_frame)
             if found is not None:

@@ -23,7 +23,7 @@ class Input:
 
     topics: Mapping[str, type[Any]]  #: Message types by relative name.
     received: int  #: Messages since the last look around.
-    reliability: str = Reliability.BEST_EFFORT  #: That is requested.
+    reliability: str = Reliability.BEST_EFFORT  #: Reliability that the node requests.
 
 
 def missing_input(node: Node, inputs: Sequence[Input]) -> str:
@@ -43,7 +43,7 @@ def missing_input(node: Node, inputs: Sequence[Input]) -> str:
 def _silence(node: Node, item: Input) -> Finding:
     """Return why no message is received on any of the topics of an input.
 
-    It is that of the topic that has a publisher, else that of the topic whose name was given by a remap.
+    The reason is given for the topic that has a publisher, otherwise for the topic that was remapped.
     """
     found, remapped = [], []
     for name, kind in item.topics.items():

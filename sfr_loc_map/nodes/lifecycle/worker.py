@@ -10,7 +10,7 @@ from threading import Condition, Thread
 
 Work = Callable[[], None]
 OnFault = Callable[[Exception, bool], None]
-MAX_WAITING_BYTES = 256_000_000  #: Of jobs that say how large they are: some sixteen clouds of a megapixel.
+MAX_WAITING_BYTES = 256_000_000  #: Total size of the waiting jobs that have a size: sixteen clouds of a megapixel.
 
 
 class Overload(StrEnum):
@@ -28,7 +28,7 @@ class Job:
 
     work: Work
     is_droppable: bool = False
-    size_bytes: int = 0  #: Of what it holds; 0 where that does not matter.
+    size_bytes: int = 0  #: Size of the message that it holds; 0 if the message is small.
 
 
 class Worker:
@@ -55,16 +55,16 @@ class Worker:
             self._append(Job(work))
 
     def enqueue_droppable(self, work: Work, size_bytes: int = 0) -> None:
-        """Add a job that may be dropped, with its size, 0 where that does not matter.
+        """Add a job that may be dropped, with the size of its message, 0 if it is small.
 
-        If the queue is full the oldest droppable job is dropped, and counted. Where jobs become too large together, the
-        oldest of those that have a size are dropped.
+        If the queue is full, the oldest droppable job is dropped and counted. If the messages of all jobs become too
+        large together, the oldest jobs that have a size are dropped.
         """
         with self._changed:
             while self.waiting >= self._capacity:
-                self._drop_oldest(0)
-            while size_bytes and 0 < sum(item.size_bytes for item in self._jobs) > MAX_WAITING_BYTES - size_bytes:
-                self._drop_oldest(1)
+                self._drop_first(lambda job: job.is_droppable)
+            while self._exceeds_memory(size_bytes):
+                self._drop_first(lambda job: job.is_droppable and job.size_bytes > 0)
             self._append(Job(work, True, size_bytes))
 
     @property
@@ -98,12 +98,14 @@ class Worker:
             self.waiting += item.is_droppable
             self._changed.notify_all()
 
-    def _drop_oldest(self, least_bytes: int) -> None:
-        """Drop the oldest droppable job of at least a size."""
-        for item in self._jobs:
-            if item.is_droppable and item.size_bytes >= least_bytes:
-                self._jobs.remove(item)
-                break
+    def _exceeds_memory(self, size_bytes: int) -> bool:
+        """Return whether another job of a size is too large beside those that wait; it never is without any."""
+        waiting_bytes = sum(job.size_bytes for job in self._jobs)
+        return size_bytes > 0 and waiting_bytes > 0 and waiting_bytes + size_bytes > MAX_WAITING_BYTES
+
+    def _drop_first(self, is_dropped: Callable[[Job], bool]) -> None:
+        """Drop the oldest droppable job that a condition holds for."""
+        self._jobs.remove(next(job for job in self._jobs if is_dropped(job)))
         self.waiting -= 1
         self.dropped += 1
 

@@ -279,4 +279,4 @@ class RosFeed(Peer):
         names = self.ros_node.get_node_names_and_namespaces()
         nodes = frozenset(name for name, space in names if space.strip("/") == self._space) & frozenset(SUITE_NODES)
         lost = {topic: gaps.lost for topic, gaps in self._gaps.items()}
-        self._state.put(updates.GraphView(nodes, time.time(), lost))
+        self._state.put(updates.GraphNodes(nodes, time.time(), lost))

@@ -19,10 +19,27 @@ from sfr_loc_map.signals import handle_signals
 NICENESS = 5  #: A third of the processor time of the nodes if both need it (sched(7)).
 
 
+def serve_page(
+    config: LiveConfig,
+    state: LiveState,
+    namespace: str,
+    remaps: Sequence[str],
+    *,
+    open_browser: bool = False,
+    end_file: Path | None = None,
+) -> None:
+    """Serve the page of the nodes in a namespace until a signal; `remaps` are those of the nodes, `FROM:=TO`."""
+    from sfr_loc_map.nodes.view.feed import RosFeed
+
+    with RosFeed(state, namespace, remaps):
+        server = LiveServer(config, state, namespace)
+        asyncio.run(serve_until_signal(server, open_browser=open_browser, end_file=end_file))
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the page beside a replay or the nodes until a signal, at a lower priority; return the exit code."""
     handle_signals()
-    parser = argparse.ArgumentParser()
+    parser = argparse.ArgumentParser(prog="sfr live")
     parser.add_argument("--namespace", default="")
     parser.add_argument("--port", type=int, default=DEFAULT_PORT)
     parser.add_argument("-r", dest="remaps", action="append", default=[])
@@ -30,12 +47,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     os.nice(NICENESS)
     try:
-        from sfr_loc_map.nodes.view.feed import RosFeed
-
-        state, config = LiveState(), build(LiveConfig, {"port": options.port}, origin="sfr live")
-        with RosFeed(state, options.namespace, options.remaps):
-            server = LiveServer(config, state, options.namespace)
-            asyncio.run(serve_until_signal(server, end_file=options.end_file))
+        config = build(LiveConfig, {"port": options.port}, origin="sfr live")
+        serve_page(config, LiveState(), options.namespace, options.remaps, end_file=options.end_file)
     except KeyboardInterrupt:
         return 0
     except SfrError as error:
