@@ -170,7 +170,11 @@ def test_the_node_answers_while_a_pair_is_worked_on_and_survives_a_fault(ros: No
         send_infos(peer, "loc", LOC_RIG)
         at = peer.play(2)
         send_pair(peer, "loc", loc_pair(3))
-        peer.well(Level.ERROR, "internal fault, localisation restarts: AssertionError: a third")
+        fault = "internal fault, localisation restarts: AssertionError: a third"
+        peer.well(Level.ERROR, fault)
+        statuses = [status for array in peer.diagnostics for status in array.status]
+        assert [status.message for status in statuses if status.name == "localisation_node: fault"] == [fault]
+        assert not [status for status in statuses if status.name == "localisation_node: input"]
         assert "Traceback" in node.text
         assert peer.play(4) == pytest.approx(at, abs=1e-12)
         assert int(peer.last_values()["dropped_rejected"]) == 1

@@ -1,0 +1,27 @@
+"""In lock step a replay fails with what one of its nodes reports, and ignores what other nodes report."""
+
+from types import SimpleNamespace
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+
+from sfr_loc_map.errors import InputError, NodeError
+from sfr_loc_map.message_types import Level, StatusKind
+from sfr_loc_map.nodes.lifecycle.diagnostics import status_msg
+from sfr_loc_map.nodes.replay.collector import ResultCollector
+from sfr_loc_map.nodes.replay.replay_peer import ReplayPeer
+from sfr_loc_map.nodes.replay.results import Results
+from sfr_loc_map.topics import DIAGNOSTICS
+
+
+@pytest.mark.parametrize(("kind", "error"), [(StatusKind.INPUT, InputError), (StatusKind.FAULT, NodeError)])
+def test_an_unusable_input_and_an_internal_fault_are_different_errors(kind: StatusKind, error: type[Exception]) -> None:
+    supervisor = SimpleNamespace(processes={"localisation_node": None}, check=lambda: None)
+    with ReplayPeer(supervisor) as peer:
+        collector = ResultCollector(peer, Results(), None, pairs_per_map=3, is_lock_step=True)
+        publisher = peer.ros_node.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)
+        for name in ("another_node", "localisation_node"):
+            status = status_msg(f"{name}: {kind}", Level.ERROR, f"{name} has failed", {})
+            publisher.publish(DiagnosticArray(status=[status]))
+        with pytest.raises(error, match="^localisation_node: localisation_node has failed$"):
+            collector.wait_for_pair("loc", 1)
