@@ -9,7 +9,7 @@ from typer import Option
 
 from sfr_loc_map.cli.app import app, examples, propose
 from sfr_loc_map.cli.former import FormerArgument, check_live
-from sfr_loc_map.cli.live_option import require_live
+from sfr_loc_map.cli.live_option import DEFAULT_PORT, require_live
 from sfr_loc_map.cli.options import ConfigOption, NamespaceOption, require_ros
 from sfr_loc_map.config import build, read_sections
 from sfr_loc_map.errors import InterruptedRunError, MissingExtraError
@@ -40,7 +40,7 @@ def live(
     host: Annotated[
         str, Option(metavar="H", help="Address to listen on; other than loopback requires --token.")
     ] = "127.0.0.1",
-    port: Annotated[int, Option(metavar="P", min=0, max=65535, help="Port; 0: a free one.")] = 8080,
+    port: Annotated[int, Option(metavar="P", min=0, max=65535, help="Port; 0: a free one.")] = DEFAULT_PORT,
     token: Annotated[str, Option(metavar="WORD", help="Token that each request must contain.")] = "",
     open_browser: Annotated[bool, Option("--open", help="Open the page in the browser.")] = False,
     terminal: Annotated[

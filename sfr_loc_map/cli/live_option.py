@@ -15,6 +15,7 @@ from sfr_loc_map.inputs import one_line
 if TYPE_CHECKING:
     from sfr_loc_map.nodes.launch.live_process import LiveProcess
 
+DEFAULT_PORT = 8080  #: Port of the page. The server is not imported for its default, because it is an extra.
 LiveOption = Annotated[bool, Option("--live", help="Show the run on a page (see sfr live).")]
 LivePortOption = Annotated[int, Option(metavar="P", min=0, max=65535, help="Port of that page; 0: a free one.")]
 

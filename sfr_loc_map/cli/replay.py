@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from typer import Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.live_option import LiveOption, LivePortOption, live_beside
+from sfr_loc_map.cli.live_option import DEFAULT_PORT, LiveOption, LivePortOption, live_beside
 from sfr_loc_map.cli.options import (
     ApplyDiagnosisOption,
     ConditionOption,
@@ -85,7 +85,7 @@ def replay(
     config: ConfigOption = None,
     remap: RemapOption = None,
     live: LiveOption = False,
-    live_port: LivePortOption = 8080,
+    live_port: LivePortOption = DEFAULT_PORT,
     rate: Annotated[
         float,
         Option(

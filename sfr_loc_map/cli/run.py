@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from typer import Argument, Option
 
 from sfr_loc_map.cli.app import app, examples, propose
-from sfr_loc_map.cli.live_option import LiveOption, LivePortOption, live_beside
+from sfr_loc_map.cli.live_option import DEFAULT_PORT, LiveOption, LivePortOption, live_beside
 from sfr_loc_map.cli.options import NamespaceOption, OverwriteOption, require_ros
 from sfr_loc_map.cli.output import output_folder, say
 from sfr_loc_map.errors import InputError, OutputError
@@ -50,7 +50,7 @@ def run(
         bool, Option("--respawn", help="Restart a node that crashes; by default the others are ended.")
     ] = False,
     live: LiveOption = False,
-    live_port: LivePortOption = 8080,
+    live_port: LivePortOption = DEFAULT_PORT,
 ) -> None:
     """Run the nodes, one process each, until Ctrl-C, SIGTERM or SIGHUP; exit 2 if one ends before."""
     require_ros("run")

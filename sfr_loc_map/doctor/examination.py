@@ -11,7 +11,7 @@ import numpy as np
 from sfr_loc_map.doctor.findings import Cause, Finding
 from sfr_loc_map.doctor.observation import EXPECTED, Observation, ObservedTopic, allowed_types
 from sfr_loc_map.doctor.silence import Publisher, Reliability, silence_of
-from sfr_loc_map.doctor.transport import MUCH_LOST, loss_fix
+from sfr_loc_map.doctor.transport import COMPARABLE_NS, MUCH_LOST, loss_fix
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage, IntArray
 from sfr_loc_map.geometry.rectification import StereoRectifier, rectified_rig, rig_of_rectified
@@ -29,8 +29,6 @@ VIDEO = {
 }
 """Types of topics with video (H.264, H.265, Theora), which is not decoded."""
 FEW_LOST = 0.01  # share of images lost in transport above which there is a warning
-CLOCKS_APART_NS = 60 * NS_PER_S
-"""Stamps further from the time of the host are of another clock; the nodes omit their latencies, too."""
 PAIRED = 0.5  # share of stamps with a partner below which no useful result is possible
 COMPLETE = 0.9  # and below which there is a warning
 EDGE = 0.1  # share of the observed time at either end in which a partner may lie outside
@@ -316,7 +314,7 @@ def _host_clock(seen: Observation) -> Findings:
     for rig in seen.rigs:
         stamps = seen.image_stamps(rig)
         off_ns = int(stamps[-1]) - seen.now_ns if len(stamps) else 0
-        if abs(off_ns) > CLOCKS_APART_NS:
+        if abs(off_ns) > COMPARABLE_NS:
             off_s = f"{off_ns / NS_PER_S:.6g}"
             text = f"stamps lie {off_s} s from the time of this host: latencies are unknown, tf may refuse them"
             fix = "set the clocks by one source (chrony, PTP); of a bag, play it with --clock and set use_sim_time"

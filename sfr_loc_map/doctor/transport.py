@@ -1,8 +1,13 @@
-"""Messages lost in transport: from which share on, and what to do. Doctor and nodes give the same advice."""
+"""Limits of losses and of clocks in transport, and what to do about losses; doctor and nodes share them."""
 
 from __future__ import annotations
 
-MUCH_LOST = 0.1  #: Share lost above which the transport is not set up for the messages
+from sfr_loc_map.inputs import NS_PER_S
+
+MUCH_LOST = 0.1  #: Fraction of lost messages above which the transport is not set up for them.
+COMPARABLE_NS = 60 * NS_PER_S
+"""Largest difference of two clocks that are compared. A recording that is played, or a host whose clock is not set, has
+a larger one."""
 
 
 def loss_fix(export_line: str) -> str:

@@ -33,6 +33,7 @@ from sfr_loc_map.nodes.replay.process_watch import ProcessWatch, processes_named
 from sfr_loc_map.nodes.replay.replay_peer import ReplayPeer
 from sfr_loc_map.nodes.replay.results import Results
 from sfr_loc_map.nodes.ros import messages
+from sfr_loc_map.nodes.ros.publishers import UNKNOWN_NODE
 from sfr_loc_map.nodes.ros.qos import LATCHED
 from sfr_loc_map.runs.replay_result import ExternalRun
 
@@ -40,7 +41,6 @@ DEPTH = 1000
 PUBLISHER_GRACE_S = 2.0
 """How long the publisher of a node that listens already is waited for; some make it with their first result."""
 LOOK_PERIOD_S = 0.2  #: Period of the checks of its publishers.
-NOT_YET_NAMED = "_NODE_NAME_UNKNOWN_"  #: Name in ROS of a publisher whose node is not discovered yet.
 WORLD, BODY, MAP = "ds", "rb", "lm"
 
 
@@ -98,11 +98,11 @@ class ExternalNode(ABC):
 
         def are_named() -> bool:
             names = [item.node_name for item in graph.get_publishers_info_by_topic(self.options.topic)]
-            return bool(names) and NOT_YET_NAMED not in names
+            return bool(names) and UNKNOWN_NODE not in names
 
         self._peer.spin(PUBLISHER_GRACE_S, are_named)
         publishers = list(graph.get_publishers_info_by_topic(self.options.topic))
-        names = {item.node_name for item in publishers} - {NOT_YET_NAMED}
+        names = {item.node_name for item in publishers} - {UNKNOWN_NODE}
         self._name = ", ".join(sorted(names)) or (self._name if command is None else command.name)
         reliable = {item.qos_profile.reliability for item in publishers} == {ReliabilityPolicy.RELIABLE}
         policy = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT

@@ -9,6 +9,8 @@ from rclpy.qos import ReliabilityPolicy
 
 from sfr_loc_map.doctor.silence import Publisher, Reliability
 
+UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  #: Name in ROS of the node of an endpoint that is not discovered yet.
+
 
 def publishers_of(node: Node, topic: str) -> tuple[Publisher, ...]:
     """Return the publishers of a topic by its full name."""
@@ -19,7 +21,7 @@ def publishers_of(node: Node, topic: str) -> tuple[Publisher, ...]:
 def node_of(info: Any) -> str:  # noqa: ANN401 - rclpy's TopicEndpointInfo
     """Return the node of a publisher or subscription with its namespace."""
     name = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-    return "of unknown name" if "_UNKNOWN_" in name else name  # of a participant that sends nothing to this one
+    return "of unknown name" if info.node_name == UNKNOWN_NODE else name
 
 
 def reliability_of(info: Any) -> Reliability:  # noqa: ANN401 - rclpy's TopicEndpointInfo

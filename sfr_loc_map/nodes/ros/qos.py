@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from sfr_loc_map.doctor.silence import Reliability
+
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Of a topic that keeps its last message for subscribers that come later."""
 TF_STATIC_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-RELIABILITIES = ("reliable", "best_effort")
+RELIABILITIES = tuple(kind.value for kind in Reliability)
 
 
 def profile(reliability: str, depth: int) -> QoSProfile:
     """Return a volatile profile of one of `RELIABILITIES` that keeps the last `depth` messages."""
-    policy = ReliabilityPolicy.RELIABLE if reliability == "reliable" else ReliabilityPolicy.BEST_EFFORT
+    policy = ReliabilityPolicy.RELIABLE if reliability == Reliability.RELIABLE else ReliabilityPolicy.BEST_EFFORT
     return QoSProfile(depth=depth, reliability=policy)

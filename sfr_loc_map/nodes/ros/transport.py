@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-COMPARABLE_NS = 60 * 1_000_000_000
-"""Clocks that are further apart, or in the wrong order, cannot be compared (a recording that is played back, a host
-whose clock is not set)."""
+from sfr_loc_map.doctor.transport import COMPARABLE_NS
+
 CLOCK_NOISE_NS = 1_000_000  # tolerance for the wrong order: clocks are read and rounded differently
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from sfr_loc_map.config import build
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.inputs import one_line
-from sfr_loc_map.live.server import DEFAULT_PORT, LiveConfig, LiveServer, serve_until_signal
+from sfr_loc_map.live.server import LiveConfig, LiveServer, serve_until_signal
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.signals import handle_signals
 
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     handle_signals()
     parser = argparse.ArgumentParser(prog="sfr live")
     parser.add_argument("--namespace", default="")
-    parser.add_argument("--port", type=int, default=DEFAULT_PORT)
+    parser.add_argument("--port", type=int, required=True)
     parser.add_argument("-r", dest="remaps", action="append", default=[])
     parser.add_argument("--end-file", type=Path)
     options = parser.parse_args(arguments)

@@ -23,5 +23,5 @@ def test_an_unusable_input_and_an_internal_fault_are_different_errors(kind: Stat
         for name in ("another_node", "localisation_node"):
             status = status_msg(f"{name}: {kind}", Level.ERROR, f"{name} has failed", {})
             publisher.publish(DiagnosticArray(status=[status]))
-        with pytest.raises(error, match="^localisation_node: localisation_node has failed$"):
+        with pytest.raises(error, match=r"^localisation_node: localisation_node has failed$"):
             collector.wait_for_pair("loc", 1)
