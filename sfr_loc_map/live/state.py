@@ -248,8 +248,7 @@ class LiveState:
         """Process a record; an invalid record is reported as a problem."""
         with self.lock:
             try:
-                received_s, published_s = (float(getattr(update, name, 0.0)) for name in ("received_s", "published_s"))
-                if not (math.isfinite(received_s) and math.isfinite(published_s)):
+                if not math.isfinite(updates.time_of(update)):
                     raise ValueError(f"{type(update).__name__} ignored: its time is not a finite number")
                 self._take_in(update)
             except (SfrError, ValueError, OverflowError) as error:

@@ -156,6 +156,17 @@ Media = ImageSample | CloudSample | ElevationSample  #: Large: only the newest o
 Update = Report | PoseSample | Call | Status | Sampled | Media | ImageProblem | GraphNodes
 
 
+def time_of(update: Update) -> float:
+    """Return when a record was received or its message published, seconds; 0 for a record without a time."""
+    match update:
+        case ImageProblem():
+            return 0.0
+        case Sampled() | ImageSample() | CloudSample() | ElevationSample():
+            return update.published_s
+        case _:
+            return update.received_s
+
+
 class Action(StrEnum):
     """Requests to the nodes."""
 
