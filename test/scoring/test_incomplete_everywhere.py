@@ -247,8 +247,7 @@ def test_what_a_live_run_dropped_and_every_restart_are_incomplete() -> None:
         for stamp, position, quat in zip(STAMPS.tolist(), drive().positions, drive().quats_xyzw, strict=True):
             monitor.add_estimate(stamp, position, quat, None)
             monitor.add_truth(stamp, position, quat)
-        monitor.dropped, monitor.restarts = dropped, restarts
-        score = monitor.result()
+        score = monitor.result(dropped=dropped, restarts=restarts)
         assert score.verdict == "incomplete"
         assert ("dropped" in (score.incomplete or "")) == bool(dropped)
         assert ("restarted 1 times" in (score.incomplete or "")) == bool(restarts)
