@@ -17,8 +17,8 @@ n a difference d along the unit ray e' of the other camera is `d (e' . n) / (e .
 its standard deviation changes by the same factor. Within the panoramas of the development data and of the sample the
 factor is 0.95 to 1.05, and the conversion changes the mean error of the fused points by less than 0.01 mm. If the
 cameras are 4 m apart along the line of sight, the factor is 0.4 to 1.8, and the error of the fused points is 14 %
-larger for the farther camera and 2 % larger for the nearer one than with the conversion. Of rendered
-pairs that are metres apart the near points became worse by the fusion, with and without the conversion
+larger for the farther camera and 2 % larger for the nearer one than with the conversion. Of rendered pairs
+that are metres apart, the near points became worse by the fusion, with and without the conversion
 (measurements/mapper_trials.md).
 """
 
