@@ -1,10 +1,10 @@
 """Terrain mapping: a point cloud from up to three stereo pairs, and elevation and hazard grids of a cloud.
 
-`mapper` lists the stages in the order of the calls, with the module of each. `disparity` has those of the images of one
-pair, `multiview` those of several pairs, and `terrain` the grids. `point_sigma` lists all that makes the sigma of a
-point.
+`mapper` lists the stages in the order of their calls, with their modules. The stages for the images of one pair are in
+`disparity`, the stages for several pairs in `multiview`, and the grids in `terrain`. `point_sigma` lists all
+contributions to the sigma of a point.
 
-A name that begins with an underscore is used in its module alone. Values that a module returns have types without one.
+Names with a leading underscore are private to their module. The types of returned values have public names.
 """
 
 import lazy_loader

@@ -1,12 +1,12 @@
-"""The uncertainty of the calibration given what a pair shows of its right camera.
+"""The uncertainty of the calibration given the rotation of the right camera that is measured in a pair.
 
-What vertical disparity means depends on the residual distortion that is configured (`CalibrationUncertainty`):
+The configured residual distortion (`CalibrationUncertainty.distortion_px`) sets the thresholds of vertical disparity:
 
-- A yaw is reported, and increases sigma, beyond `SIGNIFICANT_SIGMAS` standard deviations, of which a saddle of vertical
-  disparity as large as the distortion in the corners is a part (`_yaw_threshold_rad`).
-- A vertical offset beyond the distortion, at least `MIN_ROTATION_PX`, increases sigma as a pitch
+- A yaw above `SIGNIFICANT_SIGMAS` standard deviations is reported and increases sigma. The standard deviation includes
+  the yaw whose saddle of vertical disparity equals the distortion in the corners (`_yaw_threshold_rad`).
+- A vertical offset above the distortion and above `MIN_ROTATION_PX` increases sigma like a pitch
   (`_pitch_threshold_px`).
-- Vertical disparity beyond a multiple of the distortion is reported by a warning (`pair_findings.vertical_warning_px`).
+- Vertical disparity above a multiple of the distortion causes a warning (`pair_findings.vertical_warning_px`).
 """
 
 from __future__ import annotations
@@ -19,16 +19,15 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.mapping.config import CalibrationUncertainty
 from sfr_loc_map.mapping.disparity.right_camera import MIN_ROTATION_PX, CameraRotation
 
-SIGNIFICANT_SIGMAS = 3.0  #: A yaw is significant from this many of its standard deviations on: 0.3 % by chance.
+SIGNIFICANT_SIGMAS = 3.0  #: A yaw above this many standard deviations is significant: 0.3 % by chance.
 MIN_SIGNIFICANT_YAW_DEG = 0.02
-"""Smallest significant yaw, deg, however small the configured uncertainty is: at a focal length of 800 pixels it
-changes disparities by 0.3 pixels."""
+"""Lower bound of a significant yaw, deg. It changes disparities by 0.3 pixels at a focal length of 800 pixels."""
 
 
 class CalibrationSigma(NamedTuple):
-    """Standard deviations of a calibration given a pair, in rad and fractions; the default is an exact calibration.
+    """Standard deviations of a calibration given a pair, in rad or as fractions; the default is an exact calibration.
 
-    `CalibrationUncertainty` has those that are configured, in deg and pixels.
+    `CalibrationUncertainty` has the configured values in deg and pixels.
     """
 
     yaw_rad: float = 0.0  #: Of the right camera.
@@ -47,8 +46,8 @@ def is_yaw_significant(rotation: CameraRotation, rig: StereoRig, configured: Cal
 def _yaw_threshold_rad(rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty) -> float:
     """Return the largest yaw that is not significant, rad.
 
-    Residual distortion causes the saddle of a yaw as well. Its configured root mean square, taken as the value of such
-    a saddle in the corners, limits the accuracy of the yaw.
+    Residual distortion can cause a saddle like a yaw. The accuracy of the yaw is therefore limited to the yaw whose
+    saddle equals the configured distortion in the corners.
     """
     corner_saddle = 0.25 * rig.width * rig.height / (rig.fx * rig.fy)  # x y in the corner, normalised coordinates
     distortion_rad = configured.distortion_px / (rig.fy * corner_saddle)
@@ -57,23 +56,23 @@ def _yaw_threshold_rad(rotation: CameraRotation, rig: StereoRig, configured: Cal
 
 
 def _pitch_threshold_px(configured: CalibrationUncertainty) -> float:
-    """Return the largest vertical offset that residual distortion explains, pixels; a larger one may be a pitch."""
+    """Return the largest vertical offset that residual distortion explains, pixels; a larger offset may be a pitch."""
     return max(configured.distortion_px, MIN_ROTATION_PX)
 
 
 def calibration_sigma(rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty) -> CalibrationSigma:
-    """Return the uncertainty of the calibration given what a pair shows of the right camera.
+    """Return the uncertainty of the calibration given the rotation of the right camera that is measured in a pair.
 
-    A significant yaw is added to the configured uncertainty; it is not compensated. A vertical offset beyond
-    `_pitch_threshold_px` is added as a pitch and not reported. Roll is compensated (`without_roll`).
+    A significant yaw is added to the configured uncertainty in quadrature and is not compensated. A vertical offset
+    above `_pitch_threshold_px` is added as a pitch and is not reported. Roll is compensated (`without_roll`).
 
-    Residual distortion causes an error along rows of the size of the vertical disparity. An offset and a roll may have
-    other causes. With the root mean squares over the image of all vertical disparity and of its rest without offset and
-    roll, the distortion is
+    Residual distortion causes an error along rows that is about as large as the vertical disparity. An offset and a
+    roll may have other causes. Let `all` be the root mean square of the vertical disparity over the image, and `rest`
+    the root mean square without offset and roll. The distortion is
 
-        min(max(configured, rest), all)    if the vertical disparity was measured
-        max(configured, rest)              otherwise; the rest is then what the correction has removed
-        0                                  if the configured one is 0
+        min(max(configured, rest), all)    if the vertical disparity was measured max(configured, rest)
+        otherwise; the rest is then what the correction has removed 0                                  if the configured
+        distortion is 0
     """
     yaw_rad = math.radians(configured.yaw_deg)
     if is_yaw_significant(rotation, rig, configured):
@@ -97,5 +96,5 @@ def calibration_sigma(rotation: CameraRotation, rig: StereoRig, configured: Cali
 
 
 def largest_of(calibrations: Iterable[CalibrationSigma]) -> CalibrationSigma:
-    """Return the largest standard deviation of each part: pairs of one rig share its calibration."""
+    """Return the largest value of each standard deviation: pairs of one rig share its calibration."""
     return CalibrationSigma(*(max(values) for values in zip(*calibrations, strict=True)))

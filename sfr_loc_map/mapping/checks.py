@@ -1,4 +1,4 @@
-"""Checks of the input of the mapper: what cannot give a map is refused with the likely cause."""
+"""Checks of the mapper's input: unusable input is refused, and the message names the likely cause."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.semi_global_matching import semi_global_matching
 
 MIN_CONTRAST = 2.0
-"""Smallest standard deviation of an image's grey levels, grey levels. Less has a covered camera whose noise is low; one
-with more noise passes this check, and its images do not match."""
+"""Minimum standard deviation of an image, grey levels. Images of a covered camera with low noise are below this
+threshold. Images of a covered camera with more noise pass this check, but do not match."""
 MIN_MEASURED_FRACTION = 0.3
-"""Fraction of measured pixels among the textured ones below which the matches are due to chance. Swapped images of four
-data sets (rendered ground, KITTI, Middlebury, Mars) have 0.07 or less, images of which one is upside down 0.01 or less,
-and matching ones 0.64 or more (measurements/mapper_trials.md)."""
+"""Minimum fraction of the textured pixels that must be measured; below this fraction, matches are due to chance. On
+four data sets (rendered ground, KITTI, Middlebury, Mars) the fraction is 0.07 or less for swapped images, 0.01 or less
+if one image is upside down, and 0.64 or more for correct images (measurements/mapper_trials.md)."""
 COARSE_FACTOR = 2
-"""Images are reduced by this factor when the cause of a mismatch is searched: a match then costs an eighth, or a
-half if the full match has half of the columns anyway (`semi_global_matching`)."""
+"""Images are downsampled by this factor to find the cause of a mismatch. Matching then takes an eighth of the time, or
+half of the time if the full images are matched at half their width (`semi_global_matching`)."""
 SWAPPED_FACTOR = 1.5
-"""Exchanged images that match this many times as many pixels as the images as given are swapped. Chosen by hand."""
+"""Images are probably swapped if exchanging them multiplies the number of matched pixels by more than this factor.
+Chosen by hand."""
 MIN_SWAPPED_FRACTION = 0.5
-"""Fraction of the pixels that exchanged images must match to be swapped. Swapped images of the same data sets match in
-0.75 or more of them, unrelated ones in 0.2 or less."""
+"""Minimum fraction of matched pixels of the exchanged images if the images are swapped. On the same data sets, 0.75 or
+more of the pixels of swapped images match after the exchange, and 0.2 or less of the pixels of unrelated images."""
 
 
 def check_index(index: int) -> None:
-    """Raise MappingError if a set of pairs cannot have a pair of this index."""
+    """Raise MappingError if the index of a pair is out of range."""
     if not 0 <= index < MAX_PAIRS:
         raise MappingError(f"pair index is {index}: a map has up to {MAX_PAIRS} pairs, 0 to {MAX_PAIRS - 1}")
 
@@ -43,7 +44,7 @@ def check_pair_count(count: int) -> None:
 
 
 def check_images(pair: StereoPair, rig: StereoRig) -> None:
-    """Raise MappingError if the size is not the rig's, an image is textureless, or both are identical."""
+    """Raise MappingError if the images do not have the rig's size, one is textureless, or both are identical."""
     if pair.left.shape != (rig.height, rig.width):
         raise MappingError(
             f"images of stamp {pair.stamp_ns} are {pair.left.shape[1]} x {pair.left.shape[0]}: the rig has "
@@ -67,7 +68,7 @@ def check_images(pair: StereoPair, rig: StereoRig) -> None:
 def check_matches(pair: StereoPair, disparity_map: DisparityMap, disparity_count: int) -> None:
     """Raise MappingError if so few textured pixels are measured that their matches are due to chance.
 
-    If too few pixels are textured, the fraction is NaN and the pair passes, with a warning of `findings_of_pair`.
+    If too few pixels are textured, the fraction is NaN and the pair passes; `findings_of_pair` then adds a warning.
     """
     fraction = disparity_map.measured_textured_fraction
     if fraction < MIN_MEASURED_FRACTION:
@@ -78,7 +79,7 @@ def check_matches(pair: StereoPair, disparity_map: DisparityMap, disparity_count
 
 
 def _likely_cause(pair: StereoPair, disparity_count: int) -> str:
-    """Return the likely cause of a mismatch, found by matching reduced images as given and swapped."""
+    """Return the likely cause of a mismatch, from matching downsampled images as given and exchanged."""
     height, width = pair.left.shape
     size = (width // COARSE_FACTOR, height // COARSE_FACTOR)
     left = np.asarray(cv2.resize(pair.left, size, interpolation=cv2.INTER_AREA), np.uint8)

@@ -6,15 +6,16 @@ from dataclasses import dataclass, field
 
 from sfr_loc_map.config import param
 
-MAX_PAIRS = 3  #: Largest number of stereo pairs of one map [1.3].
+MAX_PAIRS = 3  #: Maximum number of stereo pairs of one map [1.3].
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationUncertainty:
-    """Standard deviations of the calibration, whose error all points share; they are part of each point's sigma.
+    """Standard deviations of the calibration error, which is common to all points and part of each point's sigma.
 
-    The defaults are chosen by hand: 0.01 deg of yaw are 0.14 px of disparity at a focal length of 804 px, and 0.1 % of
-    the baseline or of the focal length are 1 mm per metre of range. If all are 0, sigma is the random part alone.
+    The defaults are chosen by hand: 0.01 deg of yaw causes a disparity error of 0.14 px at a focal length of 804 px,
+    and 0.1 % of the baseline or of the focal length causes 1 mm per metre of range. If all values are 0, sigma is the
+    random part only.
     """
 
     yaw_deg: float = param(
@@ -31,9 +32,9 @@ class CalibrationUncertainty:
     distortion_px: float = param(
         0.3,
         unit="px",
-        doc="Residual distortion: root mean square over an image of the error of a column or row. It is the standard "
-        "deviation of the disparities unless the vertical disparity of a pair indicates another value. It also sets "
-        "the vertical disparity that is reported (docs/mapping.md). 0: no residual distortion.",
+        doc="Residual distortion: root mean square, over an image, of the error of a pixel's column or row. It is part "
+        "of the sigma of the disparities unless the vertical disparity of a pair indicates another value. It also "
+        "sets the vertical disparity above which a warning is issued (docs/mapping.md). 0: no residual distortion.",
         low=0.0,
         high=10.0,
     )
@@ -73,9 +74,9 @@ class MappingConfig:
     """Parameters of the mapper; ROS parameters and configuration files have the same names."""
 
     min_range_m: float = param(
-        0.9, unit="m", doc="Depth from which on surfaces are searched; nearer ones may be found.", low=0.05, high=1000.0
+        0.9, unit="m", doc="Minimum depth of the search; nearer surfaces may be found, too.", low=0.05, high=1000.0
     )
-    max_range_m: float = param(40.0, unit="m", doc="Farthest depth that is kept.", low=0.1, high=10_000.0)
+    max_range_m: float = param(40.0, unit="m", doc="Depth beyond which points are dropped.", low=0.1, high=10_000.0)
     refine_poses: bool = param(
         False, doc="Register the poses of the second and third pair (up to 2 degrees, 0.1 m) where pairs overlap."
     )

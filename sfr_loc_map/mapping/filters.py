@@ -9,7 +9,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage, Mask
 
-VARIANCE_SIDE = 7  #: Side of the square of a local variance, pixels: 49 samples, whose variance is known to 20 %.
+VARIANCE_SIDE = 7  #: Side of the window of a local variance, pixels. Its 49 samples give the variance to 20 %.
 
 
 class SecondDifferences(NamedTuple):
@@ -20,18 +20,18 @@ class SecondDifferences(NamedTuple):
 
 
 def box_mean(image: FloatImage, side: int) -> FloatImage:
-    """Return the mean over `side` x `side` neighbours; the border is mirrored."""
+    """Return the mean over a window of `side` x `side` pixels; the border is mirrored."""
     return np.asarray(cv2.blur(image, (side, side)), F)
 
 
 def downsample_mean(image: FloatImage, factor: int) -> FloatImage:
-    """Return the means of blocks of `factor` x `factor`; the size must be a multiple of it."""
+    """Return the means of blocks of `factor` x `factor`; rows and columns must be multiples of `factor`."""
     rows, cols = image.shape
     return np.asarray(cv2.resize(image, (cols // factor, rows // factor), interpolation=cv2.INTER_AREA), F)
 
 
 def upsample_bilinear(image: FloatImage, shape: tuple[int, ...]) -> FloatImage:
-    """Return the image at another size, bilinear between the centres of its elements."""
+    """Return the image resized to `shape` by bilinear interpolation between the centres of its elements."""
     rows, cols = shape
     return np.asarray(cv2.resize(image, (cols, rows), interpolation=cv2.INTER_LINEAR), F)
 
@@ -50,13 +50,13 @@ def second_differences(image: FloatImage) -> SecondDifferences:
 
 
 def local_variance(image: FloatImage) -> FloatImage:
-    """Return the variance around each pixel `(H, W)`; the border is mirrored. Sums of whole grey levels are exact."""
+    """Return the variance around each pixel `(H, W)`; the border is mirrored. Sums of integer grey levels are exact."""
     mean = box_mean(image, VARIANCE_SIDE)
     return np.asarray(box_mean(image * image, VARIANCE_SIDE) - mean * mean, F)
 
 
 def dilated(pixels: Mask, reach: int) -> Mask:
-    """Return which pixels are within `reach` rows and columns of one that is set."""
+    """Return the mask of all pixels within `reach` rows and columns of a set pixel."""
     return np.asarray(cv2.dilate(pixels.astype(np.uint8), square(2 * reach + 1))).astype(np.bool_)
 
 

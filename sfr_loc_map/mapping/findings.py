@@ -1,8 +1,8 @@
-"""Findings of a call: statistics, which are numbers by name, and warnings about input that gives a poor map.
+"""Findings of a call: statistics (numbers by name), and warnings about input that degrades the map.
 
-A new finding of one pair belongs to `pair_findings`. One of a set of pairs belongs to the findings that its stage in
-`multiview` returns; `Mapper.fuse` adds those of all stages. Statistics are public keys, which are not renamed: `share`
-is a fraction, and `merged` the number of points that another pair agrees with.
+Add a new finding of one pair to `pair_findings`, and a new finding of a set of pairs to the result of its stage in
+`multiview`. `Mapper.fuse` combines the findings of all stages. The names of statistics are public and therefore fixed:
+`share` means a fraction, and `merged` is the number of points with which another pair agrees.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ class Findings:
     warnings: tuple[str, ...] = ()  #: One line each.
 
     def __add__(self, other: Findings) -> Findings:
-        """Return the findings of both; ValueError if both have a statistic of one name."""
+        """Return the combined findings; raises ValueError if both have a statistic of the same name."""
         common = self.statistics.keys() & other.statistics.keys()
         if common:
             raise ValueError(f"two stages have statistics of the same name: {', '.join(sorted(common))}")

@@ -1,43 +1,45 @@
 """The mapper: one call per stereo pair, and one call that fuses up to three of them.
 
-LM is the local map, the frame of the points. NAVSB is the frame of the stereo rig for mapping, which the rig calls SB:
-`T_lm_navsb` is the pose of a pair, and `T_sb_left` is that of its left camera in NAVSB. Disparities are those of the
-left image, in pixels. Lengths are in metres.
+LM is the local map, the frame of the points. NAVSB is the frame of the stereo rig for mapping; `StereoRig` calls this
+frame SB. `T_lm_navsb` is the pose of a pair in LM, and `T_sb_left` is the pose of the left camera in NAVSB. Disparities
+refer to the left image and are in pixels. Lengths are in metres.
 
 The stages of `Mapper.process`, with their modules and results:
 
-1. `check_images` (`checks`): images that are textureless, identical or of another size are refused.
+1. `check_images` (`checks`): images are refused if they are textureless, identical, or not of the rig's size.
 2. `estimate_disparity` (`disparity/estimation`) -> `DisparityMap`: disparity, sigma and status of each pixel of the
    left image, and the fraction of the textured pixels that are measured.
 3. `check_matches` (`checks`): a pair is refused if too few of its textured pixels are measured.
 4. `measure_right_rotation` (`disparity/right_camera`) -> `CameraRotation`: yaw, pitch and roll of the right camera
-   relative to its calibration, from the vertical disparity at measured pixels. Filled pixels are no measurements.
-5. `fill_holes` (`disparity/hole_filling`) -> `DisparityMap`: invalid pixels take the surface beside them where the
-   images agree.
-6. `without_roll` (`disparity/right_camera`) -> `DisparityMap`: the effect of a roll is removed from the disparities.
-7. `within_range` (`reprojection`) -> `DisparityMap`: pixels beyond the largest range become invalid.
-8. `view_of_pair` (`reprojection`) -> `PairView`: the valid disparities become points in LM.
+   relative to its calibration, from the vertical disparity at measured pixels. This stage precedes `fill_holes` because
+   filled pixels are not measured.
+5. `fill_holes` (`disparity/hole_filling`) -> `DisparityMap`: invalid pixels are filled from a surface beside them if
+   both images support it.
+6. `without_roll` (`disparity/right_camera`) -> `DisparityMap`: the effect of the measured roll is removed from the
+   disparities.
+7. `within_range` (`reprojection`) -> `DisparityMap`: pixels beyond the maximum depth become invalid.
+8. `view_of_pair` (`reprojection`) -> `PairView`: the valid disparities are reprojected to points in LM.
 9. `calibration_sigma` (`calibration_sigma`) -> `CalibrationSigma`: the uncertainty of the calibration given the
-   rotation of the right camera.
-10. `sigma_of_view` (`point_sigma`) -> `PointSigma`: sigma of the points, increased by saturation (the random part) and
-    by the uncertainty of the calibration (the total).
+   measured rotation of the right camera.
+10. `sigma_of_view` (`point_sigma`) -> `PointSigma`: sigma of the points. Saturation increases the random part, and the
+    total also includes the uncertainty of the calibration.
 11. `findings_of_pair` (`pair_findings`) -> `Findings`: statistics and warnings.
 
 The stages of `Mapper.fuse`:
 
 1. `without_fixed_content` (`multiview/fixed_content`) -> views and `Findings`: content that is fixed to the image is
    removed.
-2. `register_views` (`multiview/registration`), on request -> views and `Findings`: later pairs are moved to fit those
-   before.
+2. `register_views` (`multiview/registration`), on request -> views and `Findings`: later pairs are moved to agree with
+   the earlier pairs.
 3. `fuse_views` (`multiview/fusion`, `multiview/projection`) -> `FusedViews`: points on which pairs agree move along
-   their rays to the mean by inverse variance. Of points that sample the same spot one is kept. A point is dropped if a
-   pair of larger weight sees through it, that is, observes a farther surface at its pixel.
-4. `point_sigma` (`point_sigma`) -> `PointSigma`: sigma of the fused points, as above.
+   their rays to the inverse-variance weighted mean. Of several points that sample the same spot, one is kept. A point
+   is dropped if a pair with a larger weight observes a farther surface behind it.
+4. `point_sigma` (`point_sigma`) -> `PointSigma`: sigma of the fused points, as for one pair.
 
-No stage changes its arguments, and the mapper has no state but its rig, its parameters and the search range of
-disparities that follows from both. Compiled kernels and the network that judges pixels beside jumps of disparity are
-loaded once for a process. During small solves numba's number of threads is 1 (`conjugate_gradients`). Elevation and
-hazard grids are made of a cloud by `terrain`, not by the mapper.
+No stage changes its arguments. The only state of the mapper is its rig, its parameters and the disparity search range
+that follows from both. Compiled kernels, and the network that classifies pixels beside disparity jumps, are loaded once
+per process. numba uses one thread during small solves (`conjugate_gradients`). Elevation and hazard grids are computed
+from a cloud by `terrain`, not by the mapper.
 """
 
 from __future__ import annotations
@@ -75,43 +77,43 @@ class Mapper:
     version = __version__
 
     def __init__(self, rig: StereoRig, config: MappingConfig = MappingConfig()) -> None:  # noqa: B008 - frozen
-        """Prepare for a rig; raises ConfigError if the parameters do not fit together or the rig."""
+        """Prepare for a rig; raises ConfigError if the parameters are inconsistent or do not suit the rig."""
         self._rig = rig
         self._config = checked(config)
         self._search = search_range(rig, self._config)
 
     @property
     def search(self) -> SearchRange:
-        """The disparities that are searched."""
+        """The range of the disparity search."""
         return self._search
 
     @staticmethod
     def warm_up() -> None:
-        """Load or compile all kernels, so that no later call takes the time."""
+        """Load or compile all kernels, so that the first call is not slower than later calls."""
         rig = StereoRig(width=160, height=120, fx=150.0, fy=150.0, cx=79.5, cy=59.5, baseline_m=0.1)
         scene = np.random.default_rng(0).integers(0, 256, (rig.height + 1, rig.width + 8), dtype=np.uint8)
         left = scene[1:, : rig.width].copy()
-        right = scene[:-1, 8:].copy()  # a pixel lower: the rows of the right image are shifted
-        right[40:60, 40:80] = 255  # saturated, and a hole to fill
+        right = scene[:-1, 8:].copy()  # vertical disparity of one pixel
+        right[40:60, 40:80] = 255  # a saturated region, and a hole to fill
         mapper = Mapper(rig)
         pair_map = mapper.process(StereoPair(0, left, right), Transform.identity())
         mapper.fuse([pair_map, pair_map])
 
     def map(self, pairs: Sequence[PosedStereoPair]) -> FusedMap:
-        """Return one cloud of one to three pairs: the mapping call of the specification [1.3].
+        """Return one cloud from one to three pairs: the mapping call of the specification [1.3].
 
-        Raises MappingError as `process` and `fuse` do, which are its stages.
+        Raises MappingError under the same conditions as `process` and `fuse`.
         """
         check_pair_count(len(pairs))
         return self.fuse([self.process(item.pair, item.T_lm_navsb, index) for index, item in enumerate(pairs)])
 
     def process(self, pair: StereoPair, T_lm_navsb: Transform, index: int = 0) -> MappedPair:
-        """Return the map of a pair, whose points have an index of 0 to 2 as their `pair`.
+        """Return the map of a pair; `index`, 0 to 2, becomes the `pair` of its points.
 
-        The index distinguishes the points of several maps that are not fused. `fuse` numbers the pairs anew.
+        The index distinguishes the points of several maps that are not fused. `fuse` assigns new indices.
 
-        Raises MappingError for another index, for images of another size than the rig's, for a textureless image, for
-        identical images, and for images that do not match (`check_matches`).
+        Raises MappingError if the index is out of range, the images do not have the rig's size, an image is
+        textureless, both images are identical, or they do not match (`check_matches`).
         """
         check_index(index)
         check_images(pair, self._rig)
@@ -149,12 +151,13 @@ class Mapper:
         )
 
     def fuse(self, maps: Sequence[PairMap]) -> FusedMap:
-        """Return one cloud of up to three pairs; the `pair` of its points is the position of their map in the order.
+        """Return one cloud from up to three pairs; the `pair` of a point is the index of its map in `maps`.
 
-        Inputs, views, poses and saturations are in the order of the maps.
+        The poses of the result are in the order of the maps.
 
-        Raises MappingError for no map or more than three, for a map that `process` did not make or whose points,
-        sigmas, pose or disparities were replaced since, and for maps of other cameras than those of the mapper.
+        Raises MappingError for zero or more than three maps, for a map that `process` did not create, for a map whose
+        cloud, random sigma, pose or disparities were replaced, and for a map of other cameras than those of this
+        mapper.
         """
         check_pair_count(len(maps))
         inputs = [_fusion_input(item, self._rig) for item in maps]
@@ -191,21 +194,23 @@ class Mapper:
 def _fusion_input(pair_map: PairMap, rig: StereoRig) -> FusionInput:
     """Return the input that `Mapper.process` stored in a map.
 
-    Raises MappingError for a map of another method or of other cameras, and for a map whose values were replaced. Their
-    arrays are read-only, so that they are not changed in place.
+    Raises MappingError for a map of another method or of other cameras, and for a map whose values were replaced. A
+    comparison of identities suffices, because the arrays are read-only and cannot be changed in place.
     """
     if not isinstance(pair_map, MappedPair):
-        raise MappingError(f"the map of stamp {pair_map.stamp_ns} was not made by `Mapper.process`: fuse maps of it")
+        raise MappingError(
+            f"the map of stamp {pair_map.stamp_ns} was not made by `Mapper.process`: only such maps can be fused"
+        )
     found = pair_map.fusion_input
     if not found.rig.same_cameras(rig):
         raise MappingError(
-            f"the map of stamp {pair_map.stamp_ns} was made with other cameras than those of this mapper: fuse maps of "
+            f"the map of stamp {pair_map.stamp_ns} is from other cameras than those of this mapper: fuse maps of "
             "one rig"
         )
     values = (pair_map.cloud, pair_map.random_sigma, pair_map.T_lm_left, pair_map.disparity_px)
     if any(value is not original for value, original in zip(values, found.original_values, strict=True)):
         raise MappingError(
-            f"the map of stamp {pair_map.stamp_ns} has another cloud, sigma, pose or disparity than `Mapper.process` "
-            "gave it: fuse maps as they were made, and select or move points afterwards"
+            f"the cloud, sigma, pose or disparities of the map of stamp {pair_map.stamp_ns} were replaced after "
+            "`Mapper.process`: fuse maps as they were made, and select or move points afterwards"
         )
     return found

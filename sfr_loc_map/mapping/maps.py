@@ -1,4 +1,4 @@
-"""The maps of one stereo pair and of a set of pairs, by any method and by `Mapper`."""
+"""The maps of one stereo pair and of a set of pairs, by any method or by `Mapper`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class PairMap:
     cloud: PointCloud  #: Points in LM with the total sigma; their `pair` is the index that was given to `process`.
     #: `(N,)`, metres, part of sigma that differs from point to point: noise, smoothing and saturation.
     random_sigma: FloatArray32
-    T_lm_left: Transform  #: Pose of the left camera.
+    T_lm_left: Transform  #: Pose of the left camera in LM.
     disparity_px: FloatImage  #: Disparities of the left image `(H, W)` float32, pixels; NaN where invalid.
     statistics: Mapping[str, float] = field(default_factory=dict)  #: Statistics of the call by name.
     warnings: tuple[str, ...] = ()  #: Warnings of the call, one line each.
@@ -31,14 +31,14 @@ class PairMap:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FusionInput:
-    """What the fusion uses of a pair."""
+    """Data of one pair that the fusion uses."""
 
     rig: StereoRig  #: Rig of the pair.
-    view: PairView  #: Points with the sigma by which they are fused, disparities, and pose.
+    view: PairView  #: Points with their fusion sigma, disparities and pose.
     saturation: Saturation  #: Saturated pixels, which increase the sigma of fused points.
-    calibration: CalibrationSigma  #: Uncertainty of the calibration given what the pair shows.
-    #: Cloud, random sigma, pose and disparities that `Mapper.process` gave to the map. `Mapper.fuse` refuses a map in
-    #: which one of them was replaced, because the fusion uses the view and would ignore the new value.
+    calibration: CalibrationSigma  #: Uncertainty of the calibration given the measurements in this pair.
+    #: Cloud, random sigma, pose and disparities that `Mapper.process` stored in the map. `Mapper.fuse` refuses a map if
+    #: one of these values was replaced, because the fusion uses the view and would ignore the new value.
     original_values: tuple[object, ...]
 
 
@@ -46,8 +46,9 @@ class FusionInput:
 class MappedPair(PairMap):
     """The map of one stereo pair by `Mapper.process`, which `Mapper.fuse` accepts.
 
-    The arrays of the map are read-only, so that an attempt to change them in place fails. Those of `fusion_input` are
-    the same memory and are writable, because compiled kernels know only this type: they are for the fusion alone.
+    The arrays of the map are read-only, so that an attempt to change them in place fails. The arrays of `fusion_input`
+    share this memory and are writable, because the kernels are compiled for writable arrays. Only the fusion may use
+    them.
     """
 
     #: `(H, W)` uint8, the `PixelStatus` of each pixel: measured, filled, or the reason why it has no disparity.

@@ -1,4 +1,4 @@
-"""Findings of one pair: statistics of its map, and warnings about images that give a poor one."""
+"""Findings of one pair: statistics of its map, and warnings about images that degrade the map."""
 
 from __future__ import annotations
 
@@ -16,17 +16,19 @@ from sfr_loc_map.mapping.disparity.right_camera import CameraRotation
 from sfr_loc_map.mapping.findings import Findings
 
 LOW_MEASURED_FRACTION = 2.0 * MIN_MEASURED_FRACTION
-"""Fraction of measured pixels among the textured ones below which a warning is given. Chosen by hand."""
+"""Fraction of measured pixels among the textured pixels below which a warning is issued. Chosen by hand."""
 MIN_VERTICAL_WARNING_PX = 0.3
-"""Smallest vertical disparity that causes a warning, pixels: the residual distortion of a usual calibration."""
+"""Lower bound of the vertical disparity that causes a warning, pixels: the residual distortion of a typical
+calibration."""
 VERTICAL_WARNING_FACTOR = 3.0
-"""Vertical disparity over the configured residual distortion that causes a warning: three standard deviations."""
+"""Ratio of vertical disparity to configured residual distortion above which a warning is issued: three standard
+deviations."""
 MAX_GAIN = 1.15
-"""Gain, or one over it, beyond which a warning is given: a fifth of a stop of exposure. It is compensated, so that the
-warning concerns the cameras and not the map. Chosen by hand."""
+"""Gain, or inverse gain, above which a warning is issued: a fifth of a stop of exposure. The gain is compensated, so
+that the warning concerns the cameras and not the map. Chosen by hand."""
 MAX_SATURATED_FRACTION = 0.1
-"""Fraction of saturated pixels beyond which a warning is given: most of them have no points, so that the density is
-lower by about this fraction. Chosen by hand."""
+"""Fraction of saturated pixels above which a warning is issued. Most saturated pixels have no point, which reduces the
+density by about this fraction. Chosen by hand."""
 
 
 def findings_of_pair(
@@ -57,7 +59,7 @@ def findings_of_pair(
 
 
 def vertical_warning_px(configured: CalibrationUncertainty) -> float:
-    """Return the vertical disparity beyond which a warning is given, pixels."""
+    """Return the vertical disparity above which a warning is issued, pixels."""
     return max(MIN_VERTICAL_WARNING_PX, VERTICAL_WARNING_FACTOR * configured.distortion_px)
 
 
@@ -90,7 +92,7 @@ def _warnings_of_images(disparity_map: DisparityMap, configured: CalibrationUnce
 def _warnings_of_rotation(
     rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty
 ) -> tuple[str, ...]:
-    """Return a warning if the right camera has a significant yaw against its calibration."""
+    """Return a warning if the right camera has a significant yaw relative to its calibration."""
     if not is_yaw_significant(rotation, rig, configured):
         return ()
     yaw_deg = math.degrees(rotation.yaw_rad)

@@ -1,4 +1,4 @@
-"""The points of one stereo pair with the disparity image and the pose that they come from."""
+"""The points of one stereo pair with their disparity image and pose."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from sfr_loc_map.geometry.transform import Transform
 
 T = TypeVar("T", bound=np.generic)  #: Type of the elements of an array.
 
-MIN_COVERAGE = F(1e-3)  #: Smallest fraction of a window with points that divides a sum over them; it must not be 0.
+MIN_COVERAGE = F(1e-3)  #: Lower bound of the fraction of a window with points, which is a divisor and must not be 0.
 
 
 def read_only(array: NDArray[T]) -> NDArray[T]:
-    """Return a view of an array that cannot be changed. The array itself stays as compiled kernels know its type."""
+    """Return a read-only view of an array. The array itself stays writable, as the compiled kernels require."""
     view = array.view()
     view.setflags(write=False)
     return view
@@ -32,11 +32,11 @@ def read_only_pose(pose: Transform) -> Transform:
 
 
 class ViewPoints(NamedTuple):
-    """N points, each on the ray of its left pixel, before their total sigma is known."""
+    """N points, each on the ray of its left pixel, without their total sigma."""
 
     xyz: FloatArray32  #: `(N, 3)`, metres, LM.
-    #: `(N,)`, metres, standard deviation along the ray by which points are compared and fused. Saturation and the
-    #: calibration do not enter it (`point_sigma`).
+    #: `(N,)`, metres, standard deviation along the ray, by which points are compared and fused. It does not include
+    #: saturation and calibration (`point_sigma`).
     fusion_sigma: FloatArray32
     intensity: FloatArray32  #: `(N,)`, grey level of the left pixel.
     u: NDArray[np.uint16]  #: `(N,)`, column of the left pixel.
@@ -48,7 +48,7 @@ class ViewPoints(NamedTuple):
         return len(self.xyz)
 
     def select(self, which: Mask | NDArray[np.intp]) -> ViewPoints:
-        """Return the chosen points."""
+        """Return the points that a mask or indices select."""
         rows = np.flatnonzero(which) if which.dtype == np.bool_ else which
         return ViewPoints(
             xyz=self.xyz.take(rows, axis=0),
@@ -64,9 +64,9 @@ class ViewPoints(NamedTuple):
         return cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
     def to_cloud(self, sigma: FloatArray32, pair: NDArray[np.uint8], *, fused: bool) -> PointCloud:
-        """Return the points as a cloud with the standard deviation and the index of the pair of each point `(N,)`.
+        """Return the points as a cloud with the standard deviation and the pair index of each point `(N,)`.
 
-        The cloud shares the arrays of the points, which cannot be changed through the cloud.
+        The arrays of the cloud are read-only views of the arrays of the points.
         """
         return PointCloud(
             xyz=read_only(self.xyz),
@@ -83,8 +83,8 @@ class ViewImages(NamedTuple):
     """Images of a view, `(H, W)` float32 each."""
 
     disparity: FloatImage  #: Pixels; NaN where invalid.
-    sigma: FloatImage  #: Standard deviation of the range, metres; infinite without a point.
-    grey: FloatImage  #: Grey level; NaN without a point.
+    sigma: FloatImage  #: Standard deviation of the range, metres; infinite at pixels without a point.
+    grey: FloatImage  #: Grey level; NaN at pixels without a point.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,12 +93,12 @@ class PairView:
 
     points: ViewPoints
     images: ViewImages  #: The disparities, and the sigmas and grey levels of the points at their pixels.
-    T_lm_left: Transform  #: Takes points in the left optical frame to LM. Its arrays are read-only.
+    T_lm_left: Transform  #: Transforms points from the left optical frame to LM. Its arrays are read-only.
     noise_grey: float  #: Standard deviation of a photometric residual, grey levels.
 
     @classmethod
     def of(cls, points: ViewPoints, disparity_px: FloatImage, T_lm_left: Transform, noise_grey: float) -> PairView:
-        """Return the view of points with the disparities `(H, W)` that they come from, NaN where invalid."""
+        """Return the view of points and of their disparity image `(H, W)`, NaN where invalid."""
         sigma = np.full(disparity_px.shape, np.inf, F)
         sigma[points.v, points.u] = points.fusion_sigma
         grey = np.full(disparity_px.shape, np.nan, F)
@@ -106,12 +106,12 @@ class PairView:
         return cls(points, ViewImages(disparity_px, sigma, grey), read_only_pose(T_lm_left), noise_grey)
 
     def with_pose(self, T_lm_left: Transform) -> PairView:
-        """Return the view and its points at another pose."""
+        """Return the view with its points moved to another pose."""
         xyz = (T_lm_left @ self.T_lm_left.inverse()).apply(self.points.xyz).astype(F)
         return replace(self, points=self.points._replace(xyz=xyz), T_lm_left=read_only_pose(T_lm_left))
 
     def blurred_grey(self, blur_px: float) -> FloatImage:
-        """Return the grey levels `(H, W)` of the points, blurred over them by a Gaussian; NaN elsewhere."""
+        """Return the grey levels `(H, W)` at points, blurred by a Gaussian over pixels with points; NaN elsewhere."""
         has_point = np.isfinite(self.images.grey)
         total = cv2.GaussianBlur(np.where(has_point, self.images.grey, F(0.0)), (0, 0), blur_px)
         coverage = cv2.GaussianBlur(has_point.astype(F), (0, 0), blur_px)

@@ -1,4 +1,4 @@
-"""The covariance of points: sigma along the ray, the footprint of a pixel across it."""
+"""The covariance of points: sigma along the ray, and the footprint of a pixel across the ray."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from sfr_loc_map.mapping.rays import rays_from_cameras
 def point_covariances(cloud: PointCloud, poses_lm_left: Sequence[Transform], focal_px: float) -> FloatArray32:
     """Return the covariance of each point in LM `(N, 3, 3)`, square metres.
 
-    Along the ray it is the point's variance `sigma^2`. Across the ray a point represents its pixel: a uniform
-    distribution over a square of side `Z / f`, whose variance is `(Z / f)^2 / 12`. Poses are in the order of the
-    points' `pair`.
+    The variance along the ray is the point's `sigma^2`. Across the ray a point represents its pixel: a uniform
+    distribution over a square of side `Z / f`, whose variance is `(Z / f)^2 / 12`. The `pair` of a point is the index
+    of its pose.
     """
     axes = np.stack([pose.rotation[:, 2] for pose in poses_lm_left])[cloud.pair]
     ray = rays_from_cameras(cloud.xyz, cloud.pair, poses_lm_left)

@@ -1,15 +1,15 @@
 """The standard deviation of points: noise, smoothing, saturation and the uncertainty of the calibration.
 
-The calibration is known only up to its uncertainty. A constant error of the disparity, such as that of a yaw of the
-right camera, causes an error of `Z^2 / (fx baseline)` of the depth for each pixel. It cannot be separated from depth in
-any pair, and averaging over points or pairs does not reduce it.
+The error of the calibration is common to all points. A constant disparity error, for example due to a yaw of the right
+camera, causes a depth error of `Z^2 / (fx baseline)` per pixel of disparity. Within a pair this error cannot be
+distinguished from a different depth, and averaging over points or pairs does not reduce it.
 
-The configured uncertainty of the calibration (`CalibrationUncertainty`, the parameters `mapping.calibration`) holds
-before a pair is seen. What a pair shows of its right camera increases the part of yaw and pitch. The part of the
-residual distortion increases or decreases with the vertical disparity that the pair shows (`calibration_sigma`).
+The configured uncertainty of the calibration (`CalibrationUncertainty`, the parameters `mapping.calibration`) is a
+prior. The rotation of the right camera that is measured in a pair can increase the sigma of yaw and pitch. The sigma of
+the residual distortion increases or decreases with the measured vertical disparity (`calibration_sigma`).
 
-All that changes a point's sigma, in the order of the calls. Standard deviations of disparities are in pixels, those of
-points in metres:
+The table lists all contributions to a point's sigma in the order of the calls. Standard deviations of disparities are
+in pixels, and standard deviations of points are in metres:
 
 =====================================  =================================================================================
 where                                  formula
@@ -33,18 +33,19 @@ total_sigma                            variance sigma^2 + r^2 (a^2 (fx / d)^2 + 
                                        of the uncertainty of `calibration_sigma`
 =====================================  =================================================================================
 
-A significant yaw and a pitch are added to the configured ones in quadrature. A set of pairs has the largest calibration
-sigma of its pairs. Compensating a roll and registering poses add nothing: sigma is conditional on the pose.
+A significant yaw and a pitch above its threshold are added to the configured values in quadrature. A set of pairs uses
+the largest calibration sigmas of its pairs. Sigma is conditional on the poses. Neither the registration of poses nor
+the compensation of a roll changes it.
 
-A new source of error that differs from pixel to pixel is a term in `uncertainty`. One that all points share has a
-parameter (`CalibrationUncertainty`), a field of `CalibrationSigma`, its value in `calibration_sigma` and a term in
-`total_sigma`.
+A new error source that differs between pixels requires a term in `uncertainty`. A new error source that is common to
+all points requires a parameter (`CalibrationUncertainty`), a field of `CalibrationSigma`, its value in
+`calibration_sigma` and a term in `total_sigma`.
 
-A point has three standard deviations. Views are compared and weighted by its `fusion_sigma` (`ViewPoints`), which the
-rows down to that of the fusion make. The random part (`PointSigma.random`) is the `fusion_sigma` widened by saturation.
-The total sigma (`PointSigma.total`, `PointCloud.sigma`) includes the calibration. Saturation and calibration do not
-enter the weights of the fusion. The error of the calibration is common to all pairs, so that averaging does not
-reduce it. The factor of saturation is an allowance and not a measured noise.
+A point has three standard deviations. The `fusion_sigma` (`ViewPoints`) is the result of the table's rows up to the
+fusion; views are compared and weighted by it. The random sigma (`PointSigma.random`) is the `fusion_sigma` increased by
+saturation. The total sigma (`PointSigma.total`, `PointCloud.sigma`) also includes the calibration. Saturation and
+calibration do not affect the weights of the fusion: averaging does not reduce the error of the calibration, which is
+common to all pairs, and the factor of saturation is an allowance and not a measured noise.
 """
 
 from __future__ import annotations
@@ -66,19 +67,19 @@ from sfr_loc_map.mapping.disparity.saturation import Saturation
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
 SIGMA_GROWTH = F(1.5)
-"""Relative growth of sigma in a completely saturated neighbourhood. On half clipped images the growth `1 + 1.5 f` is
-above that of the median error. For f up to 0.7 it is below that of the 99.7 % quantile, by at most 12 %
-(measurements/mapper_trials.md)."""
+"""Relative growth of sigma in a completely saturated neighbourhood. In images that are half clipped, the factor `1 +
+1.5 f` for the saturated fraction f exceeds the growth of the median error. For f up to 0.7 it is at most 12 % below the
+growth of the 99.7 % quantile of the error (measurements/mapper_trials.md)."""
 SIGMA_FACTORS = F(1.0) + SIGMA_GROWTH / F(255.0) * np.arange(256, dtype=F)
-"""Factor on sigma by `Saturation.nearby_fraction_255`. The noise that is measured in the images is too small
-there, because clipping removes it."""
+"""Factor on sigma, indexed by `Saturation.nearby_fraction_255`. Beside saturated pixels the measured noise is too
+small, because clipping removes noise."""
 
 
 class PointSigma(NamedTuple):
     """Standard deviations along the ray of N points, `(N,)` float32 each, metres."""
 
     random: FloatArray32  #: Part that differs from point to point: noise, smoothing and saturation.
-    total: FloatArray32  #: The random part and the calibration's part, which all points share.
+    total: FloatArray32  #: Random sigma combined with the calibration error, which is common to all points.
 
 
 def point_sigma(
@@ -91,8 +92,8 @@ def point_sigma(
 ) -> PointSigma:
     """Return the standard deviations of points of several pairs.
 
-    `pair` `(N,)` is the index of each point's pair in the poses of the left cameras (left optical frame to LM) and in
-    the saturations.
+    `pair` `(N,)` is the index of each point's pose and saturation. The poses transform from the left optical frame to
+    LM.
     """
     random = _widened_sigma(points, pair, saturations)
     return PointSigma(random, total_sigma(points, random, pair, poses_lm_left, calibration, rig))
@@ -120,7 +121,7 @@ def _widened(
     u: NDArray[np.uint16],
     nearby_fractions_255: NDArray[np.uint8],
 ) -> FloatArray32:
-    """Return the standard deviations `(N,)`, each times its factor by the saturated fraction `(pairs, H, W)` nearby."""
+    """Return the standard deviations `(N,)` times the factors for the nearby saturated fractions `(pairs, H, W)`."""
     out = np.empty_like(sigma)
     for n in prange(len(sigma)):
         out[n] = sigma[n] * SIGMA_FACTORS[nearby_fractions_255[pair[n], v[n], u[n]]]
@@ -137,9 +138,8 @@ def total_sigma(
 ) -> FloatArray32:
     """Return the total standard deviation along the ray of each point `(N,)`, metres.
 
-    The variance is that of the last row of the module's table, with the random part sigma, the range r and the
-    disparity d. With the normalised coordinates (x, y) of the left pixel and (xr, y) of the right one, the angle a is
-    given by
+    The last row of the module's table gives the variance, with the random part sigma, the range r and the disparity d.
+    With the normalised coordinates (x, y) of the left pixel and (xr, y) of the right pixel, the angle a is given by
 
         a^2 = (yaw (1 + xr^2))^2 + (pitch xr y)^2 + (roll y)^2 + distortion^2
     """

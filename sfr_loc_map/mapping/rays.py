@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.transform import Transform
 def rays_from_cameras(xyz: FloatArray32, pair: NDArray[np.uint8], poses_lm_left: Sequence[Transform]) -> FloatArray:
     """Return the vector `(N, 3)` from the left camera of each point's pair to the point, metres, LM.
 
-    Poses of the left cameras are in the order of the pairs.
+    `pair` `(N,)` is the index of each point's pose in `poses_lm_left`.
     """
     centres = np.stack([pose.translation for pose in poses_lm_left])
     return np.asarray(xyz - centres.take(pair, axis=0))

@@ -1,4 +1,4 @@
-"""From a disparity map to points in LM."""
+"""Reprojection of a disparity map to points in LM."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
 
 def within_range(disparity_map: DisparityMap, min_disparity_px: float) -> DisparityMap:
-    """Return the map in which pixels beyond the range of the smallest disparity are invalid."""
+    """Return the map in which disparities below `min_disparity_px`, beyond the maximum depth, are invalid."""
     is_beyond = disparity_map.px < min_disparity_px
     return replace(disparity_map, status=with_reason(disparity_map.status, is_beyond, PixelStatus.BEYOND_RANGE))
 
 
 def view_of_pair(disparity_map: DisparityMap, rig: StereoRig, T_lm_left: Transform) -> PairView:
-    """Return the points of the valid disparities with their images and pose."""
+    """Return the view of the valid disparities: their points, images and pose."""
     valid_px = np.where(disparity_map.valid, disparity_map.px, F(np.nan))
     points = points_from_disparity(valid_px, disparity_map.sigma_px, disparity_map.left, rig, T_lm_left)
     return PairView.of(points, valid_px, T_lm_left, disparity_map.noise_grey)
@@ -38,7 +38,7 @@ def points_from_disparity(
     `Z = fx baseline / d`, and the ray of pixel (u, v) is `((u - cx) / fx, (v - cy) / fy, 1)` in the left optical frame.
     To first order the standard deviation along the ray is `|ray| Z^2 / (fx baseline) sigma_d`.
 
-    The disparity `(H, W)` is NaN where it is invalid.
+    The disparity `(H, W)` is NaN where invalid.
     """
     row_ends = np.cumsum(np.isfinite(disparity_px).sum(axis=1))
     grey = left.astype(F, copy=False)
@@ -49,7 +49,7 @@ def points_from_disparity(
 def _points(
     disparity: FloatImage, sigma_px: FloatImage, grey: FloatImage, camera: StereoCamera, pose: Pose, row_ends: IntArray
 ) -> ViewPoints:
-    """Return the points, written row by row; `row_ends` `(H,)` counts the points up to the end of a row."""
+    """Return the points row by row; `row_ends` `(H,)` is the number of points up to the end of each row."""
     rows, cols = disparity.shape
     count = row_ends[-1]
     xyz = np.empty((count, 3), F)

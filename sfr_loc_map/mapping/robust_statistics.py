@@ -1,4 +1,4 @@
-"""Robust statistics of residuals: a scale and a weight that outliers hardly change (Huber 1981)."""
+"""Robust statistics of residuals: scale and weight that are insensitive to outliers (Huber 1981)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import FloatArray, median
 
-MAD_TO_SIGMA = 1.4826  #: Standard deviation of a normal distribution over its median absolute deviation.
+MAD_TO_SIGMA = 1.4826  #: Ratio of the standard deviation to the median absolute deviation of a normal distribution.
 
 
 def mad_sigma(deviations: NDArray[np.floating[Any]]) -> float:
@@ -18,7 +18,7 @@ def mad_sigma(deviations: NDArray[np.floating[Any]]) -> float:
 
 
 def spread(values: NDArray[np.floating[Any]]) -> float:
-    """Return the robust standard deviation of values about their median; NaN without any."""
+    """Return the robust standard deviation of values about their median; NaN if there are no values."""
     return mad_sigma(values - values.dtype.type(median(values)))
 
 

@@ -1,4 +1,4 @@
-"""The disparities that are searched and kept, from the range of depths."""
+"""The disparities that are searched and kept, from the configured depths."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.semi_global_matching import DISPARITY_STEP
 
 MAX_DISPARITY_FRACTION = 0.5
-"""Largest disparity that is searched, as a fraction of the image's width: most of a nearer surface is visible to one
-camera only."""
+"""Maximum disparity of the search as a fraction of the image width. Most of a nearer surface is visible to only one
+camera."""
 
 
 @dataclass(frozen=True, slots=True)
 class SearchRange:
     """Disparities that are searched and kept, pixels."""
 
-    min_disparity_px: float  #: Disparity of the farthest depth that is kept; smaller ones are searched, not kept.
-    #: Smallest upper limit of the search: the disparity of `min_range_m` or half the width. The search is rounded up
-    #: from it, and larger disparities that are found are kept.
+    min_disparity_px: float  #: Disparity at `max_range_m`; smaller disparities are searched but not kept.
+    #: Required upper limit of the search: the smaller of the disparity at `min_range_m` and half the image width. The
+    #: actual limit is rounded up, and larger disparities that are found are kept.
     max_disparity_px: float
-    #: Smallest number of whole disparities that are searched from 0 on, a multiple of `DISPARITY_STEP`. In wide images
-    #: it is rounded up to a multiple of twice that (`semi_global_matching`).
+    #: Required number of integer disparities from 0, a multiple of `DISPARITY_STEP`. In wide images,
+    #: `semi_global_matching` rounds it up to a multiple of `2 * DISPARITY_STEP`.
     count: int
 
 
 def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:
-    """Return the disparities between the farthest and the nearest depth, `d = fx baseline / Z`.
+    """Return the disparities between the maximum and the minimum depth, `d = fx baseline / Z`.
 
-    If `MAX_DISPARITY_FRACTION` of the width is less than the disparity of `min_range_m`, surfaces at `min_range_m` may
-    not be found.
+    Surfaces at `min_range_m` may not be found if their disparity exceeds `MAX_DISPARITY_FRACTION` of the image width.
+    Raises ConfigError if the range of disparities is empty.
     """
     if config.min_range_m >= config.max_range_m:
         raise ConfigError(
@@ -43,8 +43,9 @@ def search_range(rig: StereoRig, config: MappingConfig) -> SearchRange:
     min_disparity_px = scale / config.max_range_m
     if min_disparity_px >= max_disparity_px:
         raise ConfigError(
-            f"at max_range_m {config.max_range_m} the disparity is {min_disparity_px:.4g} px, half the image has "
-            f"{max_disparity_px:.4g}: nothing can be matched; correct the ranges or the baseline"
+            f"at max_range_m {config.max_range_m} the disparity is {min_disparity_px:.4g} px, but the search ends at "
+            f"half the image width, {max_disparity_px:.4g} px: nothing can be matched; correct the ranges or the "
+            "baseline"
         )
     count = DISPARITY_STEP * math.ceil((max_disparity_px + 1.0) / DISPARITY_STEP)
     return SearchRange(min_disparity_px, max_disparity_px, count)

@@ -1,1 +1,1 @@
-"""From the clouds of several stereo pairs to one: poses are registered, points fused along their rays."""
+"""Fusion of the clouds of several stereo pairs: poses are registered, and points are fused along their rays."""

@@ -1,9 +1,9 @@
 """Content that stays at its pixels while the camera moves: the rover's own body, or rows of another pair.
 
-An image has rows of another pair if it was partially transferred, or if a part of it was repeated.
+An image contains rows of another pair if it was only partially transferred, or if a part of an image was repeated.
 
-Such content is not ground: each pair would map it to another position. A region is fixed if two pairs have the same
-grey levels and the same disparities at the same pixels, although ground there would have moved in the image.
+Such content is not ground, and each pair would map it to a different position. A region is fixed if two pairs have the
+same grey levels and the same disparities at the same pixels, although ground there would have moved in the image.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.pair_view import PairView
 
 STRIDE = 3
-"""Every third pixel of every third row is compared, a sample: regions are larger than five samples. Images of samples
-are `(h, w)`."""
+"""Every third pixel of every third row is compared. These pixels are called samples, and their images are `(h, w)`.
+They are dense enough, because the smallest region is `REGION_SAMPLES` samples wide."""
 WINDOW_SAMPLES = 9  #: Side of the window over which grey levels are compared, samples: 27 pixels.
 MIN_SIMILARITY = F(0.8)
-"""Similarity of the grey levels of fixed content: 1 for equal windows, 0.8 if noise has half the standard deviation of
-the content."""
-MIN_WINDOW_FRACTION = F(0.6)  #: Fraction of the window in which both pairs must have points. Chosen by hand.
+"""Minimum similarity of the grey levels of fixed content. The similarity is 1 for equal windows, and 0.8 if the noise
+has half the standard deviation of the content."""
+MIN_WINDOW_FRACTION = F(0.6)  #: Minimum fraction of the window with points of both pairs. Chosen by hand.
 MIN_MOTION_PX = 8.0
-"""Smallest motion of ground in the image, pixels: with less motion ground resembles itself over a third of a window."""
+"""Minimum motion of ground in the image, pixels. With less motion, a third of a window, ground is similar to itself."""
 REGION_SAMPLES = 5
 """Side of the smallest region, samples: 15 pixels, about half of the window. Chosen by hand."""
-MIN_REGION_FRACTION = 0.003  #: Smaller fractions of the image are not removed. Chosen by hand.
+MIN_REGION_FRACTION = 0.003  #: Minimum fraction of the image that is removed. Chosen by hand.
 
 
 class CleanedViews(NamedTuple):
     """Views without fixed content."""
 
     views: Sequence[PairView]
-    findings: Findings  #: Fraction of the image that was removed from each pair that lost content, and warnings.
+    findings: Findings  #: Removed fraction of the image of each pair with fixed content, and warnings.
 
 
 def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> CleanedViews:
@@ -71,20 +71,20 @@ def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> CleanedV
 
 
 def _fixed_region(same_disparity: Mask, first_grey: FloatImage, second_grey: FloatImage, noise: np.float32) -> Mask:
-    """Return which samples `(h, w)` belong to content that is fixed to the image."""
+    """Return the mask of the samples `(h, w)` with content that is fixed to the image."""
     if same_disparity.mean() < MIN_REGION_FRACTION:
         return np.zeros(same_disparity.shape, np.bool_)
     is_fixed = same_disparity & (_similarity(first_grey, second_grey, noise) > MIN_SIMILARITY)
     region = square(REGION_SAMPLES)
-    # Closing joins samples and opening removes regions smaller than the square. The rest is extended, because windows
-    # at its border include other content and are less similar.
+    # Closing joins samples, and opening removes regions smaller than the square. The remaining regions are dilated,
+    # because windows at their borders include other content and are less similar.
     closed = cv2.morphologyEx(is_fixed.astype(np.uint8), cv2.MORPH_CLOSE, region)
     opened = cv2.morphologyEx(closed, cv2.MORPH_OPEN, region)
     return dilated(np.asarray(opened).astype(np.bool_), REGION_SAMPLES // 2)
 
 
 def _same_disparity(first: PairView, second: PairView, rig: StereoRig) -> Mask:
-    """Return which samples `(h, w)` have the same disparity in both images although ground there has moved."""
+    """Return the mask of the samples `(h, w)` with the same disparity in both images where ground would have moved."""
     disparity = first.images.disparity[::STRIDE, ::STRIDE]
     same: Mask = np.abs(disparity - second.images.disparity[::STRIDE, ::STRIDE]) < SURFACE_JUMP_PX
     row, column = np.nonzero(same)
@@ -101,10 +101,10 @@ def _same_disparity(first: PairView, second: PairView, rig: StereoRig) -> Mask:
 
 
 def _similarity(a: FloatImage, b: FloatImage, noise: np.float32) -> FloatImage:
-    """Return `1 - mean (a - b)^2 / (var a + var b)` around samples; 0 with too few known samples or no texture."""
+    """Return `1 - mean (a - b)^2 / (var a + var b)` in windows; 0 with too few known samples or too little texture."""
     known = np.isfinite(a) & np.isfinite(b)
     known_fraction = _window_mean(known.astype(F))
-    coverage = np.maximum(known_fraction, MIN_WINDOW_FRACTION)  # similarity is 0 below it
+    coverage = np.maximum(known_fraction, MIN_WINDOW_FRACTION)  # below this fraction, the similarity is set to 0
     a = np.where(known, a, F(0.0))
     b = np.where(known, b, F(0.0))
     difference = _window_mean(np.square(a - b)) / coverage

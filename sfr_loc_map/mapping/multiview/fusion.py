@@ -1,25 +1,25 @@
 """One cloud from up to three stereo pairs.
 
-Every point is reprojected into the disparity images of the other pairs. If both agree within their uncertainty, the
-point moves along its own ray to the mean weighted by inverse variance, so that the points of all pairs are on one
-surface. If another pair with the larger weight observes a farther surface at that pixel, the other pair sees through
-the point, and the point is dropped. A nearer surface of the other pair only hides the point. A conflict with one pair
-outweighs agreement with a third, because a missing point is preferred to a wrong one. Of two equal weights that of the
-earlier pair counts as the larger one. A weight is `1 / sigma^2`, reduced near the border.
+Every point is projected into the disparity images of the other pairs. If both ranges agree within their uncertainty,
+the point moves along its own ray to the inverse-variance weighted mean, so that the points of all pairs are on one
+surface. If another pair with a larger weight observes a farther surface at that pixel, both pairs are in conflict, and
+the point is dropped. A nearer surface of the other pair only hides the point. A conflict with one pair outweighs
+agreement with a third pair, because a missing point is preferred to a wrong point. The weight of a point is `1 /
+sigma^2`, reduced near the image border. If both weights are equal, the earlier pair is preferred.
 
-The remaining points are samples of the ground and are kept, each on the ray of its own pixel. Where the ground is seen
-at a grazing angle, the rows of one image are centimetres apart, and those of another pair are between them. Of two
-points that sample the same spot, the one with the larger weight is kept.
+The remaining points are kept, each on the ray of its own pixel. At grazing angles, the rows of one image are
+centimetres apart on the ground, and the rows of another pair are between them. If two points sample the same spot, the
+point with the larger weight is kept.
 
-Two ranges are compared along the ray of the camera that observes the surface, and their mean is applied along the
-point's own ray. This is an approximation for cameras at one place, as those of a panorama. On a plane with the normal
-n a difference d along the unit ray e' of the other camera is `d (e' . n) / (e . n)` along the point's own ray e, and
-its standard deviation changes by the same factor. Within the panoramas of the development data and of the sample the
-factor is 0.95 to 1.05, and the conversion changes the mean error of the fused points by less than 0.01 mm. If the
-cameras are 4 m apart along the line of sight, the factor is 0.4 to 1.8, and the error of the fused points is 14 %
-larger for the farther camera and 2 % larger for the nearer one than with the conversion. Of rendered pairs
-that are metres apart, the near points became worse by the fusion, with and without the conversion
-(measurements/mapper_trials.md).
+Two ranges are compared along the ray of the other camera, and their difference is applied along the point's own ray.
+This approximation assumes that the cameras are at nearly the same position, as in a panorama. On a plane with the
+normal n, a difference d along the unit ray e' of the other camera corresponds to `d (e' . n) / (e . n)` along the
+point's own ray e, and the standard deviation changes by the same factor. Within the panoramas of the development data
+and of the sample, the factor is 0.95 to 1.05, and converting the difference changes the mean error of the fused points
+by less than 0.01 mm. If the cameras are 4 m apart along the line of sight, the factor is 0.4 to 1.8. Without the
+conversion, the error of the fused points is then 14 % larger for the farther camera and 2 % larger for the nearer
+camera. On rendered pairs that are metres apart, fusion increased the error of near points, with and without the
+conversion (measurements/mapper_trials.md).
 """
 
 from __future__ import annotations
@@ -45,21 +45,21 @@ from sfr_loc_map.mapping.multiview.projection import (
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 from sfr_loc_map.mapping.robust_statistics import mad_sigma, spread
 
-AGREE_SIGMAS = 3.0  #: Differences up to this many standard deviations are consistent: 0.3 % exceed it by chance.
+AGREE_SIGMAS = 3.0  #: Ranges that differ by up to this many standard deviations agree; 0.3 % exceed it by chance.
 COMMON_VARIANCE = 0.5
-"""Fraction of a point's variance that all pairs have in common (smoothing of the same shape), which averaging does not
-reduce. The errors of two rendered pairs at points on which they agree have a correlation of 0.49 to 0.59
+"""Fraction of a point's variance that is common to all pairs, because all are smoothed in the same way. Averaging does
+not reduce this fraction. Where two rendered pairs agree, their errors have a correlation of 0.49 to 0.59
 (measurements/mapper_trials.md)."""
 SAME_SAMPLE_PX = F(0.02)
-"""Points closer than this in an image sample the same spot, pixels: the images have the same pose, and rounding moves
-points by less."""
-AGREEMENT_STRIDE = 4  #: The agreement of poses is measured by every fourth point: medians need fewer samples.
+"""Points closer than this in an image sample the same spot, pixels. This occurs if images have the same pose; rounding
+moves points by less."""
+AGREEMENT_STRIDE = 4  #: The agreement of poses is measured on every fourth point, which is enough for medians.
 MAX_RANGE_RATIO = 1.8
-"""Measured over expected range differences above which poses disagree: nearly twice that of correct poses, which have 1
-or less (docs/mapping.md)."""
+"""Ratio of measured to expected range differences above which poses disagree. Correct poses have a ratio of 1 or less
+(docs/mapping.md)."""
 MAX_GREY_RATIO = 0.45
-"""Grey level differences over those at `SHIFT_PX` above which poses disagree; correct poses have 0.1 to 0.3. Poses
-that are wrong by 0.3 deg have 0.45, so that errors are detected from about 0.3 deg on (docs/mapping.md)."""
+"""Ratio of grey level differences to those at an offset of `SHIFT_PX` above which poses disagree. Correct poses have a
+ratio of 0.1 to 0.3, and poses with an error of 0.3 deg have 0.45 (docs/mapping.md)."""
 
 
 class FusedViews(NamedTuple):
@@ -73,13 +73,14 @@ class FusedViews(NamedTuple):
 class Comparison(NamedTuple):
     """How the other views observe the N points of a view."""
 
-    total_weight: FloatArray32  #: `(N,)`, weight of the point and of the views that agree, 1 / m^2.
-    weighted_difference: FloatArray32  #: `(N,)`, sum of weight times range difference of the views that agree, 1 / m.
-    #: `(N,)`, variance of the weighted sum of these ranges, the sum of weight^2 sigma^2, 1 / m^2.
+    total_weight: FloatArray32  #: `(N,)`, sum of the weights of the point and of the agreeing views, 1 / m^2.
+    weighted_difference: FloatArray32  #: `(N,)`, sum of weight times range difference of the agreeing views, 1 / m.
+    #: `(N,)`, sum of weight^2 sigma^2 of the point and of the agreeing views, 1 / m^2: the variance of their weighted
+    #: sum.
     weighted_variance: FloatArray32
-    agrees: Mask  #: `(N,)`, another view agrees.
-    is_duplicate: Mask  #: `(N,)`, a preferred view has the same sample.
-    is_conflict: Mask  #: `(N,)`, a preferred view sees through the point: it observes a farther surface.
+    agrees: Mask  #: `(N,)`, whether another view agrees.
+    is_duplicate: Mask  #: `(N,)`, whether a preferred view samples the same spot.
+    is_conflict: Mask  #: `(N,)`, whether a preferred view observes a farther surface.
     findings: Findings  #: Agreement of the poses.
 
 
@@ -88,8 +89,8 @@ class PoseAgreement(NamedTuple):
 
     difference_median_m: float  #: Median of the range differences.
     difference_spread_m: float  #: Robust standard deviation of the range differences.
-    range_ratio: float  #: Range differences over those expected of correct sigmas and poses, robust.
-    #: Grey level differences over those at `SHIFT_PX`, robust; NaN if there is too little texture.
+    range_ratio: float  #: Robust ratio of range differences to those expected for correct sigmas and poses.
+    #: Robust ratio of grey level differences to those at an offset of `SHIFT_PX`; NaN if there is too little texture.
     grey_ratio: float
 
 
@@ -119,10 +120,10 @@ def fuse_views(views: Sequence[PairView], rig: StereoRig) -> FusedViews:
 
 
 def _compare(index: int, views: Sequence[PairView], rig: StereoRig) -> Comparison:
-    """Return how the other views observe the points of the view of an index.
+    """Return how the other views observe the points of view `index`.
 
-    At each point the preferred one of two views is that with the larger weight, or the first one if both are equal. A
-    point is dropped only if the other view is preferred and sees through it.
+    Of two views, the view with the larger weight at a point is preferred, or the earlier view if both weights are
+    equal. A point is in conflict only if the other view is preferred and observes a farther surface.
     """
     view = views[index]
     own_sigma = view.points.fusion_sigma
@@ -157,12 +158,12 @@ def _compare(index: int, views: Sequence[PairView], rig: StereoRig) -> Compariso
 
 
 def _fused_points(view: PairView, comparison: Comparison) -> ViewPoints:
-    """Return the points of a view that are kept, moved along their rays to the weighted mean with the other views.
+    """Return the kept points of a view, moved along their rays to the weighted mean with the agreeing views.
 
-    With the ranges r_i, their standard deviations s_i and the weights w_i of the point and of the views that agree, the
-    new range is `sum w_i r_i / sum w_i`. Its variance is `c sigma^2 + (1 - c) sum w_i^2 s_i^2 / (sum w_i)^2`, with
-    sigma that of the point and c the fraction of the variance that all pairs have in common. Away from the border of
-    the images the weights are `1 / s_i^2`, and the last term is `(1 - c) / sum w_i`.
+    The point and the agreeing views have the ranges r_i, their standard deviations s_i and the weights w_i. The new
+    range is `sum w_i r_i / sum w_i`. Its variance is `c sigma^2 + (1 - c) sum w_i^2 s_i^2 / (sum w_i)^2`, where sigma
+    is the standard deviation of the point and c the fraction of the variance that is common to all pairs. Away from the
+    image border the weights are `1 / s_i^2`, and the last term is `(1 - c) / sum w_i`.
     """
     kept = np.flatnonzero(~(comparison.is_duplicate | comparison.is_conflict))
     points = view.points.select(kept)
@@ -182,10 +183,10 @@ def _fused_points(view: PairView, comparison: Comparison) -> ViewPoints:
 
 
 def _pose_agreement(view: PairView, other: PairView, observed: ObservedPoints) -> PoseAgreement:
-    """Return how well the points of one view agree with another view; at least one point is seen by both.
+    """Return how well the points of one view agree with another view, which observes at least one of them.
 
-    Range differences are compared with those expected of correct sigmas and poses, grey level differences with those at
-    `SHIFT_PX`: a wrong yaw shows there on any texture.
+    Range differences are compared with those expected for correct sigmas and poses. Grey level differences are compared
+    with those at an offset of `SHIFT_PX`, because they reveal a wrong yaw on any texture.
     """
     thinned = observed.every(AGREEMENT_STRIDE)
     by_other = thinned.observations
@@ -206,7 +207,8 @@ def _pose_agreement(view: PairView, other: PairView, observed: ObservedPoints) -
 def _agreement_findings(i: int, j: int, view: PairView, other: PairView, observed: ObservedPoints) -> Findings:
     """Return the agreement of the points of view i with the other view j, and a warning if their poses disagree.
 
-    Of two views each is compared with the other; the comparison from the one of the lower index gives the warning.
+    Each of two views is compared with the other. Only the comparison of the view with the lower index issues the
+    warning.
     """
     common = len(observed.indices)
     overlap = {f"overlap_{i}_{j}": common / max(view.points.size, 1)}
@@ -231,5 +233,5 @@ def _agreement_findings(i: int, j: int, view: PairView, other: PairView, observe
 
 
 def _spread_of_finite(values: FloatArray32) -> float:
-    """Return the robust standard deviation of the finite values; NaN without any."""
+    """Return the robust standard deviation of the finite values; NaN if there are none."""
     return spread(values[np.isfinite(values)])

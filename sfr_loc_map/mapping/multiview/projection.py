@@ -1,4 +1,4 @@
-"""What a view observes at the points of another one, and the weight of its points in the fusion."""
+"""Observations of a view at the points of another view, and the weights of points in the fusion."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
 from sfr_loc_map.mapping.pair_view import PairView, ViewImages
 
 FEATHER_PX = 48.0
-"""Distance from the image's border from which on points have their full weight, pixels: a twentieth of a megapixel
-image's side, so that heights change by less than 2 mm where the set of pairs changes (docs/mapping.md)."""
+"""Distance from the image border beyond which points have their full weight, pixels: a twentieth of the side of a
+1-megapixel image. Heights then step by less than 2 mm where the set of pairs changes (docs/mapping.md)."""
 SHIFT_PX = 8
-"""Grey levels are also compared at this offset along both axes, pixels: as if a pose were wrong by half a degree at a
-focal length of 800 pixels."""
-MIN_OVERLAP = 1000  #: Points in common that a statement about poses requires: their spreads are then known to 7 %.
-MIN_DEPTH_M = 1e-3  #: Smallest depth of a point that is projected into a camera, metres: it must be before the camera.
+"""Offset along both axes at which grey levels are also compared, pixels. It corresponds to a pose error of about 0.5
+deg at a focal length of 800 pixels."""
+MIN_OVERLAP = 1000  #: Minimum number of common points for judging poses: it gives spreads to 7 %.
+MIN_DEPTH_M = 1e-3  #: Minimum depth of a projected point, metres: it must be in front of the camera.
 
 
 def point_weights(view: PairView) -> FloatArray32:
@@ -36,35 +36,36 @@ def point_weights(view: PairView) -> FloatArray32:
 class Observations(NamedTuple):
     """How a view observes N points, `(N,)` float32 each."""
 
-    #: Observed range minus that of the point along the ray of this view, metres; NaN if the view does not observe it.
+    #: Observed range minus the range of the point, along the ray of this view, metres; NaN if the point is not
+    #: observed.
     difference: FloatArray32
     sigma: FloatArray32  #: Standard deviation of the observed range along the same ray, metres.
     weight: FloatArray32  #: Weight of the view in the fusion, 1 / m^2.
     grey: FloatArray32  #: Grey level; NaN where the view has no point.
     grey_shifted: FloatArray32  #: Grey level at `SHIFT_PX` to the right and below; NaN beyond the border.
-    sample_distance_px: FloatArray32  #: Distance from the view's nearest sample, pixels.
+    sample_distance_px: FloatArray32  #: Distance of the projected point from the nearest pixel, pixels.
 
 
 class ObservedPoints(NamedTuple):
-    """The M points of N that another view observes."""
+    """The M of N points that another view observes."""
 
     indices: NDArray[np.intp]  #: `(M,)`, indices of the points.
     observations: Observations  #: How the view observes them, `(M,)` each.
 
     def difference_sigma(self, fusion_sigma: FloatArray32) -> FloatArray32:
-        """Return the standard deviation of the range differences `(M,)`, metres, given that of the N points.
+        """Return the standard deviation of the range differences `(M,)`, metres, given the sigma of the N points.
 
-        That of the points is along the rays of their own view, as if both cameras were at one place (`fusion`).
+        The sigma of a point is along the ray of its own view, as if both cameras were at the same position (`fusion`).
         """
         return np.asarray(np.sqrt(np.square(fusion_sigma[self.indices]) + np.square(self.observations.sigma)))
 
     def every(self, stride: int) -> ObservedPoints:
-        """Return every stride-th of the observed points."""
+        """Return the observed points, thinned by a stride."""
         return ObservedPoints(self.indices[::stride], Observations(*(values[::stride] for values in self.observations)))
 
 
 def project_into_view(xyz: FloatArray32, T_lm_left: Transform, images: ViewImages, rig: StereoRig) -> ObservedPoints:
-    """Return how a view, whose left camera has the pose `T_lm_left`, observes points `(N, 3)` in LM."""
+    """Return the observations of points `(N, 3)` in LM by a view whose left camera has the pose `T_lm_left`."""
     found = _observe(xyz, Pose.of(T_lm_left.inverse()), rig.camera, images)
     indices = np.flatnonzero(np.isfinite(found.difference))
     return ObservedPoints(indices, Observations(*(values[indices] for values in found)))
@@ -74,7 +75,7 @@ def project_into_view(xyz: FloatArray32, T_lm_left: Transform, images: ViewImage
 def _weight(sigma: np.float32, row: int, column: int, rows: int, columns: int) -> np.float32:
     """Return the weight `feather / sigma^2` of a pixel in the fusion, 1 / m^2.
 
-    The feather decreases towards the border of the image, so that the fusion leaves no seam there.
+    The feather decreases towards the image border, so that the fused surface has no seam there.
     """
     border_distance = min(min(row, rows - 1 - row), min(column, columns - 1 - column)) + 1
     feather = min(F(border_distance) / F(FEATHER_PX), F(1.0))
@@ -104,7 +105,7 @@ def _bilinear(image: FloatImage, i: int, j: int, t: float, s: float) -> float:
 
 @jit_rows
 def _observe(xyz: FloatArray32, T_left_lm: Pose, camera: StereoCamera, images: ViewImages) -> Observations:
-    """Return how a view observes points `(N, 3)` in LM."""
+    """Return the observations of points `(N, 3)` in LM by a view."""
     rows, cols = images.disparity.shape
     rotation = T_left_lm.rotation
     translation = T_left_lm.position
@@ -127,7 +128,7 @@ def _observe(xyz: FloatArray32, T_left_lm: Pose, camera: StereoCamera, images: V
             continue
         u = camera.fx * x / z + camera.cx
         v = camera.fy * y / z + camera.cy
-        if not (u >= 0 and v >= 0 and u < cols - 1 and v < rows - 1):  # four pixels around
+        if not (u >= 0 and v >= 0 and u < cols - 1 and v < rows - 1):  # all four neighbouring pixels exist
             continue
         j = int(u)
         i = int(v)

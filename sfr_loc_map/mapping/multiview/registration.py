@@ -1,8 +1,8 @@
-"""Registration of views: the motion of a pair that makes it agree with the pairs before, where they overlap.
+"""Registration of views: each pair is moved to agree with the earlier pairs where they overlap.
 
-The six parameters of a motion are those of the largest posterior: residuals of range and of grey level, robustly
-weighted (Cauchy, reweighted in each step), and a normal prior on the error of the given pose. The minimum is found by
-Gauss-Newton steps with numerical derivatives, coarse to fine in the grey levels.
+The six parameters of a motion maximise the posterior of the residuals of range and grey level, with Cauchy weights that
+are updated in each step, and of a normal prior on the error of the given pose. Gauss-Newton steps with numerical
+derivatives find the maximum, coarse to fine in the blur of the grey levels.
 """
 
 from __future__ import annotations
@@ -22,28 +22,30 @@ from sfr_loc_map.mapping.pair_view import PairView, ViewImages, ViewPoints
 from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
 
 ENOUGH_POINTS = 10_000
-"""Points of each other view are thinned by a whole stride to this many or up to twice as many: six parameters need no
-more."""
+"""Points of each other view are thinned by an integer stride to between once and twice this number, which is enough for
+six parameters."""
 BLURS_PX = (12.0, 5.0, 2.0, 0.7)
-"""Standard deviations of the Gaussians by which the compared images are blurred, pixels: a degree is a dozen pixels."""
+"""Standard deviations of the Gaussians that blur the compared images, pixels. A rotation of 1 deg moves content by 14
+pixels at a focal length of 800 pixels."""
 MAX_STEPS_PER_BLUR = 6
-"""Gauss-Newton steps at each blur; the next blur continues what has not converged. Chosen by hand."""
+"""Maximum number of Gauss-Newton steps at each blur; the next blur continues from an estimate that has not converged.
+Chosen by hand."""
 ROTATION_STEP_RAD = 2e-4  #: Step of the numerical derivatives: a sixth of a pixel at a focal length of 800 pixels.
-TRANSLATION_STEP_M = 1e-3  #: Step of the numerical derivatives: a sixth of a pixel at 5 m and the same focal length.
+TRANSLATION_STEP_M = 1e-3  #: Step of the numerical derivatives: a sixth of a pixel at 5 m and 800 pixels.
 DERIVATIVE_STEPS = np.array([ROTATION_STEP_RAD] * 3 + [TRANSLATION_STEP_M] * 3)
-"""Steps of the six parameters: rotation vector, translation."""
+"""Steps of the six parameters: rotation vector (rad) and translation (m)."""
 CONVERGED_STEP = 1e-5  #: The estimate has converged if no parameter changes by more than this, rad and m: 0.01 pixels.
 MAX_ROTATION_DEG = 2.0
-"""Poses that would have to be rotated by more are reported and not changed, deg. Chosen by hand: a larger error is a
-fault of the pose that registration should not hide."""
-MAX_TRANSLATION_M = 0.1  #: Poses that would have to be moved by more are reported and not changed, metres; likewise.
+"""Maximum rotation of a registered pose, deg. A larger rotation is reported and not applied, because registration
+should not hide a faulty pose. Chosen by hand."""
+MAX_TRANSLATION_M = 0.1  #: Maximum translation, metres; a larger one is reported and not applied. Chosen by hand.
 PRIOR_SIGMAS = np.array([np.deg2rad(MAX_ROTATION_DEG / 4.0)] * 3 + [MAX_TRANSLATION_M / 5.0] * 3)
-"""Standard deviations of the error of a given pose, rad and m: 0.5 deg and 0.02 m, a quarter and a fifth of the largest
-motions. Where a rotation and a translation explain the residuals equally well, their ratio decides which one is taken.
-Chosen by hand."""
+"""Standard deviations of the error of a given pose, rad and m: 0.5 deg and 0.02 m, a quarter and a fifth of the maximum
+motions. If a rotation and a translation explain the residuals equally well, the ratio of their standard deviations
+decides between them. Chosen by hand."""
 POSE_HALF_WEIGHT_SIGMAS = 3.0
-"""Residuals of this many standard deviations have half the weight (`cauchy_weight`). More than the efficient 2.385,
-because the residuals of a wrong pose are large."""
+"""Residuals of this many standard deviations have half the weight (`cauchy_weight`). The value exceeds 2.385, which has
+an efficiency of 95 %, because the residuals of a wrong pose are large."""
 MIN_NORMALISED_SIGMA = 1e-6  #: Added to the standard deviation of residuals, which must not be 0.
 
 
@@ -55,7 +57,7 @@ class RegisteredViews(NamedTuple):
 
 
 class MotionSize(NamedTuple):
-    """How far a motion moves a pair."""
+    """Rotation angle and distance of a motion."""
 
     rotation_deg: float
     translation_m: float
@@ -68,12 +70,12 @@ class MotionSize(NamedTuple):
 
     @property
     def is_accepted(self) -> bool:
-        """Whether a given pose may err by so much."""
+        """Whether the motion is small enough to be applied."""
         return self.rotation_deg <= MAX_ROTATION_DEG and self.translation_m <= MAX_TRANSLATION_M
 
 
 def register_views(views: Sequence[PairView], rig: StereoRig) -> RegisteredViews:
-    """Return the views, each moved to fit those before where they overlap."""
+    """Return the views, each moved to agree with the earlier views where they overlap."""
     registered = [views[0]]
     findings = Findings()
     for index, view in enumerate(views[1:], start=1):
@@ -87,26 +89,27 @@ def register_views(views: Sequence[PairView], rig: StereoRig) -> RegisteredViews
 
 
 def _findings_of_motion(index: int, motion: Transform | None) -> Findings:
-    """Return the size of the motion of a pair, and a warning if its pose is left as given."""
+    """Return the size of the motion of a pair, and a warning if its pose is not changed."""
     if motion is None:
-        warning = f"pair {index} overlaps the pairs before it too little to be registered: its pose is left as given"
+        warning = f"pair {index} overlaps the earlier pairs too little to be registered: its pose is left as given"
         return Findings(warnings=(warning,))
     size = MotionSize.of(motion)
     statistics = {f"pose_turned_deg_{index}": size.rotation_deg, f"pose_moved_m_{index}": size.translation_m}
     if size.is_accepted:
         return Findings(statistics)
     warning = (
-        f"pair {index} would fit if moved by {size.rotation_deg:.1f} deg and {size.translation_m:.2f} m: more than "
-        f"{MAX_ROTATION_DEG} deg or {MAX_TRANSLATION_M} m, its pose is left as given"
+        f"pair {index} would agree with the earlier pairs if moved by {size.rotation_deg:.1f} deg and "
+        f"{size.translation_m:.2f} m: this exceeds {MAX_ROTATION_DEG} deg or {MAX_TRANSLATION_M} m, and its pose is "
+        "left as given"
     )
     return Findings(statistics, (warning,))
 
 
 def _estimate_motion(fixed: Sequence[PairView], moved: PairView, rig: StereoRig) -> Transform | None:
-    """Return the motion of a view, in its left optical frame, that makes it agree best with the fixed views.
+    """Return the motion of a view, in its left optical frame, that aligns the view best with the fixed views.
 
-    Ranges and grey levels of the fixed views' points are compared with those of the view where they are projected to.
-    None if the views overlap too little.
+    The points of the fixed views are projected into the moved view, where ranges and grey levels are compared. None is
+    returned if the views overlap too little.
     """
     compared = []
     for view in fixed:
@@ -139,7 +142,7 @@ def _with_blurred_grey(parts: Sequence[ViewPoints], views: Sequence[PairView], b
 
 
 def _motion(parameters: FloatArray) -> Transform:
-    """Return the motion of a rotation vector and a translation `(6,)`."""
+    """Return the motion of the parameters `(6,)`: rotation vector and translation."""
     return Transform(matrix_from_rotvec(parameters[:3]), parameters[3:].copy())
 
 
@@ -148,7 +151,7 @@ def _gauss_newton_step(
 ) -> FloatArray | None:
     """Return one step `(6,)`, rotation vector and translation in the left optical frame; None for too few points.
 
-    The prior is on the motion from the given pose.
+    The prior applies to the motion relative to the given pose.
     """
 
     def residuals(parameters: FloatArray) -> FloatArray:

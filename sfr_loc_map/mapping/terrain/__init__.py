@@ -1,4 +1,5 @@
-"""From a cloud to what a rover needs to know of the ground: heights, slope, roughness, step, hazard.
+"""Grids of the ground for rover navigation, computed from a cloud: height, slope, roughness, step, hazard.
 
-`cells` has the grid of cells, `elevation` the heights of its cells, and `terrain_grid` all layers.
+`cells` defines the grid of cells, `elevation` computes the heights of the cells, and `terrain_grid` computes all
+layers.
 """

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import FloatArray32
 
-MAX_CELLS = 2_500_000  #: Largest number of cells: a grid takes up to 120 bytes per cell while it is made, 300 MB.
+MAX_CELLS = 2_500_000  #: Maximum number of cells: 300 MB at up to 120 bytes per cell while a grid is computed.
 ROUNDED_DOWN = 1.05  #: Rounding to two digits lowers a number by less than this factor.
 
 
@@ -25,13 +25,13 @@ class Square(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CellGrid:
-    """A grid of square cells whose sides are at multiples of their length in x and y of LM.
+    """A grid of square cells whose sides are at multiples of the cell size in x and y of LM.
 
-    Grids of one cell size therefore have the same cells, whatever cloud they were made of.
+    Grids of the same cell size therefore have the same cells for any cloud.
     """
 
     first_column: int  #: Column of cell (0, 0), counted from the cell at the origin of LM.
-    first_row: int  #: Row of cell (0, 0), counted likewise.
+    first_row: int  #: Row of cell (0, 0), counted from the cell at the origin of LM.
     rows: int  #: Cells along y.
     columns: int  #: Cells along x.
     cell_m: float  #: Side of a cell.
@@ -43,14 +43,15 @@ class CellGrid:
 
     @classmethod
     def over(cls, xyz: FloatArray32, cell_m: float, within: Square | None = None) -> CellGrid:
-        """Return a grid that has a cell for each point `(N, 3)` in LM; points outside a square are ignored.
+        """Return the grid that covers the points `(N, 3)` in LM; points outside the square `within` are ignored.
 
-        Raises MappingError if the cell size is not positive, no point remains, or there would be too many cells.
+        Raises MappingError if the cell size is not positive, no point remains, a coordinate is not finite, or there
+        would be too many cells.
         """
         if not cell_m > 0.0:
-            raise MappingError(f"cells of {cell_m} m: the side must be more than 0")
+            raise MappingError(f"the cell size is {cell_m} m: it must be positive")
         if len(xyz) == 0:
-            raise MappingError("the cloud has no points: an elevation model needs some")
+            raise MappingError("the cloud has no points: an elevation model requires at least one")
         low = np.array([float(xyz[:, axis].min()) for axis in (0, 1)])
         high = np.array([float(xyz[:, axis].max()) for axis in (0, 1)])
         if within is not None:
@@ -60,7 +61,7 @@ class CellGrid:
             if (low > high).any():
                 raise MappingError(
                     f"the cloud has no points within {within.half_side_m} m of ({within.x_m:.4g}, {within.y_m:.4g}) "
-                    "along x and y: take a larger square (terrain.range_m)"
+                    "along x and y: increase the range (terrain.range_m)"
                 )
         if not (np.isfinite((low, high)).all() and np.isfinite(xyz[:, 2]).all()):
             raise MappingError("the cloud has points that are not finite: remove them")
@@ -70,13 +71,13 @@ class CellGrid:
             x, y = high - low
             possible_m = ROUNDED_DOWN * _smallest_cell(x, y)
             raise MappingError(
-                f"cells of {cell_m} m over {x:.4g} x {y:.4g} m are {rows * columns / 1e6:.3g} million: "
-                f"{MAX_CELLS / 1e6} million are the limit; take cells of {possible_m:.2g} m or more"
+                f"{x:.4g} x {y:.4g} m have {rows * columns / 1e6:.3g} million cells of {cell_m} m: the limit is "
+                f"{MAX_CELLS / 1e6} million; use cells of {possible_m:.2g} m or more"
             )
         return cls(int(first[0]), int(first[1]), int(rows), int(columns), cell_m)
 
     def cell_of(self, xyz: FloatArray32) -> NDArray[np.int32]:
-        """Return the cell `(N,)` of each point, row times columns plus column; -1 outside the grid."""
+        """Return the cell index `(N,)` of each point, `row * columns + column`; -1 outside the grid."""
         column = np.floor(xyz[:, 0].astype(np.float64) / self.cell_m) - self.first_column
         row = np.floor(xyz[:, 1].astype(np.float64) / self.cell_m) - self.first_row
         inside = (column >= 0.0) & (column < self.columns) & (row >= 0.0) & (row < self.rows)
@@ -84,9 +85,9 @@ class CellGrid:
 
 
 def _smallest_cell(x_m: float, y_m: float) -> float:
-    """Return the smallest cell size of which a rectangle has at most `MAX_CELLS`.
+    """Return the smallest cell size, metres, for which a rectangle has at most `MAX_CELLS` cells.
 
-    Cells of size c cover it with at most `(x / c + 2) (y / c + 2)` cells, a quadratic equation in c.
+    At most `(x / c + 2) (y / c + 2)` cells of size c cover the rectangle. The result solves a quadratic equation in c.
     """
     spare = MAX_CELLS - 4
     return float((x_m + y_m + np.hypot(x_m + y_m, np.sqrt(spare * x_m * y_m))) / spare)

@@ -16,9 +16,9 @@ from sfr_loc_map.mapping.rays import rays_from_cameras
 from sfr_loc_map.mapping.terrain.cells import CellGrid
 
 TYPICAL_SLOPE = 0.1
-"""Typical slope of ground, metres per metre: a displaced point has the height of other ground. Chosen by hand: a point
-that is seen from above then has 0.5 % more standard deviation of its height, one seen along the ground a tenth of its
-sigma."""
+"""Typical slope of ground, metres per metre, which converts a horizontal error of a point to a height error. Chosen by
+hand: the sigma of the height increases by 0.5 % if a point is observed from above, and it is a tenth of the point's
+sigma if the point is observed along the ground."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,25 +48,25 @@ def elevation_model(
     poses_lm_left: Sequence[Transform] | None = None,
     random_sigma: FloatArray32 | None = None,
 ) -> ElevationModel:
-    """Return the elevation model of a cloud over cells; raises MappingError if no point is in one of them.
+    """Return the elevation model of a cloud over cells; raises MappingError if no cell contains a point.
 
-    `cell_of_point` `(N,)` is the cell of each point, -1 outside (`CellGrid.cell_of`). Poses of the left cameras are in
-    the order of the points' `pair`; without poses, sigma of heights is overstated. `random_sigma` `(N,)` is the part of
-    the points' sigma that differs from point to point; None if all of it does.
+    `cell_of_point` `(N,)` is the cell of each point, -1 outside (`CellGrid.cell_of`). The `pair` of a point is the
+    index of its left camera's pose; without poses, the sigma of heights is overestimated. `random_sigma` `(N,)` is the
+    part of the points' sigma that differs from point to point; None if this is the whole sigma.
 
-    The height of a cell is the mean of its points' heights with the weights w, one over the random variance of a height
-    (`_height_variance_ratio`). The variance of a cell is the sum of three parts:
+    The height of a cell is the weighted mean of its n points' heights. The weight w is the inverse of the random
+    variance of a height (`_height_variance_ratio`). The variance of a cell is the sum of three parts:
 
     - the harmonic mean of the variances of its points, `n / sum w`: the errors of neighbouring points are correlated,
       so that averaging does not reduce them;
-    - the variance of the mean of heights h that differ within the cell, `sum w (h - mean)^2 / sum w / n`;
-    - the weighted mean of the part of the points' variance beyond the random one, which all points share.
+    - the variance of the mean due to different heights h within the cell, `sum w (h - mean)^2 / sum w / n`;
+    - the weighted mean of the total minus the random variance of the heights, which is common to all points.
     """
     inside = np.flatnonzero(cell_of_point >= 0)
     if not len(inside):
-        raise MappingError("the cloud has no points on the grid: take a larger one (terrain.range_m)")
+        raise MappingError("the cloud has no points on the grid: increase the range (terrain.range_m)")
     cell = cell_of_point[inside].astype(np.intp)
-    xyz = cloud.xyz.take(inside, axis=0)  # faster than indexing by rows
+    xyz = cloud.xyz.take(inside, axis=0)  # faster than fancy indexing
     height = xyz[:, 2].astype(np.float64)
     total = np.square(cloud.sigma[inside], dtype=np.float64)
     random = total if random_sigma is None else np.square(random_sigma[inside], dtype=np.float64)
@@ -102,8 +102,8 @@ def _height_variance_ratio(
     """Return the variance of the height of each point `(N,)` over its variance along the ray.
 
     An error along a ray with the unit vector `(x, y, z)` changes the height by z times the error. The horizontal part
-    of the error displaces the point, and displaced ground is higher by the slope: about `TYPICAL_SLOPE` times the
-    error. The ratio is `z^2 + TYPICAL_SLOPE^2`. Without poses, z is 1, the largest value.
+    of the error displaces the point, and the ground there differs in height by about `TYPICAL_SLOPE` times the error.
+    The ratio is `z^2 + TYPICAL_SLOPE^2`. Without poses, z is 1, its maximum.
     """
     if poses_lm_left is None:
         return np.full(len(xyz), 1.0 + TYPICAL_SLOPE**2)

@@ -1,9 +1,9 @@
 """The terrain grid: height, slope, roughness, step and hazard of square cells in LM.
 
-Slope and roughness are those of the plane fitted to the ground under the rover, as in Goldberg, Maimone and Matthies,
+Slope and roughness describe the plane fitted to the ground under the rover, as in Goldberg, Maimone and Matthies,
 "Stereo vision and rover navigation software for planetary exploration" (IEEE Aerospace Conference 2002). The hazard
 combines the three criteria by their ratio to the rover's limits, as in Chilian and Hirschmueller, "Stereo camera based
-navigation of mobile robots on rough terrain" (IROS 2009); here it is the largest ratio.
+navigation of mobile robots on rough terrain" (IROS 2009); here, the hazard is the largest ratio.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from sfr_loc_map.mapping.terrain.cells import CellGrid, Square
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel, elevation_model
 
 MIN_POINTS = 3
-"""Cells with fewer points have no height: no point would remain between the lowest and the highest one."""
+"""Minimum number of points of a cell with a height: one point remains without the lowest and the highest point."""
 OUTLIER_FRACTION = 0.15
-"""Fraction of a cell's points above its high height, and below its low height; at least one point of each cell. Chosen
-by hand. A rock that covers less of a cell is no step of that cell."""
+"""Fraction of a cell's points above its high height, and below its low height; at least one point of each cell. A rock
+that covers a smaller fraction of a cell does not cause a step. Chosen by hand."""
 STEP_RADIUS_M = 0.25
-"""A step is a difference of heights within this distance, metres: farther away the shape of the ground would count as a
-step. The distance defines what a step is. The size of the rover acts by the parameters `max_step_m` and
-`footprint_radius_m`."""
+"""Radius within which a difference of heights is a step, metres. With a larger radius, the shape of the ground would
+count as a step. The radius is part of the definition of a step; the parameters `max_step_m` and `footprint_radius_m`
+describe the rover."""
 MIN_FOOTPRINT_FRACTION = 0.5
-"""Fraction of the footprint's cells that must have a height for slope and roughness, so that at the edge of the mapped
-ground, where half of a footprint is known, the plane is interpolated and not extrapolated. Chosen by hand."""
-MIN_RADIUS_CELLS = 1.5  #: Smallest radius of a window in which a plane is fitted, cells: a cell and its neighbours.
+"""Minimum fraction of the footprint's cells with a height for slope and roughness. At the edge of the mapped ground,
+half of the footprint has heights, so that the plane is interpolated and not extrapolated. Chosen by hand."""
+MIN_RADIUS_CELLS = 1.5  #: Minimum radius of a window in which a plane is fitted, cells: a cell and its neighbours.
 MIN_DETERMINANT = 1e-6
-"""Smallest determinant of the covariance of the cells' positions, in units of cell_m^4: 0 if all are on a line."""
+"""Minimum determinant of the covariance of the cells' positions, in units of cell_m^4: 0 if all cells are on a line."""
 ROUNDING = 1e-9  #: Added to a squared radius, in cells, so that cells on the circle are inside despite rounding.
 HAZARD = 100  #: Value of a cell that is a hazard, as in nav_msgs/OccupancyGrid.
 UNKNOWN = -1  #: Value of a cell that is unknown, as in nav_msgs/OccupancyGrid.
@@ -56,8 +56,8 @@ class Planes(NamedTuple):
 class OuterHeights(NamedTuple):
     """Lowest and highest height of each cell without its outliers, `(R, C)` each; NaN with too few points."""
 
-    low: FloatArray  #: Height above a fraction `OUTLIER_FRACTION` of the points, and above one at least.
-    high: FloatArray  #: Height below the same fraction of the points, and below one at least.
+    low: FloatArray  #: Height above the fraction `OUTLIER_FRACTION` of the points, and above at least one point.
+    high: FloatArray  #: Height below the same fraction of the points, and below at least one point.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,15 +85,16 @@ def terrain_grid(
 ) -> TerrainGrid:
     """Return the terrain of a cloud in LM, with z upwards; raises MappingError for no points or too many cells.
 
-    Poses of the left cameras are in the order of the points' `pair`. Without poses, points of all ranges are used and
-    the sigma of heights is overstated. `random_sigma` `(N,)`, metres, is the part of sigma that differs from point to
-    point; None if all of it does.
+    The `pair` of a point is the index of its left camera's pose. Without poses, points at all ranges are used and the
+    sigma of heights is overestimated. `random_sigma` `(N,)`, metres, is the part of sigma that differs from point to
+    point; None if this is the whole sigma.
 
-    The steps are: heights of the cells, planes through the heights within the footprint (slope, roughness), steps above
-    these planes, and the hazard by the ratios of all three to the rover's limits.
+    The computation has four stages: heights of the cells, planes fitted to the heights within the footprint (slope,
+    roughness), steps relative to these planes, and hazards from the ratios of slope, roughness and step to the rover's
+    limits.
     """
     cell_m = config.cell_m
-    poses = poses_lm_left or None  # an empty sequence is no poses
+    poses = poses_lm_left or None  # an empty sequence means no poses
     cells = CellGrid.over(cloud.xyz, cell_m, None if poses is None else _mapped_square(poses, config))
     cell_of_point = cells.cell_of(cloud.xyz)
     model = _without_sparse_cells(elevation_model(cloud, cells, cell_of_point, poses, random_sigma))
@@ -111,7 +112,7 @@ def terrain_grid(
 
 
 def _mapped_square(poses: Sequence[Transform], config: TerrainConfig) -> Square:
-    """Return the square within the configured range of the mean of the cameras."""
+    """Return the square of the configured range around the mean position of the cameras."""
     x_m, y_m = np.mean([pose.translation[:2] for pose in poses], axis=0).tolist()
     return Square(x_m, y_m, config.range_m)
 
@@ -125,7 +126,7 @@ def _without_sparse_cells(model: ElevationModel) -> ElevationModel:
 
 
 def _disc(radius_cells: float) -> IntArray:
-    """Return the cells whose centres are within a radius: rows and columns relative to the middle one `(K, 2)`."""
+    """Return the cells whose centres are within a radius: rows and columns relative to the centre `(K, 2)`."""
     reach = int(radius_cells)
     rows, columns = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     inside = rows**2 + columns**2 <= radius_cells**2 + ROUNDING
@@ -135,13 +136,14 @@ def _disc(radius_cells: float) -> IntArray:
 def _outer_heights(cell_of_point: NDArray[np.int32], height: FloatArray32, count: NDArray[np.int32]) -> OuterHeights:
     """Return the quantiles `OUTLIER_FRACTION` and `1 - OUTLIER_FRACTION` of the heights of each cell, by nearest rank.
 
-    The lowest and the highest point are always excluded: by nearest rank alone cells of three or four points would
-    exclude none.
+    The lowest and the highest point are always excluded. By nearest rank alone, no point of a cell with three or four
+    points would be excluded.
 
     `cell_of_point` `(N,)` is the cell of each point, -1 outside, and `height` `(N,)` its height. `count` `(R, C)` is
     the number of points of each cell.
     """
-    # Cell and height are packed into one integer whose order is that of both: sorting by two keys is much slower.
+    # Cell and height are packed into one integer that sorts by cell, then by height. Sorting by two keys is much
+    # slower.
     inside = cell_of_point >= 0
     ordered = cell_of_point[inside].astype(np.int64)
     ordered <<= 32
@@ -153,7 +155,7 @@ def _outer_heights(cell_of_point: NDArray[np.int32], height: FloatArray32, count
     last = counts[known] - 1
 
     def quantile(fraction: float) -> FloatArray:
-        """Return the heights of this rank in each cell, as a fraction of its points."""
+        """Return the height in each cell at this fraction of its sorted points."""
         rank = np.clip(np.rint(fraction * last).astype(np.int64), 1, last - 1)
         heights = np.full(len(counts), np.nan)
         heights[known] = _in_order(ordered[first + rank].astype(np.int32)).view(F)
@@ -163,7 +165,7 @@ def _outer_heights(cell_of_point: NDArray[np.int32], height: FloatArray32, count
 
 
 def _in_order(bits: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return bits of float32 as integers of the same order, and such integers as bits: negative ones are reversed."""
+    """Convert bits of float32 to integers of the same order, or back, by reversing the order of negative numbers."""
     return np.where(bits < 0, bits ^ np.int32(0x7FFFFFFF), bits)
 
 
@@ -234,7 +236,7 @@ def _fit_planes(height: FloatArray, window: IntArray, cell_m: float) -> Planes:
 
 @jit_rows
 def _steps(outer: OuterHeights, planes: Planes, window: IntArray, cell_m: float) -> FloatArray:
-    """Return the step of each cell `(R, C)`, metres, NaN where there is no plane.
+    """Return the step of each cell `(R, C)`, metres, NaN without a plane.
 
     The step is the largest high height minus the smallest low height (`_outer_heights`) of the cells of a window, both
     relative to the plane of the footprint, so that a slope alone is not a step.
@@ -265,10 +267,12 @@ def _steps(outer: OuterHeights, planes: Planes, window: IntArray, cell_m: float)
 def _hazards(plane_ratio: FloatArray32, step_ratio: FloatArray32, footprint: IntArray) -> NDArray[np.int8]:
     """Return the hazard of each cell `(R, C)`: 100 for a hazard, otherwise 0 to 99, -1 where unknown.
 
-    A cell is a hazard if a criterion reaches its limit under a rover at that cell. A step may be anywhere in the
-    footprint, also beside cells that are unknown. Otherwise the value is the largest ratio to a limit in percent.
+    A cell is a hazard if a criterion reaches its limit under a rover at that cell. A step counts anywhere in the
+    footprint, even if other cells of the footprint are unknown. Otherwise the value is the largest ratio to a limit in
+    percent.
 
-    Ratios `(R, C)` to the limits are NaN where unknown: the larger one of slope and roughness, and that of the step.
+    `plane_ratio` `(R, C)` is the larger ratio of slope and roughness to their limits, and `step_ratio` `(R, C)` the
+    ratio of the step to its limit; both are NaN where unknown.
     """
     reach = int(np.abs(footprint).max())
     side = 2 * reach + 1
@@ -280,7 +284,7 @@ def _hazards(plane_ratio: FloatArray32, step_ratio: FloatArray32, footprint: Int
 
 
 def warm_up() -> None:
-    """Load or compile all kernels, so that no later call takes the time."""
+    """Load or compile all kernels, so that the first call is not slower than later calls."""
     xyz = np.random.default_rng(0).uniform(0.0, 1.0, (1000, 3)).astype(F)
     zeros = np.zeros(len(xyz), np.uint16)
     ones = np.ones(len(xyz), F)

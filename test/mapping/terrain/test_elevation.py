@@ -46,7 +46,7 @@ def test_grids_of_one_cell_size_share_their_cells_within_reach() -> None:
 @pytest.mark.parametrize(
     ("xy", "cell", "within", "message"),
     [
-        ([(0.0, 0.0), (9.0, 9.0)], 0.0, None, "more than 0"),
+        ([(0.0, 0.0), (9.0, 9.0)], 0.0, None, "must be positive"),
         ([], 0.1, None, "no points"),
         ([(90.0, 0.0)], 0.1, Square(0.0, 0.0, 2.0), r"no points within 2\.0 m of \(0, 0\) .* \(terrain\.range_m\)"),
     ],
@@ -61,7 +61,7 @@ def test_cells_that_cannot_be_are_refused(
 @pytest.mark.parametrize(("x", "y"), [(537.0, 270.0), (9.0, 1e9), (1e7, 0.0), (4e5, 3e37)])
 def test_the_cells_that_an_error_names_fit(x: float, y: float) -> None:
     """Of 537 x 270 m, as by a flipped bit, a grid of 0.1 m would take 1.5 GB."""
-    with pytest.raises(MappingError, match=r"million are the limit; take cells of \S+ m or more") as refused:
+    with pytest.raises(MappingError, match=r"the limit is \S+ million; use cells of \S+ m or more") as refused:
         CellGrid.over(points((0.05, 0.0), (x, y)), 0.1)
     cell_m = float(str(refused.value).split()[-4])
     grid = CellGrid.over(points((0.05, 0.0), (x, y)), cell_m)
