@@ -54,6 +54,7 @@ SIMPLER = 2.0  #: A mismatch with fitted numbers must explain this many times mo
 MAX_POSES, MIN_POSES = 20_000, 8
 SUB_TRAJECTORIES = 400
 MIN_LEVER_M, MAX_TILT_DEG = 0.05, 60.0
+ALIKE = 0.5  #: A unit explains displacements only if this is their correlation with the true ones; noise has about 0.
 OFFSET_STEPS = 200
 AS_GOOD = 1.1  #: An offset to the stamps of the truth themselves is taken for the best one if it is this near to it.
 STAMP_NOISE_NS = 1_000
@@ -111,7 +112,7 @@ def diagnose(
         return Diagnosis(disagreement=before, hypotheses=(), found=None)
     tried: list[Tried] = []
     for item in [*MISMATCHES, *frame_mismatches(true, found, rig)] if has_frames else []:
-        if item.applies(*found):
+        if item.applies(true, found):
             left = disagreements(true, item.undo(*found))
             hypothesis = Hypothesis(
                 mismatch=item.name,
@@ -231,7 +232,7 @@ class Mismatch(NamedTuple):
     sentence: str
     undo: Callable[[FloatArray, FloatArray], Poses]
     is_fitted: bool = False  #: Whether numbers were fitted to undo it.
-    applies: Callable[[FloatArray, FloatArray], bool] = lambda p, q: True
+    applies: Callable[[Poses, Poses], bool] = lambda true, found: True  #: Whether these poses can show it.
 
 
 def _motions_inverted(p: FloatArray, q: FloatArray) -> Poses:
@@ -239,9 +240,21 @@ def _motions_inverted(p: FloatArray, q: FloatArray) -> Poses:
     return quat_rotate(back, p[0] - p), quat_multiply(back, q[0])
 
 
-def _begins_elsewhere(p: FloatArray, q: FloatArray) -> bool:
+def _begins_elsewhere(true: Poses, found: Poses) -> bool:
     """Return whether the first pose is not the identity: else inverted motions are inverted poses."""
-    return bool(np.abs(p[0]).max() + quat_angle(q[0]) > 1e-9)
+    positions, quats = found
+    return bool(np.abs(positions[0]).max() + quat_angle(quats[0]) > 1e-9)
+
+
+def _moves_alike(true: Poses, found: Poses) -> bool:
+    """Return whether displacements have the directions of the true ones; those of a rover that stands are noise.
+
+    Without this condition, millimetres would explain the noise of any estimate at standstill, because they remove it.
+    """
+    starts, ends = _eighths(len(true[0]))
+    moves = [quat_rotate(quat_conjugate(q[starts]), p[ends] - p[starts]) for p, q in (true, found)]
+    size = float(np.linalg.norm(moves[0]) * np.linalg.norm(moves[1]))
+    return bool((moves[0] * moves[1]).sum() > ALIKE * size)
 
 
 WXYZ = [1, 2, 3, 0]  #: Columns x, y, z, w of a quaternion that was read as x, y, z, w but was written w, x, y, z.
@@ -295,12 +308,14 @@ MISMATCHES = (
         "metres_per_unit=0.001",
         "its positions are in millimetres: write metres",
         lambda p, q: (p * 1e-3, q),
+        applies=_moves_alike,
     ),
     Mismatch(
         "kilometres",
         "metres_per_unit=1000",
         "its positions are a thousand times too small (the truth in millimetres, or kilometres): write metres",
         lambda p, q: (p * 1e3, q),
+        applies=_moves_alike,
     ),
     Mismatch(
         "swapped left and right images",

@@ -129,6 +129,16 @@ def test_a_correct_pair_is_never_accused(kind: str) -> None:
         assert found(estimate, truth, RIG if seed % 3 else None)[0] is None, seed
 
 
+@pytest.mark.parametrize("true_noise_m", [0.0, 1e-6, 1e-4, 1e-3])
+def test_noise_at_standstill_is_not_a_unit(true_noise_m: float) -> None:
+    """A truth that is less noisy than the estimate made millimetres explain the noise, because they remove it."""
+    (stamps, _, quats), (_, _, turned) = rover(5, kind="standing")
+    rng = np.random.default_rng(9)
+    truth = Trajectory(stamps, rng.normal(0, 1, (len(stamps), 3)) * true_noise_m, quats)
+    estimate = Trajectory(stamps, rng.normal(0, 1e-3, (len(stamps), 3)), turned)
+    assert diagnose(estimate, truth, AssociationConfig(), RIG).found is None
+
+
 def test_no_honest_drive_is_accused() -> None:
     """Noise, drift, scale, outliers, last frames off, short, straight, standing; the campaign has 1,000 of them."""
     for seed in range(24):
