@@ -4,15 +4,16 @@ A sparse, keyframe-based stereo odometry with a sliding window. `Localiser.proce
 pair and returns one `PoseEstimate`:
 
 1. Landmarks are pixels of keyframes with an inverse depth and the slope of their local plane (`frontend/landmarks.py`).
-2. A new pair is aligned with them as a whole (direct image alignment, SVO: Forster et al. 2017), then each patch is
-   tracked by least squares in both images (Lucas and Kanade 1981; `frontend/`).
-3. The pose follows from all observations, with robust weights (Geman and McClure 1985) and the uncertainty of each
+2. A new pair is aligned with all landmarks jointly (direct image alignment as in SVO, Forster et al. 2017). Each patch
+   is then tracked by least squares in both images (Lucas and Kanade 1981; `frontend/`).
+3. The pose is estimated from all observations, with robust weights (Geman and McClure 1985) and the uncertainty of each
    landmark (`frontend/pose_solver.py`).
-4. A second rigid motion in the image is excluded (`ground_motion.py`); guards judge images and pose (`guards.py`).
-5. Keyframes are adjusted together; those that leave the window are marginalised (OKVIS: Leutenegger et al. 2015;
-   `keyframes.py`, `backend/`). A rotation of the right camera is estimated online (`backend/online_calibration.py`).
-6. The covariance of each pose and each step is composed of named error sources (`error_sources.py`,
-   `covariance.py`).
+4. A second rigid motion in the image is excluded (`ground_motion.py`). Guards check the images and the pose
+   (`guards.py`).
+5. The keyframes of the window are adjusted jointly, and keyframes that leave the window are marginalised as in OKVIS
+   (Leutenegger et al. 2015; `keyframes.py`, `backend/`). The rotation error of the right camera is estimated online
+   (`backend/online_calibration.py`).
+6. The covariance of each pose and each step is composed of named error sources (`error_sources.py`, `covariance.py`).
 """
 
 import lazy_loader

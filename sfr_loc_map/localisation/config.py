@@ -9,27 +9,27 @@ from sfr_loc_map.config import param
 
 @dataclass(frozen=True, slots=True)
 class MotionBounds:
-    """How a rover may move."""
+    """Bounds on the motion of the rover."""
 
     unseen_speed_m_s: float = param(
         1.0,
         unit="m/s",
-        doc="Standard deviation of the speed of the rover while its motion is unobserved, but at least its last speed.",
+        doc="Standard deviation of the speed while the motion is unobserved. The last speed is used if it is larger.",
         low=0.0,
         high=1000.0,
     )
     unseen_turn_rad_s: float = param(
         0.5,
         unit="rad/s",
-        doc="Standard deviation of the turn rate while the motion is unobserved, but at least the last turn rate.",
+        doc="Standard deviation of the turn rate while the motion is unobserved. The last one is used if it is larger.",
         low=0.0,
         high=100.0,
     )
     max_speed_m_s: float = param(
-        50.0, unit="m/s", doc="Largest speed. A pose that requires a faster motion is rejected.", low=0.01, high=1e4
+        50.0, unit="m/s", doc="Maximum speed. A pose that requires a faster motion is rejected.", low=0.01, high=1e4
     )
     max_turn_rad_s: float = param(
-        6.0, unit="rad/s", doc="Largest turn rate. A pose that requires a faster turn is rejected.", low=0.01, high=1e3
+        6.0, unit="rad/s", doc="Maximum turn rate. A pose that requires a faster turn is rejected.", low=0.01, high=1e3
     )
 
 
@@ -38,13 +38,15 @@ class LocalisationConfig:
     """Parameters of the localiser; ROS parameters and configuration files have the same names."""
 
     max_features: int = param(
-        2250, doc="Number of landmarks tracked in a keyframe; doubled from 900 x 900 pixels on.", low=50, high=20_000
+        2250,
+        doc="Number of landmarks tracked in a keyframe. Doubled for images of 900 x 900 pixels or more.",
+        low=50,
+        high=20_000,
     )
     window_keyframes: int = param(7, doc="Number of keyframes in the window.", low=2, high=20)
     min_tracked: int = param(25, doc="Minimum number of inliers of an accepted pose.", low=8, high=1000)
     motion: MotionBounds = field(default_factory=MotionBounds)
     left_mask: str = param(
-        "",
-        doc="PNG file that is 0 where the left camera sees the rover: features are not detected there. Empty: no mask.",
+        "", doc="PNG mask of the left camera. Features are not detected where its value is 0. Empty: no mask."
     )
-    right_mask: str = param("", doc="Mask of the right camera, like left_mask.")
+    right_mask: str = param("", doc="PNG mask of the right camera, like left_mask.")

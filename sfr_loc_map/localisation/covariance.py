@@ -1,74 +1,87 @@
-"""The covariances of the estimates: how they are composed of the named error sources.
+"""Covariances of the estimates, composed of the named error sources.
 
-The formulas name the fields of `error_sources.ErrorSources`. They contain what the localiser estimates itself:
-`yaw_sigma`, `yaw_target` and `yaw_remaining` are the standard deviation of the right camera's yaw, the yaw to be
-corrected, and the part of it that is not corrected yet (`OnlineCalibration`), px. The *variance factor* v is the ratio
-of the residuals found to those stated (Foerstner and Wrobel, Photogrammetric Computer Vision, chapter 4). Z is the
-median depth, m, of the landmarks of the map (in P) or of those that were tracked (in Q and S). f is the focal length,
-px, b the baseline, m.
+The formulas use the fields of `error_sources.ErrorSources` and these values:
 
-**Pose** (`pose_covariance`): left camera in the world, since the pose that placed the world in DS.
+- `yaw_sigma`, `yaw_target`, `yaw_remaining`: standard deviation of the right camera's yaw, the yaw to be corrected, and
+  the part of this yaw that is not corrected yet, px (`OnlineCalibration`);
+- v: *variance factor*, the ratio of the squared residuals to their stated variance (Foerstner and Wrobel,
+  Photogrammetric Computer Vision, chapter 4);
+- Z: median depth, m, of the landmarks of the map (in P) or of the tracked landmarks (in Q and S);
+- f: focal length, px; b: baseline, m.
+
+**Pose** (`pose_covariance`): left camera in the world, relative to the pose that placed the world in DS.
 
     P = start + adjustment_inflation D + A + blur + (disparity_px^2 + yaw_sigma^2 + (unsettled_yaw_ratio
         yaw_remaining)^2) B B' + U U' + attitude + unimaged
     D = W + C - O
 
-- start: covariance of that pose, propagated to the present position. A new window adds `adjustment_inflation D`,
+- start: covariance of that pose, propagated to the present position. A new window adds to it `adjustment_inflation D`,
   `unimaged` and `blur` of the pose at which the window begins.
-- D: drift within the window. W is the covariance of the newest keyframe by the bundle adjustment. C is the covariance
-  of the pose given the landmarks; it is zero once the pose itself is an adjusted keyframe. O is W + C of the past pose
-  of this window that a pose from outside has fixed, propagated to the present position; it is zero without one. With O,
+- D: drift within the window. W is the covariance of the newest keyframe from the bundle adjustment. C is the covariance
+  of the pose given the landmarks, and zero once the pose itself is an adjusted keyframe. O is zero unless an external
+  pose applies to a past pose of this window. O is then W + C of that past pose, propagated to the present position, and
   negative eigenvalues of D are replaced by zero (`positive_part`).
-- A: directed errors (ambiguous motions; bending of the path by the lens), which add up along the path, propagated.
-- blur: (blur_px / f) rad on each axis, and that angle times Z in position (`blur_of`).
-- B: path integral of the position over a constant disparity error, m/px. U: position error of the path that was
-  travelled before the yaw was corrected, m.
-- attitude: (bent_attitude_ratio hypot(yaw_sigma, yaw_target))^2 + (followed_attitude_ratio followed drift)^2, over f^2.
-- unimaged: the motion up to the last accepted pose as if no image had shown it, for findings that ask for it
-  (`findings.RULES`), and the motion since that pose while it is kept (`PathErrors.suspected`, `PathErrors.unseen`).
+- A: directed errors, which add up along the path (ambiguous motions, bending of the path by the lens), propagated to
+  the present position.
+- blur: standard deviation blur_px / f, rad, about each axis, and this angle times Z in position (`blur_of`).
+- B: position error per pixel of a constant disparity error, accumulated along the path, m/px. U: position error of the
+  path that was travelled before the yaw was corrected, m.
+- attitude: (bent_attitude_ratio hypot(yaw_sigma, yaw_target))^2 + (followed_attitude_ratio d)^2, divided by f^2. d is
+  the sum of the absolute drifts of the right camera that were followed, px (`followed_px`).
+- unimaged: unobserved motion. The motion to the last accepted pose counts as unobserved if the findings of that pose
+  require this (`findings.RULES`, `PathErrors.suspected`). The motion since that pose is unobserved while the pose is
+  kept (`PathErrors.unseen`).
 
-Two poses share most of P, and P shrinks when the yaw is learnt. P therefore does not give the uncertainty of the motion
-between two poses, which is composed of steps.
+Consecutive poses share most of P, and P shrinks when the yaw is estimated. The uncertainty of the motion between two
+poses is therefore composed of steps and not computed from P.
 
-**Step** (`step_covariance` without `added`, which `trajectory` adds): RB in RB at the pose before, independent from
-step to step.
+**Step** (`step_covariance` without `added`, which `trajectory` adds): motion of RB, in RB at the previous pose. The
+errors of different steps are independent.
 
     Q = step_inflation max(v, min_variance_factor) r (adjustment_inflation K + (keyframe_px Z / f)^2) + added
     r = max(step / max(keyframe interval, min_interval_ratio usual interval), min_step_ratio)
 
-- K: covariance of the newest keyframe given the one before; the interval is that between the two. In a window of one
-  keyframe, C takes the place of K, and the interval is the usual one. Sizes of step and interval are optical flow, rad.
-- added: what findings add to the two poses of the step (`inflation_of`), the motion of the pose before by a correction
-  of the yaw (`PublishedPose.shared`), and the motion while that pose was kept (`PublishedPose.unseen_rb`). The factor
-  in front is 1 before the first residuals.
+- K: covariance of the newest keyframe given the previous keyframe. The keyframe interval is the motion between these
+  two. In a window of one keyframe, C replaces K, and the usual interval (`RoverModel.keyframe_rad`) is used. Steps and
+  intervals are measured as optical flow, rad.
+- added: the inflation by findings of the two poses of the step (`inflation_of`), the displacement of the previous pose
+  by a correction of the yaw (`PublishedPose.shared`), and the unobserved motion while the previous pose was kept
+  (`PublishedPose.unseen_rb`).
 
-**Noise** (`pose_noise`): white noise of a pose itself, which cancels between consecutive steps.
+Before the first residuals, the factor before r is 1.
+
+**Noise** (`pose_noise`): white noise of a pose, which cancels between consecutive steps. `shear_chi2` is the squared
+shear of the image rows over its variance.
 
     N = white_ratio max(v, min_variance_factor) max(shear_chi2, 1) C + exposure_rad^2 (attitude)
 
 **Systematic** (`systematic_step`): errors common to all steps, which add up with their sign.
 
     position = hypot(disparity_px, yaw_sigma, yaw_remaining) Z / (f b) displacement
-    attitude = hypot(lens_px, lens_ratio residual disparity) / (f b) length
+    attitude = hypot(lens_px, lens_ratio RMS of the residual disparities) / (f b) length
 
-A yaw that is still to be corrected counts in full in a step and by half in the pose, which contains U as well.
+The remaining yaw enters a step in full. In the pose it is multiplied by `unsettled_yaw_ratio`, because P also contains
+U.
 
-**Twist** (`StepEstimate.motion_covariance`): the motion of a step over its duration. Its covariance is Q, N of both
-poses, the squared systematic part, and a speed that may have changed while no image showed it.
+**Twist** (`StepEstimate.motion_covariance`): the motion of a step divided by its duration. The covariance of the motion
+is the sum of Q, N of both poses, the squared systematic errors, and the covariance of a change of speed during an
+unobserved motion.
 
-**Unseen motion** (`unseen_motion`): in a time t at the speed (s, w), at least the configured one:
+**Unobserved motion** (`unseen_motion`): motion in a time t (seconds) at a speed s (m/s) and a turn rate w (rad/s),
+which are the last ones, but at least the configured ones.
 
     diag(s t, s t, climb_ratio s t, tilt_ratio w t, tilt_ratio w t, w t)^2
 
-Each angle is at most `MAX_ANGLE_RAD`, about which nothing is known then.
+Each angle is at most `MAX_ANGLE_RAD`.
 
-A new error source is a field of `ErrorSources` and a term in one of these formulas. If it accumulates along the path,
-it is also a field of `path_errors.PathErrors`, which only its methods change: `with_pose` or `with_directed` adds to
-it, `placed` and `rebased` reset it, and `restarted` decides what of it a new window inherits. It is a field of
-`history.PastPose` as well, from which `rebased` takes what arose before a past pose.
+A new error source requires a field of `ErrorSources` and a term in one of these formulas. An error that accumulates
+along the path also requires a field of `path_errors.PathErrors`, which only the methods of that class change:
+`with_pose` or `with_directed` adds to the field, `placed` and `rebased` reset it, and `restarted` decides how much of
+it a new window inherits. A further field of `history.PastPose` lets `rebased` subtract the error that arose before
+a past pose.
 
-Positions are `(3,)`, m, in the world. A covariance `(6, 6)` is of position and rotation about fixed axes, of the left
-camera in the world unless stated otherwise.
+Positions are `(3,)`, m, in the world. A covariance `(6, 6)` is that of position and rotation about fixed axes, for the
+left camera in the world unless stated otherwise.
 """
 
 from __future__ import annotations
@@ -89,9 +102,9 @@ from sfr_loc_map.localisation.motion_size import MotionSize, Speed, size_of
 from sfr_loc_map.localisation.path_errors import ZERO, DirectedError, PathErrors
 from sfr_loc_map.localisation.symmetric_matrices import positive_part, symmetric
 
-MAX_ANGLE_RAD = np.pi / np.sqrt(3.0)  #: Standard deviation of an angle about which nothing is known (uniform), rad.
+MAX_ANGLE_RAD = np.pi / np.sqrt(3.0)  #: Standard deviation of an unknown angle (uniform over a turn), rad.
 EXPECTED_CHI_MEDIAN = 0.839  #: Median of chi-square with four degrees of freedom, divided by four.
-MIN_VARIANCE = 1e-12  #: Keeps each covariance of a step positive definite, m^2 and rad^2.
+MIN_VARIANCE = 1e-12  #: Added to each variance of a step, which must be positive, m^2 and rad^2.
 
 
 # ---- the pose
@@ -103,15 +116,15 @@ def pose_covariance(
     """Return the covariance P of the left camera at a position, with landmarks at a median depth."""
     sources = model.sources
     blur = blur_of(depth_m, model).covariance
-    # errors that all disparities share: a constant one, the yaw as far as it is unknown, and the path travelled
-    # before the yaw was corrected
+    # errors common to all disparities: a constant error, the uncertainty of the yaw, and the path travelled before the
+    # yaw was corrected
     bias, corrected = errors.bias_since_origin
     uncorrected = calibration.yaw.target_px * bias - corrected
     unsettled_px = sources.unsettled_yaw_ratio * calibration.remaining_px
     variance_px2 = sources.disparity_px**2 + calibration.yaw_sigma_px**2 + unsettled_px**2
     disparity = np.zeros((6, 6))
     disparity[:3, :3] = variance_px2 * np.outer(bias, bias) + np.outer(uncorrected, uncorrected)
-    # the attitude, which an uncorrected yaw bends, and which the drift of the right camera leaves
+    # attitude error by an uncorrected yaw, which bends the path, and by the drift of the right camera
     bent_px = sources.bent_attitude_ratio * np.hypot(calibration.yaw_sigma_px, calibration.yaw.target_px)
     attitude_px = np.hypot(bent_px, sources.followed_attitude_ratio * calibration.followed_px)
     attitude = np.zeros((6, 6))
@@ -122,13 +135,13 @@ def pose_covariance(
 
 
 def blur_of(depth_m: float, model: RoverModel) -> MotionSize:
-    """Return the standard deviations of a pose by the error of a whole image, with landmarks at a median depth."""
+    """Return the standard deviations of a pose by an error of the whole image, for landmarks at a median depth."""
     blur_rad = model.sources.blur_px / model.fx
     return MotionSize(blur_rad * depth_m, blur_rad)
 
 
 def start_and_drift(errors: PathErrors, position: FloatArray, model: RoverModel) -> FloatArray:
-    """Return the parts start and D of the pose covariance, which come from the start pose and the drift since."""
+    """Return the terms start and `adjustment_inflation D` of the pose covariance P."""
     drift = errors.in_window
     origin = errors.origin
     if origin.in_window is not None:
@@ -137,18 +150,20 @@ def start_and_drift(errors: PathErrors, position: FloatArray, model: RoverModel)
 
 
 def accumulated_covariance(errors: PathErrors, position: FloatArray, model: RoverModel) -> FloatArray:
-    """Return what the windows and the motions between them added since the map was placed, for a pose of this window.
+    """Return the covariance that windows, and the motions between windows, added since the map was placed.
 
-    Poses from outside do not reset it, so that the difference of two such covariances is what arose between two poses.
+    External poses with earlier stamps do not reset this covariance. The difference of two such covariances is therefore
+    the uncertainty that arose between the two poses.
     """
     drift = errors.in_window * model.sources.adjustment_inflation
     return np.asarray(errors.before_window.at(position) + drift)
 
 
 def lens_turn_per_m(calibration: OnlineCalibration, model: RoverModel) -> float:
-    """Return the rotation per metre, rad/m, by which residual disparities of the lens bend the path.
+    """Return the rotation per metre, rad/m, by which residual lens distortion bends the path.
 
-    Landmarks that are too near on one side and too far on the other turn each step by metres / (fx baseline) per px.
+    If landmarks are too near on one side and too far on the other by 1 px of disparity, each step is turned by its
+    length divided by (fx baseline).
     """
     sources = model.sources
     return float(np.hypot(sources.lens_px, sources.lens_ratio * calibration.lens.rms_px) / model.focal_baseline)
@@ -158,7 +173,7 @@ def lens_turn_per_m(calibration: OnlineCalibration, model: RoverModel) -> float:
 
 
 def unseen_motion(speed: Speed, seconds: float, model: RoverModel) -> FloatArray:
-    """Return the covariance `(6, 6)` of a motion that no image showed, in RB where it began.
+    """Return the covariance `(6, 6)` of an unobserved motion, in RB at its start.
 
     The rover may have continued at its last speed.
     """
@@ -170,11 +185,11 @@ def unseen_motion(speed: Speed, seconds: float, model: RoverModel) -> FloatArray
 
 
 class AddedError(NamedTuple):
-    """What findings add to the covariance of a pose, and of the steps to it and from it."""
+    """What findings add to the covariance of a pose, and of the steps to and from this pose."""
 
-    #: `(6, 6)` motion since the last pose, in RB there; None without such a finding.
+    #: `(6, 6)` covariance of the motion since the last pose as if unobserved, in RB at that pose; None if not required.
     suspected_rb: FloatArray | None
-    ambiguity: DirectedError | None  #: Distance to another possible pose; None without such a finding.
+    ambiguity: DirectedError | None  #: Error if another motion is the true one; None if not required.
 
     @property
     def of_step(self) -> FloatArray:
@@ -186,16 +201,16 @@ class AddedError(NamedTuple):
 def inflation_of(
     inflation: Inflation, *, unseen_rb: FloatArray, moved: MotionSize, rival_distance: MotionSize
 ) -> AddedError:
-    """Return what findings add, by the kind of their inflation (`findings.RULES`).
+    """Return what findings add to covariances, by the kinds of inflation that they require (`findings.RULES`).
 
     Args:
-        inflation: What the findings of the pair ask for.
-        unseen_rb: `(6, 6)` covariance of the motion since the last pose if no image had shown it, in RB there.
-        moved: Length and angle of the motion since the last pose, as it was estimated.
+        inflation: Kinds of inflation that the findings of the pair require.
+        unseen_rb: `(6, 6)` covariance of the motion since the last pose as if unobserved, in RB at that pose.
+        moved: Length and angle of the estimated motion since the last pose.
         rival_distance: Distance between the poses of two possible motions; zero if only one was found.
     """
     ambiguity = None
-    if Inflation.AMBIGUITY in inflation:  # any of the motions, and standstill, may be the true one
+    if Inflation.AMBIGUITY in inflation:  # either motion, or a standstill, may be the true one
         forwards_m, *_, heading_rad = np.sqrt(unseen_rb.diagonal())
         ambiguity = DirectedError(
             max(rival_distance.metres, moved.metres, forwards_m),
@@ -212,10 +227,10 @@ class StepMotion:
     """Motion between the pose published last and the present pose."""
 
     of_rb: Transform  #: `T_rb_before_now`.
-    vector: FloatArray  #: `(6,)` the same as metres and rotation vector, rad.
-    displacement: FloatArray  #: `(3,)` of the left camera in the world, m.
+    vector: FloatArray  #: `(6,)` translation, m, and rotation vector, rad, of RB.
+    displacement: FloatArray  #: `(3,)` displacement of the left camera in the world, m.
     size: MotionSize  #: Size of the motion of the left camera.
-    R_rb_world: FloatArray  #: `(3, 3)` takes components in the world to RB at the pose before.
+    R_rb_world: FloatArray  #: `(3, 3)` rotates vectors from the world to RB at the previous pose.
 
     @classmethod
     def between(cls, before: Transform, now: Transform, model: RoverModel) -> StepMotion:
@@ -233,7 +248,7 @@ class StepMotion:
 
 
 def updated_variance_factor(before: float | None, chi_median: float, sources: ErrorSources) -> float | None:
-    """Return the variance factor after a pair; its median chi-square per degree of freedom is NaN without residuals."""
+    """Return the variance factor after a pair. `chi_median` is per degree of freedom, and NaN without residuals."""
     found = chi_median / EXPECTED_CHI_MEDIAN
     if not np.isfinite(found):
         return before
@@ -248,16 +263,15 @@ def step_covariance(
     variance_factor: float | None,
     model: RoverModel,
 ) -> FloatArray:
-    """Return the covariance Q `(6, 6)` of a motion of the left camera, of RB in RB at the pose before.
+    """Return the covariance Q `(6, 6)` of a step without `added`, for the motion of RB, in RB at the previous pose.
 
     Args:
         step: The motion.
         keyframes: Motion between the two newest keyframes.
-        given_landmarks: `(6, 6)` covariance of the pose if the landmarks were exact; it stands in without
-            a second keyframe.
+        given_landmarks: `(6, 6)` covariance C of the pose given the landmarks, used if there is no second keyframe.
         depth_m: Median depth of the landmarks.
-        variance_factor: Ratio of residuals found to residuals stated.
-        model: Mount, geometry and error sources.
+        variance_factor: Ratio v of the squared residuals to their stated variance; None before the first residuals.
+        model: Extrinsics, camera geometry and error sources.
     """
     sources = model.sources
     size = step.size.metres / depth_m + step.size.radians
@@ -288,10 +302,10 @@ def pose_noise(
     shear_chi2: float,
     model: RoverModel,
 ) -> FloatArray:
-    """Return the white noise N `(6, 6)` of a pose, of RB in RB.
+    """Return the covariance N `(6, 6)` of the white noise of a pose of RB, in RB.
 
-    `given_landmarks` is the covariance if the landmarks were exact. A shear of the rows, as a squared ratio to its
-    standard deviation, counts as noise if it exceeds 1.
+    `given_landmarks` is the covariance C of the pose given the landmarks. `shear_chi2` increases the noise if it
+    exceeds 1.
     """
     sources = model.sources
     factor = 1.0 if variance_factor is None else max(variance_factor, sources.min_variance_factor)

@@ -1,15 +1,15 @@
-"""The named error sources of the localiser, and what else is constant in a run.
+"""The named error sources of the localiser, and the other constants of a run.
 
-The formulas that use the error sources are in `covariance`. Other values also enter the covariances. They are where
-they are used, because the estimates depend on them as well:
+The formulas that use the error sources are in `covariance`. The values in the table enter the covariances, too. They
+are defined where they are used, because the estimates also depend on them.
 
 | value | module | enters |
 |---|---|---|
 | `PIXEL_FLOOR`, `RESIDUAL_GAIN`, `EDGE_RESIDUALS` | `frontend.tracking` | noise of observations, hence C, W, K |
 | `FIRST_SIGMA_PX`, `YAW_WALK_PX`, `FOLLOWED_ERROR_RATIO` | `backend.online_calibration` | `yaw_sigma` |
 | `START_VARIANCE` | `backend.sliding_window` | first pose of a window, hence W |
-| `MIN_VARIANCE` | `covariance` | minimum variance of a step |
-| `unseen_speed_m_s`, `unseen_turn_rad_s` | `config.MotionBounds` | unseen motion |
+| `MIN_VARIANCE` | `covariance` | variance added to each step |
+| `unseen_speed_m_s`, `unseen_turn_rad_s` | `config.MotionBounds` | unobserved motion |
 """
 
 from __future__ import annotations
@@ -25,64 +25,64 @@ from sfr_loc_map.localisation.symmetric_matrices import symmetric
 
 @dataclass(frozen=True, slots=True)
 class ErrorSources:
-    """The error sources of the localiser: standard deviations, and ratios to what is estimated.
+    """The error sources of the localiser: standard deviations, and ratios to estimated values.
 
-    The values were chosen by hand so that NEES is near 1 on rendered drives (`make nees`). With a larger value the
-    covariance is larger than the errors and NEES falls below 1. With a smaller one errors exceed what is stated.
+    The values were chosen by hand so that NEES is near 1 on rendered drives (`make nees`). If a value is too large, the
+    covariance exceeds the errors and NEES falls below 1. If a value is too small, NEES exceeds 1.
 
-    The letter at the beginning of each text says which formula of `covariance` the field enters: P pose, Q step, N
-    noise, S systematic, M unseen motion. The twist contains Q, N and S.
+    The letters at the beginning of each description name the formulas of `covariance` that use the field: P pose,
+    Q step, N noise, S systematic, M unobserved motion. The twist includes Q, N and S.
     """
 
     blur_px: float = 0.03
-    """P. Error of a whole image (blur, jitter), px: it is common to all landmarks and therefore unobservable."""
+    """P. Error of a whole image (blur, jitter), px, which is common to all landmarks and therefore unobservable."""
     exposure_rad: float = 1e-5
-    """N. Attitude noise of a whole image, rad, because its mean exposure is not at the stamp (vibration: 4e-5)."""
+    """N. Attitude noise of a whole image, rad, because the stamp is not at mid-exposure (with vibration: 4e-5)."""
     disparity_px: float = 0.01
-    """P, S. Error that all disparities share, px: it scales the path."""
+    """P, S. Error common to all disparities, px, which scales the path."""
     lens_px: float = 0.0007
-    """P (in A), S. Disparity error that varies over the image, of a lens whose residuals show none, px. It bends the
-    path."""
+    """P (in A), S. Disparity error that varies over the image and bends the path, px, if the residuals show no lens
+    distortion."""
     lens_ratio: float = 0.17
-    """P (in A), S. The same error as a ratio to the RMS of the residual disparities."""
+    """P (in A), S. The error of `lens_px` as a ratio to the RMS of the residual disparities."""
     unsettled_yaw_ratio: float = 0.5
-    """P. Error of the yaw of the right camera as a ratio to the yaw that is still to be corrected."""
+    """P. Error of the yaw of the right camera as a ratio to the yaw that is not yet corrected."""
     bent_attitude_ratio: float = 0.25
-    """P. Attitude error as a ratio to the yaw: an uncorrected yaw bends the path."""
+    """P. Attitude error as a ratio to the yaw, because an uncorrected yaw bends the path."""
     followed_attitude_ratio: float = 0.1
-    """P. Attitude error as a ratio to the drift of the right camera that was followed."""
+    """P. Attitude error as a ratio to the followed drift of the right camera."""
     adjustment_inflation: float = 2.0
     """P, Q. Factor on the covariance of the bundle adjustment, because errors of neighbouring landmarks are
     correlated."""
     keyframe_px: float = 0.01
-    """Q. Position error of a keyframe that its landmarks share, px at their median depth."""
+    """Q. Position error of a keyframe that is common to its landmarks, px at their median depth."""
     min_step_ratio: float = 0.02
-    """Q. Ratio of the smallest step to a keyframe interval: no pose is exactly the one before."""
+    """Q. Minimum ratio of a step to the keyframe interval, because a step at rest has an error, too."""
     min_interval_ratio: float = 0.25
-    """Q. Smallest keyframe interval as a ratio to the interval that the optical flow triggers."""
+    """Q. Minimum keyframe interval as a ratio to the interval that triggers a keyframe."""
     variance_gain: float = 0.1
-    """Q, N. Gain of a pair in the variance factor, which follows light and ground within some ten pairs."""
+    """Q, N. Gain of the variance factor per pair. The factor adapts to light and ground within about 10 pairs."""
     min_variance_factor: float = 0.2
-    """Q, N. Smallest variance factor: below it, errors dominate that no residual shows."""
+    """Q, N. Minimum variance factor. Below this value, errors that do not appear in residuals dominate."""
     step_inflation: float = 1.5
-    """Q. Factor on the variance factor in steps: errors that neighbouring landmarks share are in no residual."""
+    """Q. Factor on the variance factor in steps. Errors common to neighbouring landmarks do not appear in residuals."""
     white_ratio: float = 0.5
     """N. Fraction of the covariance of a pose that is independent from pair to pair (image noise)."""
     climb_ratio: float = 0.3
-    """M. Vertical over horizontal speed of a motion that no image showed: slopes of up to 17 degrees."""
+    """M. Ratio of vertical to horizontal speed in an unobserved motion: slopes of 17 deg."""
     tilt_ratio: float = 0.2
-    """M. Roll and pitch rate over the turn rate of a motion that no image showed."""
+    """M. Ratio of roll and pitch rate to turn rate in an unobserved motion."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoverModel:
-    """What is constant in a run: the mount of the left camera, its geometry, the motion bounds, the error sources."""
+    """Constants of a run: extrinsics and geometry of the left camera, motion bounds and error sources."""
 
     T_rb_left: Transform  #: Takes points in the left camera to RB.
     T_left_rb: Transform  #: Takes points in RB to the left camera.
     fx: float  #: Focal length, px.
     focal_baseline: float  #: Focal length times baseline, px m.
-    keyframe_rad: float  #: Size of the motion between two keyframes, rad of optical flow.
+    keyframe_rad: float  #: Optical flow that triggers a keyframe, rad.
     bounds: MotionBounds
     sources: ErrorSources = ErrorSources()
 
@@ -104,6 +104,6 @@ class RoverModel:
     def covariance_of_left(
         self, covariance: FloatArray, *, R_world_frame: FloatArray, R_world_left: FloatArray
     ) -> FloatArray:
-        """Return the covariance of the left camera in the world from that of RB in some frame."""
+        """Return the covariance of the left camera in the world from that of RB in another frame."""
         lever = R_world_left @ self.T_rb_left.rotation.T @ self.T_rb_left.translation
         return symmetric(propagated_covariance(covariance, lever, R_world_frame))

@@ -1,4 +1,4 @@
-"""What a localiser starts from, and its result for each pair."""
+"""Start pose of the localiser, and its estimate for each pair."""
 
 from __future__ import annotations
 
@@ -20,22 +20,23 @@ from sfr_loc_map.localisation.symmetric_matrices import symmetric
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StartPose:
-    """A pose from outside: the start of a run, or a pose that an operator gives."""
+    """An external pose: the start of a run, or a pose set by an operator."""
 
     T_ds_rb: Transform  #: Pose of RB in DS.
     #: `(6, 6)` covariance in ROS order; zeros for an exact pose.
     covariance: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
-    stamp_ns: int | None = None  #: Stamp at which the pose holds; None: at the next pair, whatever that pair shows.
+    #: Stamp at which the pose is valid; None: the stamp of the next pair, even if that pair is refused.
+    stamp_ns: int | None = None
 
     @classmethod
     def of(cls, pose: StartPose | Transform) -> StartPose:
-        """Return a start pose. A transform is exact and holds at the next pair.
+        """Return a start pose. A transform is exact and valid at the next pair.
 
         GeometryError if the rotation is invalid, or the covariance is not finite, symmetric and positive semi-definite.
         """
         start = pose if isinstance(pose, StartPose) else cls(pose)
         covariance = np.asarray(start.covariance, np.float64)
-        scale = max(float(np.abs(covariance).max(initial=0.0)) / MAX_VARIANCE, 1.0)  # a very uncertain pose is valid
+        scale = max(float(np.abs(covariance).max(initial=0.0)) / MAX_VARIANCE, 1.0)  # a large uncertainty is valid
         if covariance.shape != (6, 6) or not is_plausible_covariance(covariance / scale):
             raise GeometryError(
                 "the start pose has an invalid covariance: it must be 6 x 6, finite, symmetric, with variances >= 0"
@@ -44,7 +45,7 @@ class StartPose:
             raise GeometryError(f"the start pose has an invalid rotation: {start.T_ds_rb.rotation.tolist()}")
         if not isinstance(start.stamp_ns, int | np.integer | None):
             raise GeometryError(
-                f"the start pose has the stamp {start.stamp_ns!r}: give whole nanoseconds, or None for the next pair"
+                f"the start pose has an invalid stamp: {start.stamp_ns!r}. Use whole ns, or None for the next pair."
             )
         return start
 
@@ -55,7 +56,7 @@ class TrackingState(StrEnum):
     INITIALISING = "initialising"  #: The first pair: the pose is the start pose.
     TRACKING = "tracking"  #: A pose was estimated, and no check reported a problem.
     #: A pose was estimated or kept, but a check reported a problem. The reason is published, and the covariance
-    #: contains what the problem may add (`findings.RULES`).
+    #: includes the error that the problem may cause (`findings.RULES`).
     DEGRADED = "degraded"
     LOST = "lost"  #: The pose is unknown.
 
@@ -63,36 +64,36 @@ class TrackingState(StrEnum):
 class StateReason(StrEnum):
     """Why a pose is degraded or lost."""
 
-    UNSEEN_MOTION = "unseen_motion"  #: No image showed a part of the motion before this pair.
-    REPEATED_IMAGES = "repeated_images"  #: One or both images are those of the pair before.
-    UNTEXTURED_IMAGES = "untextured_images"  #: An image has no texture: black, white, blinded.
-    TORN_IMAGES = "torn_images"  #: Images or parts of them are of different moments (partial transfer, old image).
+    UNSEEN_MOTION = "unseen_motion"  #: Part of the motion before this pair is unobserved.
+    REPEATED_IMAGES = "repeated_images"  #: One or both images repeat those of the previous pair.
+    UNTEXTURED_IMAGES = "untextured_images"  #: An image has no texture: it is black, white or dazzled.
+    TORN_IMAGES = "torn_images"  #: Images or their parts are of different times (partial transfer, stale image).
     NO_STEREO = "no_stereo"  #: The two images are not a stereo pair of the rig: identical or swapped.
     FEW_LANDMARKS = "few_landmarks"  #: Too few landmarks were tracked, or they do not agree on a pose.
     MOVING_REGIONS = "moving_regions"  #: Large parts of the images do not move with the ground.
-    CALIBRATION_DRIFT = "calibration_drift"  #: The right camera moves against the left one.
-    IMPLAUSIBLE_MOTION = "implausible_motion"  #: The pose is not finite, or no rover moves like that.
+    CALIBRATION_DRIFT = "calibration_drift"  #: The right camera has moved relative to the left one.
+    IMPLAUSIBLE_MOTION = "implausible_motion"  #: The pose is undetermined, diverged, or exceeds the bounds.
 
 
 @dataclass(frozen=True, slots=True)
 class TrackingStatistics:
-    """Figures of one call; None where the call has no such figure."""
+    """Statistics of one call; None for a value that the call does not provide."""
 
-    features: int | None = None  #: Landmarks that were searched for.
+    features: int | None = None  #: Landmarks searched for.
     inliers: int | None = None  #: Landmarks that agree with the pose; 0 if no pose of the pair was accepted.
     keyframes: int | None = None  #: Keyframes since the start.
     #: Median over the landmarks of the squared Mahalanobis residual per degree of freedom.
     chi_median: float | None = None
     residual_px: float | None = None  #: Median residual of the inliers, px.
     vertical_offset_px: float | None = None  #: Vertical disparity at the image centre (pitch of the right camera), px.
-    disparity_offset_px: float | None = None  #: Error of all disparities (yaw), px; 0 while it is not significant.
-    #: Vertical disparity at a distance of the focal length beside the image centre (roll), px.
+    disparity_offset_px: float | None = None  #: Common error of all disparities (yaw), px; 0 while not significant.
+    #: Growth of the vertical disparity to the right, over a distance of the focal length (roll), px.
     roll_offset_px: float | None = None
-    repeated: int | None = None  #: 1 if both images repeat those of the pair before.
+    repeated: int | None = None  #: 1 if both images repeat those of the previous pair.
     masked_share: float | None = None  #: Fraction of the image excluded because it does not move with the ground.
 
     def as_dict(self) -> dict[str, float]:
-        """Return the figures that the call has, by name."""
+        """Return the available statistics by name."""
         values = ((item.name, getattr(self, item.name)) for item in fields(self))
         return {name: float(value) for name, value in values if value is not None}
 
@@ -101,23 +102,24 @@ class LandmarkTracks(NamedTuple):
     """M tracked landmarks in the left image, for display."""
 
     uv: FloatArray  #: `(M, 2)` px; NaN where a landmark was not found.
-    keyframe_uv: FloatArray  #: `(M, 2)` px in the newest keyframe; NaN where it was not observed.
-    residual: FloatArray  #: `(M,)` residual over the gate of an inlier: an outlier has 1 or more; NaN if not found.
+    keyframe_uv: FloatArray  #: `(M, 2)` px in the newest keyframe; NaN where not observed.
+    residual: FloatArray  #: `(M,)` residual divided by the inlier gate: 1 or more for an outlier, NaN if not found.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepEstimate:
-    """The motion since the pose before, in RB at that pose."""
+    """The motion since the previous pose, in RB at that pose."""
 
-    seconds: float  #: Time since the pose before, s; 0 at the first pose.
+    seconds: float  #: Time since the previous pose, s; 0 at the first pose.
     motion: FloatArray  #: `(6,)` translation, m, and rotation vector, rad.
     covariance: FloatArray  #: `(6, 6)` covariance of the motion, ROS order, independent from step to step.
-    #: `(6,)` independent signed one-sigma effects, on the axes of RB, of errors that all steps share: they add up.
+    #: `(6,)` signed one-sigma effects of errors common to all steps, on the axes of RB. They add up over the steps. The
+    #: six components are independent of each other.
     systematic: FloatArray
-    noise: FloatArray  #: `(6, 6)` white noise of the pose itself, in RB there; the next step takes it back.
-    noise_before: FloatArray  #: White noise of the pose before, in RB there.
-    #: `(6, 6)` covariance of a change of speed: after a motion that no image showed, the mean velocity is not that at
-    #: its end. Zero elsewhere.
+    noise: FloatArray  #: `(6, 6)` white noise of this pose, in RB at this pose; it cancels in the next step.
+    noise_before: FloatArray  #: White noise of the previous pose, in RB at that pose.
+    #: `(6, 6)` covariance of a change of speed during an unobserved motion, whose mean velocity may differ from the
+    #: velocity at its end. Zero otherwise.
     unsteady: FloatArray
 
     @property
@@ -128,7 +130,7 @@ class StepEstimate:
 
     @property
     def motion_covariance(self) -> FloatArray:
-        """Covariance `(6, 6)` of the motion alone: step, noise of both poses, systematic errors, change of speed."""
+        """Covariance `(6, 6)` of the motion: step, noise of both poses, systematic errors, change of speed."""
         T_before_now = Transform(matrix_from_rotvec(self.motion[3:]), self.motion[:3])
         before = propagated_covariance(self.noise_before, T_before_now.translation)
         turn = np.kron(np.eye(2), T_before_now.rotation)
@@ -148,12 +150,12 @@ class PoseEstimate:
     covariance: FloatArray
     state: TrackingState  #: State after this call.
     statistics: TrackingStatistics = TrackingStatistics()  #: Figures of this call.
-    #: Duration of each stage, s: `wait` for the keyframe of the call before, which took `keyframe` in the background;
-    #: `pyramid`, `align`, `refine`, and `relocate` if tracking failed.
+    #: Duration of each stage, s: `wait` (for the keyframe of the previous call), `keyframe` (its work in the
+    #: background), `pyramid`, `align`, `refine`, and `relocate` if tracking failed.
     stage_s: Mapping[str, float] = field(default_factory=dict)
     reason: StateReason | None = None  #: Why the state is degraded or lost, None otherwise.
-    step: StepEstimate | None = None  #: Motion since the pose before; None if lost.
-    #: What was tracked, trusted or not; None if nothing was. Left out (None) where estimates of a whole drive are kept.
+    step: StepEstimate | None = None  #: Motion since the previous pose; None if lost.
+    #: Tracked landmarks, trusted or not; None if there are none, and in stored estimates of a whole drive.
     tracks: LandmarkTracks | None = None
 
     @property

@@ -1,11 +1,12 @@
-"""Findings of the guards, and the table that decides what follows from them.
+"""Findings of the guards, and the table of their consequences.
 
-`RULES` lists all findings in the order of precedence: the first one present gives the action and the published reason
-of a pair (`decide`). Findings that refuse a pair come first, in the order in which they are checked. A pose whose
-findings only degrade it is accepted. Their order decides the published reason alone, because inflations and keyframes
-are combined from all findings. What is measured (stale images, a gap, the calibration, sheared rows) comes before what
-is inferred from the motions of landmarks, because the former may cause the latter. The published reason is therefore
-not always that of the largest inflation.
+`RULES` lists all findings in the order of precedence. The first finding present determines the action and the published
+reason of a pair (`decide`). Findings that refuse a pair come first, in the order in which they are checked.
+
+A pose with other findings is accepted and degraded. The order of these findings affects only the published reason,
+because inflation and suitability as a keyframe are combined from all findings. Measured problems (stale images, a gap,
+the calibration, sheared rows) precede problems inferred from the motions of landmarks, because they may cause the
+inferred ones. The published reason is therefore not always that of the largest inflation.
 
 | findings | found by |
 |---|---|
@@ -20,14 +21,15 @@ not always that of the largest inflation.
 | `DIVERGED` | `guards.check_adjustment` |
 | `CALIBRATION`, `SHEARED_ROWS` | `guards.check_calibration`, `guards.check_shear` |
 
-A new guard adds a `Finding`, a row in `RULES`, a function in `guards.py`, and its call in the localiser:
+A new guard requires a `Finding`, a row in `RULES`, a function in `guards.py`, and a call in the localiser:
 
-- in `_locate` if it needs the images alone, in `_check_pose` if it depends on the pose (a keyframe then repeats it for
-  the pose by all landmarks), and in `_judge` otherwise. A new window (`_begin`) checks only landmarks and gap;
-- if it needs a memory, the memory is a field of `State`. A memory that learns from poses is handed to `_accept` by the
-  `Candidate`, and changes only there. The memory of the ground is handed over by `Ground`.
+- A guard that needs only the images is called in `_locate`. A guard that depends on the pose is called in
+  `_check_pose`, which is repeated for the pose of a keyframe from all landmarks. Any other guard is called in `_judge`.
+  A new window (`_begin`) is checked only for landmarks and gap.
+- The memory of a guard is a field of `State`. A memory that learns from poses is passed to `_accept` by the `Candidate`
+  and changes only there. The memory of the ground is passed by `Ground`.
 
-A guard of the ground's motion is a case of `ground_cases`.
+A guard for the ground's motion is a case in `ground_cases`.
 """
 
 from __future__ import annotations
@@ -43,7 +45,7 @@ class Action(Enum):
 
     KEEP = auto()  #: The last pose is published again, with a larger covariance. A lost localiser stays lost.
     REJECT = auto()  #: The localiser is lost. No window may begin with the pair.
-    RESTART = auto()  #: The localiser is lost. After some good images a new window begins at the last pose.
+    RESTART = auto()  #: The localiser is lost. After several good images a new window begins at the last pose.
     DEGRADE = auto()  #: The pose is accepted, or a window begins with the pair, and the state is degraded.
     ACCEPT = auto()  #: The pose is accepted.
 
@@ -56,28 +58,28 @@ class Action(Enum):
 class Finding(Enum):
     """What a guard may find in a pair."""
 
-    REPEATED_PAIR = auto()  #: Both images are those of the pair before, also swapped or with new noise.
-    IDENTICAL_IMAGES = auto()  #: Left and right image are the same image.
-    UNTEXTURED = auto()  #: The same as `FEW_LANDMARKS`, and an image has no texture.
+    REPEATED_PAIR = auto()  #: Both images repeat those of the previous pair, possibly swapped or with new noise.
+    IDENTICAL_IMAGES = auto()  #: Left and right image are identical.
+    UNTEXTURED = auto()  #: Like `FEW_LANDMARKS`, and an image has no texture.
     FEW_LANDMARKS = auto()  #: The window has too few landmarks, too few were tracked, or they do not agree on a pose.
     CONTRADICTED = auto()  #: The pose predicts no motion where the image changed.
     SINGULAR = auto()  #: The pose is not finite or not determined.
-    TOO_FAST = auto()  #: No rover moves that fast.
+    TOO_FAST = auto()  #: The motion exceeds the configured bounds.
     SWAPPED = auto()  #: Left and right image are swapped.
-    FROZEN_IMAGE = auto()  #: One image is that of the pair before. It is blanked.
-    STALE_ROWS = auto()  #: Some rows are those of the pair before. They are blanked.
-    DIVERGED = auto()  #: The adjustment of the keyframe before diverged: its map was given up.
-    AFTER_GAP = auto()  #: The window began after a motion that no image showed.
-    CALIBRATION = auto()  #: The right camera drifts, or a yaw is still to be corrected.
-    SHEARED_ROWS = auto()  #: The rows of the images are of different moments (rolling shutter).
-    PARTIAL_TRANSFER = auto()  #: Parts of the images are of different moments, and it is unknown which.
-    DOUBLE_EXPOSURE = auto()  #: The exposures of two pairs are blended, and the pose may be that of the earlier one.
-    UNEXPLAINED = auto()  #: An unusual fraction of the landmarks does not follow the pose.
-    #: An earlier pair had stale rows or a finding of the ground's motion, and few moving pairs have followed since.
+    FROZEN_IMAGE = auto()  #: One image repeats that of the previous pair and is blanked.
+    STALE_ROWS = auto()  #: Some rows repeat those of the previous pair and are blanked.
+    DIVERGED = auto()  #: The adjustment of the previous keyframe diverged, and its map was discarded.
+    AFTER_GAP = auto()  #: The window began after an unobserved motion.
+    CALIBRATION = auto()  #: The right camera drifts, or its yaw is not yet corrected.
+    SHEARED_ROWS = auto()  #: The rows of the images are of different times (rolling shutter).
+    PARTIAL_TRANSFER = auto()  #: Unknown parts of the images are stale.
+    DOUBLE_EXPOSURE = auto()  #: The exposures of two pairs are blended, and the pose may be that of the earlier pair.
+    UNEXPLAINED = auto()  #: An unusually large fraction of the landmarks does not follow the pose.
+    #: An earlier pair had stale rows or a finding about the ground's motion, and too few moving pairs have followed.
     RECOVERING = auto()
-    ONE_SIDED = auto()  #: Few inliers are observed in both images although both have texture: one of them may be stale.
-    GROUND_IN_DOUBT = auto()  #: One motion was found while the ground is in doubt (`ground_memory.Phase.IN_DOUBT`).
-    AMBIGUOUS = auto()  #: Two motions were found, and it is unknown which is the ground's.
+    ONE_SIDED = auto()  #: Few inliers are observed in both images although both have texture. One image may be stale.
+    GROUND_IN_DOUBT = auto()  #: Only one motion was found, but the ground is in doubt (`ground_memory.Phase.IN_DOUBT`).
+    AMBIGUOUS = auto()  #: Two motions were found, and either may be the ground's.
 
 
 Findings = frozenset[Finding]
@@ -88,27 +90,27 @@ class Inflation(Flag):
     """What a finding adds to the covariance of a pose (`covariance.inflation_of`)."""
 
     NONE = 0
-    #: The motion since the last pose as if no image had shown it, because the images may partly be older. The next
-    #: accepted pose no longer contains it.
+    #: The motion since the last pose as if unobserved, because parts of the images may be stale. The covariance of the
+    #: next accepted pose no longer includes it.
     SUSPECTED = auto()
-    #: The largest of three sizes: the distance to the pose of the other motion, the motion since the last pose as it
-    #: was estimated, and that motion as if no image had shown it. All later poses contain it.
+    #: The largest of three sizes: the distance to the pose of the other motion, the estimated motion since the last
+    #: pose, and this motion as if unobserved. The covariances of all later poses include it.
     AMBIGUITY = auto()
 
 
 class Rule(NamedTuple):
-    """What follows from a finding."""
+    """The consequences of a finding."""
 
     action: Action
     reason: StateReason
     inflation: Inflation = Inflation.NONE
-    #: Whether later pairs may be compared with this one: as a keyframe, for recovery, to detect changes. Without a map,
-    #: a window only begins with a comparable pair; the localiser is lost after another one.
+    #: Whether later pairs may be compared with this pair: as a keyframe, for recovery, and to detect changes. Without
+    #: a map, a window begins only with a comparable pair. With any other pair, the localiser is lost.
     is_comparable: bool = True
 
 
 RULES: Final = {
-    # Refused: these pairs have no pose that a keyframe could have.
+    # Refused: a keyframe requires an accepted pose.
     Finding.REPEATED_PAIR: Rule(Action.KEEP, StateReason.REPEATED_IMAGES),
     Finding.IDENTICAL_IMAGES: Rule(Action.REJECT, StateReason.NO_STEREO),
     Finding.UNTEXTURED: Rule(Action.RESTART, StateReason.UNTEXTURED_IMAGES),
@@ -119,55 +121,55 @@ RULES: Final = {
     Finding.SWAPPED: Rule(Action.REJECT, StateReason.NO_STEREO),
     # No keyframe: without the blanked image no landmark can be triangulated.
     Finding.FROZEN_IMAGE: Rule(Action.DEGRADE, StateReason.REPEATED_IMAGES, is_comparable=False),
-    # No keyframe: the edges of the blanked rows would be taken for texture.
+    # No keyframe: the edges of the blanked rows would be detected as texture.
     Finding.STALE_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, is_comparable=False),
-    # Keyframe: a window begins with the pair. Later pairs of the window publish the gap.
+    # Keyframe: a window begins with the pair. Later pairs of the window report the gap.
     Finding.DIVERGED: Rule(Action.DEGRADE, StateReason.IMPLAUSIBLE_MOTION),
-    # Keyframe: the images are good, and further keyframes end the finding.
+    # Keyframe: the images are good, and the finding ends after further keyframes.
     Finding.AFTER_GAP: Rule(Action.DEGRADE, StateReason.UNSEEN_MOTION),
-    # Keyframe: the yaw is estimated by keyframes and would otherwise never be corrected.
+    # Keyframe: the yaw is estimated from keyframes and would otherwise never be corrected.
     Finding.CALIBRATION: Rule(Action.DEGRADE, StateReason.CALIBRATION_DRIFT),
-    # Keyframe: a rolling shutter shears all pairs, and without keyframes tracking would end.
+    # Keyframe: a rolling shutter shears all pairs, and without keyframes tracking would be lost.
     Finding.SHEARED_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED),
-    # No keyframe: the parts of the other moment would become landmarks at wrong places.
+    # No keyframe: landmarks in stale parts would have wrong positions.
     Finding.PARTIAL_TRANSFER: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED, is_comparable=False),
-    # Keyframe: one exposure dominates, and without keyframes tracking would end.
+    # Keyframe: one exposure dominates, and without keyframes tracking would be lost.
     Finding.DOUBLE_EXPOSURE: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED),
-    # Keyframe: a scene that changes quickly needs new landmarks, and the unexplained ones are removed as outliers.
+    # Keyframe: a scene that changes quickly requires new landmarks, and outliers are removed.
     Finding.UNEXPLAINED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED),
-    # Keyframe: one motion explains this pair; only the earlier one was not explained.
+    # Keyframe: one motion explains this pair, and only an earlier pair was faulty.
     Finding.RECOVERING: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED),
-    # Keyframe: new landmarks are matched between the two images, which fails where one of them is old.
+    # Keyframe: new landmarks are matched between the two images, which fails where one image is stale.
     Finding.ONE_SIDED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED),
-    # Keyframe: the window continues with the only motion, or the likelier one; the doubt stays in the covariance.
+    # Keyframe: the window continues with the more likely motion. The covariance includes the ambiguity.
     Finding.GROUND_IN_DOUBT: Rule(Action.DEGRADE, StateReason.MOVING_REGIONS, Inflation.AMBIGUITY),
     Finding.AMBIGUOUS: Rule(Action.DEGRADE, StateReason.MOVING_REGIONS, Inflation.AMBIGUITY),
 }
-"""What follows from each finding, in the order of precedence.
+"""Consequences of each finding, in the order of precedence.
 
 The published reason is that of the first finding, with one exception: a pair that is kept while the localiser is lost
 publishes the reason for which the localiser was lost.
 
-Seven findings publish `torn_images`, because an operator acts on them in the same way: the images may not be entirely
-of their stamp. For five of them the pair itself shows signs of it. For `RECOVERING` an earlier pair did, and for
-`UNEXPLAINED` a scene that changes quickly is another possible cause. They differ in what is known about it, hence in
-the inflation and in the keyframes.
+Seven findings publish `torn_images`, because they require the same action of an operator: parts of the images may be
+stale. For five of these findings the pair itself shows evidence of stale parts. For `RECOVERING` an earlier pair showed
+it, and for `UNEXPLAINED` a scene that changes quickly is another possible cause. The seven findings differ in their
+inflation and in whether the pair may become a keyframe.
 
-Three findings add nothing to the covariance because the covariance always contains what they report: the yaw with its
-standard deviation (`CALIBRATION`), and the start of the window with the motion that no image showed (`AFTER_GAP`,
-`DIVERGED`). Two add nothing because the stale parts are known and blanked (`FROZEN_IMAGE`, `STALE_ROWS`). A kept pose
-(`Action.KEEP`) is always inflated by the motion since it was estimated (`trajectory.kept`).
+Three findings add nothing to the covariance because it already includes their errors: the yaw and its standard
+deviation (`CALIBRATION`), and the unobserved motion before the window (`AFTER_GAP`, `DIVERGED`). Two findings add
+nothing because the stale parts are known and blanked (`FROZEN_IMAGE`, `STALE_ROWS`). The covariance of a kept pose
+(`Action.KEEP`) always grows by the unobserved motion since the pose was estimated (`trajectory.kept`).
 """
 
 
 class Verdict(NamedTuple):
-    """What happens to a pair, and why."""
+    """The decision about a pair, and its reason."""
 
-    finding: Finding | None  #: The finding that decides; None without findings.
+    finding: Finding | None  #: The decisive finding; None without findings.
     action: Action
-    reason: StateReason | None  #: Reason of the finding that decides.
+    reason: StateReason | None  #: Reason of the decisive finding; None without findings.
     inflation: Inflation  #: What all findings together add to the covariance.
-    is_comparable: bool  #: Whether later pairs may be compared with this one.
+    is_comparable: bool  #: Whether later pairs may be compared with this pair.
 
     @property
     def refuses(self) -> bool:
@@ -176,11 +178,11 @@ class Verdict(NamedTuple):
 
 
 NO_FINDING: Final = Verdict(None, Action.ACCEPT, None, Inflation.NONE, is_comparable=True)
-"""What happens to a pair without findings."""
+"""Verdict on a pair without findings."""
 
 
 def decide(findings: Findings) -> Verdict:
-    """Return what follows from the findings of a pair."""
+    """Return the verdict on a pair with some findings."""
     if not findings:
         return NO_FINDING
     present = [finding for finding in RULES if finding in findings]

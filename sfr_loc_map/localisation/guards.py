@@ -1,10 +1,10 @@
 """Guards: checks of a pair and of its pose.
 
-Each guard is one pure function `check_*`: it takes values and returns findings. What follows from findings is in one
-table (`findings.RULES`). A guard that compares a pair with earlier ones takes what is remembered of them as an
-argument: the comparison of the images (`stale_images.compare`), the running mean of the shear (`ShearMean`).
-`check_sides` is given the tracker, because it tracks all landmarks once more in swapped images. The findings of the
-ground's motion are those of `ground_cases.findings_of`.
+Each guard is a pure function `check_*` that takes values and returns findings. One table lists the consequences of all
+findings (`findings.RULES`). A guard that compares a pair with earlier pairs takes the result as an argument: the
+comparison of the images (`stale_images.compare`), or the running mean of the shear (`ShearMean`). `check_sides` takes
+the tracker, because it tracks all landmarks again in swapped images. Findings about the ground's motion come from
+`ground_cases.findings_of`.
 """
 
 from __future__ import annotations
@@ -26,37 +26,38 @@ from sfr_loc_map.localisation.motion_size import MotionSize, size_between
 from sfr_loc_map.localisation.stale_images import ImageComparison, are_equal
 
 SLACK: Final = MotionSize(1.0, 1.0)
-"""Motion, m and rad, that is plausible whatever the stamps are: stamps may jitter. Chosen by hand: at the default
-maximum speed and turn rate it admits stamps that are wrong by 20 ms and 170 ms. If larger, a slow wrong pose is
-accepted."""
+"""Motion, m and rad, that is plausible for any stamps, because stamps may jitter. Chosen by hand: at the default
+maximum speed and turn rate, these values correspond to errors of the stamps of 20 ms and 170 ms. If larger, slow
+motions to a wrong pose are accepted."""
 MAX_ADJUSTMENT: Final = MotionSize(1.0, 1.0)
-"""Motion of the newest pose by a bundle adjustment, m and rad, above which the adjustment diverged. Chosen by hand far
-above the usual motion, which is millimetres, or some centimetres with a correction of the yaw."""
+"""Displacement of the newest pose by a bundle adjustment, m and rad, above which the adjustment has diverged. Chosen by
+hand, far above the usual displacement of millimetres, or of centimetres with a correction of the yaw."""
 
 MIN_CONTRAST: Final = 1.0
-"""Minimum standard deviation of a textured image in full resolution, grey levels: rounding to whole grey levels gives
-at most 0.5."""
+"""Minimum standard deviation of the grey levels of a textured image at full resolution. Rounding to whole grey levels
+causes at most 0.5."""
 MIN_STEREO_FRACTION: Final = 0.3
-"""Fraction of inliers seen in both images up to which a pair is one-sided. Landmarks are triangulated from both images,
-so that both show most of them in a good pair."""
+"""Fraction of inliers observed in both images up to which a pair is one-sided. Landmarks are triangulated from both
+images, so that both images of a good pair show most landmarks."""
 MAX_SHEAR: Final = 7.0
-"""Squared shear of the rows over its variance, per degree of freedom, above which rows are of different moments. It is
-at most 6.4 on clean drives, and 7 to 250 for a shear of one pixel: the smallest of these may not be reported."""
+"""Squared shear of the rows over its variance, per degree of freedom, above which rows are of different times. The
+ratio is at most 6.4 on clean drives and 7 to 250 for a shear of 1 px, so that some shears of 1 px are not reported."""
 MAX_MEAN_SHEAR: Final = 1.4
-"""Mean of the same above which they are. It is at most 1.3 on clean drives, and 2 to 5 for a shear of 0.3 px."""
+"""Mean of this ratio above which rows are of different times. The mean is at most 1.3 on clean drives and 2 to 5 for
+a shear of 0.3 px."""
 FIRST_SHEAR_GAIN: Final = 0.2
-"""Gain g of the running mean before the first pair; each pair changes it to g / (1 + g). The initial mean therefore has
-the weight of five pairs."""
-MIN_SHEAR_GAIN: Final = 0.05  #: Minimum gain of the running mean: it covers some twenty pairs.
+"""Initial gain g of the running mean. Each pair changes the gain to g / (1 + g), so that the initial mean has the
+weight of five pairs."""
+MIN_SHEAR_GAIN: Final = 0.05  #: Minimum gain of the running mean, which then covers about 20 pairs.
 
 
 # ---- images
 
 
 def check_images(images: ImageComparison, *, has_map: bool) -> Findings:
-    """Report images, or parts of them, that repeat the pair before.
+    """Report images, or parts of images, that repeat the previous pair.
 
-    Without a map, a repeated pair is not reported: its images are of one moment, and a window may begin with it.
+    Without a map, a repeated pair is not reported. Its images are of the same time, and a window may begin with it.
     """
     if images.is_repeated:
         return _found(Finding.REPEATED_PAIR, has_map)
@@ -75,14 +76,14 @@ def check_wiring(pair: StereoPair) -> Findings:
 
 
 def check_landmarks(frame: StereoFrame, count: int, min_tracked: int) -> Findings:
-    """Report a map with too few landmarks to be tracked, and whether the images are the cause."""
+    """Report a map with too few landmarks, and whether the images are the cause."""
     return frozenset() if count >= min_tracked else _too_few(frame)
 
 
 def check_tracks(frame: StereoFrame, tracks: Tracks) -> Findings:
     """Report tracks that are not trusted, and whether the images are the cause.
 
-    The criterion is that of the tracker (`Tracks.is_trusted`), which decides by it whether to relocalise.
+    The criterion `Tracks.is_trusted` also decides whether to relocalise.
     """
     return frozenset() if tracks.is_trusted else _too_few(frame)
 
@@ -93,7 +94,7 @@ def _too_few(frame: StereoFrame) -> Findings:
 
 
 def check_pose(tracks: Tracks, last: LastPose, stamp_ns: int, bounds: MotionBounds) -> Findings:
-    """Report a pose that is not determined, or that no rover can have reached since the last known one.
+    """Report a pose that is not determined, or that the rover cannot have reached since the last known pose.
 
     A determined pose is finite, and its information matrix is positive definite.
     """
@@ -110,7 +111,7 @@ def check_pose(tracks: Tracks, last: LastPose, stamp_ns: int, bounds: MotionBoun
 
 
 def check_adjustment(last: LastPose, pose: Pose, covariance: FloatArray) -> Findings:
-    """Report an adjustment that diverged: its pose is not finite, or far from the last known one.
+    """Report an adjustment that diverged: its pose is not finite, or far from the last known pose.
 
     The covariance `(6, 6)` is that of the adjusted pose.
     """
@@ -121,9 +122,9 @@ def check_adjustment(last: LastPose, pose: Pose, covariance: FloatArray) -> Find
 
 
 def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: RightOffset) -> Findings:
-    """Report that few inliers of one image are seen in the other one, although that has texture.
+    """Report that few inliers of one image are observed in the other image, although the other image has texture.
 
-    The images are then swapped, which the tracker tests, or one of them is old.
+    Either the images are swapped, which the tracker tests, or one image is stale.
     """
     if tracks.stereo_fraction > MIN_STEREO_FRACTION:
         return frozenset()
@@ -134,7 +135,7 @@ def check_sides(frame: StereoFrame, tracks: Tracks, tracker: Tracker, offset: Ri
 
 
 def check_gap(*, keyframes: int, clean_from_keyframe: int) -> Findings:
-    """Report a window that began after a motion that no image showed, until it has enough keyframes."""
+    """Report a window that began after an unobserved motion, until the window has enough keyframes."""
     return _found(Finding.AFTER_GAP, keyframes < clean_from_keyframe)
 
 
@@ -142,12 +143,12 @@ def check_gap(*, keyframes: int, clean_from_keyframe: int) -> Findings:
 
 
 def check_calibration(calibration: OnlineCalibration) -> Findings:
-    """Report a right camera that moves against its calibration."""
+    """Report a right camera that drifts, or whose yaw is not yet corrected."""
     return _found(Finding.CALIBRATION, not calibration.is_settled)
 
 
 class ShearMean(NamedTuple):
-    """Running mean of the shear statistic: memory of `check_shear`."""
+    """Running mean of the shear statistic, the memory of `check_shear`."""
 
     value: float = 1.0
     gain: float = FIRST_SHEAR_GAIN
@@ -159,7 +160,7 @@ class ShearMean(NamedTuple):
 
 
 def check_shear(shear_chi2: float, mean: ShearMean) -> Findings:
-    """Report rows of different moments (rolling shutter), in the pair or on average; the mean includes the pair."""
+    """Report rows of different times (rolling shutter), in the pair or on average; the mean includes the pair."""
     return _found(Finding.SHEARED_ROWS, shear_chi2 > MAX_SHEAR or mean.value > MAX_MEAN_SHEAR)
 
 

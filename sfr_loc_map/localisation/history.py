@@ -1,4 +1,4 @@
-"""Past poses, to which a pose from outside with a stamp of the past is applied."""
+"""Past poses, to which external poses with past stamps are applied."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.localisation.path_errors import DirectedError, DisparityBias, LocatedCovariance
 
-HISTORY_PAIRS = 1000  #: Number of past pairs to which a pose from outside can be applied: 100 s at 10 Hz.
+HISTORY_PAIRS = 1000  #: Number of past pairs to which an external pose can be applied: 100 s at 10 Hz.
 
 
 class PastPose(NamedTuple):
-    """A past pose, and what its covariance was composed of, so that a later pose can be taken relative to it."""
+    """A past pose and the components of its covariance, for the uncertainty of later poses relative to it."""
 
     stamp_ns: int
     T_world_left: Transform
-    was_known: bool  #: Whether the pose before was not lost.
-    window: int  #: Number of its window.
+    was_known: bool  #: Whether the previous pose was not lost.
+    window: int  #: Number of the window.
     in_window: LocatedCovariance  #: Covariance of the pose in its window.
-    accumulated: LocatedCovariance  #: What all windows up to it added (`covariance.accumulated_covariance`).
-    bias: DisparityBias  #: Path integrals up to it.
-    directed: DirectedError  #: Sum of the directed errors up to it.
+    accumulated: LocatedCovariance  #: Covariance added by all windows so far (`covariance.accumulated_covariance`).
+    bias: DisparityBias  #: Path integrals up to this pose.
+    directed: DirectedError  #: Sum of the directed errors up to this pose.
 
 
 class History(NamedTuple):
@@ -36,14 +36,14 @@ class History(NamedTuple):
         return self.poses[-1].stamp_ns if self.poses else None
 
     def with_pose(self, pose: PastPose) -> History:
-        """Return the history with a further pose; the oldest one leaves a full history."""
+        """Return the history with a further pose. The oldest pose is removed from a full history."""
         return History((*self.poses[-(HISTORY_PAIRS - 1) :], pose))
 
     def at(self, stamp_ns: int) -> tuple[PastPose, float]:
-        """Return the pose at a stamp that is not after the last pose, and the time between it and the stamp, s.
+        """Return the pose at a stamp, and the time between the returned pose and the stamp, s.
 
-        The pose is interpolated between two pairs if the pose of the earlier one was known; otherwise the nearest pose
-        is returned. The errors are those of the later pair. Stamps increase.
+        The stamp must not be later than the last pose. The pose is interpolated between two pairs if the earlier pose
+        was not lost, and the errors are those of the later pair. Otherwise the nearest pose is returned.
         """
         after = bisect_left(self.poses, stamp_ns, key=lambda pose: pose.stamp_ns)
         later = self.poses[after]

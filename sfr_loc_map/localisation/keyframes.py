@@ -1,8 +1,8 @@
-"""Keyframes: when a pair becomes one, and what is done with it.
+"""Keyframes: which pairs become keyframes, and how a keyframe is processed.
 
 A keyframe adds its observations to the sliding window, receives new landmarks from stereo matches, and is adjusted
 together with the other keyframes of the window (bundle adjustment). `KeyframeMaker.make` does this in a background
-thread: a `KeyframeJob` goes in, a `KeyframeResult` comes out. The first keyframe of a window (`begin`) is made within
+thread: a `KeyframeJob` goes in, a `KeyframeResult` comes out. The first keyframe of a window (`begin`) is made during
 the call of its pair.
 """
 
@@ -29,32 +29,34 @@ from sfr_loc_map.localisation.frontend.stereo_matching import match_corners
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
 
 KEYFRAME_FLOW = 0.05
-"""Median optical flow since the last keyframe that triggers a new one, fraction of the width. 0.08 changes errors by a
-few percent (measurements/localiser_trials.md)."""
+"""Median optical flow since the last keyframe that triggers a new keyframe, as a fraction of the image width. A value
+of 0.08 changes the errors by a few percent (measurements/localiser_trials.md)."""
 KEYFRAME_INLIER_RATIO = 0.65
-"""Ratio of inliers to the last keyframe's landmarks below which a keyframe is made, before too few are left. Chosen by
-hand. If larger, more pairs become keyframes, whose errors accumulate; if smaller, tracking is lost more easily."""
+"""Ratio of inliers to the landmarks of the last keyframe below which a new keyframe is made. Chosen by hand. If larger,
+more pairs become keyframes, and the errors of keyframes accumulate. If smaller, tracking is lost more easily."""
 ADJUSTMENT_ITERATIONS = 2
-"""Gauss-Newton iterations per keyframe; the next keyframe continues from the result. With one, the attitude was 5 % and
-12 % worse on two drives (measurements/localiser_trials.md, "Landmarks eliminated by motions")."""
+"""Gauss-Newton iterations per keyframe; the next keyframe continues from the result. With one iteration, the
+attitude error was 5 % and 12 % larger on two drives (measurements/localiser_trials.md, "Landmarks eliminated by
+motions")."""
 MIN_DEPTH_M = 0.5
-"""Minimum depth of stereo matching, m. Chosen by hand: nearer points are rare on a rover, and the time of the search is
+"""Minimum depth of stereo matching, m. Chosen by hand: rovers rarely see nearer points, and the time of the search is
 inversely proportional to this depth."""
-MAX_DISPARITY_RATIO = 0.5  #: Maximum disparity of the search over the image width: half of the view is then common.
+MAX_DISPARITY_RATIO = 0.5  #: Maximum disparity as a fraction of the width: the images then share half of the view.
 MIN_INVERSE_DEPTH_PX = 1e-3
-"""Minimum disparity, px, from which an inverse depth is computed: that of a point at infinity may be negative by
-noise."""
+"""Minimum disparity, px, from which an inverse depth is computed, because noise may make the disparity of a distant
+point negative."""
 LARGE_IMAGE_PX = 900 * 900
-"""Number of pixels from which an image has twice as many landmarks, with own slopes. It lies between the sizes that
-were tried, 512 x 512 and 1024 x 1024 (measurements/localiser_trials.md, "Images of a megapixel: the sun and the edges
-of stones")."""
-MEGAPIXEL = 1024 * 1024  #: Number of pixels from which the number of landmarks grows with a power of the pixels.
+"""Number of pixels from which an image has twice as many landmarks, each with a slope refined by its own patch. The
+value is between the sizes that were tried, 512 x 512 and 1024 x 1024 (measurements/localiser_trials.md, "Images of
+a megapixel: the sun and the edges of stones")."""
+MEGAPIXEL = 1024 * 1024  #: Number of pixels from which the number of landmarks grows with `GROWTH`.
 GROWTH = 0.25
-"""That power: the number of landmarks grows with the square root of the side of an image. Chosen by hand. If larger,
-the time of a keyframe exceeds the period of the pairs; if smaller, large images gain less from their landmarks."""
+"""Exponent of the number of pixels in the number of landmarks, which thus grows with the square root of the image side.
+Chosen by hand. If larger, the time of a keyframe exceeds the period of the pairs. If smaller, large images improve the
+accuracy less."""
 
 ImageMask = NDArray[np.uint8]
-"""`(H, W)` uint8; no landmark is created where it is 0."""
+"""`(H, W)` uint8; landmarks are not created where the mask is 0."""
 
 
 class KeyframeJob(NamedTuple):
@@ -62,9 +64,9 @@ class KeyframeJob(NamedTuple):
 
     frame: StereoFrame
     tracks: Tracks
-    window: SlidingWindow  #: The window before.
-    calibration: OnlineCalibration  #: The calibration before.
-    dynamic_mask: ImageMask | None  #: Where the image does not move with the ground.
+    window: SlidingWindow  #: The window without this keyframe.
+    calibration: OnlineCalibration  #: The calibration before this keyframe.
+    dynamic_mask: ImageMask | None  #: 0 where the image does not move with the ground; None if it does everywhere.
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,15 +75,15 @@ class KeyframeResult:
 
     landmark_map: LandmarkMap
     calibration: OnlineCalibration
-    has_yaw_step: bool  #: Whether the yaw correction changed, which moves all right observations, and so the pose.
-    seconds: float  #: Duration of the work.
+    has_yaw_step: bool  #: Whether the yaw correction changed, which shifts all right observations and the pose.
+    seconds: float  #: Duration of the processing.
 
 
 class KeyframeMaker:
     """Makes keyframes. It holds parameters and masks, and keeps no state between calls."""
 
     def __init__(self, rig: StereoRig, config: LocalisationConfig, tracker: Tracker) -> None:
-        """Load the masks; ConfigError if one cannot be read or has another size than the rig."""
+        """Load the masks. ConfigError if a mask cannot be read or its size is not the rig's."""
         self._rig = rig
         self._camera = rig.camera
         self._config = config
@@ -103,7 +105,7 @@ class KeyframeMaker:
         return np.minimum(left, dynamic_mask), self._right_mask
 
     def is_needed(self, tracks: Tracks, landmark_map: LandmarkMap) -> bool:
-        """Return whether few landmarks of the last keyframe are left, or they have moved far in the image."""
+        """Return whether few landmarks of the last keyframe are tracked, or the landmarks moved far in the image."""
         last_seen = tracks.landmarks.last_seen
         flow = np.linalg.norm(tracks.observations[:, :2] - last_seen[:, :2], axis=1)[tracks.inliers]
         flow = flow[np.isfinite(flow)]
@@ -118,7 +120,7 @@ class KeyframeMaker:
     ) -> KeyframeResult:
         """Begin a window with a pair at a pose.
 
-        The first pose of a window is fixed (gauge). Otherwise each relinearisation would let the whole window drift.
+        The first pose of a window is fixed (gauge), because otherwise each relinearisation would move the whole window.
         """
         start = time.perf_counter()
         empty = SlidingWindow.empty(self._camera, self._config.window_keyframes)
@@ -130,7 +132,7 @@ class KeyframeMaker:
         return KeyframeResult(LandmarkMap.prepared(window), calibration, has_yaw_step=False, seconds=seconds)
 
     def make(self, job: KeyframeJob) -> KeyframeResult:
-        """Make a tracked pair a keyframe of the window."""
+        """Add a tracked pair to the window as a keyframe, and adjust the window."""
         start = time.perf_counter()
         tracks = job.tracks
         rows = tracks.landmarks.rows
@@ -149,7 +151,7 @@ class KeyframeMaker:
     def _with_landmarks(
         self, window: SlidingWindow, frame: StereoFrame, calibration: OnlineCalibration, dynamic_mask: ImageMask | None
     ) -> tuple[SlidingWindow, OnlineCalibration]:
-        """Detect corners beside the landmarks observed in the newest keyframe, match them, and add those that match."""
+        """Detect corners away from landmarks observed in the newest keyframe, and add those that match in stereo."""
         known = _observed_in_newest(window)
         mask, right_mask = self.masks(dynamic_mask)
         corners = find_corners(frame.left[0].image, known[:, :2].copy(), self._max_corners, BORDER, mask)

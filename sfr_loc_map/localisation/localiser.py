@@ -1,49 +1,53 @@
 """The localiser: one call per stereo pair.
 
-A sparse, keyframe-based stereo odometry with a sliding window. Stages 1 to 9 are `Localiser._locate`:
+A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._locate` runs nine stages:
 
-1. Check the images: a repeated pair keeps the last pose, stale parts are blanked (`stale_images`, `guards`).
-2. Predict the pose: constant velocity, standstill, missed pairs, wheel odometry (`motion_model`).
-3. Track: align the landmarks of the window as one (direct image alignment, SVO, Forster et al. 2017), then track each
-   patch, warped by its local plane, in both images (Lucas and Kanade 1981), and solve for the pose with robust weights.
+1. Check the images: keep the last pose for a repeated pair, and blank stale parts (`stale_images`, `guards`).
+2. Predict the pose by constant velocity, standstill and wheel odometry (`motion_model`).
+3. Track: align all landmarks jointly (direct image alignment as in SVO, Forster et al. 2017), track each patch, warped
+   by its local plane, in both images (Lucas and Kanade 1981), and solve for the pose with robust weights.
 4. Relocalise if the pose is not trusted: optical flow, then SIFT descriptors (`relocalisation`).
-5. Select the ground's motion among the motions in the image (`ground_motion`). If the tracks are not explained by one
-   motion, another one is searched for, and landmarks are tracked again. Landmarks of other motions leave the map.
-6. Correct the right camera: estimate its rotation, and correct a drift (`backend/online_calibration`).
-7. Judge: the findings of all guards and one table decide whether the pose is accepted (`guards`, `findings.RULES`).
-8. Complete: if few landmarks are left or they moved far, the pair becomes a keyframe, and its pose is solved for once
-   more, by all landmarks.
-9. Accept: the new path with its accumulated errors, and the motion since the last pose with its covariance
+5. Select the ground's motion among the motions in the image (`ground_motion`). If one motion does not explain the
+   tracks, search for a second motion and track the landmarks again. Remove landmarks of other motions from the map.
+6. Correct the right camera: estimate its rotation error, and correct its drift (`backend/online_calibration`).
+7. Judge: a table decides from the findings of all guards whether the pose is accepted (`guards`, `findings.RULES`).
+8. Complete: the pair becomes a keyframe if few landmarks are left or if they moved far in the image. The pose of
+   a keyframe is solved for again, from all landmarks.
+9. Accept: update the path and its accumulated errors, and compute the motion since the last pose with its covariance
    (`trajectory`, `covariance`).
 
 Before and after these stages, `Localiser.process`
 
-- takes over the keyframe of the call before, which was made in the background (`_with_finished_keyframe`);
-- applies a pose from outside whose stamp has come (`_with_pose_from_outside`);
-- composes the covariance of the published pose (`_estimate`);
-- starts the work of a keyframe in the background: the pair joins the window, which is adjusted (bundle adjustment with
-  marginalisation, OKVIS, Leutenegger et al. 2015; `keyframes`).
+- adopts the keyframe of the previous call, which was made in the background (`_with_finished_keyframe`);
+- applies an external pose once its stamp is reached (`_with_pose_from_outside`);
+- computes the covariance of the published pose (`_estimate`);
+- starts a keyframe in the background: the pair is added to the window, and the window is adjusted (bundle adjustment
+  with marginalisation as in OKVIS, Leutenegger et al. 2015; `keyframes`).
 
-With a map, a pair is refused as soon as one of its findings asks for it: after the images were checked, if the map is
-too small, after stage 5, or in stage 7. The later stages are skipped. A pair without a map, or a refused one after
-several good images, may begin a window (`_begin`). If it does not, the localiser is lost.
+If there is a map, findings can refuse a pair at four points: after the image check, if the map is too small, after
+stage 5, and in stage 7. The later stages are then skipped. A pair may begin a window (`_begin`) if there is no map, or
+if several good images were refused. If the window cannot begin, the localiser is lost.
 
-The state between two pairs is one immutable value (`state.State`); each stage takes values and returns values. What a
-pair changes in the state:
+The state between two pairs is one immutable value (`state.State`), and each stage takes and returns values. A pair
+changes these parts of the state:
 
 | pair | changes |
 |---|---|
-| accepted (`_accept`) | all but `clean_from_keyframe`: only here the state learns from a pose |
+| accepted (`_accept`) | all but `clean_from_keyframe`; the state learns from poses only here |
 | kept (`_keep`) | path (covariance and step), status, reason |
-| lost (`_lose`) | path (it forgets the velocity), failed recoveries (by a good image), status, reason |
-| begins a window (`_begin`) | all but `shear_mean`: the window starts at the last known pose; if it fails, as lost |
+| lost (`_lose`) | path (the velocity is reset), number of failed recoveries (after a good image), status, reason |
+| begins a window (`_begin`) | all but `shear_mean`; the window starts at the last known pose |
 
-Four other events change it: the finished keyframe of the call before (path, map, calibration and recovery; if its
-adjustment diverged, the map is given up and the calibration is reset), a pose from outside (path, and the map if it is
-forgotten), the first pair (path), and `set_pose` (path).
+Four other events change the state:
 
-Each pair, also a refused one, changes `image_memory` unless it repeats the pair before, and `ground_memory` if it has
-stale rows or contradicts its pose. A pair that would be kept is lost if the localiser is lost already.
+- A keyframe of the previous call is finished: path, map, calibration and recovery images. If its adjustment diverged,
+  the map is discarded and the calibration is reset instead.
+- An external pose is applied: path. The map is discarded if no pose was accepted since the stamp of that pose.
+- The first pair arrives: path.
+- `set_pose` is called: path.
+
+Every pair, accepted or refused, changes `image_memory` unless it repeats the previous pair, and `ground_memory` if it
+has stale rows or contradicts its pose. A pair that would be kept is lost if the localiser is already lost.
 """
 
 from __future__ import annotations
@@ -98,36 +102,36 @@ class CorrectedTracks(NamedTuple):
     tracks: Tracks  #: Tracks with corrected right observations.
     calibration: OnlineCalibration  #: The calibration, updated by the pair.
     shear_mean: ShearMean  #: The running mean, updated by the pair.
-    shear_chi2: float = 0.0  #: Squared shear of the rows of this pair over its variance.
+    shear_chi2: float = 0.0  #: Squared shear of the rows of this pair, divided by the variance of the shear.
 
 
 class Candidate(NamedTuple):
-    """A pair with a pose that is to be judged."""
+    """A pair whose pose is to be judged."""
 
     frame: StereoFrame
     landmark_map: LandmarkMap  #: The map without the landmarks that do not move with the ground.
     ground: Ground
-    corrected: CorrectedTracks  #: The tracks of the ground, corrected.
+    corrected: CorrectedTracks  #: Tracks of the ground after the correction.
 
     @property
     def tracks(self) -> Tracks:
-        """Tracks of the ground, with corrected right observations, and the pose by them."""
+        """Tracks of the ground with corrected right observations, and their pose."""
         return self.corrected.tracks
 
 
 class FinalPose(NamedTuple):
-    """The pose of a judged pair that is accepted."""
+    """The final pose of an accepted pair."""
 
-    tracks: Tracks  #: The judged tracks; in a keyframe the tracks of all landmarks.
+    tracks: Tracks  #: The judged tracks. For a keyframe, tracks of all landmarks unless a guard refuses their pose.
     is_keyframe: bool  #: Whether the pair becomes a keyframe.
-    is_recovery_image: bool  #: Whether lost tracking may be recovered from the pair.
+    is_recovery_image: bool  #: Whether the pair may serve to recover lost tracking.
 
 
 class Localiser:
     """Estimates the pose of RB (the rover's body frame) in DS (the frame of the datum) at each stereo pair.
 
-    The work of a keyframe is done after its call in a background thread. The next call waits for it, so that results do
-    not depend on timing.
+    Keyframes are processed in a background thread after the call returns. The next call waits for the result, so that
+    results do not depend on timing.
     """
 
     version = __version__
@@ -136,11 +140,11 @@ class Localiser:
         self,
         rig: StereoRig,
         config: LocalisationConfig = LocalisationConfig(),  # noqa: B008 - frozen
-        start: StartPose | Transform = Transform.identity(),  # noqa: B008 - frozen, nobody writes to it
+        start: StartPose | Transform = Transform.identity(),  # noqa: B008 - never modified
     ) -> None:
-        """Start at a pose of RB in DS; without a stamp it holds at the first pair.
+        """Start at a pose of RB in DS. A pose without a stamp is valid at the first pair.
 
-        GeometryError if the rig has no extrinsics; ConfigError if a mask cannot be read or has another size.
+        GeometryError if the rig has no extrinsics. ConfigError if a mask cannot be read or its size is not the rig's.
         """
         config = checked(config)
         self._rig = rig
@@ -157,7 +161,7 @@ class Localiser:
         self.reset(start)
 
     def reset(self, start: StartPose | Transform) -> None:
-        """Forget everything and start again at a pose."""
+        """Discard the state and start at a pose."""
         if self._pending is not None:
             wait([self._pending])
         self._pending = None
@@ -168,12 +172,12 @@ class Localiser:
         )
 
     def set_pose(self, pose: StartPose | Transform) -> None:
-        """Apply a pose from outside: it holds at its stamp; without a stamp, at the next pair."""
+        """Set an external pose, which is valid at its stamp; without a stamp, at the next pair."""
         self._state = replace(self._state, path=trajectory.given(self._state.path, StartPose.of(pose), self._model))
 
     @staticmethod
     def warm_up() -> None:
-        """Load or compile all kernels by a small drive, so that no call pays for it."""
+        """Compile or load all kernels on a small drive, so that later calls need not do this."""
         localiser = Localiser(warm_up.RIG, warm_up.CONFIG)
         for pair in warm_up.small_drive():
             localiser.process(pair)
@@ -183,10 +187,10 @@ class Localiser:
     def process(self, pair: StereoPair, odometry: Transform | None = None) -> PoseEstimate:
         """Return the pose at a pair.
 
-        The odometry, for example of the wheels, is the motion of RB since the last pair, `T_before_now`. It is used as
-        an initial guess only. The caller gives the pairs in the order of their stamps, which increase.
+        The odometry, for example from wheels, is the motion `T_before_now` of RB since the last pair. The odometry is
+        used only as an initial guess. The stamps of successive pairs must increase.
 
-        LocalisationError if the images have another size than the rig.
+        LocalisationError if the size of the images is not the rig's.
         """
         self._check_size(pair)
         clock = StageClock()
@@ -194,7 +198,7 @@ class Localiser:
             state, findings = self._with_finished_keyframe(self._state, clock)
         outcome = self._locate(state, pair, odometry, findings, clock)
         self._state = self._with_pose_from_outside(outcome.state, pair.stamp_ns)
-        # a pose from outside forgets the map only if it is later than the last accepted pose, which is a keyframe's
+        # an external pose discards the map only if it is later than the last accepted pose, here that of the keyframe
         assert outcome.keyframe is None or self._state.landmark_map is not None
         estimate = self._estimate(pair.stamp_ns, self._state, outcome, clock)
         if outcome.keyframe is not None:
@@ -206,7 +210,7 @@ class Localiser:
     def _locate(
         self, state: State, pair: StereoPair, odometry: Transform | None, findings: Findings, clock: StageClock
     ) -> Outcome:
-        """Find the pose of a pair by the stages 1 to 9 of the module's text. Findings about the map are given."""
+        """Run stages 1 to 9 (module docstring) on a pair; the given findings concern the last adjustment of the map."""
         # 1 check the images
         images = stale_images.compare(pair, state.image_memory)
         state = replace(
@@ -281,7 +285,7 @@ class Localiser:
         images: ImageComparison,
         change: Change,
     ) -> Ground:
-        """Select the ground's motion. A left image with blanked parts cannot be compared with earlier ones."""
+        """Select the ground's motion, unless the left image is frozen or rows of either image are stale."""
         if images.is_left_frozen or images.stale_rows.any():
             return Ground.unselected(tracks, state.ground_memory)
         return self._ground_selector.select(frame, tracks, prediction, state.ground_memory, state.recovery, change)
@@ -292,7 +296,7 @@ class Localiser:
         """Estimate the shift of the right image, and correct the right observations for a drift of the right camera."""
         lens_px = calibration.lens.likely_px
         shift = right_shift(tracks.pose, tracks.landmarks.estimates, tracks.observed, self._camera, lens_px)
-        if not np.isfinite(shift.variance):  # too few landmarks in both images
+        if not np.isfinite(shift.variance):  # too few landmarks are observed in both images
             return CorrectedTracks(tracks, calibration, shear_mean)
         calibration, drift_px = calibration.with_lens_residuals(shift).with_shift(shift)
         if drift_px != 0.0:
@@ -303,12 +307,12 @@ class Localiser:
         return CorrectedTracks(tracks, calibration, shear_mean.with_pair(shift.shear_chi2), shift.shear_chi2)
 
     def _judge(self, state: State, candidate: Candidate, findings: Findings) -> Verdict:
-        """Judge a pose by all guards."""
+        """Apply all guards to a pose."""
         frame = candidate.frame
         tracks = candidate.tracks
         corrected = candidate.corrected
         findings |= self._check_pose(state, frame, tracks)
-        if decide(findings).refuses:  # the other guards need a pose
+        if decide(findings).refuses:  # the other guards require a valid pose
             return decide(findings)
         findings |= guards.check_sides(frame, tracks, self._tracker, corrected.calibration.offset)
         findings |= guards.check_gap(keyframes=state.keyframes, clean_from_keyframe=state.clean_from_keyframe)
@@ -317,19 +321,19 @@ class Localiser:
         return decide(findings)
 
     def _check_pose(self, state: State, frame: StereoFrame, tracks: Tracks) -> Findings:
-        """Return the findings that depend on the pose of a pair alone."""
+        """Return the findings that depend only on the pose of a pair."""
         findings = guards.check_tracks(frame, tracks)
         return findings | guards.check_pose(tracks, state.path.last, frame.stamp_ns, self._config.motion)
 
     def _complete(self, state: State, candidate: Candidate, verdict: Verdict, clock: StageClock) -> FinalPose:
-        """Decide whether a judged pair becomes a keyframe, and solve for the pose of a keyframe by all landmarks.
+        """Decide whether a judged pair becomes a keyframe, and solve for the pose of a keyframe from all landmarks.
 
-        The errors of a keyframe accumulate, those of other poses do not: these follow fewer landmarks, which is faster.
-        The findings of the judgement are those of the images, and hold for the pose by all landmarks, too. What depends
-        on the pose is checked again. If it is refused, the judged pose and its tracks stay.
+        Only the errors of keyframes accumulate. Other poses are therefore estimated from fewer landmarks to save time.
+        Findings about the images hold for the new pose as well, but the checks of the pose are repeated. If they refuse
+        the new pose, the judged pose and its tracks are used.
         """
         tracks = candidate.tracks
-        # later pairs are only compared with complete left images
+        # later pairs are compared with the left image, which must show enough landmarks
         is_recovery_image = verdict.is_comparable and tracks.left_inlier_count >= self._config.min_tracked
         if not (is_recovery_image and self._keyframes.is_needed(tracks, candidate.landmark_map)):
             return FinalPose(tracks, is_keyframe=False, is_recovery_image=is_recovery_image)
@@ -347,14 +351,14 @@ class Localiser:
         if was_tracked.all():
             return tracks
         if np.array_equal(tracks.landmarks.rows, landmark_map.followed.rows):
-            rest = landmark_map.rest  # its patches are already copied
+            rest = landmark_map.rest  # the patches of these landmarks are already copied
         else:
             rest = landmarks.subset(~was_tracked)
         offset = candidate.corrected.calibration.offset
         return self._tracker.complete(candidate.frame, tracks, landmarks, was_tracked, rest, offset)
 
     def _accept(self, state: State, candidate: Candidate, verdict: Verdict, final: FinalPose) -> Outcome:
-        """Accept a pose: only here the state learns from one."""
+        """Accept a pose and update the state from it."""
         tracks = final.tracks
         corrected = candidate.corrected
         ground = candidate.ground
@@ -410,19 +414,19 @@ class Localiser:
         landmark_map: LandmarkMap,
         tracks: Tracks | None = None,
     ) -> Outcome:
-        """Refuse a pair with a map. By the action `RESTART`, a window begins with the pair after some good images."""
+        """Refuse a pair, or begin a window with it if the action is `RESTART` and several good images were refused."""
         count = len(landmark_map.landmarks.rows)
         if verdict.action is Action.RESTART and self._relocaliser.is_good_image(frame, count):
             state = replace(state, failed_recoveries=state.failed_recoveries + 1)
             if state.failed_recoveries >= RESTART_AFTER and verdict.is_comparable:
-                # the findings are those of a pose in the map before, which the new window does not continue
+                # the findings concern a pose in the old map, which the new window does not continue
                 return self._begin(state, frame, frozenset(), tracks)
         return self._refuse(state, verdict, frame.stamp_ns, tracks)
 
     def _keep(
         self, state: State, verdict: Verdict, stamp_ns: int, statistics: TrackingStatistics, tracks: Tracks | None
     ) -> Outcome:
-        """Publish the last pose again, with a larger covariance; a lost localiser stays lost, for the same reason."""
+        """Publish the last pose again with a larger covariance. A lost localiser stays lost and keeps its reason."""
         if state.status is TrackingState.LOST:
             return self._lose(state, state.reason, statistics, tracks)
         path, step = trajectory.kept(state.path, stamp_ns, self._model)
@@ -437,14 +441,14 @@ class Localiser:
         return Outcome(state, statistics, tracks)
 
     def _begin(self, state: State, frame: StereoFrame, findings: Findings, tracks: Tracks | None = None) -> Outcome:
-        """Begin a window at the last known pose, with a pair that has some findings.
+        """Begin a window at the last known pose with a pair and its findings.
 
-        The localiser stays lost if the pair has too few landmarks, or if its findings do not allow it to be a keyframe.
-        The window is degraded by the findings, or if no image has shown the motion since the last pose.
+        The localiser is lost if the pair has too few landmarks, or if its findings exclude it as a keyframe. The state
+        is degraded if the pair has findings, or if the motion since the last pose is unobserved.
         """
         keyframes = state.keyframes + 1
         clean_from = state.clean_from_keyframe
-        if state.path.last.has_gap(frame.stamp_ns):  # only a full window is not degraded by it
+        if state.path.last.has_gap(frame.stamp_ns):  # poses stay degraded until the window is full
             clean_from = keyframes + self._config.window_keyframes - 1
         findings |= guards.check_gap(keyframes=keyframes, clean_from_keyframe=clean_from)
         verdict = decide(findings)
@@ -482,14 +486,14 @@ class Localiser:
         height, width = pair.left.shape
         if (height, width) != (self._rig.height, self._rig.width):
             raise LocalisationError(
-                f"pair {pair.stamp_ns} has {width} x {height} pixels, the rig has {self._rig.width} x "
-                f"{self._rig.height}: give images of the rig"
+                f"pair {pair.stamp_ns}: the images have {width} x {height} pixels, but the rig requires "
+                f"{self._rig.width} x {self._rig.height}. Use images of this rig."
             )
 
     def _with_finished_keyframe(self, state: State, clock: StageClock) -> tuple[State, Findings]:
-        """Wait for the keyframe of the call before; return the state with its adjusted map, pose and calibration.
+        """Wait for the keyframe of the previous call; return the state with the adjusted map, pose and calibration.
 
-        If the adjustment diverged, the map is given up, and the next pair may begin a window at the last known pose.
+        If the adjustment diverged, the map is discarded, and a new window may begin at the last known pose.
         """
         if self._pending is None:
             return state, frozenset()
@@ -513,14 +517,14 @@ class Localiser:
         return state, findings
 
     def _with_pose_from_outside(self, state: State, stamp_ns: int) -> State:
-        """Apply a pending pose from outside, if its stamp has come."""
+        """Apply a pending external pose if its stamp is reached."""
         if state.path.datum.pending is None:
             return state
         path, is_map_forgotten = trajectory.with_pending_pose(state.path, stamp_ns, self._model)
         return replace(state, path=path, landmark_map=None if is_map_forgotten else state.landmark_map)
 
     def _estimate(self, stamp_ns: int, state: State, outcome: Outcome, clock: StageClock) -> PoseEstimate:
-        """Return the pose of RB in DS with its covariance, from that of the left camera in the world."""
+        """Return the pose of RB in DS and its covariance, converted from the left camera in the world."""
         datum = state.path.datum
         T_ds_left = datum.T_ds_world @ state.path.last.T_world_left
         T_ds_rb = T_ds_left @ self._model.T_left_rb

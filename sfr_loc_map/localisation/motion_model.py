@@ -1,4 +1,4 @@
-"""Motion model: where the left camera is, how it moves, and where it may be next (constant velocity)."""
+"""Motion model of the left camera: last pose, velocity, and initial guesses of the next pose."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.motion_size import Speed, size_of
 
 MAX_MISSED_PAIRS = 4
-"""Number of missing pairs over which a constant velocity is still extrapolated. Chosen by hand: half a second at 10 Hz.
-If larger, a guess that is far off takes the time of an alignment; if smaller, a longer gap needs the relocalisation."""
+"""Maximum number of missing pairs over which a constant velocity is extrapolated. Chosen by hand: 0.5 s at 10 Hz.
+If larger, guesses far from the pose cost the time of an alignment. If smaller, more gaps require relocalisation."""
 
 
 class Guesses(NamedTuple):
@@ -31,7 +31,7 @@ class Guesses(NamedTuple):
 
 
 class Prediction(NamedTuple):
-    """What is expected of a pair."""
+    """Prediction of a pair."""
 
     guesses: Guesses  #: Initial guesses of the left camera's pose.
     offset: RightOffset  #: Offset of the right camera.
@@ -50,11 +50,11 @@ class MotionSince(NamedTuple):
 class LastPose:
     """The last known pose of the left camera, and the motion that led to it."""
 
-    T_world_left: Transform  #: Last known pose in the present map: an adjustment of the map moves it.
-    T_before_last: Transform  #: Motion between the two pairs tracked last; the identity at rest.
-    known_ns: int | None  #: Stamp up to which the motion is known: of the last pose, from images or from outside.
-    tracked_ns: int = 0  #: Stamp of the pair tracked last, from which missing pairs are counted.
-    period_ns: int = 0  #: Time between the two pairs tracked last; 0 if unknown.
+    T_world_left: Transform  #: Last known pose in the present map; an adjustment of the map changes it.
+    T_before_last: Transform  #: Motion between the last two tracked pairs; the identity at rest.
+    known_ns: int | None  #: Stamp of the last pose from images or of an external pose; later motion is unobserved.
+    tracked_ns: int = 0  #: Stamp of the last tracked pair, from which missing pairs are counted.
+    period_ns: int = 0  #: Time between the last two tracked pairs; 0 if unknown.
     speed: Speed = Speed(0.0, 0.0)  #: Last speed.
 
     def unseen_s(self, stamp_ns: int) -> float:
@@ -62,16 +62,17 @@ class LastPose:
         return 0.0 if self.known_ns is None else abs(stamp_ns - self.known_ns) / NS_PER_S
 
     def has_gap(self, stamp_ns: int) -> bool:
-        """Return whether no image shows the motion from the last known pose to a pair that begins a window.
+        """Return whether the motion from the last known pose to a pair that begins a window is unobserved.
 
-        There is no gap before the first pair, nor before a start pose with a later stamp: images show the motion to it.
+        There is no gap before the first pair. A start pose with a later stamp causes no gap either, because images show
+        the motion up to this stamp.
         """
         return self.known_ns is not None and self.known_ns < stamp_ns
 
     def predict(self, stamp_ns: int, odometry: Transform | None, model: RoverModel) -> Guesses:
         """Return the initial guesses of the next pose.
 
-        The odometry is a motion of RB since the last pair, `T_before_now`, from another source.
+        The odometry is the motion `T_before_now` of RB since the last pair, from another source.
         """
         last = self.T_world_left
         expected = last @ self.T_before_last
@@ -92,7 +93,7 @@ class LastPose:
         return MotionSince(T_last_now, *size_of(T_last_now), self.unseen_s(stamp_ns))
 
     def tracked(self, stamp_ns: int, T_world_left: Transform, since: MotionSince, *, was_known: bool) -> LastPose:
-        """Return the pose of a tracked pair. The speed is updated only if the pose before was not lost."""
+        """Return the pose of a tracked pair. The speed is updated only if the previous pose was not lost."""
         speed = self.speed
         if was_known:
             seconds = since.seconds
@@ -100,11 +101,11 @@ class LastPose:
         return LastPose(T_world_left, since.T_last_now, stamp_ns, stamp_ns, stamp_ns - self.tracked_ns, speed)
 
     def at_stamp(self, stamp_ns: int | None) -> LastPose:
-        """Return the pose as known at another stamp."""
+        """Return the pose with another stamp `known_ns`."""
         return replace(self, known_ns=stamp_ns)
 
     def placed(self, stamp_ns: int | None) -> LastPose:
-        """Return the pose after it was given from outside, at a stamp; how the rover moves is unknown."""
+        """Return the pose after an external pose was applied at a stamp. The speed is unknown and set to 0."""
         return replace(self, known_ns=stamp_ns, speed=Speed(0.0, 0.0))
 
     def adjusted(self, T_world_left: Transform) -> LastPose:
@@ -112,12 +113,12 @@ class LastPose:
         return replace(self, T_world_left=T_world_left)
 
     def without_prediction(self) -> LastPose:
-        """Return the pose after tracking was lost: the next pose is expected where the last known one is.
+        """Return the pose after tracking was lost. The next pose is then predicted at the last known pose.
 
-        The last speed stays: the rover may have continued at it while no image showed its motion.
+        The speed is kept, because the rover may have continued at this speed while its motion was unobserved.
         """
         return replace(self, T_before_last=Transform.identity())
 
     def restarted(self, stamp_ns: int) -> LastPose:
-        """Return the pose after a new window began at it, at rest; the period is unknown."""
+        """Return the pose after a new window began at this pose. The rover is assumed to be at rest."""
         return LastPose(self.T_world_left, Transform.identity(), stamp_ns, stamp_ns, 0, self.speed)

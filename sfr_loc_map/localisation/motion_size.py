@@ -1,4 +1,4 @@
-"""Sizes of motions: a length and an angle, and both for each second."""
+"""Sizes of motions (length and angle) and speeds."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sfr_loc_map.geometry.transform import Transform
 
 
 class MotionSize(NamedTuple):
-    """Size of a motion, of a distance of two poses, or of an error."""
+    """Size of a motion, of the difference of two poses, or of an error."""
 
     metres: float  #: Length.
     radians: float  #: Angle.

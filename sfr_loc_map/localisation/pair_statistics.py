@@ -1,4 +1,4 @@
-"""Figures of a tracked pair, for the estimate: residuals, counts, and the tracks that are displayed."""
+"""Statistics of a tracked pair for the estimate: residuals, counts, and the displayed tracks."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def residual_statistics(tracks: Tracks) -> ResidualStatistics:
 
 
 def accepted_statistics(state: State, tracks: Tracks, residuals: ResidualStatistics) -> TrackingStatistics:
-    """Return the figures of a pair after which the state is a given one."""
+    """Return the statistics of an accepted pair; the state is that after the pair."""
     offset = state.calibration.offset
     return TrackingStatistics(
         features=len(tracks.inliers),
@@ -46,6 +46,6 @@ def accepted_statistics(state: State, tracks: Tracks, residuals: ResidualStatist
 
 
 def displayed(tracks: Tracks) -> LandmarkTracks:
-    """Return what is shown of tracks."""
+    """Return the displayed values of tracks."""
     residual = np.sqrt(tracks.chi2_per_dof / INLIER_CHI2_PER_DOF)
     return LandmarkTracks(tracks.observations[:, :2], tracks.landmarks.last_seen[:, :2], residual)

@@ -1,7 +1,7 @@
-"""What the covariance of the present pose is composed of, accumulated along the path (formula P of `covariance`).
+"""Components of the covariance of the present pose, accumulated along the path (formula P of `covariance`).
 
-Positions are `(3,)`, m, in the world. A covariance `(6, 6)` is of position and rotation about fixed axes, of the left
-camera in the world.
+Positions are `(3,)`, m, in the world. A covariance `(6, 6)` is that of position and rotation about fixed axes, for the
+left camera in the world.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ class LocatedCovariance(NamedTuple):
     covariance: FloatArray
 
     def at(self, position: FloatArray) -> FloatArray:
-        """Return the covariance at another position: a rotation error swings the path."""
+        """Return the covariance at another position, which a rotation error displaces."""
         return propagated_covariance(self.covariance, position - self.position)
 
 
 class DisparityBias(NamedTuple):
-    """Path integrals `(3,)` of position over a constant disparity error, m/px."""
+    """Path integrals `(3,)` of the position error by a disparity error."""
 
-    total: FloatArray  #: Of the whole path.
-    corrected: FloatArray  #: Times the yaw, px, that was corrected at each step.
+    total: FloatArray  #: Position error per pixel of a constant disparity error, m/px.
+    corrected: FloatArray  #: Position change by the yaw correction that was applied at each step, m.
 
 
 class DirectedError(MotionSize):
-    """Standard deviations of errors of several steps that have the same direction: they add up."""
+    """Standard deviations of errors that have the same direction in all steps and therefore add up."""
 
     def plus(self, other: DirectedError) -> DirectedError:
         """Return the sum with a further error."""
@@ -49,40 +49,40 @@ class DirectedError(MotionSize):
 
 
 class Origin(NamedTuple):
-    """The pose from which the covariance counts: start of the run or of the window, or a pose from outside."""
+    """The pose from which the covariance counts: start of the run or of the window, or an external pose."""
 
     start: LocatedCovariance  #: Covariance of that pose.
-    #: That pose in the window, if the drift counts from a pose within the window; None: from the start of the window.
+    #: Covariance of that pose within the window; None if the drift counts from the start of the window.
     in_window: LocatedCovariance | None = None
     bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))  #: Path integrals up to that pose.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathErrors:
-    """What the covariance of the present pose is composed of, accumulated since its origin.
+    """Components of the covariance of the present pose, accumulated since its origin.
 
-    Two parts come from motions that no image showed, `suspected` and `unseen`:
+    Two components come from unobserved motions, `suspected` and `unseen`:
 
     | event | `suspected` | `unseen` |
     |---|---|---|
-    | accepted pair | of its findings: the next pose no longer contains it | ends |
-    | kept pair | stays: the pose is the same | the motion since the accepted pose |
-    | adjustment of a keyframe | stays: its images may be partly older | is zero already |
-    | new window | ends in the start of the window | ends in the start of the window |
+    | accepted pair | is replaced by the inflation by its findings | is reset to zero |
+    | kept pair | is unchanged, because the pose is the same | is the motion since the accepted pose |
+    | adjustment of a keyframe | is unchanged, because its images may be partly stale | is already zero |
+    | new window | is moved to the start of the window | is moved to the start of the window |
     """
 
     origin: Origin  #: The pose from which the covariance counts.
-    #: What earlier windows, and the motions between the windows, added since the map was placed, at the start of the
-    #: window. A pose from outside in the past does not reset it.
+    #: Covariance that earlier windows, and the motions between windows, added since the map was placed, at the start of
+    #: the window. External poses with past stamps do not reset it.
     before_window: LocatedCovariance = LocatedCovariance(np.zeros(3), ZERO)
     in_window: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of the present pose in its window.
-    #: Covariance of the motion up to the last accepted pose, if its images may partly be older.
+    #: Covariance of the motion to the last accepted pose as if unobserved, if its images may be partly stale.
     suspected: FloatArray = field(default_factory=lambda: ZERO)
-    unseen: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of the motion since that pose.
+    unseen: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of the unobserved motion since then.
     bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))  #: Path integrals up to the present pose.
-    #: Sum of ambiguous motions and of the bending by the lens since the origin.
+    #: Sum of the directed errors since the origin (ambiguous motions, bending by the lens).
     directed: DirectedError = DirectedError(0.0, 0.0)
-    #: Covariance of that sum, and where it arose.
+    #: Covariance of that sum, at the position where the last error was added.
     directed_covariance: LocatedCovariance = LocatedCovariance(np.zeros(3), ZERO)
 
     @property
@@ -93,15 +93,15 @@ class PathErrors:
 
     @property
     def unimaged(self) -> FloatArray:
-        """Covariance `(6, 6)` of the motions that no image showed."""
+        """Covariance `(6, 6)` of the unobserved motions."""
         return self.suspected + self.unseen
 
     def with_pose(self, *, in_window: FloatArray, suspected: FloatArray, bias: DisparityBias) -> PathErrors:
-        """Return the errors of a new pose that images showed."""
+        """Return the errors of a new pose that was estimated from images."""
         return replace(self, in_window=in_window, suspected=suspected, unseen=ZERO, bias=bias)
 
     def placed(self, start: LocatedCovariance) -> PathErrors:
-        """Return the errors of a pose from outside at the last pose; only the path integrals continue."""
+        """Return the errors after an external pose was applied to the last pose. Only the path integrals continue."""
         return PathErrors(
             origin=Origin(start, bias=self.bias),
             bias=self.bias,
@@ -109,10 +109,10 @@ class PathErrors:
         )
 
     def rebased(self, origin: Origin, *, position: FloatArray, directed: DirectedError) -> PathErrors:
-        """Return the errors since an external pose with an earlier stamp.
+        """Return the errors since an external pose with a past stamp.
 
         Args:
-            origin: That pose. If it is of an earlier window, its start is that of the present window.
+            origin: That pose. If it belongs to an earlier window, its start is at the start of the present window.
             position: Position of the left camera at that pose.
             directed: Sum of the directed errors up to that pose.
         """
@@ -122,11 +122,11 @@ class PathErrors:
         )
 
     def kept(self, unseen: FloatArray) -> PathErrors:
-        """Return the errors of a pose that is kept while a motion is unseen."""
+        """Return the errors of a pose that is kept during an unobserved motion."""
         return replace(self, unseen=unseen)
 
     def adjusted(self, in_window: FloatArray) -> PathErrors:
-        """Return the errors after an adjustment of the newest keyframe, whose covariance in the window is given."""
+        """Return the errors after an adjustment of the newest keyframe, with its new covariance in the window."""
         return replace(self, in_window=in_window)
 
     def restarted(
@@ -158,7 +158,7 @@ class PathErrors:
         )
 
     def with_directed(self, error: DirectedError, position: FloatArray) -> PathErrors:
-        """Return the errors with a further directed one, which arose at a position."""
+        """Return the errors with a further directed error, which arose at a position."""
         total = self.directed.plus(error)
         growth = total.covariance - self.directed.covariance
         located = LocatedCovariance(position, self.directed_covariance.at(position) + growth)

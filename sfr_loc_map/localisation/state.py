@@ -1,17 +1,17 @@
-"""State of the localiser between two pairs, and what one pair leads to.
+"""State of the localiser between two pairs, and the outcome of one pair.
 
-Several stamps and two poses in the state look similar. Each has one meaning, and few pairs change it: an accepted one
-(A), a kept one (K), one that begins a window (W), or another event.
+The state contains several similar stamps and poses. The table gives the meaning of each, and the events that change
+it: an accepted pair (A), a kept pair (K), a pair that begins a window (W), or another event.
 
 | value | meaning | changed by |
 |---|---|---|
 | `path.last.T_world_left` | last known pose, in the present map | A; adjustment of a keyframe |
 | `path.published.T_world_left` | pose published last, where the next step begins | A, K, W |
-| `path.published.stamp_ns` | its stamp | A, K, W |
-| `path.last.known_ns` | stamp since which the motion is unseen | A, W; first pair; pose from outside |
+| `path.published.stamp_ns` | stamp of the pose published last | A, K, W |
+| `path.last.known_ns` | stamp since which the motion is unobserved | A, W; first pair; external pose |
 | `path.last.tracked_ns` | stamp from which missing pairs are counted | A, W |
-| `path.history.last_ns` | last stamp to which a pose from outside can be applied | A, W; pose from outside after it |
-| `path.datum.pending` | pose from outside that is not applied yet | `set_pose`; first pair; when it is applied |
+| `path.history.last_ns` | last stamp to which an external pose can be applied | A, W; external pose after it |
+| `path.datum.pending` | external pose that is not applied yet | `set_pose`; first pair; when the pose is applied |
 """
 
 from __future__ import annotations
@@ -33,28 +33,28 @@ from sfr_loc_map.localisation.trajectory import PathState
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """Everything that is known between two pairs, except for the keyframe that is being made in the background."""
+    """State that persists between two pairs, except for the keyframe that is being made in the background."""
 
     path: PathState  #: Last pose, datum, history and accumulated errors.
     calibration: OnlineCalibration  #: Rotation error of the right camera.
     ground_memory: GroundMemory  #: Memory of the selection of the ground.
     landmark_map: LandmarkMap | None = None  #: Window and landmarks; None before a window has begun.
-    recovery: RecoveryImages = RecoveryImages()  #: Images that lost tracking can be recovered from.
+    recovery: RecoveryImages = RecoveryImages()  #: Images from which lost tracking can be recovered.
     failed_recoveries: int = 0  #: Number of good images with a refused pose since the last accepted pair.
     image_memory: ImageMemory | None = None  #: Memory of the check for stale images.
     shear_mean: ShearMean = ShearMean()  #: Memory of the check for sheared rows.
     keyframes: int = 0  #: Number of keyframes since the start.
-    #: Number of the keyframe from which a window is no longer degraded by a gap before it.
+    #: Number of the keyframe from which the window is no longer degraded by a preceding gap.
     clean_from_keyframe: int = 0
-    status: TrackingState = TrackingState.INITIALISING  #: State published last; a lost pose is not continued.
+    status: TrackingState = TrackingState.INITIALISING  #: State published last.
     reason: StateReason | None = None  #: Reason published last.
 
 
 class Outcome(NamedTuple):
-    """What one pair leads to."""
+    """The outcome of one pair."""
 
     state: State
     statistics: TrackingStatistics
-    tracks: Tracks | None = None  #: What was tracked, trusted or not; None if nothing was.
+    tracks: Tracks | None = None  #: Tracked landmarks, trusted or not; None if nothing was tracked.
     step: StepEstimate | None = None  #: Step to the pose; None if lost.
-    keyframe: KeyframeJob | None = None  #: Work of the keyframe that the pair becomes.
+    keyframe: KeyframeJob | None = None  #: Keyframe job; None if the pair does not become a keyframe.

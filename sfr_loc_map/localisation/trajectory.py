@@ -1,18 +1,18 @@
-"""The path of the rover: last pose, datum, history and accumulated errors, and how each kind of pair changes them.
+"""The path of the rover: last pose, datum, history and accumulated errors, and their change with each kind of pair.
 
-A `PathState` is a value. Each function takes a path and returns the next one. The functions that lead to a published
-pose return the step to it, too.
+Each function takes an immutable `PathState` and returns the next one. The functions that lead to a published pose also
+return the step to that pose.
 
 | pair | function |
 |---|---|
 | the first pair | `arrived` |
 | accepted | `accepted` |
-| kept: it repeats the pair before, or contradicts its pose | `kept` |
+| kept: repeats the previous pair, or contradicts its pose | `kept` |
 | a new window begins at the last pose | `restarted` |
 | lost | `lost` |
 | a keyframe, after it was adjusted in the background | `adjusted` |
 
-A pose from outside is taken by `given` when it arrives, and applied by `with_pending_pose` after each pair.
+`given` accepts an external pose. `with_pending_pose` applies it after the pair at or after its stamp.
 """
 
 from __future__ import annotations
@@ -64,28 +64,28 @@ from sfr_loc_map.localisation.symmetric_matrices import positive_part, symmetric
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PublishedPose:
-    """The pose published last that was not lost, from which the next step counts."""
+    """The last published pose that was not lost, at which the next step starts."""
 
-    stamp_ns: int | None = None  #: Its stamp; None before the first.
+    stamp_ns: int | None = None  #: Stamp of the pose; None before the first pose.
     T_world_left: Transform | None = None  #: The pose as it was published; adjustments do not move it.
-    #: `(6, 6)` in RB: uncertainty of the step to this pose that the next step shares, because that step may take it
-    #: back: what findings added, and the motion of the pose by a correction of the yaw.
+    #: `(6, 6)` in RB: uncertainty of the step to this pose that the next step includes as well, because the next step
+    #: may undo the error. It consists of the inflation by findings, and of the displacement by a correction of the yaw.
     shared: FloatArray = field(default_factory=lambda: ZERO)
-    #: `(6, 6)` in RB: motion since the last accepted pose while it was published again.
+    #: `(6, 6)` in RB: covariance of the unobserved motion since the last accepted pose, while that pose was kept.
     unseen_rb: FloatArray = field(default_factory=lambda: ZERO)
-    noise: FloatArray = field(default_factory=lambda: ZERO)  #: White noise `(6, 6)` of it, in RB.
-    variance_factor: float | None = None  #: Ratio of residuals found to residuals stated; None before the first.
+    noise: FloatArray = field(default_factory=lambda: ZERO)  #: White noise `(6, 6)` of the pose, in RB.
+    variance_factor: float | None = None  #: Variance factor v (`covariance`); None before the first residuals.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathState:
-    """The poses so far."""
+    """Poses and accumulated errors so far."""
 
-    last: LastPose  #: Last known pose in the present map, and how it moves.
-    datum: Datum  #: Place of the world in DS.
-    errors: PathErrors  #: What the covariance of the pose is composed of.
-    published: PublishedPose  #: The pose published last, from which the next step counts.
-    history: History = History()  #: Past poses, to which a pose from outside can be applied.
+    last: LastPose  #: Last known pose in the present map, and the motion to it.
+    datum: Datum  #: Pose of the world in DS.
+    errors: PathErrors  #: Components of the covariance of the pose.
+    published: PublishedPose  #: The pose published last, at which the next step starts.
+    history: History = History()  #: Past poses, to which an external pose can be applied.
     window: int = 0  #: Number of the present window.
 
 
@@ -94,20 +94,20 @@ class AcceptedPair(NamedTuple):
 
     stamp_ns: int
     tracks: Tracks
-    chi_median: float  #: Median squared Mahalanobis residual per degree of freedom; NaN without any.
-    was_known: bool  #: Whether the pose of the pair before was not lost; it may have been kept.
+    chi_median: float  #: Median squared Mahalanobis residual per degree of freedom; NaN without residuals.
+    was_known: bool  #: Whether the previous pose was not lost; it may have been kept.
     shear_chi2: float  #: Squared shear of the image rows over its variance.
     inflation: Inflation  #: What the findings of the pair add to the covariance.
     rival_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
 
 
 class _NewPose(NamedTuple):
-    """The pose of an accepted pair against the last known one."""
+    """The pose of an accepted pair relative to the last known pose."""
 
     pair: AcceptedPair
     T_world_left: Transform
     since: MotionSince
-    given_landmarks: FloatArray  #: `(6, 6)` covariance of the pose if the landmarks were exact.
+    given_landmarks: FloatArray  #: `(6, 6)` covariance C of the pose given the landmarks.
     added: AddedError  #: What findings add to the covariance.
 
 
@@ -120,10 +120,10 @@ def started(start: StartPose, model: RoverModel) -> PathState:
 
 
 def arrived(path: PathState, stamp_ns: int) -> PathState:
-    """Return the path at the first pair; later pairs change nothing.
+    """Return the path after a pair arrived; only the first pair changes it.
 
-    A start pose without a stamp holds at the first pair. A start pose with a later stamp is used from the first pair
-    on, with the uncertainty that this causes, and is applied again at its own stamp.
+    A start pose without a stamp is valid at the first pair. A start pose with a later stamp is used from the first pair
+    on, with the uncertainty of the motion until its stamp, and is applied again at its stamp.
     """
     if path.datum.has_pairs:
         return path
@@ -153,7 +153,7 @@ def accepted(
 
 
 def _new_pose(path: PathState, pair: AcceptedPair, model: RoverModel) -> _NewPose:
-    """Return the pose of an accepted pair against the last known one."""
+    """Return the pose of an accepted pair relative to the last known pose."""
     now = Transform(*pair.tracks.pose)
     since = path.last.since_last(pair.stamp_ns, now)
     unseen = unseen_motion(path.last.speed, since.seconds, model)
@@ -188,7 +188,7 @@ def _errors_with(
 
 
 def _published_with(path: PathState, pose: _NewPose, model: RoverModel) -> PublishedPose:
-    """Return what the next step needs of a new pose."""
+    """Return the values of a new pose that the next step requires."""
     factor = updated_variance_factor(path.published.variance_factor, pose.pair.chi_median, model.sources)
     noise = pose_noise(
         pose.given_landmarks,
@@ -214,7 +214,7 @@ def _step_to(
     calibration: OnlineCalibration,
     model: RoverModel,
 ) -> StepEstimate:
-    """Return the step from the pose published last to a new one; the first step is from the new pose to itself."""
+    """Return the step from the last published pose to a new pose; the first step is from the new pose to itself."""
     before = path.published
     before_ns = pose.pair.stamp_ns if before.stamp_ns is None else before.stamp_ns
     seconds = (pose.pair.stamp_ns - before_ns) / NS_PER_S
@@ -234,7 +234,7 @@ def _step_to(
 
 
 def kept(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PathState, StepEstimate]:
-    """Return the path with the last pose kept up to a stamp, and the step; the rover may stand still or have moved."""
+    """Return the path with the last pose kept at a stamp, and the step; the rover may have moved unobserved."""
     errors = path.errors.kept(_unseen_of_left(path, stamp_ns, model))
     published, step = _step_to_last_pose(path, stamp_ns, model)
     return replace(path, errors=errors, published=published), step
@@ -269,7 +269,8 @@ def lost(path: PathState) -> PathState:
 def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_step: bool) -> PathState:
     """Return the path that continues from the adjusted pose of the last pair.
 
-    A change of the yaw correction moves the pose. The covariance of the next step grows by the square of this motion.
+    A change of the yaw correction displaces the pose. The covariance of the next step grows by the square of this
+    displacement.
     """
     T_world_left = Transform(*pose)
     published = path.published
@@ -282,7 +283,7 @@ def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_ste
 
 
 def _past_pose(last: LastPose, errors: PathErrors, window: int, model: RoverModel, *, was_known: bool) -> PastPose:
-    """Return the last pose for the history; `was_known` says whether the pose before was not lost."""
+    """Return the last pose for the history; `was_known` is True if the previous pose was not lost."""
     position = last.T_world_left.translation
     return PastPose(
         stamp_ns=last.tracked_ns,
@@ -297,7 +298,7 @@ def _past_pose(last: LastPose, errors: PathErrors, window: int, model: RoverMode
 
 
 def _unseen_of_left(path: PathState, stamp_ns: int, model: RoverModel) -> FloatArray:
-    """Return the covariance of the left camera in the world of a motion up to a stamp that no image showed."""
+    """Return the covariance of the unobserved motion up to a stamp, for the left camera in the world."""
     of_rb = unseen_motion(path.last.speed, path.last.unseen_s(stamp_ns), model)
     return _of_left(path, of_rb, model)
 
@@ -310,9 +311,9 @@ def _of_left(path: PathState, covariance: FloatArray, model: RoverModel) -> Floa
 
 
 def _step_to_last_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PublishedPose, StepEstimate]:
-    """Return the step to the last known pose. Only the growth of the unseen motion since the last step is added.
+    """Return the step to the last known pose. Its covariance is the growth of the unobserved motion in the step.
 
-    The motion is that of the pose by an adjustment of its keyframe; zero without one.
+    The motion of the step is the displacement of the pose by an adjustment of its keyframe; zero without adjustment.
     """
     before = path.published
     seconds = 0.0 if before.stamp_ns is None else (stamp_ns - before.stamp_ns) / NS_PER_S
@@ -329,20 +330,21 @@ def _step_to_last_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tup
     return published, step
 
 
-# ---- poses from outside
+# ---- external poses
 
 
 def given(path: PathState, pose: StartPose, model: RoverModel) -> PathState:
-    """Return the path with a pose from outside, which is applied with the pair at or after its stamp."""
+    """Return the path with an external pose. After the first pair, it is pending until a pair reaches its stamp."""
     if not path.datum.has_pairs:
         return _placed(path, pose, pose.stamp_ns, model)
     return replace(path, datum=replace(path.datum, pending=PendingPose(pose, MAX_AHEAD_NS)))
 
 
 def with_pending_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PathState, bool]:
-    """Apply the pending pose after the pair of a stamp; return whether the map is to be forgotten.
+    """Apply the pending pose after the pair of a stamp; also return whether the map must be discarded.
 
-    It is forgotten if no pair was seen since the pose's stamp: the map says nothing about the place of that pose.
+    The map is discarded if no pose was accepted since the stamp of the external pose, because the position of the
+    external pose in the map is then unknown.
     """
     pending = path.datum.pending
     if pending is None:
@@ -358,7 +360,7 @@ def with_pending_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tupl
 
 
 def _placed(path: PathState, pose: StartPose, stamp_ns: int | None, model: RoverModel) -> PathState:
-    """Return the path whose last pose is a pose from outside, known at a stamp. The path so far is forgotten."""
+    """Return the path whose last pose is an external pose, known at a stamp. The earlier path is discarded."""
     T_world_left = path.last.T_world_left
     T_ds_world = pose.T_ds_rb @ model.T_rb_left @ T_world_left.inverse()
     covariance = model.covariance_of_left(
@@ -374,7 +376,7 @@ def _placed(path: PathState, pose: StartPose, stamp_ns: int | None, model: Rover
 
 
 def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) -> PathState:
-    """Return the path that passes through a pose from outside at a stamp of the past; errors count from there."""
+    """Return the path through an external pose at a past stamp. Errors count from that pose."""
     past, apart_s = path.history.at(at_ns)
     T_ds_world = pose.T_ds_rb @ model.T_rb_left @ past.T_world_left.inverse()
     unseen = unseen_motion(path.last.speed, apart_s, model)
@@ -385,7 +387,7 @@ def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) ->
     position = past.in_window.position
     if past.window == path.window:
         origin = Origin(LocatedCovariance(position, covariance), past.in_window, past.bias)
-    else:  # between the past pose and the present window, drift and motions that no image showed were added
+    else:  # add drift and unobserved motions between the past pose and the present window
         before_window = path.errors.before_window
         added = positive_part(before_window.covariance - past.accumulated.at(before_window.position))
         at_window = propagated_covariance(covariance, before_window.position - position)
