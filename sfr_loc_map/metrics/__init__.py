@@ -1,8 +1,8 @@
 """The metrics of the specification: errors, time and memory.
 
-`formulas` has the specification's formulas in the order of its clauses, `score` the table of figures, `judging` the
-verdicts. What is imported here is light; the functions that compute scores are in `trajectory_score`, `cloud_error` and
-`calls`.
+`formulas` has the formulas of the specification in the order of its clauses, `score` the table of figures, and
+`judging` the verdicts. The modules that compute scores are `trajectory_score`, `cloud_error` and `calls`. This package
+does not import them, so that its import is fast.
 """
 
 import lazy_loader

@@ -1,7 +1,7 @@
-"""Absolute and relative pose errors after an alignment, as the tools of the field give them.
+"""Absolute and relative pose error (APE, RPE) after an alignment.
 
-APE and RPE are those of Sturm et al. 2012 (IROS, section IV) and of evo. Errors of the same files are equal; the
-standard deviation of evo divides by n. docs/metrics.md describes how poses are paired.
+APE and RPE are defined as in Sturm et al. 2012 (IROS, section IV) and in evo. The errors equal those of evo for the
+same files, but the standard deviation of evo divides by n. docs/metrics.md describes how poses are paired.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from sfr_loc_map.metrics.table import Figure, figure_row
 
 
 class Similarity(NamedTuple):
-    """`p -> scale R p + t`."""
+    """The transform `p -> scale R p + t`."""
 
     scale: float
     rotation: FloatArray
@@ -40,7 +40,7 @@ class Similarity(NamedTuple):
 
 
 class AlignedPoses(NamedTuple):
-    """Paired poses after the alignment, with unit quaternions, and what was applied to it (None for `none`)."""
+    """Paired poses with unit quaternions after the alignment, and the similarity that was applied to the estimate."""
 
     estimate: Trajectory
     truth: Trajectory
@@ -52,23 +52,23 @@ class AlignedPoses(NamedTuple):
 
 
 class ScoredAlignment(NamedTuple):
-    """What APE and RPE add to the score."""
+    """The part of the score that has APE and RPE."""
 
     figures: tuple[Figure, ...]
     alignment: Alignment
 
 
 def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig) -> ScoredAlignment:
-    """Return absolute and relative error of an estimate; poses in any order.
+    """Return the absolute and relative pose error of an estimate, whose poses may be in any order.
 
-    MetricsError if no stamps are near enough, or the positions allow no alignment.
+    MetricsError if no stamps are within `max_difference_s`, or if the alignment is undetermined.
     """
     if isinstance(truth, Truth) and not truth.has_height:
         raise MetricsError("'--align': the truth has no heights, which APE and RPE need: omit --align")
     has_tilt = not isinstance(truth, Truth) or truth.has_tilt
     poses = aligned_poses(estimate, truth, config)
     delta = Condition.parse(config.rpe_delta)
-    # relative: E = inv(inv(Q_i) Q_j) inv(P_i) P_j, Q the truth, P the estimate; the next motion begins at j
+    # relative error E = inv(inv(Q_i) Q_j) inv(P_i) P_j with the truth Q and the estimate P; the next motion starts at j
     ends = _ends(poses.estimate.positions, delta)
     true_move, true_turn = _motions(poses.truth, ends)
     move, turn = _motions(poses.estimate, ends)
@@ -98,8 +98,8 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
 def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorConfig) -> AlignedPoses:
     """Return paired poses after the alignment.
 
-    A truth without attitudes gets those of the aligned estimate. MetricsError if no stamps are near enough, or the
-    positions allow no alignment.
+    A truth without attitudes gets the attitudes of the aligned estimate. MetricsError if no stamps are within
+    `max_difference_s`, or if the alignment is undetermined.
     """
     if config.align == "origin" and not truth.has_attitude:
         raise MetricsError("'--align origin' needs attitudes, the truth has none: use --align se3 or none")
@@ -110,7 +110,7 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
     estimate_is_longer = len(estimate_rows) > len(true_rows)
     few, many = (true_stamps, estimate_stamps) if estimate_is_longer else (estimate_stamps, true_stamps)
     short = long = np.zeros(0, np.intp)
-    if len(few):  # the nearest of the other for each pose of the one that has fewer
+    if len(few):  # each pose of the shorter trajectory is paired with the nearest pose of the longer one
         nearest, difference = nearest_stamps(few, many)
         short = np.flatnonzero(difference <= round(config.max_difference_s * NS_PER_S))
         long = nearest[short]
@@ -145,9 +145,9 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
 
 
 def umeyama(points: FloatArray, targets: FloatArray, *, with_scale: bool) -> Similarity:
-    """Return the similarity that takes points `(N, 3)` nearest to their targets (equations of Umeyama 1991).
+    """Return the least-squares similarity from points `(N, 3)` to their targets (equations of Umeyama 1991).
 
-    MetricsError if the points lie on a line or in one place, so that no rotation follows from them.
+    MetricsError if the points are collinear or coincide, so that the rotation is undetermined.
     """
     mean_p, mean_t = points.mean(axis=0), targets.mean(axis=0)
     p, t = points - mean_p, targets - mean_t
@@ -164,7 +164,7 @@ def umeyama(points: FloatArray, targets: FloatArray, *, with_scale: bool) -> Sim
 
 
 def _motions(poses: Trajectory, ends: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-    """Return positions and quaternions of the motions `inv(T_i) T_j` from each end to the next."""
+    """Return translations and quaternions of the motions `inv(T_i) T_j` between consecutive `ends`."""
     i, j = ends[:-1], ends[1:]
     back = quat_conjugate(poses.quats_xyzw[i])
     return quat_rotate(back, poses.positions[j] - poses.positions[i]), quat_multiply(back, poses.quats_xyzw[j])

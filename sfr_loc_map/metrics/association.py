@@ -1,4 +1,4 @@
-"""Which estimate belongs to which truth: one to one, on integer nanoseconds.
+"""One-to-one association of estimates with true poses by their stamps in integer nanoseconds.
 
 docs/metrics.md, "From poses to frames", defines the modes `match`, `interpolate` and `auto` and gives their reasons.
 """
@@ -21,27 +21,27 @@ from sfr_loc_map.metrics.records import Association
 
 Rows = NDArray[np.intp]
 Number = TypeVar("Number", bound=np.generic)
-UPPER = np.triu_indices(6)  #: Places of the upper triangle of a 6 x 6 covariance, row by row.
+UPPER = np.triu_indices(6)  #: Indices of the upper triangle of a 6 x 6 covariance, row by row.
 COVARIANCE_SIZE = len(UPPER[0])
-DIAGONAL = UPPER[0] == UPPER[1]  #: Which numbers of the upper triangle of a covariance are variances.
+DIAGONAL = UPPER[0] == UPPER[1]  #: Mask of the variances in the upper triangle of a covariance.
 POSITION_VARIANCES = np.flatnonzero(DIAGONAL & (UPPER[0] < 3))
-"""Places of the variances of x, y and z in the upper triangle."""
-AUTO_STAMPS = 16  #: Stamps of each kind in the common span that `auto` examines.
-MATCHES_PER_STAMP = 4  #: `auto` matches if at least one of this number of stamps has a partner, else it interpolates.
+"""Indices of the variances of x, y and z in the upper triangle."""
+AUTO_STAMPS = 16  #: Stamps of estimates and of true poses in the common span that `auto` examines.
+MATCHES_PER_STAMP = 4  #: `auto` selects `match` if at least one in this number of stamps coincides.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimates:
-    """Estimated poses with what is known about each."""
+    """Estimated poses with their states, covariances and steps."""
 
     trajectory: Trajectory  #: Estimated poses of RB in DS, in any order.
-    lost: Mask  #: `(N,)` bool, pose was repeated because the localiser was lost.
-    degraded: Mask  #: `(N,)` bool, a check of the localiser reported a problem with the pose.
-    is_lost_known: Mask  #: `(N,)` bool, the source of the estimate reports whether the pose is lost.
-    is_degraded_known: Mask  #: `(N,)` bool, the source of the estimate reports whether the pose is degraded.
-    #: `(N, 21)` float64, upper triangle, ROS order (m^2, rad^2), NaN where not known; None if known of none.
+    lost: Mask  #: `(N,)` bool: whether the localiser was lost, so that the pose is repeated.
+    degraded: Mask  #: `(N,)` bool: whether a check of the localiser reported a problem with the pose.
+    is_lost_known: Mask  #: `(N,)` bool: whether the source of the estimate reports if the pose is lost.
+    is_degraded_known: Mask  #: `(N,)` bool: whether the source of the estimate reports if the pose is degraded.
+    #: `(N, 21)` float64, upper triangles in ROS order (m^2, rad^2), NaN if unknown; None if all are unknown.
     covariance: FloatArray | None
-    #: `(N, 48)` float64, step to each pose (see `metrics.consistency`), NaN where unknown; None without steps.
+    #: `(N, 48)` float64, step to each pose (see `metrics.consistency`), NaN if unknown; None without steps.
     steps: FloatArray | None = None
 
     @classmethod
@@ -53,7 +53,7 @@ class Estimates:
         covariance: FloatArray | None = None,
         steps: FloatArray | None = None,
     ) -> Estimates:
-        """Return estimates; what is not given is unknown of all of them."""
+        """Return estimates; states, covariances and steps that are not given are unknown for all poses."""
         is_lost_known, is_degraded_known = (np.full(len(trajectory), flags is not None) for flags in (lost, degraded))
         nowhere = np.zeros(len(trajectory), np.bool_)
         lost, degraded = (nowhere if flags is None else np.asarray(flags, np.bool_) for flags in (lost, degraded))
@@ -73,12 +73,12 @@ def symmetric(upper: FloatArray) -> FloatArray:
 
 
 def lost_by_covariance(covariance: FloatArray) -> Mask:
-    """Return for which covariances `(N, 21)` the pose is unknown: the complete diagonal is 9999."""
+    """Return which covariances `(N, 21)` mark the pose as lost: all variances are at least 9999."""
     return np.asarray((covariance[:, DIAGONAL] >= LOST_VARIANCE).all(axis=1))
 
 
 class Frames(NamedTuple):
-    """True and estimated poses of the same frames, as in `formulas.Poses`, with stamps and rows; in time order."""
+    """True and estimated poses of the same frames in time order, with their stamps and the rows of the estimates."""
 
     stamps_ns: IntArray
     true_position: FloatArray
@@ -89,15 +89,15 @@ class Frames(NamedTuple):
 
 
 class Matches(NamedTuple):
-    """Pairs of an estimate and a true pose whose stamps agree, by rows of both; stamps go up."""
+    """Pairs of an estimate and a true pose whose stamps agree, by their rows, in ascending order of the stamps."""
 
     estimate_rows: Rows
     true_rows: Rows
-    alone: Rows  #: Rows of estimates without a partner.
+    alone: Rows  #: Rows of the estimates without a true pose.
 
 
 def associate(estimate: Trajectory, truth: Trajectory, config: AssociationConfig) -> tuple[Frames, Association]:
-    """Return the frames, and how they were found: by which mode, and what became of every pose.
+    """Return the frames, and a record of the mode and of the number of poses in each category.
 
     MetricsError for an estimate without attitudes.
     """
@@ -137,7 +137,7 @@ def associate(estimate: Trajectory, truth: Trajectory, config: AssociationConfig
 
 
 def mode_of_stamps(estimate_stamps: IntArray, true_stamps: IntArray, tolerance_ns: int) -> AssociationMode:
-    """Return whether the first common stamps of both suit matching, or the truth has to be interpolated."""
+    """Return `match` if enough of the first stamps in the common span coincide, otherwise `interpolate`."""
     if not len(estimate_stamps) or not len(true_stamps):
         return AssociationMode.MATCH
     begin_ns = max(estimate_stamps[0], true_stamps[0]) - tolerance_ns
@@ -148,7 +148,7 @@ def mode_of_stamps(estimate_stamps: IntArray, true_stamps: IntArray, tolerance_n
     end_ns = max(est[min(last, len(est) - 1)], gt[min(last, len(gt) - 1)])
     end_ns = min(end_ns, est[-1], gt[-1]) + tolerance_ns
     est, gt = est[est <= end_ns], gt[gt <= end_ns]
-    if not len(est) or not len(gt):  # all stamps of one lie between two stamps of the other
+    if not len(est) or not len(gt):  # all stamps of one trajectory lie between two stamps of the other
         return AssociationMode.INTERPOLATE
     is_near = np.searchsorted(gt, est - tolerance_ns, "left") < np.searchsorted(gt, est + tolerance_ns, "right")
     is_enough = MATCHES_PER_STAMP * np.count_nonzero(is_near) >= min(len(est), len(gt))
@@ -158,7 +158,7 @@ def mode_of_stamps(estimate_stamps: IntArray, true_stamps: IntArray, tolerance_n
 def matches_of_stamps(
     estimate: Trajectory, truth: Trajectory, estimate_rows: Rows, true_rows: Rows, tolerance_ns: int
 ) -> Matches:
-    """Return the pairs of equal stamps, then those of the nearest stamps within the tolerance."""
+    """Return the pairs of equal stamps, then the pairs of nearest remaining stamps within the tolerance."""
     estimate_stamps, true_stamps = taken(estimate.stamps_ns, estimate_rows), taken(truth.stamps_ns, true_rows)
     partner = np.full(len(estimate_stamps), -1, dtype=np.intp)
     if len(true_stamps):
@@ -172,7 +172,7 @@ def matches_of_stamps(
 
 
 def matched_frames(estimate: Trajectory, truth: Trajectory, matches: Matches) -> Frames:
-    """Return the frames of matched stamps; a frame has the stamp of the truth."""
+    """Return the frames of the matches, with the stamps of the truth."""
     est, gt = matches.estimate_rows, matches.true_rows
     return Frames(
         stamps_ns=taken(truth.stamps_ns, gt),
@@ -187,7 +187,7 @@ def matched_frames(estimate: Trajectory, truth: Trajectory, matches: Matches) ->
 def interpolated_frames(
     estimate: Trajectory, truth: Trajectory, alone: Rows, true_rows: Rows, max_gap_s: float
 ) -> tuple[Frames, IntArray]:
-    """Return the frames of estimates between two true poses that are not too far apart, and the gaps of the truth."""
+    """Return the frames of estimates between two true poses at most `max_gap_s` apart, and these gaps of the truth."""
     true_stamps = truth.stamps_ns[true_rows]
     after = np.searchsorted(true_stamps, estimate.stamps_ns[alone])
     is_between = (after > 0) & (after < len(true_stamps))
@@ -209,32 +209,35 @@ def interpolated_frames(
 
 
 def in_time_order(frames: Frames, others: Frames) -> Frames:
-    """Return all frames of both in the order of their stamps."""
+    """Return the frames and the other frames together, in the order of their stamps."""
     order = np.argsort(np.concatenate((frames.stamps_ns, others.stamps_ns)), kind="stable")
     return Frames(*(np.concatenate(both)[order] for both in zip(frames, others, strict=True)))
 
 
 def unordered(stamps_ns: IntArray) -> int:
-    """Return how many stamps come after a later one."""
+    """Return the number of stamps that come after a later stamp."""
     return int(np.count_nonzero(stamps_ns[1:] < np.maximum.accumulate(stamps_ns)[:-1]))
 
 
 def unique_rows(stamps_ns: IntArray) -> Rows:
-    """Return the rows in order of their stamps; of rows with one stamp the last."""
+    """Return the rows in the order of their stamps; of several rows with the same stamp only the last."""
     if (stamps_ns[1:] > stamps_ns[:-1]).all():
         return np.arange(len(stamps_ns))
     return len(stamps_ns) - 1 - np.unique(stamps_ns[::-1], return_index=True)[1]
 
 
 def taken(values: NDArray[Number], rows: Rows) -> NDArray[Number]:
-    """Return rows of values, none of them twice; the values themselves where these are all in their order."""
+    """Return the rows of an array without copying it if the rows are all rows in order; no row occurs twice."""
     if len(rows) < len(values) or not (rows[1:] > rows[:-1]).all():
         return values[rows]
     return values
 
 
 def match_nearest(partner: Rows, estimate_stamps: IntArray, true_stamps: IntArray, tolerance: int) -> None:
-    """Give estimates without a partner (-1) the nearest truth left over, each truth once; of equals the earlier."""
+    """Assign the nearest unassigned true pose to estimates without a partner (-1), in place.
+
+    Each true pose is used once. Of two equally near true poses the earlier is used.
+    """
     free_est = np.flatnonzero(partner < 0)
     free_gt = np.setdiff1d(np.arange(len(true_stamps)), partner, assume_unique=True)
     nearest, difference = nearest_stamps(estimate_stamps[free_est], true_stamps[free_gt])
@@ -246,7 +249,10 @@ def match_nearest(partner: Rows, estimate_stamps: IntArray, true_stamps: IntArra
 
 
 def nearest_stamps(stamps: IntArray, among: IntArray) -> tuple[Rows, IntArray]:
-    """Return for each stamp the index of the nearest of `among` (sorted, not empty; the earlier of two) and how far."""
+    """Return the index of the nearest stamp in `among`, which is sorted and not empty, and the difference.
+
+    Of two equally near stamps the earlier is used.
+    """
     after = np.minimum(np.searchsorted(among, stamps), len(among) - 1)
     before = np.maximum(after - 1, 0)
     to_before, to_after = np.abs(stamps - among[before]), np.abs(among[after] - stamps)

@@ -1,9 +1,9 @@
-"""The time and the memory of a call of a processing API [4.2.1, 4.2.2, 4.3.1, 4.3.2], measured one call at a time.
+"""Time and memory of a call of a processing API [4.2.1, 4.2.2, 4.3.1, 4.3.2], measured one call at a time.
 
-Memory: before a call the kernel's high-water mark of the process' resident memory is reset to what is resident now
-(`5` written to `/proc/self/clear_refs`). After the call the mark is read (`VmHWM` in `/proc/self/status`). The mark is
-the kernel's own peak of all threads together, exact to some hundred KiB. Memory "above the idle process" is the peak
-less what was resident when the meter was made, or at the last `mark_idle`.
+Before a call, the kernel's high-water mark of the resident memory of the process is reset to the present resident
+memory (`5` written to `/proc/self/clear_refs`). After the call the mark is read (`VmHWM` in `/proc/self/status`). The
+mark is the kernel's peak over all threads, accurate to a few hundred KiB. Memory "above the idle process" is the peak
+minus the resident memory at the construction of the meter, or at the last `mark_idle`.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ METHOD_UNAVAILABLE = "not measured: this system has no resettable high-water mar
 
 @dataclass(slots=True)
 class CallUsage:
-    """What one call took: wall-clock time, peak resident memory, the same above the idle process."""
+    """Resources of one call: wall-clock time, peak resident memory, and this peak above the idle process."""
 
     processing_time_s: float = 0.0
     peak_rss_bytes: int | None = None
     above_idle_bytes: int | None = None
 
     def cost(self, state: str) -> tuple[float, str, int | None, int | None]:
-        """Return time, state after the call and memory, as a `CallRecord` has them."""
+        """Return time, state after the call and memory in the order of a `CallRecord`."""
         return self.processing_time_s, str(state), self.peak_rss_bytes, self.above_idle_bytes
 
 
 class CallMeter:
-    """Measures calls, one at a time; names its clock and how memory is measured."""
+    """Measures calls one at a time. `clock` names the clock, `method` the method of measuring memory."""
 
     def __init__(self, clock_ns: Callable[[], int] = time.perf_counter_ns, clock: str = HOST_CLOCK) -> None:
-        """Take the present resident memory as that of the idle process."""
+        """Use the present resident memory as that of the idle process."""
         self.clock = clock
         self._clock_ns = clock_ns
         self._available = reset_peak("self") is not None and peak_of("self") is not None
@@ -45,12 +45,12 @@ class CallMeter:
         self.mark_idle()
 
     def mark_idle(self) -> None:
-        """Take the present resident memory as that of the idle process (after start and warm-up)."""
+        """Use the present resident memory as that of the idle process, after start and warm-up."""
         self._idle_bytes = (reset_peak("self") or 0) if self._available else 0
 
     @contextmanager
     def measure(self) -> Iterator[CallUsage]:
-        """Measure what is done in the `with` block; the usage is filled in at its end, an error passes through."""
+        """Measure the `with` block. The usage is filled in at its end, also if the block raises."""
         usage = CallUsage()
         if self._available:
             reset_peak("self")

@@ -1,4 +1,4 @@
-"""The figures of time and memory of the calls of a processing API [4.2.1, 4.2.2, 4.3.1, 4.3.2].
+"""Figures of time and memory of the calls of a processing API [4.2.1, 4.2.2, 4.3.1, 4.3.2].
 
 `metrics.call_meter` measures the calls.
 """
@@ -36,29 +36,29 @@ STATE_KINDS: dict[str, CallKind] = {
     MappingState.FUSED: CallKind.FUSION,
     MappingState.MAPPED_SET: CallKind.MAPPING_CALL,
 }
-"""Kind of a mapping call by its state; all other states are those of the localiser."""
+"""Kind of a mapping call by its state; all other states are states of the localiser."""
 KINDS_OF = {Task.LOCALISATION: (CallKind.LOCALISATION,), Task.MAPPING: tuple(STATE_KINDS.values())}
 """Kinds of calls by their task."""
 HISTOGRAM_BINS = 40
-SERIES_ROWS = 2000  #: Calls of each kind that are kept for plots.
-FIRST = "first call"  #: Part of the row of the first call that was measured.
-AFTER_FIRST = "after the first call"  #: Part of the row of the others.
+SERIES_ROWS = 2000  #: Maximum number of calls of each kind in plots.
+FIRST = "first call"  #: Part of the row of the first measured call.
+AFTER_FIRST = "after the first call"  #: Part of the row of the calls after the first.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calls:
-    """Calls in the order they were made."""
+    """Calls in chronological order."""
 
     stamps_ns: IntArray  #: `(N,)` int64, stamp of the pair.
-    seconds: FloatArray  #: `(N,)` float64, wall-clock time, NaN where not measured.
+    seconds: FloatArray  #: `(N,)` float64, wall-clock time, NaN if not measured.
     states: Sequence[str]  #: `(N,)` state of each call: initialising, tracking, degraded, lost; mapped, fused.
-    peak_bytes: FloatArray  #: `(N,)` float64, peak resident memory, NaN where not measured.
-    above_idle_bytes: FloatArray  #: `(N,)` float64, the same above the idle process.
-    #: `(N,)` float64 by name, time of each stage, NaN where a call had none of that name.
+    peak_bytes: FloatArray  #: `(N,)` float64, peak resident memory, NaN if not measured.
+    above_idle_bytes: FloatArray  #: `(N,)` float64, peak resident memory above the idle process, NaN if not measured.
+    #: `(N,)` float64 by the name of the stage: time of the stage, NaN if the call does not have the stage.
     stage_s: Mapping[str, FloatArray] = field(default_factory=dict)
-    heap_bytes: FloatArray | None = None  #: `(N,)` largest sum of blocks, NaN where not measured; None: nowhere.
-    stack_bytes: FloatArray | None = None  #: `(N,)` deepest stack, likewise.
-    memory_method: str | None = None  #: How memory was measured, as the source of the calls states it; None: unknown.
+    heap_bytes: FloatArray | None = None  #: `(N,)` peak heap size, NaN if not measured; None if never measured.
+    stack_bytes: FloatArray | None = None  #: `(N,)` peak stack depth, NaN if not measured; None if never measured.
+    memory_method: str | None = None  #: Method of measuring memory, from the source of the calls; None if unknown.
 
     @property
     def kinds(self) -> NDArray[np.object_]:
@@ -72,15 +72,15 @@ class Calls:
 
 
 class ScoredCalls(NamedTuple):
-    """What calls add to the score."""
+    """The part of the score that is about calls."""
 
     figures: tuple[Figure, ...] = ()
     records: CallRecords = CallRecords()
-    plots: Mapping[str, CallPlots] = MappingProxyType({})  #: What plots are drawn from, if wanted, by kind.
+    plots: Mapping[str, CallPlots] = MappingProxyType({})  #: Data of the plots by kind, if requested.
 
 
 def concatenated(parts: Sequence[Calls]) -> Calls:
-    """Return the calls of several files, at least one, as those of one run in the order of the files."""
+    """Return the calls of one or several files as calls of one run, in the order of the files."""
     counts = [len(part.stamps_ns) for part in parts]
     stages = dict.fromkeys(name for part in parts for name in part.stage_s)
     stage_s = {name: stacked([part.stage_s.get(name) for part in parts], counts) for name in stages}
@@ -97,7 +97,7 @@ def concatenated(parts: Sequence[Calls]) -> Calls:
 
 
 def stacked(parts: Sequence[FloatArray | None], counts: Sequence[int]) -> FloatArray | None:
-    """Return the values of several files one below the other, NaN for a file without them; None if no file has them."""
+    """Return the concatenated values of several files, NaN for a file without them; None if no file has them."""
     shape = next((part.shape[1:] for part in parts if part is not None), None)
     if shape is None:
         return None
@@ -107,8 +107,8 @@ def stacked(parts: Sequence[FloatArray | None], counts: Sequence[int]) -> FloatA
 
 
 def score_calls(calls: Calls, clock: str = HOST_CLOCK, *, details: bool = True) -> ScoredCalls:
-    """Return times (with the name of their clock) and memory of calls, whose states give their kinds."""
-    # a system without this measurement may report 0, which is unknown; above the idle process 0 is possible
+    """Return times, with the name of their clock, and memory of calls. The kind of a call follows from its state."""
+    # a peak of 0 is unknown, because systems without the measurement report 0; above the idle process 0 is possible
     peak = np.where(calls.peak_bytes > 0.0, calls.peak_bytes, np.nan)
     above = np.where(np.isfinite(peak) | (calls.above_idle_bytes > 0.0), calls.above_idle_bytes, np.nan)
     calls = replace(calls, peak_bytes=peak, above_idle_bytes=above)
@@ -142,7 +142,7 @@ def has_memory(rows: Iterable[Figure]) -> bool:
 def completeness_rows(
     calls: Sequence[Calls], expected_ns: Mapping[Task, IntArray | None], place: Place = Place.HOST
 ) -> Iterator[Figure]:
-    """Yield the rows that compare measured with expected calls; if several files have a kind, the last one counts."""
+    """Yield the rows that compare measured with expected calls; for each kind the last file that has it is used."""
     found: dict[CallKind, tuple[Calls, NDArray[np.intp]]] = {}
     for item in calls:
         kinds = item.kinds
@@ -158,9 +158,9 @@ def completeness_rows(
 
 
 def measured_memory(calls: Calls, mine: NDArray[np.intp]) -> FloatArray | None:
-    """Return the peak memory of some calls, NaN where not every figure of memory that other calls have was measured.
+    """Return the peak memory of some calls, NaN for calls that lack a figure of memory that other calls have.
 
-    None if no peak was measured. A system without the measurement of the peak may report 0, which is unknown.
+    None if no peak was measured. A peak of 0 is unknown, because systems without the measurement report 0.
     """
     peak = calls.peak_bytes[mine]
     if not np.isfinite(peak).any():
@@ -173,7 +173,10 @@ def measured_memory(calls: Calls, mine: NDArray[np.intp]) -> FloatArray | None:
 
 
 def time_rows(kind: CallKind, seconds: FloatArray) -> Iterator[Figure]:
-    """Yield the rows of the times of calls `(N,)` in order, NaN where not measured; the first call may load: apart."""
+    """Yield the rows of the times of calls `(N,)` in order, NaN if not measured.
+
+    The first call has a separate row, because it may load libraries.
+    """
     known = seconds[np.isfinite(seconds)]
     yield figure_row(kind, statistics=formulas.statistics(known))
     yield figure_row(kind, part=FIRST, n=1, value=float(known[0]))
@@ -182,9 +185,9 @@ def time_rows(kind: CallKind, seconds: FloatArray) -> Iterator[Figure]:
 
 
 def deadline_rows(kind: CallKind, stamps_ns: IntArray, seconds: FloatArray) -> Iterator[Figure]:
-    """Yield the period of the pairs, the fraction of calls within it, and the time of calls over that of the drive.
+    """Yield the period of the pairs, the fraction of calls within the period, and the mean time over the period.
 
-    The period is the median difference of the stamps. Nothing is known of calls without stamps, or of a set of pairs.
+    The period is the median difference of the stamps. There are no rows for calls without stamps or for mapping calls.
     """
     apart_s = np.diff(np.unique(stamps_ns)) / NS_PER_S
     known = seconds[np.isfinite(seconds)]
@@ -197,14 +200,14 @@ def deadline_rows(kind: CallKind, stamps_ns: IntArray, seconds: FloatArray) -> I
 
 
 def stage_rows(kind: CallKind, stage: str, seconds: FloatArray) -> Iterator[Figure]:
-    """Yield the row of one stage over the calls that had it."""
+    """Yield the row of one stage over the calls that have the stage."""
     known = seconds[np.isfinite(seconds)]
     if len(known):
         yield figure_row(kind, part=stage, statistics=formulas.statistics(known))
 
 
 def peak_rows(kind: CallKind, calls: Calls, mine: NDArray[np.intp]) -> Iterator[Figure]:
-    """Yield the rows of the largest memory of some calls; those of resident memory always, null if not measured."""
+    """Yield the rows of the peak memory of some calls; resident memory always has rows, null if not measured."""
     for name, values in (
         ("peak", calls.peak_bytes),
         ("above_idle", calls.above_idle_bytes),
@@ -217,7 +220,7 @@ def peak_rows(kind: CallKind, calls: Calls, mine: NDArray[np.intp]) -> Iterator[
 
 
 def plots_of(calls: Calls, mine: NDArray[np.intp]) -> CallPlots:
-    """Return what plots of some calls are drawn from."""
+    """Return the data of the plots of some calls."""
     block = max(1, -(-len(mine) // SERIES_ROWS))
     blocks = (mine[first : first + block] for first in range(0, len(mine), block))
     chosen = [rows[np.argmax(np.nan_to_num(calls.seconds[rows], nan=-1.0))] for rows in blocks]
@@ -246,9 +249,9 @@ def score_target(
     has_stamps: bool = False,
     other_run: str | None = None,
 ) -> tuple[tuple[Figure, ...], TargetRun]:
-    """Return the rows of calls that were measured elsewhere, under that target's name; their part is `target`.
+    """Return the rows, with the part `target`, of calls that were measured on a target, and the record of the target.
 
-    Calls with stamps belong to estimates of the same stamps; MetricsError if they are of another run that is not named.
+    Calls with stamps belong to estimates of the same stamps. MetricsError if the stamps differ and `other_run` is None.
     """
     matched = None
     if has_stamps and estimate_ns is not None and len(estimate_ns):
@@ -257,7 +260,7 @@ def score_target(
         if len(localised) and not np.isin(localised, estimate_ns).all() and other_run is None:
             raise MetricsError(
                 f"the times of {name} belong to another run: {np.count_nonzero(~np.isin(localised, estimate_ns))} of "
-                f"{len(localised)} stamps are not the estimate's; name that run by --target-run"
+                f"{len(localised)} stamps are not in the estimate; name that run by --target-run"
             )
     scored = score_calls(calls, clock=name, details=False)
     is_measured = has_memory(scored.figures)
@@ -267,7 +270,7 @@ def score_target(
 
 
 def at_place(row: Figure, place: Place) -> Figure:
-    """Return a row of calls as one of calls that were measured elsewhere.
+    """Return a row of calls as a row of calls that were measured at another place, with the clause that applies there.
 
     The specification defines the times of calls on the target [4.2.1, 4.3.1].
     """
@@ -276,7 +279,7 @@ def at_place(row: Figure, place: Place) -> Figure:
 
 
 def stage_of(figure: str) -> str | None:
-    """Return the stage whose time a figure of a call is (`stage_NAME_s`), None if the figure is no such time."""
+    """Return NAME for a figure `stage_NAME_s`, the time of a stage of a call; None for other figures."""
     found = re.fullmatch(r"stage_(.+)_s", figure)
     return None if found is None else found[1]
 
@@ -284,7 +287,7 @@ def stage_of(figure: str) -> str | None:
 def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
     """Return scored calls with time and memory of an external node as measured from outside.
 
-    What the node states of itself, of whatever kind of call, has the part `stated`, which no limit is on.
+    Times and memory that the node reports for its own calls have the part `stated`, which cannot be limited.
     """
     kind, records = CallKind(node.task), scored.records
     kinds = KINDS_OF[Task(node.task)]
@@ -304,7 +307,7 @@ def with_external(scored: ScoredCalls, node: ExternalScore) -> ScoredCalls:
 
 
 def completeness_of_answers(node: ExternalScore) -> Iterator[Figure]:
-    """Yield the rows of the calls of an external node: its answers against the pairs that were published to it."""
+    """Yield the completeness of the calls of an external node, from its answers and the published pairs."""
     kind, answers = CallKind(node.task), node.answers
     received = answers.answered + answers.late + answers.doubled + answers.other_stamp
     yield expected_row(RowPart(CALLS, kind), answers.answered, answers.pairs)
@@ -312,4 +315,4 @@ def completeness_of_answers(node: ExternalScore) -> Iterator[Figure]:
     yield figure_row("calls_other", part=kind, n=received, value=share_of(answers.other_stamp, received))
     yield figure_row("calls_doubled", part=kind, n=received, value=share_of(answers.doubled, received))
     if node.process is not None:
-        yield expected_row(RowPart(MEMORY, kind), 1, 1)  # of its processes over the whole run
+        yield expected_row(RowPart(MEMORY, kind), 1, 1)  # memory of all its processes over the complete run

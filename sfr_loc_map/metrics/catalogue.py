@@ -1,15 +1,16 @@
-"""The catalogue of figures, one line each. Every view takes the names of figures, their clauses and its columns here.
+"""The catalogue of figures, one line each: the names, clauses and displayed statistics that every view uses.
 
 To add a figure, add its line here and, for an error of sub-trajectories, the function that computes its errors in
 `metrics.trajectory_errors.ERRORS`. To show one more statistic of a figure, add its name to the line. To add a quantile,
 add its field to `metrics.formulas.Statistics` and its line to `metrics.formulas.QUANTILES`. Any other statistic is
 computed in `metrics.formulas.statistics`, and `EXPANSION` of `metrics.judging.limited_figure` states how the error of
-the truth counts in it. Reports, comparisons, suites, searches, histories, limits, the topics of the monitor and the
-check of stored scores follow. Scores that were stored without the statistic are read as before.
+the truth affects it. Reports, comparisons, suites, searches, histories, limits, the topics of the monitor and the check
+of stored scores then include the figure or statistic. Scores that were stored without a new statistic remain readable.
 
-What does not follow: the topics that `config/sros2_policy.xml` allows by name; plots, which draw mean, mean + 3 sigma,
-p50 and p95; quantiles over the drives of a suite, which are judged by the worst drive. A statistic that is added to
-`compared` is one more test of comparisons and histories, so that the Holm correction of all others changes.
+Three things have to be changed separately: the topics that `config/sros2_policy.xml` allows by name, the plots, which
+draw mean, mean + 3 sigma, p50 and p95, and the quantiles over the drives of a suite, which is judged by its worst
+drive. A statistic that is added to `compared` adds a test to comparisons and histories, so that the Holm correction of
+all other tests changes.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from sfr_loc_map.metrics.row_part import Place, RowPart
 
 
 class Subject(StrEnum):
-    """What a figure is about."""
+    """Subject of a figure."""
 
     TRAJECTORY = "trajectory"
     MAP = "map"
@@ -37,25 +38,25 @@ class Subject(StrEnum):
 class FigureKind(NamedTuple):
     """A figure of the catalogue."""
 
-    name: str  #: As in the rows of the score.
+    name: str  #: Name in the rows of the score.
     subject: Subject
     clause: str  #: Clause of the specification; empty if the specification does not define the figure. See `clause_of`.
     unit: str  #: `m`, `deg`, `px`, `s`, `bytes`, or `1` for counts and fractions.
-    title: str  #: Name for people.
-    #: Statistics that every view shows of the complete figure; without any, the figure is in the detailed tables alone.
+    title: str  #: Displayed name.
+    #: Statistics of the complete figure that every view shows; if empty, only the detailed tables have the figure.
     shown: tuple[str, ...] = ()
     compared: tuple[str, ...] = ()  #: Statistics by which runs are compared; the first one ranks them.
-    topic: str = ""  #: Name below `metrics/` that the monitor publishes the shown statistics as; empty: not published.
-    is_unsigned: bool = False  #: Whether an error is never negative, so that the errors are skewed.
-    is_one_number: bool = False  #: Whether its row has one number and not the statistics of many values.
-    is_count: bool = False  #: Whether a figure in `1` is a count; the others are fractions.
+    topic: str = ""  #: Topic below `metrics/` on which the monitor publishes the shown statistics; empty for none.
+    is_unsigned: bool = False  #: Whether the errors cannot be negative, so that their distribution is skewed.
+    is_one_number: bool = False  #: Whether the row has one number instead of the statistics of many values.
+    is_count: bool = False  #: Whether a figure of unit `1` is a count instead of a fraction.
 
 
 ERRORS_BEYOND = "errors_beyond"
-"""Fraction of the frames that are in no judged error and have an error far above the judged ones."""
-ALIGNED = ("ape", "rpe")  #: Figures of the estimate as it was aligned with the truth, which cannot be limited.
+"""Fraction of the frames that no judged sub-trajectory starts or ends at and whose error exceeds the judged errors."""
+ALIGNED = ("ape", "rpe")  #: Figures of the aligned estimate, which cannot be limited.
 TOTAL = "mean_plus_3sigma"  #: The statistic that the specification limits.
-OF_ERRORS = ("mean", "sigma", TOTAL)  #: Statistics that are shown of errors and of the times of API calls.
+OF_ERRORS = ("mean", "sigma", TOTAL)  #: Displayed statistics of errors and of the times of API calls.
 OF_CALLS = ("mean", "p50", "p95")
 ONE_NUMBER = ("value",)
 CATALOGUE = (
@@ -71,7 +72,7 @@ CATALOGUE = (
     FigureKind("chord", Subject.TRAJECTORY, "", "m", "chord error"),
     FigureKind("ape", Subject.TRAJECTORY, "", "m", "absolute pose error (APE)"),
     FigureKind("rpe", Subject.TRAJECTORY, "", "m", "relative pose error (RPE)"),
-    # the map; the document defines the error of a point alone
+    # the map; of these figures the document defines only the point error
     FigureKind("point_error", Subject.MAP, "4.3.4", "m", "point error", OF_ERRORS, (TOTAL,), topic="point"),
     FigureKind("nearest_distance", Subject.MAP, "", "m", "distance to the nearest true point", OF_ERRORS, (TOTAL,)),
     FigureKind("disparity_error", Subject.MAP, "", "px", "disparity error"),
@@ -83,7 +84,7 @@ CATALOGUE = (
     FigureKind("coverage", Subject.MAP, "", "1", "coverage", ONE_NUMBER, ONE_NUMBER, is_one_number=True),
     FigureKind("points", Subject.MAP, "", "1", "points of the cloud", (), ONE_NUMBER, is_count=True),
     FigureKind("pairs", Subject.MAP, "", "1", "mapping pairs of the ground truth", is_count=True),
-    # calls; the document defines their time on the target, and leaves the method for memory to the supplier
+    # calls; the document defines the time on the target, and leaves the method of measuring memory to the supplier
     FigureKind("localisation", Subject.TIMING, "4.2.1", "s", "localisation time", OF_ERRORS, OF_CALLS),
     FigureKind("mapping_call", Subject.TIMING, "4.3.1", "s", "mapping call time", OF_ERRORS, OF_CALLS),
     FigureKind("mapping", Subject.TIMING, "", "s", "mapping time", (), OF_CALLS),
@@ -95,7 +96,7 @@ CATALOGUE = (
     FigureKind("above_idle", Subject.MEMORY, "4.2.2", "bytes", "peak memory above the idle process", (), ONE_NUMBER),
     FigureKind("heap_peak", Subject.MEMORY, "4.2.2", "bytes", "peak of the heap", (), ONE_NUMBER),
     FigureKind("stack_peak", Subject.MEMORY, "4.2.2", "bytes", "peak of the stack", (), ONE_NUMBER),
-    # what is judged, and the consistency of the covariance: not in the document
+    # completeness, and the consistency of the covariance: not in the document
     FigureKind("judged", Subject.COMPLETENESS, "", "1", "judged of what was expected"),
     FigureKind("missing", Subject.COMPLETENESS, "", "1", "missing"),
     FigureKind("images_without_truth", Subject.COMPLETENESS, "", "1", "images without ground truth"),
@@ -124,11 +125,11 @@ CATALOGUE = (
     FigureKind("nees", Subject.CONSISTENCY, "", "1", "normalised error squared (NEES)"),
     FigureKind("nees_not_usable", Subject.CONSISTENCY, "", "1", "sub-trajectories whose covariance cannot be tested"),
     FigureKind("nees_from_steps", Subject.CONSISTENCY, "", "1", "sub-trajectories tested by the covariance of steps"),
-    # what the figures prove (metrics.judging.proof): not in the document
+    # confidence of the figures (metrics.judging.proof): not in the document
     FigureKind("confidence", Subject.EVIDENCE, "", "1", "confidence of mean + 3 sigma"),
     FigureKind("shape", Subject.EVIDENCE, "", "1", "relative sigma of position errors"),
     FigureKind("normality", Subject.EVIDENCE, "", "1", "significance of position errors as normal"),
-    # what runs without a truth show (evidence): not in the document
+    # evidence without a ground truth (package `evidence`): not in the document
     FigureKind("difference", Subject.EVIDENCE, "", "m", "difference of positions"),
     FigureKind("attitude_difference", Subject.EVIDENCE, "", "deg", "difference of attitudes"),
     FigureKind("difference_nees", Subject.EVIDENCE, "", "1", "normalised difference squared (NEES)"),
@@ -153,28 +154,28 @@ CATALOGUE = (
     FigureKind("bound", Subject.EVIDENCE, "", "1", "tolerance bound"),
 )
 KINDS: dict[str, FigureKind] = {kind.name: kind for kind in CATALOGUE}
-"""The catalogue by the names of its figures, which are unique."""
-ANY = "*"  #: In a look-up: whatever the rows have there.
+"""The catalogue by the unique names of its figures."""
+ANY = "*"  #: Wildcard of a look-up.
 DRIVE, MAP, LIVE, SUITE, CALLS, MEMORY = "drive", "map", "live", "suite", "calls", "memory"
-"""What a row `judged` is about (`RowPart.what`): the last two are followed by the kind of call."""
-STANDING = "standing"  #: Fraction of the sub-trajectories in which the rover stands.
-MOVING = "moving"  #: Part of the row of the errors of the other sub-trajectories.
-SUB_TRAJECTORIES = "sub-trajectories"  #: Part of the row of the fraction that stands over one condition.
-OTHER_FRAMES = "other frames"  #: Part of the row of the errors of frames that are in no judged error.
-CLAUSES_OF_MEMORY = {CallKind.LOCALISATION: "4.2.2", CallKind.MAPPING_CALL: "4.3.2"}  #: By the kind of call.
+"""Parts of the rows `judged` (`RowPart.what`); the kind of call follows the last two."""
+STANDING = "standing"  #: Fraction of the sub-trajectories in which the rover is stationary.
+MOVING = "moving"  #: Part of the rows with the errors of the sub-trajectories in which the rover moves.
+SUB_TRAJECTORIES = "sub-trajectories"  #: Part of the row `standing` of one condition.
+OTHER_FRAMES = "other frames"  #: Part of the rows with the errors at frames without a judged error.
+CLAUSES_OF_MEMORY = {CallKind.LOCALISATION: "4.2.2", CallKind.MAPPING_CALL: "4.3.2"}  #: Clauses by the kind of call.
 DIRECTIONS = {"x": "x (east)", "y": "y (north)", "z": "z (up)", "along": "along the path", "cross": "across the path"}
 """Parts of the position error along one direction, and their titles; x, y and z are axes of DS."""
 DEFINED = {Subject.TRAJECTORY: ("mean", "sigma", TOTAL), Subject.MAP: ()}
-"""Statistics that the specification defines of a figure. Of the error of a point it defines none, of calls it leaves
-the statistic open."""
+"""Statistics that the specification defines, by subject: none for the point error. For calls any statistic is
+allowed."""
 
 
 def clause_of(figure: str, part: str | None) -> str:
     """Return the clause that defines a figure of a part; empty if the specification does not define the figure.
 
-    4.2.1 and 4.3.1 define the time of a call on the target, 4.2.2 and 4.3.2 the memory of a call. Stages of a mapping
-    call, times on another host, errors along one direction, and what an external node states of its own calls are not
-    in the specification.
+    4.2.1 and 4.3.1 define the time of a call on the target, 4.2.2 and 4.3.2 the memory of a call. The specification
+    does not define stages of a mapping call, times on another host, errors along one direction, or the times and memory
+    that an external node reports for its own calls.
     """
     place, call = RowPart.of(part).place, RowPart.of(part).call
     if figure not in KINDS or part in DIRECTIONS or place is Place.STATED:
@@ -188,7 +189,7 @@ def clause_of(figure: str, part: str | None) -> str:
 
 
 def defines(figure: str, part: str | None, statistic: str) -> bool:
-    """Return whether the specification defines a statistic of a figure, and not the figure alone."""
+    """Return whether the specification defines this statistic of a figure."""
     if not clause_of(figure, part):
         return False
     subject = KINDS[figure].subject
@@ -196,12 +197,12 @@ def defines(figure: str, part: str | None, statistic: str) -> bool:
 
 
 def title_of(figure: str) -> str:
-    """Return the name of a figure for people."""
+    """Return the displayed name of a figure."""
     return KINDS[figure].title if figure in KINDS else figure.replace("_", " ")
 
 
 def statistic_title(statistic: str) -> str:
-    """Return the name of a statistic for people: `mean + 3 sigma` of `mean_plus_3sigma`, `p99.7` of `p997`."""
+    """Return the displayed name of a statistic: `mean + 3 sigma` for `mean_plus_3sigma`, `p99.7` for `p997`."""
     if statistic in QUANTILES:
         return f"p{QUANTILES[statistic]:g}"
     return statistic.replace("_plus_3sigma", " + 3 sigma").replace("_", " ")

@@ -1,4 +1,4 @@
-"""The map score: error of every point against the surface that its pixel sees, with the coverage [4.3.4]."""
+"""The map score: the error of every point relative to the true point of its pixel, and the coverage [4.3.4]."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from sfr_loc_map.metrics.intervals import chi2_interval95
 from sfr_loc_map.metrics.records import CloudRecord
 from sfr_loc_map.metrics.table import Figure, figure_row
 
-FOOTPRINTS = 2.0  #: A true point is covered by a point of a fused cloud nearer than so many pixel footprints, Z / f.
+FOOTPRINTS = 2.0  #: Distance, in pixel footprints Z / f, within which a point of a fused cloud covers a true point.
 BATCH = 262144
-PIXEL_SAMPLES = 2000  #: Points of each pair by which it is checked that points are seen at their pixels.
+PIXEL_SAMPLES = 2000  #: Points of each pair for which the projection is compared with the pixel of the point.
 NEES_BLOCK_PX = 32
-"""One point of each block of pixels counts for the consistency of sigma: neighbours' errors are not independent."""
+"""Size of the blocks of which one point each tests sigma, px, because errors of neighbours are correlated."""
 IMAGE_WIDTH = 128
 CLOUD_ROWS = 8000
 POINTS = "map points"  #: Part of the NEES of the sigma of map points.
@@ -34,17 +34,17 @@ POINTS = "map points"  #: Part of the NEES of the sigma of map points.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairTruth:
-    """The truth of one pair: points `(H, W, 3)` float32, metres, LM, NaN where none; pose of the left optical frame."""
+    """The truth of one pair: points `(H, W, 3)` float32 in LM, metres, NaN if absent, and the left optical frame."""
 
     points: NDArray[np.float32]
     T_lm_left: Transform
     rig: StereoRig
 
     def __post_init__(self) -> None:
-        """Check the size; MetricsError if the truth is not of the rig's size."""
+        """Check that the truth has the image size of the rig; MetricsError if not."""
         if self.points.shape != (self.rig.height, self.rig.width, 3):
             needed = (self.rig.height, self.rig.width, 3)
-            raise MetricsError(f"truth of a mapping pair is {self.points.shape}: {needed} is required")
+            raise MetricsError(f"truth of a mapping pair has the shape {self.points.shape}: {needed} is required")
 
     @classmethod
     def of(cls, pair: PosedStereoPair, rig: StereoRig) -> PairTruth | None:
@@ -52,7 +52,7 @@ class PairTruth:
         return None if pair.truth is None else cls(pair.truth, pair.T_lm_navsb @ rig.T_sb_left, rig)
 
     def ranges_m(self) -> FloatArray:
-        """Return the distance `(H, W)` of each true point from the left optical centre; NaN where none."""
+        """Return the distance `(H, W)` of each true point from the left optical centre; NaN without a true point."""
         offset = self.points - self.T_lm_left.translation
         return np.asarray(np.sqrt(np.einsum("ijk,ijk->ij", offset, offset)))
 
@@ -71,11 +71,11 @@ def truths_of(pairs: Sequence[PosedStereoPair], rig: StereoRig) -> list[PairTrut
     return [truth for truth in truths if truth is not None]
 
 
-# ---- what is covered, and how far points are off
+# ---- coverage and point errors
 
 
 def pixel_coverage(cloud: PointCloud, truths: Sequence[PairTruth]) -> list[Mask]:
-    """Return for each pair which pixels `(H, W)` have a point."""
+    """Return for each pair the mask `(H, W)` of the pixels that have a point."""
     covered = [np.zeros(truth.points.shape[:2], np.bool_) for truth in truths]
     for number, image in enumerate(covered):
         mine = cloud.pair == number
@@ -86,8 +86,11 @@ def pixel_coverage(cloud: PointCloud, truths: Sequence[PairTruth]) -> list[Mask]
 def footprint_coverage(
     cloud: PointCloud, truths: Sequence[PairTruth], ranges: Sequence[FloatArray], farthest_m: float
 ) -> list[Mask]:
-    """Return for each pair which true points `(H, W)` up to a range have a cloud point within two footprints."""
-    from scipy.spatial import cKDTree  # slow to import, and a node seldom needs it
+    """Return for each pair the mask `(H, W)` of the true points that have a cloud point within two footprints.
+
+    True points beyond the range `farthest_m` are not searched.
+    """
+    from scipy.spatial import cKDTree  # slow to import, and nodes rarely need it
 
     tree = cKDTree(cloud.xyz.astype(np.float64), balanced_tree=False, compact_nodes=False) if len(cloud) else None
     covered = []
@@ -97,7 +100,7 @@ def footprint_coverage(
         mine = np.flatnonzero(cloud.pair == number)
         v, u = cloud.v[mine], cloud.u[mine]
         own = np.sqrt(np.square(cloud.xyz[mine].astype(np.float64) - truth.points[v, u]).sum(axis=1))
-        image[v[own < radius[v, u]], u[own < radius[v, u]]] = True  # spares most of the search
+        image[v[own < radius[v, u]], u[own < radius[v, u]]] = True  # avoids most of the search
         covered.append(image)
         if tree is None:
             continue
@@ -112,9 +115,9 @@ def footprint_coverage(
 
 
 def typical_pixel_offset(cloud: PointCloud, truths: Sequence[PairTruth]) -> float:
-    """Return the median distance of the pixels at which points are seen from those that they name, px.
+    """Return the median distance between the projections of points and the pixels that the cloud states, px.
 
-    Points behind the camera count as infinitely far; 0 without points.
+    The distance of a point behind the camera is infinite. The result is 0 without points.
     """
     offsets = []
     for number, truth in enumerate(truths):
@@ -132,19 +135,19 @@ def typical_pixel_offset(cloud: PointCloud, truths: Sequence[PairTruth]) -> floa
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointErrors:
-    """The errors `(N,)` of points that have a truth, in the order of the cloud."""
+    """The errors `(N,)` of points that have a true point, in the order of the cloud."""
 
-    index: NDArray[np.intp]  #: Which points of the cloud.
-    error_m: FloatArray  #: Distance from the truth [4.3.4].
-    range_m: FloatArray  #: Distance of the truth from the left optical centre.
-    along_m: FloatArray  #: Part of the error along the ray, positive if too far.
-    vertical_m: FloatArray  #: Error along z of LM, positive if too high.
-    horizontal_m: FloatArray  #: Size of the error in the x-y plane of LM.
-    disparity_px: FloatArray  #: `f b / Z - f b / Z_true`, Z the depth along the left optical axis.
+    index: NDArray[np.intp]  #: Indices of the points in the cloud.
+    error_m: FloatArray  #: Distance from the true point [4.3.4].
+    range_m: FloatArray  #: Distance of the true point from the left optical centre.
+    along_m: FloatArray  #: Component of the error along the ray, positive if the point is too far.
+    vertical_m: FloatArray  #: Error along z of LM, positive if the point is too high.
+    horizontal_m: FloatArray  #: Norm of the error in the x-y plane of LM.
+    disparity_px: FloatArray  #: `f b / Z - f b / Z_true`; Z is the depth along the left optical axis.
 
 
 def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
-    """Return the errors of all points whose pixel has a truth; MetricsError if a point is not of this source."""
+    """Return the errors of all points whose pixel has a true point; MetricsError if a point is not of this source."""
     if not np.isfinite(cloud.xyz).all():
         raise MetricsError("the cloud has points that are not finite: remove them")
     if len(cloud) and int(last := cloud.pair.max()) >= len(truths):
@@ -185,7 +188,7 @@ def point_errors(cloud: PointCloud, truths: Sequence[PairTruth]) -> PointErrors:
 
 
 def points_table(cloud: PointCloud, truths: Sequence[PairTruth]) -> dict[str, NDArray[Any]]:
-    """Return every point that has a truth: its pixel, its position, that of the truth, and its error, as columns."""
+    """Return the pixel, estimated and true position, range, error and sigma of every point with a truth, as columns."""
     errors = point_errors(cloud, truths)
     rows = errors.index
     pair, u, v = cloud.pair[rows], cloud.u[rows], cloud.v[rows]
@@ -210,7 +213,7 @@ class ScoredMap(NamedTuple):
 
     figures: tuple[Figure, ...]
     cloud: CloudRecord
-    details: MapDetails | None  #: What plots are drawn from, if the points' pixels are known.
+    details: MapDetails | None  #: Data of the plots; None if the pixels of the points are unknown.
 
 
 def score_map(
@@ -221,9 +224,9 @@ def score_map(
     expected_pairs: int | None = None,
     not_finite: int = 0,
 ) -> ScoredMap:
-    """Return the score of a cloud in LM whose points' pixels are known; MetricsError if it is not of this source.
+    """Return the score of a cloud in LM with known pixels; MetricsError if the cloud is not of this source.
 
-    `expected_pairs` is the number of mapping pairs of the source, by default that of the truths. `not_finite` is the
+    `expected_pairs` is the number of mapping pairs of the source, by default the number of truths. `not_finite` is the
     number of points that were dropped because a coordinate is not finite.
     """
     if cloud.fused is None:
@@ -261,7 +264,7 @@ def score_map(
 
 
 def pairs_by_stamp(cloud: PointCloud) -> IntArray:
-    """Return the pair of each point; pairs of the same stamp are one pair, whose number is the first of theirs."""
+    """Return the pair of each point; pairs of the same stamp are one pair with the number of the first of them."""
     numbers = cloud.pair.astype(np.int64)
     if cloud.pair_stamps_ns is None:
         return numbers
@@ -277,21 +280,22 @@ def score_nearest(
     expected_pairs: int | None = None,
     not_finite: int = 0,
 ) -> ScoredMap:
-    """Return the score of points whose pixels are unknown: by the nearest true point, seldom the one seen.
+    """Return the score of points with unknown pixels, by the distance to the nearest true point.
 
-    Points at the place of an earlier point are repeated, and so are points beyond the number of pixels of all pairs.
+    The nearest true point is rarely the observed point, so that these distances underestimate the errors. Points at the
+    position of an earlier point, and points in excess of the number of pixels of all pairs, count as repeated.
     """
-    from scipy.spatial import cKDTree  # slow to import, and seldom needed by a node
+    from scipy.spatial import cKDTree  # slow to import, and nodes rarely need it
 
     true = [truth.points[np.isfinite(truth.points).all(axis=2)] for truth in truths]
     tree = cKDTree(np.concatenate(true).astype(np.float64), balanced_tree=False, compact_nodes=False)
     distance = np.asarray(tree.query(np.asarray(xyz, np.float64), workers=-1)[0])
     records = np.zeros(len(xyz), PointCloud.dtype())
-    records["x"], records["y"], records["z"], records["pair"] = (*np.asarray(xyz).T, 255)  # of no pair
+    records["x"], records["y"], records["z"], records["pair"] = (*np.asarray(xyz).T, 255)  # 255: no pair
     ranges, scored = [truth.ranges_m() for truth in truths], (config.scored_from_m, config.scored_to_m)
     covered = footprint_coverage(PointCloud.from_structured(records), truths, ranges, config.scored_to_m)
     bare = [bare_share(image, far, *scored) for image, far in zip(covered, ranges, strict=True)]
-    is_mapped = [share is not None and share < 1.0 for share in bare]  # no point names its pair
+    is_mapped = [share is not None and share < 1.0 for share in bare]  # the pairs of the points are unknown
     near_pairs = np.flatnonzero(is_mapped)
     pixels = sum(truth.rig.height * truth.rig.width for truth in truths)
     repeated = max(len(xyz) - len(np.unique(xyz, axis=0)), len(xyz) - pixels, 0)
@@ -307,7 +311,7 @@ def score_nearest(
 
 
 def error_rows(part: str | None, errors: PointErrors, chosen: Mask) -> Iterator[Figure]:
-    """Yield the rows of the errors of some points, as errors of position and of disparity."""
+    """Yield the rows of the position, height, horizontal and disparity errors of the chosen points."""
     disparity_px = errors.disparity_px[chosen]
     known_px = disparity_px[np.isfinite(disparity_px)]
     vertical_m, horizontal_m = errors.vertical_m[chosen], errors.horizontal_m[chosen]
@@ -329,17 +333,17 @@ def coverage_row(
 
 
 def bare_share(covered: Mask, distance: FloatArray, low: float, high: float) -> float | None:
-    """Return the fraction of the true pixels of a pair in a range [low, high) without a point; None without a pixel."""
+    """Return the fraction of the true pixels in a range [low, high) that have no point; None without a true pixel."""
     inside = (distance >= low) & (distance < high)
     total = int(np.count_nonzero(inside))
     return int(np.count_nonzero(inside & ~covered)) / total if total else None
 
 
 def sigma_rows(cloud: PointCloud, errors: PointErrors) -> Iterator[Figure]:
-    """Yield the mean of (error along the ray / sigma)^2 over one point of each block, and where it should be.
+    """Yield the mean of (error along the ray / sigma)^2 over one point of each block, and its 95 % interval.
 
-    If sigma is right the sum over n independent points is chi-square distributed with n degrees of freedom
-    (Bar-Shalom, Li, Kirubarajan 2001, section 5.4), so the mean is in the interval in 95 % of all cases.
+    If sigma is consistent, the sum over n independent points has a chi-squared distribution with n degrees of freedom
+    (Bar-Shalom, Li, Kirubarajan 2001, section 5.4). The mean then lies in the interval with a probability of 95 %.
     """
     sigma = cloud.sigma[errors.index].astype(np.float64)
     usable = np.flatnonzero(np.isfinite(sigma) & (sigma > 0))

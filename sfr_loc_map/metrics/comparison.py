@@ -1,8 +1,8 @@
-"""Which of several estimates is better, by how much, and is that more than chance?
+"""Comparison of several estimates: the difference of their errors, with its confidence interval and p-value.
 
-Sub-trajectories of the same condition with the same first and last stamp are paired, so that an interval which is
-difficult for both does not add to the scatter of the difference. For the interval of the difference both series are
-resampled in the same blocks, which keeps the pairing (circular block bootstrap, see `metrics.intervals`).
+Sub-trajectories of the same condition with the same first and last stamp are paired, so that a sub-trajectory that is
+difficult for both estimates does not add to the scatter of the difference. For the interval of the difference, both
+series are resampled in the same blocks, which preserves the pairing (circular block bootstrap, `metrics.intervals`).
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from sfr_loc_map.metrics.score_json import to_plain
 from sfr_loc_map.metrics.table import Figure
 
 SCHEMA = "sfr-compare/1"
-SIGNIFICANT = 0.05  #: A corrected probability of chance above it shows no difference.
-_PRECISION = 1e-9  #: The errors in a score's details are rounded to this.
+SIGNIFICANT = 0.05  #: Significance level of the corrected p-value.
+_PRECISION = 1e-9  #: Rounding of the errors in the details of a score.
 
 
 class Outcome(StrEnum):
-    """How the other score compares with the first."""
+    """Outcome of the comparison of another score with the first score."""
 
     BETTER = "better"
     WORSE = "worse"
@@ -44,34 +44,34 @@ class Outcome(StrEnum):
 
 
 class PairedDifference(Record, frozen=True, kw_only=True, omit_defaults=False):
-    """One figure of one condition over the sub-trajectories that two scores have in common."""
+    """One figure over the sub-trajectories of one condition that two scores have in common."""
 
     name: str  #: Name of the other score.
-    condition: str  #: What ends the sub-trajectories.
+    condition: str  #: Condition that ends the sub-trajectories.
     figure: str  #: Figure of the catalogue whose mean + 3 sigma is compared.
     unit: str  #: Unit of the figure.
-    count: int  #: Common sub-trajectories.
+    count: int  #: Number of common sub-trajectories.
     left_out: tuple[int, int]  #: Sub-trajectories of the first and of the other score that are not common.
-    first: float | None = None  #: Mean + 3 sigma of the first score over the common ones.
-    other: float | None = None  #: The same of the other score.
-    difference: float | None = None  #: Other less first: below zero the other is better.
+    first: float | None = None  #: Mean + 3 sigma of the first score over the common sub-trajectories.
+    other: float | None = None  #: Mean + 3 sigma of the other score over the common sub-trajectories.
+    difference: float | None = None  #: Other score minus first score; negative if the other score is better.
     ci95: Interval | None = None  #: 95 % interval of the difference.
-    #: Outcome; `no difference shown` if the interval holds zero, or chance is as likely as 0.05 (`p_corrected`).
+    #: Outcome; `no difference shown` if the interval contains zero, or if `p_corrected` exceeds 0.05.
     outcome: Outcome = msgspec.field(name="verdict", default=Outcome.NOT_ENOUGH_DATA)
-    p: float | None = None  #: Probability of such a difference by chance, by the same scatter; None without one.
-    p_corrected: float | None = None  #: The same corrected for the number of comparisons (Holm).
+    p: float | None = None  #: p-value of the difference; None without a scatter.
+    p_corrected: float | None = None  #: p-value corrected for the number of comparisons (Holm).
 
 
 class SideBySide(Record, frozen=True, kw_only=True, omit_defaults=False):
-    """One figure of complete runs, which cannot be paired: the value of each run, None where unknown."""
+    """One figure of complete runs, which cannot be paired: the value of each run, None if unknown."""
 
-    figure: str  #: Name of the figure, part and statistic for people.
+    figure: str  #: Displayed name of the figure, with part and statistic.
     unit: str
     values: tuple[float | None, ...]
 
 
 class Comparison(Record, frozen=True, kw_only=True, omit_defaults=False):
-    """Scores compared with the first of them: name and method of each, pairs by score, condition and figure."""
+    """Comparison of scores with the first of them: names, methods, and differences by score, condition and figure."""
 
     names: tuple[str, ...]
     methods: tuple[MethodRecord | None, ...] = ()
@@ -79,12 +79,12 @@ class Comparison(Record, frozen=True, kw_only=True, omit_defaults=False):
     side_by_side: tuple[SideBySide, ...]
 
     def to_dict(self) -> dict[str, object]:
-        """Return it as JSON values."""
+        """Return the comparison as JSON values."""
         return {"schema": SCHEMA, **to_plain(self)}
 
 
 def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
-    """Return the comparison of scores with the first of them; MetricsError if they have nothing in common."""
+    """Return the comparison of scores with the first of them; MetricsError if they have no figure in common."""
     if len(scores) < 2:
         raise MetricsError(f"a comparison needs two scores or more, found {len(scores)}: give several score files")
     others = list(zip(scores[1:], names[1:], strict=True))
@@ -105,7 +105,7 @@ def compare_scores(scores: Sequence[Score], names: Sequence[str]) -> Comparison:
 
 
 def _side_by_side(scores: Sequence[Score]) -> Iterator[SideBySide]:
-    """Yield every figure of complete runs that two scores or more have, by the statistics of the catalogue."""
+    """Yield every figure of complete runs that at least two scores have, by the statistics of the catalogue."""
     rows = {_key(row): row for score in scores for row in score.figures if _is_of_a_whole_run(score, row)}
     of_scores = [{_key(row): row for row in score.figures} for score in scores]
     for key, row in rows.items():
@@ -117,14 +117,14 @@ def _side_by_side(scores: Sequence[Score]) -> Iterator[SideBySide]:
 
 
 def _is_of_a_whole_run(score: Score, row: Figure) -> bool:
-    """Return whether a row is shown side by side: of the map and of calls each, of the trajectory the judged rows."""
+    """Return whether a row is shown side by side: all rows of map and calls, the judged rows of the trajectory."""
     if row.subject is Subject.TRAJECTORY:
         return row is score.judged_row(row.figure, condition=row.condition)
     return row.subject in (Subject.MAP, Subject.TIMING, Subject.MEMORY)
 
 
 def _statistics_side_by_side(row: Figure) -> Sequence[str]:
-    """Return the statistics by which runs are compared, except that which is compared by pairs."""
+    """Return the statistics by which runs are compared, without the statistic that is compared by pairs."""
     compared = KINDS[row.figure].compared if row.figure in KINDS else ()
     return [name for name in compared if row.subject is not Subject.TRAJECTORY or name != TOTAL]
 
@@ -134,12 +134,12 @@ def _key(row: Figure) -> tuple[str, str | None, str | None, str]:
 
 
 def _paired(first: Score, other: Score, name: str) -> Iterator[PairedDifference]:
-    if first.association is None or other.association is None:  # a map alone has nothing to pair
+    if first.association is None or other.association is None:  # a map score has no sub-trajectories
         return
     readings = first.association.rebase, other.association.rebase
     if readings[0] != readings[1]:
         used = f"'{name}' is re-based by {readings[1]}, the first score by {readings[0]}"
-        raise MetricsError(f"{used}: score both with the same --rebase")
+        raise MetricsError(f"{used}: score both with the same re-basing (--rebase, in Python rebase=)")
     for mine, theirs in itertools.product(_sub_trajectories(first), _sub_trajectories(other)):
         if mine.condition == theirs.condition:
             yield from _paired_rows(mine, theirs, name)
@@ -160,7 +160,7 @@ def _paired_rows(mine: SubTrajectoryRows, theirs: SubTrajectoryRows, name: str) 
         return
     starts, ends = np.asarray(mine.start_frame)[rows], np.asarray(mine.end_frame)[rows]
     spacing = max(int(np.median(np.diff(starts))), 1) if len(starts) > 1 else 1
-    overlap = float(np.mean(-(-(ends - starts) // spacing)))  # as `trajectory_errors.overlap_of` counts it
+    overlap = float(np.mean(-(-(ends - starts) // spacing)))  # as in `trajectory_errors.overlap_of`
     left_out = (len(spans) - len(rows), len(other_spans) - len(rows))
     for kind in KINDS.values():
         columns, other_columns = mine.errors_of(kind.name), theirs.errors_of(kind.name)
@@ -179,9 +179,9 @@ def _paired_rows(mine: SubTrajectoryRows, theirs: SubTrajectoryRows, name: str) 
 
 
 def _compared(pair: PairedDifference, a: FloatArray, b: FloatArray, overlap: float) -> PairedDifference:
-    """Return a paired difference with the figures of errors `(N, d)` of both, their difference and the outcome."""
+    """Return a paired difference with the figures of both errors `(N, d)`, their difference and the outcome."""
     first, other = statistics(a).mean_plus_3sigma, statistics(b).mean_plus_3sigma
-    if first is None or other is None:  # too few, or attitudes are unknown
+    if first is None or other is None:  # too few errors, or unknown attitudes
         return pair
     difference = other - first
     pair = replace(pair, first=first, other=other, difference=difference)
@@ -200,13 +200,13 @@ def _compared(pair: PairedDifference, a: FloatArray, b: FloatArray, overlap: flo
 
 
 def check_same_data(first: Score, other: Score, names: tuple[str, str]) -> None:
-    """Check that two scores were made with the same truth, by its hash; MetricsError if not."""
+    """Check by the hashes that two scores were made with the same truth; MetricsError if not."""
     for role in ("truth", "map_truth"):
         inputs = ({} if score.provenance is None else score.provenance.inputs for score in (first, other))
         mine, theirs = (item.get(role) for item in inputs)
         if mine is None or theirs is None:
             continue
-        # the values, or the files of scores that do not have the hash of the values
+        # hash of the values, or of the file for scores without the hash of the values
         has_values = mine.data_sha256 is not None and theirs.data_sha256 is not None
         same = mine.data_sha256 == theirs.data_sha256 if has_values else mine.sha256 == theirs.sha256
         if not same:

@@ -1,17 +1,17 @@
-"""Normalised estimation error squared (NEES) of sub-trajectories: tests the covariance. See docs/metrics.md.
+"""Normalised estimation error squared (NEES) of sub-trajectories, which tests the covariance. See docs/metrics.md.
 
-Q, the covariance of the end given the start, is computed from the steps between them. A step is the motion since the
-previous pose. It has a covariance, which is independent from step to step, and a vector: one standard deviation of the
-error that all steps share. In addition each pose has white noise N. An error of a pose propagates to later poses by F
-of `geometry.transform.propagation`, so with both sums taken to the origin of DS, C of `F S F^T` and G of `F g`, and W =
-`F N F^T` likewise,
+Q, the covariance of the end j given the start i, is computed from the steps between them. A step is the motion since
+the previous pose. Each step has a covariance S, which is independent from step to step, and vectors g, each one
+standard deviation of an error that all steps share. In addition each pose has white noise N. An error of a pose
+propagates to later poses by F (`geometry.transform.propagation`). C is the sum of `F S F^T` and G the sum of `F g`,
+both propagated to the origin of DS, and W is `F N F^T`. Then
 
     Q(i, j) = F(p_j) (C_j - C_i + W_i + W_j + (G_j - G_i) (G_j - G_i)^T) F(p_j)^T
 
-Where the steps are unknown, Q is what the published covariance grew by, `P_end - F P_start F^T`; not usable where it
-shrank, as when a calibration was learnt. Only sub-trajectories that share no frame are taken: they are independent.
-The noise of the truth at both ends is added: `2 s^2` for positions, `s^2` for the attitude at the end and `F s^2 F^T`
-for that at the start, which turns the displacement.
+If the steps are unknown, Q is the growth of the published covariance, `P_end - F P_start F^T`. Q is not usable if the
+covariance shrank, for example because a calibration was estimated. Only sub-trajectories that share no frame are used,
+because they are independent. The noise s of the truth at both ends is added: `2 s^2` for positions, `s^2` for the
+attitude at the end, and `F s^2 F^T` for the attitude at the start, which rotates the displacement.
 """
 
 from __future__ import annotations
@@ -34,23 +34,23 @@ PARTS = {"pose": slice(0, 6), "position": slice(0, 3), "attitude": slice(3, 6)}
 """Components of a pose's error, in ROS order."""
 STEP_SIZE: Final = 48
 """Numbers of a step: upper triangle of its covariance, systematic errors, upper triangle of the noise of its pose."""
-WITHOUT_NOISE: Final = 27  #: Of a step without the last of these.
+WITHOUT_NOISE: Final = 27  #: Numbers of a step without the noise of its pose.
 SYSTEMATIC: Final = slice(21, 27)
 
 
 class StepSums(NamedTuple):
-    """The sums of steps up to a pose, at the origin of DS; see the equation above."""
+    """The sums of steps up to a pose, propagated to the origin of DS. The module's docstring has the equation."""
 
     covariance: FloatArray  #: C `(6, 6)`.
-    systematic: FloatArray  #: G `(6, 6)`, a column for each error that all steps share.
-    unknown_steps: int  #: Steps whose covariance is unknown.
-    noise: FloatArray  #: W `(6, 6)` of the pose itself.
+    systematic: FloatArray  #: G `(6, 6)`, one column for each error that all steps share.
+    unknown_steps: int  #: Number of steps whose covariance is unknown.
+    noise: FloatArray  #: W `(6, 6)` of the pose.
 
 
 def sums_of_steps(estimates: Estimates, steps: FloatArray, wanted: IntArray) -> dict[int, StepSums]:
-    """Return the sums of the steps `(E, 48)` of the estimates up to each that is wanted, by its row.
+    """Return the sums of the steps `(E, 48)` of the estimates up to each wanted row, by row.
 
-    A lost pose repeats the one before and has no step.
+    A lost pose repeats the previous pose and has no step.
     """
     poses = estimates.trajectory
     order = unique_rows(poses.stamps_ns)
@@ -73,7 +73,7 @@ def sums_of_steps(estimates: Estimates, steps: FloatArray, wanted: IntArray) -> 
 
 
 def to_origin(rotations: FloatArray, positions: FloatArray) -> FloatArray:
-    """Return F `(N, 6, 6)`: takes an error at a position, in axes that a rotation takes to DS, to the origin of DS."""
+    """Return F `(N, 6, 6)`, which propagates errors at positions, in axes with these rotations, to the origin of DS."""
     x, y, z = positions.T
     nothing = np.zeros(len(positions))
     cross = np.stack((nothing, -z, y, z, nothing, -x, -y, x, nothing), axis=-1).reshape(-1, 3, 3)
@@ -84,7 +84,7 @@ def to_origin(rotations: FloatArray, positions: FloatArray) -> FloatArray:
 
 
 def carried(carry: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return `F P F^T` of each."""
+    """Return `F P F^T` for each pair of F and P."""
     return np.asarray(carry @ covariance @ np.swapaxes(carry, -1, -2))
 
 
@@ -97,10 +97,10 @@ def nees_rows(
     ends: IntArray,
     truth_sigmas: tuple[float, float] = (0.0, 0.0),
 ) -> Iterator[Figure]:
-    """Yield the mean NEES of sub-trajectories that share no frame; nothing where no covariance is known.
+    """Yield the mean NEES of sub-trajectories that share no frame; nothing if no covariance is known.
 
-    The truth has standard deviations of position (m) and attitude (deg) along each axis. An interval holds the means
-    of consistent covariances in 95 of 100 cases; `value` is the expected mean.
+    `truth_sigmas` are the standard deviations of the truth in position (m) and attitude (deg) along each axis. The
+    mean NEES of a consistent covariance lies in the interval with a probability of 95 %. `value` is the expected mean.
     """
     if estimates.covariance is None:
         return
@@ -119,7 +119,7 @@ def nees_rows(
         growth = growth + truth_noise(truth_sigmas, move)
         try:
             found = {name: normalised_square(error[part], growth[part, part]) for name, part in PARTS.items()}
-        except np.linalg.LinAlgError:  # the covariance shrank, as when a calibration was learnt
+        except np.linalg.LinAlgError:  # the covariance shrank, for example because a calibration was estimated
             not_usable += 1
             continue
         from_steps += is_of_steps
@@ -151,7 +151,7 @@ def independent_pairs(covariance: FloatArray, frames: Frames, starts: IntArray, 
 
 
 def published_growth(before: FloatArray, after: FloatArray, move: FloatArray) -> FloatArray:
-    """Return by how much a published covariance grew over a displacement: `P_end - F P_start F^T`."""
+    """Return the growth of a published covariance over a displacement: `P_end - F P_start F^T`."""
     growth = after - propagated_covariance(before, move)
     return np.asarray(0.5 * (growth + growth.T))
 
@@ -177,7 +177,7 @@ def relative_errors(frames: Frames, starts: IntArray, ends: IntArray) -> FloatAr
 
 
 def relative_covariance(start: StepSums, end: StepSums, position: FloatArray) -> FloatArray | None:
-    """Return the covariance `(6, 6)` of a pose at a position, from the sums at both; None where a step is unknown."""
+    """Return Q `(6, 6)` of the end at a position, from the sums at start and end; None if a step is unknown."""
     if end.unknown_steps > start.unknown_steps:
         return None
     carry = propagation(position)

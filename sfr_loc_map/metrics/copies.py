@@ -1,9 +1,9 @@
-"""Estimates that nobody measured: copies of the pose before, and copies of the ground truth.
+"""Estimates that are not measurements: copies of the previous pose, and copies of the ground truth.
 
-Both are counted as figures of completeness. A pose is repeated if it equals the pose before bit by bit although the
-rover moves and no state reports it as lost or degraded. A pose is of the truth if its step is the true step more
-exactly than any measurement, or if the pose is the true one rounded. So is a judged motion, from a start to an end.
-docs/metrics.md, "Completeness".
+Both are counted as figures of completeness. A pose is repeated if it is bit-identical to the previous pose although the
+rover moves and no state reports the pose as lost or degraded. A pose is a copy of the truth if its step equals the true
+step more accurately than any measurement, or if the pose is the rounded true pose. The same test applies to the judged
+motions from start to end. See docs/metrics.md, "Completeness".
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from sfr_loc_map.metrics.association import Frames
 from sfr_loc_map.metrics.completeness import share_of, share_rows
 from sfr_loc_map.metrics.table import Figure, figure_row
 
-NOISES = 5.0  #: Multiple of the truth's own scatter from which its displacement is a motion.
-MOVING_SHARE = 0.1  #: Multiple of the median true step from which a step is a motion.
-EXACT_SHARE = 1e-5  #: Error of a step over its length below which no odometry measures: 10 um a metre.
+NOISES = 5.0  #: Multiple of the scatter of the truth above which a true displacement is a motion.
+MOVING_SHARE = 0.1  #: Fraction of the typical or largest motion above which the rover moves.
+EXACT_SHARE = 1e-5  #: Relative error of a step that no odometry reaches: 10 um per metre.
 RESOLUTIONS_M = (1e-3, 1e-4, 1e-5, 1e-6)  #: Resolutions of the positions of a file that are recognised, m.
-FINE_M = 1e-6  #: Up to this resolution, rounding is smaller than the error of any estimate.
-ROUNDED_IN_A_ROW = 50  #: Poses in a row that an estimate does not hit by chance.
+FINE_M = 1e-6  #: Resolution up to which rounding is smaller than the error of any estimate, m.
+ROUNDED_IN_A_ROW = 50  #: Number of consecutive rounded true poses that an estimate does not reach by chance.
 ROUNDED_PATH = 2000.0
-"""Least path of these poses over the resolution: over 2 m an error of 0.05 % is the resolution of 1 mm."""
-MIN_STEPS = 10  #: With fewer steps of a moving rover nothing is known.
+"""Minimum path of these poses, in units of the resolution: an error of 0.05 % over 2 m equals a resolution of 1 mm."""
+MIN_STEPS = 10  #: Minimum number of steps of a moving rover for which the fraction is known.
 
 
 def copy_rows(frames: Frames, truth: Trajectory, is_reported: Mask, *, interpolated: bool) -> Iterator[Figure]:
-    """Yield how many poses of frames repeat the pose before, and how many are of the ground truth.
+    """Yield the rows of the poses that repeat the previous pose, and of the poses that are copies of the ground truth.
 
-    `is_reported` `(F,)` are the frames whose pose is reported as lost or degraded.
+    `is_reported` `(F,)` states whether the pose of a frame is reported as lost or degraded.
     """
     count = len(frames.stamps_ns)
     repeated = int(np.count_nonzero(repeats_pose(frames) & ~is_reported))
@@ -49,17 +49,17 @@ def copy_rows(frames: Frames, truth: Trajectory, is_reported: Mask, *, interpola
 
 
 def scatter_m(positions: FloatArray) -> float:
-    """Return the median of the second differences of positions `(F, 3)`: noise of a truth, or its acceleration."""
+    """Return the median norm of the second differences of positions `(F, 3)`, caused by noise and acceleration."""
     if len(positions) < 3:
         return 0.0
     return float(np.median(np.linalg.norm(np.diff(positions, n=2, axis=0), axis=1)))
 
 
 def repeats_pose(frames: Frames) -> Mask:
-    """Return which poses `(F,)` equal the pose before although the rover has moved since that pose was new.
+    """Return which poses `(F,)` equal the previous pose although the rover has moved since that pose first occurred.
 
-    A motion is larger than the smallest and than half of the usual step of the estimate, so that the resolution of a
-    file and a slow start are not taken for copies, and than the scatter of the truth.
+    The motion must exceed the smallest step and half of the median step of the estimate, because the resolution of a
+    file and a slow start also repeat poses. The motion must also exceed `NOISES` times the scatter of the truth.
     """
     count = len(frames.stamps_ns)
     is_same = np.zeros(count, np.bool_)
@@ -77,7 +77,7 @@ def repeats_pose(frames: Frames) -> Mask:
 
 
 def moving_steps(true_pos: FloatArray) -> Mask:
-    """Return at which frames `(F,)` the step from the frame before is a motion of the rover."""
+    """Return at which frames `(F,)` the step from the previous frame is a motion of the rover."""
     is_moving = np.zeros(len(true_pos), np.bool_)
     if len(true_pos) < 2:
         return is_moving
@@ -89,7 +89,10 @@ def moving_steps(true_pos: FloatArray) -> Mask:
 
 
 def is_of_truth(frames: Frames, references: list[FloatArray], is_moving: Mask) -> Mask:
-    """Return which poses `(F,)` of a moving rover are those of the truth, whose positions at the frames are given."""
+    """Return which poses `(F,)` of a moving rover are copies of the truth.
+
+    `references` are true positions at the frames, by each kind of interpolation.
+    """
     resolution_m = resolution_of(frames.position)
     found = np.zeros(len(frames.stamps_ns), np.bool_)
     for true_pos in references:
@@ -100,7 +103,7 @@ def is_of_truth(frames: Frames, references: list[FloatArray], is_moving: Mask) -
 
 
 def has_true_step(frames: Frames, true_pos: FloatArray, resolution_m: float) -> Mask:
-    """Return at which frames `(F,)` the step is the true one, in DS or in RB before the step."""
+    """Return at which frames `(F,)` the step equals the true step, in DS or in RB before the step."""
     found = np.zeros(len(true_pos), np.bool_)
     later = np.arange(1, len(true_pos))
     found[1:] = is_true_motion(frames, true_pos, later - 1, later, resolution_m)
@@ -108,7 +111,7 @@ def has_true_step(frames: Frames, true_pos: FloatArray, resolution_m: float) -> 
 
 
 def is_true_motion(frames: Frames, true_pos: FloatArray, starts: IntArray, ends: IntArray, resolution_m: float) -> Mask:
-    """Return which motions from a frame to another are the true ones, in DS or in RB at the start."""
+    """Return which motions from `starts` to `ends` equal the true motions, in DS or in RB at the start."""
     motion, true_motion = frames.position[ends] - frames.position[starts], true_pos[ends] - true_pos[starts]
     in_body = quat_rotate(quat_conjugate(frames.attitude[starts]), motion)
     true_in_body = quat_rotate(quat_conjugate(frames.true_attitude[starts]), true_motion)
@@ -117,9 +120,9 @@ def is_true_motion(frames: Frames, true_pos: FloatArray, starts: IntArray, ends:
 
 
 def judged_of_truth(frames: Frames, chosen: Sequence[tuple[IntArray, IntArray]]) -> Figure:
-    """Return the row of the judged motions that are the true ones, of the condition that has the largest fraction.
+    """Return the row of the judged motions that equal the true motions, for the condition with the largest fraction.
 
-    Poses of the ground truth at the starts and ends alone are no two successive poses.
+    This detects true poses that are used only at the starts and ends, where no two successive poses are true.
     """
     resolution_m = resolution_of(frames.position)
     worst = figure_row("errors_of_truth")
@@ -138,7 +141,7 @@ def judged_of_truth(frames: Frames, chosen: Sequence[tuple[IntArray, IntArray]])
 
 
 def resolution_of(positions: FloatArray) -> float:
-    """Return the resolution of positions that were rounded to decimals, m; 0 if they were not."""
+    """Return the resolution of positions that were rounded to decimals, m; 0 if they were not rounded."""
     for resolution_m in RESOLUTIONS_M:
         units = positions / resolution_m
         if np.allclose(units, np.rint(units), rtol=0.0, atol=1e-4):
@@ -147,9 +150,10 @@ def resolution_of(positions: FloatArray) -> float:
 
 
 def is_rounded_truth(positions: FloatArray, true_pos: FloatArray, resolution_m: float, is_moving: Mask) -> Mask:
-    """Return which positions `(F, 3)` are the rounded true ones, in a row of so many of a moving rover and over a path.
+    """Return which positions `(F, 3)` are rounded true positions, in runs that contain enough motion.
 
-    Over a short path the error of an honest estimate is smaller than its rounding.
+    A run must have `ROUNDED_IN_A_ROW` poses of a moving rover and a minimum path, because over a short path the error
+    of a real estimate can be smaller than the rounding.
     """
     step_m = np.linalg.norm(np.diff(true_pos, axis=0, prepend=true_pos[:1]), axis=1)
     is_equal = (np.rint(true_pos / resolution_m) == np.rint(positions / resolution_m)).all(axis=1)
@@ -163,8 +167,8 @@ def is_rounded_truth(positions: FloatArray, true_pos: FloatArray, resolution_m: 
 
 
 def spline_positions(truth: Trajectory, frames: Frames) -> FloatArray:
-    """Return true positions at frames by a cubic spline, as resampling does; the linear ones with too few poses."""
-    from scipy.interpolate import CubicSpline  # slow to import, and only resampled truths need it
+    """Return true positions at frames by a cubic spline; with fewer than 4 poses the linearly interpolated ones."""
+    from scipy.interpolate import CubicSpline  # slow to import, and only interpolated truths need it
 
     stamps_ns, rows = np.unique(truth.stamps_ns, return_index=True)
     if len(stamps_ns) < 4:

@@ -1,4 +1,4 @@
-"""Details of a score: the series that plots are drawn from, as columns, thinned to bounded size."""
+"""Details of a score: the data of the plots, as columns that are decimated to a bounded size."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.metrics.records import Record
 
-Values = tuple[float | None, ...]  #: One entry a row; None where a value is undefined.
+Values = tuple[float | None, ...]  #: One entry per row; None if the value is undefined.
 Integers = tuple[int, ...]
 
 
 def column(values: NDArray[np.floating], digits: int | None = 9) -> Values:
-    """Return numbers for plots, rounded (figures are not) unless digits is None; None where not finite."""
+    """Return numbers as a column, rounded unless `digits` is None; None if not finite."""
     numbers = np.asarray(values, np.float64)
     rounded = numbers if digits is None else np.round(numbers, digits)
     return tuple(number if math.isfinite(number) else None for number in rounded.tolist())
 
 
 class Columns(Record, frozen=True, kw_only=True):
-    """Record whose tuples are the columns of one table; an empty column is unknown."""
+    """A record whose tuples are the columns of one table; an empty column is unknown."""
 
     def __post_init__(self) -> None:
-        """Check that all known columns have one length; ValueError if they differ."""
+        """Check that all known columns have the same length; ValueError if not."""
         columns = [value for value in msgspec.structs.asdict(self).values() if isinstance(value, tuple)]
         for value in msgspec.structs.asdict(self).values():
             columns += value.values() if isinstance(value, dict) else ()
@@ -38,34 +38,34 @@ class Columns(Record, frozen=True, kw_only=True):
 class CallHistogram(Record, frozen=True, kw_only=True):
     """A histogram of the times of calls with logarithmic bins."""
 
-    edges_s: tuple[float, ...]  #: Edges of the bins, one more than counts; empty if there was no call.
+    edges_s: tuple[float, ...]  #: Edges of the bins, one more than counts; empty without calls.
     counts: Integers  #: Calls in each bin.
 
     def __post_init__(self) -> None:
-        """Check that there is one more edge than there are bins; ValueError if not."""
+        """Check that there is one more edge than bins; ValueError if not."""
         if self.counts and len(self.edges_s) != len(self.counts) + 1:
             raise ValueError(f"{len(self.counts)} counts with {len(self.edges_s)} edges: one edge more is required")
 
 
 class CallSeries(Columns, frozen=True, kw_only=True):
-    """The calls in order; of many the slowest of each block."""
+    """The calls in order; if there are many calls, the slowest call of each block."""
 
-    slowest_of: int  #: Calls of a block.
+    slowest_of: int  #: Number of calls of a block.
     stamp_ns: Integers  #: Stamp of the pair.
     processing_time_s: Values  #: Wall-clock time.
     peak_rss_bytes: Values  #: Peak resident memory.
-    state: tuple[str, ...]  #: What the call reported.
+    state: tuple[str, ...]  #: State that the call reported.
 
 
 class CallPlots(Record, frozen=True, kw_only=True):
-    """What the plots of the calls of one kind are drawn from."""
+    """Data of the plots of the calls of one kind."""
 
-    histogram: CallHistogram  #: Of the times.
+    histogram: CallHistogram  #: Histogram of the times.
     series: CallSeries  #: Times and memory by call.
 
 
 class PathRows(Columns, frozen=True, kw_only=True):
-    """Every n-th frame of the trajectory; metres, DS."""
+    """Every n-th frame of the trajectory, in metres in DS."""
 
     every: int  #: n.
     stamp_ns: Integers  #: Stamps.
@@ -78,7 +78,7 @@ class PathRows(Columns, frozen=True, kw_only=True):
     estimate_z_m: Values  #: Estimated position.
     lost: tuple[bool, ...]  #: Whether the localiser was lost.
     degraded: tuple[bool, ...] = ()  #: Whether the pose was reported as degraded.
-    sigma_x_m: Values = ()  #: Sigma of x by the covariance published; empty where none was.
+    sigma_x_m: Values = ()  #: Sigma of x from the published covariance; empty without a covariance.
     sigma_y_m: Values = ()  #: Sigma of y.
     sigma_z_m: Values = ()  #: Sigma of z.
 
@@ -90,31 +90,31 @@ NAMED_ERRORS = {
     "heading": ("heading_deg",),
     "chord": ("chord_m",),
 }
-"""Columns of `SubTrajectoryRows` that hold the errors of a figure; other figures are in `others`."""
+"""Columns of `SubTrajectoryRows` with the errors of a figure; the errors of other figures are in `others`."""
 
 
 class SubTrajectoryRows(Columns, frozen=True, kw_only=True):
     """Every n-th sub-trajectory of one condition."""
 
-    condition: str  #: What ends them.
+    condition: str  #: Condition that ends the sub-trajectories.
     every: int  #: n.
-    start_frame: Integers  #: Number of the first frame.
-    end_frame: Integers  #: Number of the last frame.
+    start_frame: Integers  #: Index of the first frame.
+    end_frame: Integers  #: Index of the last frame.
     start_stamp_ns: Integers  #: Stamp of the first frame.
     end_stamp_ns: Integers  #: Stamp of the last frame.
     x_m: Values  #: Position error, DS.
     y_m: Values  #: Position error, DS.
     z_m: Values  #: Position error, DS.
     attitude_deg: Values  #: Attitude error.
-    heading_deg: Values  #: Heading error, with its sign.
-    chord_m: Values  #: Straight distance, estimate less truth.
+    heading_deg: Values  #: Heading error, signed.
+    chord_m: Values  #: Straight-line distance from start to end, estimate minus truth.
     along_m: Values  #: Position error along the true displacement.
-    cross_m: Values  #: Position error across it, positive to the left.
+    cross_m: Values  #: Position error across the true displacement, positive to the left.
     travelled_m: Values  #: Length of the true path from start to end.
-    others: dict[str, Values] = {}  #: Errors of all other figures of sub-trajectories, by figure, in its unit.
+    others: dict[str, Values] = {}  #: Errors of the other figures of sub-trajectories, by figure, in its unit.
 
     def errors_of(self, figure: str) -> tuple[Values, ...]:
-        """Return the errors of a figure, a column for each direction; empty if they are not kept."""
+        """Return the errors of a figure, a column for each direction; empty if there are no errors of the figure."""
         if figure in NAMED_ERRORS:
             return tuple(getattr(self, name) for name in NAMED_ERRORS[figure])
         return (self.others[figure],) if figure in self.others else ()
@@ -133,7 +133,7 @@ def columns_of(conditions: Iterable[SubTrajectoryRows]) -> dict[str, list[Any]]:
 
 
 class ErrorRows(Record, frozen=True, kw_only=True):
-    """All errors of one figure over one condition, not thinned and not rounded: tolerance bounds are made of them."""
+    """All errors of one figure over one condition, for tolerance bounds; neither decimated nor rounded."""
 
     figure: str  #: Figure.
     condition: str  #: Condition that ends the sub-trajectories.
@@ -141,10 +141,10 @@ class ErrorRows(Record, frozen=True, kw_only=True):
 
 
 class TrajectoryDetails(Record, frozen=True, kw_only=True):
-    """What the plots of the trajectory are drawn from."""
+    """Data of the plots of the trajectory."""
 
-    path: PathRows | None = None  #: Frames; null in the report of a run in progress, which has them as messages.
-    sub_trajectories: tuple[SubTrajectoryRows, ...]  #: One for each condition.
+    path: PathRows | None = None  #: Frames; null in the report of a run in progress, which publishes them as messages.
+    sub_trajectories: tuple[SubTrajectoryRows, ...]  #: Sub-trajectories of each condition.
 
 
 class PointRows(Columns, frozen=True, kw_only=True):
@@ -153,36 +153,36 @@ class PointRows(Columns, frozen=True, kw_only=True):
     x_m: Values  #: Position in LM.
     y_m: Values  #: Position in LM.
     z_m: Values  #: Position in LM.
-    error_m: Values  #: Distance from the truth.
-    range_m: Values  #: Distance of the truth from the left optical centre.
+    error_m: Values  #: Distance from the true point.
+    range_m: Values  #: Distance of the true point from the left optical centre.
 
 
 class ErrorImage(Record, frozen=True, kw_only=True):
     """The mean point error of blocks of pixels of one pair."""
 
-    pair: int  #: Number of the pair.
-    block_px: int  #: Pixels of a block each way.
-    error_0p1mm: tuple[Integers, ...]  #: Rows of blocks, -1 where there is no point.
+    pair: int  #: Index of the pair.
+    block_px: int  #: Width and height of a block, px.
+    error_0p1mm: tuple[Integers, ...]  #: Rows of blocks, in units of 0.1 mm; -1 without a point.
 
 
 class Triangulation(Record, frozen=True, kw_only=True):
-    """The numbers of the law of triangulation, error = Z^2 d / (f b) for a disparity error d."""
+    """Parameters of the triangulation error Z^2 d / (f b) for the depth Z and the disparity error d."""
 
     focal_px: float  #: Focal length f.
     baseline_m: float  #: Baseline b.
 
 
 class MapDetails(Record, frozen=True, kw_only=True):
-    """What the plots of the map are drawn from."""
+    """Data of the plots of the map."""
 
     cloud: PointRows  #: Points.
-    error_images: tuple[ErrorImage, ...]  #: One for each pair.
-    triangulation: Triangulation  #: Of the first pair's rig.
+    error_images: tuple[ErrorImage, ...]  #: Mean point errors of each pair.
+    triangulation: Triangulation  #: Parameters of the rig of the first pair.
 
 
 class Details(Record, frozen=True, kw_only=True):
-    """What plots are drawn from, as far as it is known."""
+    """Data of all plots, as far as they are known."""
 
     calls: dict[str, CallPlots] = {}  #: Times and memory, by kind of call.
-    trajectory: TrajectoryDetails | None = None  #: Trajectory.
-    map: MapDetails | None = None  #: Map.
+    trajectory: TrajectoryDetails | None = None  #: Data of the plots of the trajectory.
+    map: MapDetails | None = None  #: Data of the plots of the map.

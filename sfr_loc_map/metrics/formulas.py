@@ -1,15 +1,15 @@
-"""The specification's formulas, one after the other in the order of its clauses; all sub-trajectories at once.
+"""The formulas of the specification in the order of its clauses, vectorised over the sub-trajectories.
 
-N is the frame at which a sub-trajectory starts, N+x the frame at which it ends. `starts` and `ends` are arrays `(M,)`
-of such frames, so that `true_position[ends]` is the true position at N+x of every sub-trajectory. Positions `(F, 3)`
-are of the RB origin in DS, metres. Quaternions `(F, 4)` are scalar last [3.1.1], of unit length, and take components
-in RB to components in DS (the conjugate of `att_q_DsToRb` [3.1.2]).
+A sub-trajectory starts at frame N and ends at frame N+x. `starts` and `ends` are arrays `(M,)` of these frames, so that
+`true_position[ends]` has the true position at N+x of every sub-trajectory. Positions `(F, 3)` are those of the RB
+origin in DS, in metres. Quaternions `(F, 4)` are scalar last [3.1.1], have unit length, and rotate vectors from RB
+into DS (the conjugate of `att_q_DsToRb` [3.1.2]).
 
-The statistics of errors, at the end of the page, are the columns of a row of the table of figures. The function
-`metrics.trajectory_errors.select` decides which sub-trajectories are valid and joins several conditions.
+The statistics at the end of the module are the columns of the table of figures. The function
+`metrics.trajectory_errors.select` selects the valid sub-trajectories and combines several conditions.
 
-test/helpers/metrics_reference.py has the same formulas with loops and SciPy's rotations. It shares no code with this
-module.
+test/helpers/metrics_reference.py implements the same formulas with loops and SciPy's rotations, and shares no code
+with this module.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
 from sfr_loc_map.geometry.rotation import quat_angle, quat_conjugate, quat_multiply, quat_rotate
 
-DISTANCE_TOLERANCE_M = 1e-9  #: A path that is shorter than the distance by this rounding error is long enough.
-MIN_DIRECTION_M = 1e-6  #: A horizontal displacement shorter than this has no direction: the heading is taken.
+DISTANCE_TOLERANCE_M = 1e-9  #: Rounding error by which a path may be shorter than the distance of a condition.
+MIN_DIRECTION_M = 1e-6  #: Shortest horizontal displacement that has a direction; below, the true heading is used.
 Lengths = NDArray[np.longdouble]  #: Path lengths `(F,)`, m.
 
 
@@ -38,7 +38,7 @@ def start_frames(frames: int, spacing: int) -> IntArray:
 
 
 def path_length_m(true_position: FloatArray) -> Lengths:
-    """Return the length of the true path up to each frame; in extended precision, so that long paths keep 1e-9 m."""
+    """Return the length of the true path up to each frame, in extended precision to resolve 1e-9 m on long paths."""
     steps = np.linalg.norm(np.diff(true_position, axis=0), axis=1)
     length = np.zeros(len(true_position), np.longdouble)
     np.cumsum(steps, out=length[1:], dtype=np.longdouble)
@@ -46,19 +46,19 @@ def path_length_m(true_position: FloatArray) -> Lengths:
 
 
 def ends_by_distance(starts: IntArray, length_m: Lengths, distance_m: float) -> IntArray:
-    """Return the first frame N+x at which the true path from N has the distance; the number of frames without one."""
+    """Return the first frame N+x at which the true path from N has the distance, or F if the path is too short."""
     needed = length_m[starts] + (distance_m - DISTANCE_TOLERANCE_M)
     return np.maximum(np.searchsorted(length_m, needed, side="left"), starts + 1)
 
 
 def ends_by_time(starts: IntArray, stamps_ns: IntArray, time_ns: int) -> IntArray:
-    """Return the first frame N+x whose stamp is that of N plus the time or later; the number of frames without one."""
+    """Return the first frame N+x that is at least `time_ns` later than N, or F if there is no such frame."""
     since_first = stamps_ns - stamps_ns[:1]
     return np.maximum(np.searchsorted(since_first, since_first[starts] + time_ns, side="left"), starts + 1)
 
 
 def ends_by_frames(starts: IntArray, frames: int) -> IntArray:
-    """Return the frame N+x that is the given number of frames after N; the number of frames or more without one."""
+    """Return the frame N+x that is `frames` frames after N; values of F or more are beyond the last frame."""
     return starts + frames
 
 
@@ -70,9 +70,12 @@ def ends_apart(
     metres: float,
     turn_deg: float,
 ) -> IntArray:
-    """Return the first frame N+x, not before the earliest, at the straight distance from N and with the rotation."""
+    """Return the first frame N+x, from `earliest` on, at the straight-line distance and the rotation angle from N.
+
+    The result is F if there is no such frame.
+    """
     ends = earliest.copy()
-    half_turn_cosine = np.cos(0.5 * np.radians(turn_deg)) + 1e-12  # a rotation of exactly this angle is enough
+    half_turn_cosine = np.cos(0.5 * np.radians(turn_deg)) + 1e-12  # accepts a rotation by exactly this angle
     searching = np.flatnonzero(ends < len(true_position))
     while len(searching):
         first, last = starts[searching], ends[searching]
@@ -85,22 +88,21 @@ def ends_apart(
     return ends
 
 
-# ---- 4.1.2 Error over a sub-trajectory by three readings, `trajectory.rebase`; the default reading is `pose`
+# ---- 4.1.2 Error over a sub-trajectory by three readings (`trajectory.rebase`, default `pose`)
 #
-# Error accumulated before N does not count in `pose` and `displacement`. In `position` the error of the attitude at N
-# does count.
+# `pose` and `displacement` remove the error that was accumulated before N. `position` keeps the attitude error at N.
 
 
 class SubTrajectoryErrors(NamedTuple):
     """The errors of M sub-trajectories."""
 
-    position_m: FloatArray  #: `(M, 3)`, a vector in DS.
-    attitude_deg: FloatArray  #: `(M,)`, never negative.
-    heading_deg: FloatArray  #: `(M,)`, with a sign, in (-180, 180].
+    position_m: FloatArray  #: Error vectors `(M, 3)` in DS.
+    attitude_deg: FloatArray  #: Rotation angles `(M,)`, not negative.
+    heading_deg: FloatArray  #: Signed errors `(M,)` in (-180, 180].
 
 
 class Poses(NamedTuple):
-    """True and estimated poses of the same frames, side by side."""
+    """True and estimated poses of the same frames."""
 
     true_position: FloatArray
     true_attitude: FloatArray
@@ -109,7 +111,7 @@ class Poses(NamedTuple):
 
 
 Reading = Callable[[Poses, IntArray, IntArray], SubTrajectoryErrors]
-"""Errors of the sub-trajectories from `starts` to `ends`, by one reading of the document."""
+"""Function that returns the errors of the sub-trajectories from `starts` to `ends` by one reading of the document."""
 
 
 def pose_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajectoryErrors:
@@ -129,10 +131,11 @@ def pose_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajector
 
 
 def displacement_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajectoryErrors:
-    """Return the errors to the letter of the document: displacements in DS, and changes since N, are compared.
+    """Return the errors of the literal reading of the document.
 
-    The attitude errors are those of `pose_reading`. With `R = true_N^-1 true_N+x` and `E = est_N^-1 est_N+x`, both are
-    the angle of `R^-1 E`: `(true_N+x)^-1 true_N est_N^-1 est_N+x = R^-1 E`.
+    The reading compares displacements in DS, and the changes of attitude and heading since N. Its attitude errors equal
+    those of `pose_reading`. With `R = true_N^-1 true_N+x` and `E = est_N^-1 est_N+x`, both readings give the angle of
+    `R^-1 E`, because `(true_N+x)^-1 true_N est_N^-1 est_N+x = R^-1 E`.
     """
     true_position, true_attitude, position, attitude = poses
     true_change = quat_multiply(quat_conjugate(true_attitude[starts]), true_attitude[ends])
@@ -149,7 +152,7 @@ def displacement_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubT
 def position_reading(poses: Poses, starts: IntArray, ends: IntArray) -> SubTrajectoryErrors:
     """Return the errors of the estimate that is re-based at N by its position alone.
 
-    Attitude and heading are compared as they are at N+x, so that their errors accumulated before N count.
+    Attitude and heading at N+x are compared without re-basing and contain the errors accumulated before N.
     """
     true_position, true_attitude, position, attitude = poses
     return SubTrajectoryErrors(
@@ -168,7 +171,7 @@ def standard_deviation(errors: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.sum(squares, axis=0) / (len(errors) - 1)))
 
 
-# ---- 4.2.1 and 4.2.2, time and memory of a localisation call, are in `metrics.call_meter` and `metrics.calls`
+# ---- 4.2.1 and 4.2.2, time and memory of a localisation call: `metrics.call_meter` and `metrics.calls`
 
 
 # ---- 4.2.3.1 3D position error
@@ -180,22 +183,22 @@ def displacement(position: FloatArray, starts: IntArray, ends: IntArray) -> Floa
 
 
 def position_error(estimated: FloatArray, actual: FloatArray) -> FloatArray:
-    """Return the error vectors: the Cartesian difference of the estimated and the actual displacement."""
+    """Return the error vectors: estimated minus actual displacement."""
     return np.asarray(estimated - actual)
 
 
 def mean_of_vectors(errors: FloatArray) -> float:
-    """Return 'mean': the norm of the mean of all position error vectors."""
+    """Return the document's 'mean': the norm of the mean of all position error vectors."""
     return float(np.linalg.norm(np.mean(errors, axis=0)))
 
 
 def sigma_of_vectors(errors: FloatArray) -> float:
-    """Return 'sigma': the norm of the vector of the standard deviations on each axis of DS."""
+    """Return the document's 'sigma': the norm of the vector of the standard deviations along the axes of DS."""
     return float(np.linalg.norm(standard_deviation(errors)))
 
 
 def mean_plus_3sigma(mean: float, sigma: float) -> float:
-    """Return mean + 3 sigma; the mean of a signed quantity (heading [4.2.3.3]) is taken without its sign."""
+    """Return |mean| + 3 sigma, because the mean of the heading error is signed [4.2.3.3]."""
     return abs(mean) + 3.0 * sigma
 
 
@@ -203,10 +206,10 @@ def mean_plus_3sigma(mean: float, sigma: float) -> float:
 
 
 def attitude_error_deg(estimated: FloatArray, actual: FloatArray) -> FloatArray:
-    """Return the magnitude of the shortest rotation from the actual to the estimated attitude, unsigned, degrees.
+    """Return the angle of the shortest rotation from the actual to the estimated attitude, unsigned, degrees.
 
-    The document takes it from the scalar part. `2 atan2(|v|, |w|)` of the rotation (v, w) is the same angle as
-    `2 acos |w|`, and keeps its precision near 0.
+    The document uses the scalar part w of the rotation (v, w): `2 acos |w|`. `2 atan2(|v|, |w|)` is the same angle and
+    is precise near 0 as well.
     """
     return np.degrees(quat_angle(quat_multiply(quat_conjugate(actual), estimated)))
 
@@ -215,18 +218,18 @@ def attitude_error_deg(estimated: FloatArray, actual: FloatArray) -> FloatArray:
 
 
 def heading(attitude: FloatArray) -> FloatArray:
-    """Return the angle in the x-y plane of DS from its x-axis to the RB x-axis: `atan2(Y_RB, X_RB)`, radians."""
+    """Return the angle in the x-y plane of DS from the DS x-axis to the RB x-axis: `atan2(Y_RB, X_RB)`, radians."""
     x, y, z, w = np.moveaxis(attitude, -1, 0)
     return np.asarray(np.arctan2(2.0 * (x * y + z * w), 1.0 - 2.0 * (y * y + z * z)))
 
 
 def heading_error_deg(estimated: FloatArray, actual: FloatArray) -> FloatArray:
-    """Return estimated less actual heading with its sign, wrapped to (-180, 180], degrees."""
+    """Return estimated minus actual heading, signed and wrapped to (-180, 180], degrees; the inputs are in radians."""
     error = np.degrees(estimated - actual)
     return np.asarray(error - 360.0 * np.ceil((error - 180.0) / 360.0))
 
 
-# ---- 4.3.1 and 4.3.2, time and memory of a mapping call, are in the same modules; 4.3.3 is the heading of 4.3.4
+# ---- 4.3.1 and 4.3.2, time and memory of a mapping call: `metrics.call_meter` and `metrics.calls`; 4.3.3 is a title
 
 
 # ---- 4.3.4 Error in the output point cloud
@@ -241,25 +244,25 @@ def point_error(estimated: FloatArray, actual: FloatArray) -> FloatArray:
 
 
 def nmad(vertical: FloatArray) -> float:
-    """Return the normalised median absolute deviation of height errors; of normal ones it is sigma."""
+    """Return the normalised median absolute deviation of height errors, which is sigma if they are normal."""
     return float(1.4826 * np.median(np.abs(vertical - np.median(vertical))))
 
 
 def le90(vertical: FloatArray) -> float:
-    """Return the linear error with a probability of 90 %: the quantile of the sizes of height errors."""
+    """Return the linear error LE90: the 90 % quantile of the absolute height errors."""
     return float(np.percentile(np.abs(vertical), 90.0))
 
 
 def ce90(horizontal: FloatArray) -> float:
-    """Return the circular error with a probability of 90 %: the quantile of the sizes of horizontal errors."""
+    """Return the circular error CE90: the 90 % quantile of the norms `(P,)` of the horizontal errors."""
     return float(np.percentile(horizontal, 90.0))
 
 
-# ---- not in the document: the same errors by direction, without attitudes, and along the ray of a pixel
+# ---- not in the document: errors without attitudes, along and across the path, and in px of disparity
 
 
 def chord_error(poses: Poses, starts: IntArray, ends: IntArray) -> FloatArray:
-    """Return the straight distance from N to N+x, estimated less actual: it needs no attitudes."""
+    """Return the straight-line distance from N to N+x, estimated minus actual, which requires no attitudes."""
     estimated = np.linalg.norm(displacement(poses.position, starts, ends), axis=1)
     return np.asarray(estimated - np.linalg.norm(displacement(poses.true_position, starts, ends), axis=1))
 
@@ -267,7 +270,7 @@ def chord_error(poses: Poses, starts: IntArray, ends: IntArray) -> FloatArray:
 def along_and_cross(
     error: FloatArray, true_displacement: FloatArray, true_heading: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the parts of position errors along the horizontal true displacement, and to the left of it."""
+    """Return the components of position errors along the horizontal true displacement, and to its left."""
     length = np.linalg.norm(true_displacement[:, :2], axis=1)
     has_direction = length >= MIN_DIRECTION_M
     divisor = np.where(has_direction, length, 1.0)
@@ -277,24 +280,25 @@ def along_and_cross(
 
 
 def disparity_error(focal_px: float, baseline_m: float, depth_m: FloatArray, true_depth_m: FloatArray) -> FloatArray:
-    """Return the error of the disparity that an error of the depth amounts to: `f b / Z - f b / Z_true`, px."""
+    """Return the disparity error that corresponds to a depth error: `f b / Z - f b / Z_true`, px."""
     return np.asarray(focal_px * baseline_m / depth_m - focal_px * baseline_m / true_depth_m)
 
 
-# ---- statistics of n errors: a row of the table of figures
+# ---- statistics of n errors, the columns of the table of figures
 
 
 class Statistics(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
-    """The statistics of n errors, which are columns of the table of figures; null is undefined.
+    """The statistics of n errors, which are columns of the table of figures; null if undefined.
 
-    A statistic that is added here is in every score and can be limited. `FigureKind.shown` puts it into the tables and
-    the topics of the monitor, `FigureKind.compared` into comparisons, histories and suites.
+    The size of an error is its absolute value, or the norm of an error vector. Every score contains each statistic of
+    this struct, and a limit can be on each. `FigureKind.shown` selects the statistics in tables and topics of the
+    monitor, `FigureKind.compared` those in comparisons, histories and suites.
     """
 
-    n: int | None = None  #: Number of values that are known.
-    unknown: int | None = None  #: Number of values that are unknown; with any, the statistics are undefined.
-    mean: float | None = None  #: Mean; of position errors the norm of the mean vector [4.2.3.1].
-    sigma: float | None = None  #: Standard deviation with n - 1 [4.1.3]; of position errors the norm of those of axes.
+    n: int | None = None  #: Number of known values.
+    unknown: int | None = None  #: Number of unknown values; if there are any, the statistics are undefined.
+    mean: float | None = None  #: Mean; norm of the mean vector for position errors [4.2.3.1].
+    sigma: float | None = None  #: Standard deviation with n - 1 [4.1.3]; norm over the axes for position errors.
     mean_plus_3sigma: float | None = None  #: `|mean| + 3 sigma`.
     rmse: float | None = None  #: Root mean square of the sizes.
     p50: float | None = None  #: Median of the sizes, interpolated linearly.
@@ -306,14 +310,14 @@ class Statistics(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, 
 STATISTICS = tuple(name for name in Statistics.__struct_fields__ if name not in ("n", "unknown"))
 """Names of the statistics, in the order of the columns."""
 QUANTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0}
-"""Statistics that are quantiles of the sizes, and how many percent of the sizes are not larger."""
+"""Statistics that are quantiles of the sizes, with their percentage."""
 
 
 def statistics(errors: NDArray[np.floating]) -> Statistics:
-    """Return the statistics of errors `(n,)`, or of error vectors `(n, 3)`; undefined if an error is unknown (NaN).
+    """Return the statistics of errors `(n,)` or of error vectors `(n, 3)`.
 
-    Mean and sigma are those of the document. Root mean square, quantiles (interpolated linearly) and maximum are of the
-    sizes of the errors.
+    They are undefined if an error is unknown (NaN). Mean and sigma are defined by the document. The other statistics
+    are those of the sizes.
     """
     given = np.asarray(errors, np.float64)
     is_vector = given.ndim == 2

@@ -1,19 +1,21 @@
-"""The 95 % interval of mean + 3 sigma from sub-trajectories that overlap, and the distributions that tests need.
+"""The 95 % interval of mean + 3 sigma from overlapping sub-trajectories, and the distributions that tests need.
 
-Sub-trajectories that share frames share errors: n of them, each overlapping L starts, are worth about m = n / L. So
-blocks of at least L consecutive ones are drawn (circular block bootstrap, Politis and Romano 1992). The
-shortfall of blocks is corrected for overlapping sums, whose correlation falls linearly to 0 over L starts:
+Sub-trajectories that share frames share errors. n sub-trajectories that overlap L starts each are equivalent to about
+m = n / L independent ones. Blocks of at least L consecutive sub-trajectories are therefore resampled (circular block
+bootstrap, Politis and Romano 1992). The bias of block resampling is corrected for overlapping sums, whose correlation
+falls linearly to 0 over L starts:
 
-- A block of length l shows a variance that is too small by the factor r = sum (1 - |h|/l)(1 - |h|/L) / sum (1 - |h|/L)
-  over |h| < L; m blocks, by (m - 1) / m.
-- The sample variance is itself too small, by (1 - 1/m) / (1 - 1/n), and the norm of a mean vector too large, by the
-  scatter of the mean. The interval is centred on the figure corrected for both.
-- The scatter of the resampled figures is scaled by Student's t on a logarithmic scale, since the figure is positive.
-  Its degrees of freedom, (m - 1) times the root of the number of directions that the errors have, at least 1.5, and a
-  widening by a tenth (unsigned errors: a quarter, for they are skewed) are set by experiment.
+- Blocks of length l underestimate the variance by the factor r = sum (1 - |h|/l)(1 - |h|/L) / sum (1 - |h|/L), over the
+  lags |h| < L. A number of m blocks underestimates the variance by the factor (m - 1) / m.
+- The sample variance is too small by the factor (1 - 1/m) / (1 - 1/n). The norm of a mean vector is too large because
+  of the scatter of the mean. The interval is centred on the figure after both corrections.
+- The scatter of the resampled figures is scaled by Student's t on a logarithmic scale, because the figure is positive.
+  The degrees of freedom are (m - 1) times the square root of the number of directions of the errors, and at least 1.5.
+  The interval is widened by 10 %, or by 25 % for unsigned errors, which are skewed. The degrees of freedom and the
+  widening were chosen by experiment.
 
-test/campaigns/interval_coverage.py measures how often the interval holds the true value. SciPy's special functions are
-imported when the first figure needs them, because nodes must start quickly.
+test/campaigns/interval_coverage.py measures how often the interval contains the true value. SciPy's special functions
+are imported when the first figure requires them, because nodes must start quickly.
 """
 
 from __future__ import annotations
@@ -27,17 +29,17 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatArray
 
 Interval = tuple[float, float]  #: Lower and upper bound of a 95 % interval.
-MAX_BLOCKS = 512  #: Largest number of groups of consecutive errors; the size of a group is a power of two.
+MAX_BLOCKS = 512  #: Maximum number of groups of consecutive errors; the size of a group is a power of two.
 RESAMPLES = 1000
 SEED = 20240229
 WIDENING, WIDENING_UNSIGNED = 1.1, 1.25
-"""Factors by which resampled figures scatter less than the true ones; the second is for unsigned errors."""
+"""Factors by which the scatter of resampled figures is too small, for signed and for unsigned errors."""
 MIN_FREEDOM = 1.5
-MIN_INDEPENDENT = 2.0  #: With fewer independent sub-trajectories there is no interval.
+MIN_INDEPENDENT = 2.0  #: Minimum number of independent sub-trajectories for an interval.
 
 
 class Scatter(NamedTuple):
-    """How a figure scatters: standard deviation, and the degrees of freedom that it is known with."""
+    """The standard deviation of a figure, and the degrees of freedom of this standard deviation."""
 
     sigma: float
     freedom: float
@@ -51,7 +53,7 @@ class Scatter(NamedTuple):
 def interval95(errors: FloatArray, overlap: float, *, unsigned: bool) -> Interval | None:
     """Return the 95 % interval of mean + 3 sigma of errors `(n,)` or `(n, d)`; None if too few are independent.
 
-    `overlap` starts lie within one sub-trajectory on average; unsigned errors are never negative.
+    `overlap` is the mean number of starts within one sub-trajectory. Unsigned errors cannot be negative.
     """
     vectors = errors.reshape(len(errors), -1)
     count = len(vectors)
@@ -81,9 +83,9 @@ def interval95(errors: FloatArray, overlap: float, *, unsigned: bool) -> Interva
 
 
 def scatter_of_difference(a: FloatArray, b: FloatArray, overlap: float, *, unsigned: bool) -> Scatter | None:
-    """Return the scatter of the difference of mean + 3 sigma of paired errors `(n, d)`; None of too few.
+    """Return the scatter of the difference of mean + 3 sigma of paired errors `(n, d)`; None if there are too few.
 
-    Both series are resampled in the same blocks, so that errors which they share do not count.
+    Both series are resampled in the same blocks, so that their common errors cancel.
     """
     independent = len(a) / overlap
     if independent < MIN_INDEPENDENT:
@@ -99,25 +101,25 @@ def scatter_of_difference(a: FloatArray, b: FloatArray, overlap: float, *, unsig
 
 
 def scatter_of(figures: FloatArray, share: float, freedom: float, *, unsigned: bool) -> Scatter:
-    """Return the scatter of a figure from resampled ones `(B,)`, which show this fraction of its variance."""
+    """Return the scatter of a figure from resampled figures `(B,)`, which have the fraction `share` of its variance."""
     widening = WIDENING_UNSIGNED if unsigned else WIDENING
     return Scatter(float(widening * np.std(figures) / np.sqrt(share)), max(freedom, MIN_FREEDOM))
 
 
 class Moments(NamedTuple):
-    """Number of values n `(...)`, mean and sum of squared deviations from that mean `(..., d)` of some series."""
+    """Number of values n `(...)` of series, their means and sums of squared deviations from the mean `(..., d)`."""
 
     n: FloatArray
     mean: FloatArray
     squares: FloatArray
 
     def rows(self, index: NDArray[np.integer]) -> Moments:
-        """Return the moments of the series of an index, in its shape."""
+        """Return the moments of the indexed series, in the shape of the index."""
         return Moments(self.n[index], self.mean[index], self.squares[index])
 
 
 def group_moments(offsets: FloatArray, size: int) -> Moments:
-    """Return the moments of groups of `size` consecutive offsets `(n, d)`; the last group may be shorter."""
+    """Return the moments of groups of `size` consecutive offsets `(n, d)`; the last group may be smaller."""
     first = np.arange(0, len(offsets), size)
     count = np.diff(first, append=len(offsets))
     mean = np.add.reduceat(offsets, first) / count[:, None]
@@ -126,9 +128,9 @@ def group_moments(offsets: FloatArray, size: int) -> Moments:
 
 
 def joined(parts: Moments) -> Moments:
-    """Return the moments of series that are joined along the last axis of their number.
+    """Return the moments of series that are concatenated along the last axis of n.
 
-    Squares are summed about the common mean (Chan, Golub, LeVeque 1983), so that no digits cancel.
+    Squares are summed about the common mean to avoid cancellation (Chan, Golub, LeVeque 1983).
     """
     count = np.sum(parts.n, axis=-1)
     number = parts.n[..., None]
@@ -138,10 +140,10 @@ def joined(parts: Moments) -> Moments:
 
 
 def resampled(groups: Moments, mean: FloatArray, overlap: float, size: int = 1) -> tuple[FloatArray, FloatArray, float]:
-    """Return mean vectors `(B, d)` and figures `(B,)` of resampled series, and the fraction of the variance they show.
+    """Return mean vectors `(B, d)` and figures `(B,)` of resampled series, and the fraction of the variance they have.
 
-    `groups` are those of `group_moments`, of `size` offsets from the mean each. The same number of groups is drawn the
-    same way each time.
+    `groups` are the result of `group_moments` for `size` offsets from the mean. The draws depend only on the number of
+    groups, because the seed is fixed.
     """
     count = len(groups.n)
     block = min(max(1, int(np.ceil(overlap / size))), count)
@@ -160,37 +162,37 @@ def resampled(groups: Moments, mean: FloatArray, overlap: float, size: int = 1) 
     return means, figures, share
 
 
-# ---- distributions, as scipy.stats computes them, without its slow import
+# ---- distributions of scipy.stats, without its slow import
 
 
 def chi2_interval95(freedom: float, count: int) -> Interval:
-    """Return the 2.5 % and 97.5 % points of a chi-squared variable, over a count."""
+    """Return the 2.5 % and 97.5 % quantiles of a chi-squared variable, divided by `count`."""
     return chi2_quantile(0.025, freedom) / count, chi2_quantile(0.975, freedom) / count
 
 
 def chi2_quantile(share: float, freedom: float) -> float:
-    """Return the value that a chi-squared variable stays below with this probability (Abramowitz, Stegun 26.4.19)."""
+    """Return the quantile of the chi-squared distribution at a probability (Abramowitz, Stegun 26.4.19)."""
     from scipy.special import gammaincinv
 
     return float(2.0 * gammaincinv(freedom / 2.0, share))
 
 
 def normal_quantile(share: float) -> float:
-    """Return the value that a standard normal variable stays below with this probability."""
+    """Return the quantile of the standard normal distribution at a probability."""
     from scipy.special import ndtri
 
     return float(ndtri(share))
 
 
 def student_quantile(share: float, freedom: float) -> float:
-    """Return the value that a Student t variable stays below with this probability."""
+    """Return the quantile of Student's t distribution at a probability."""
     from scipy.special import stdtrit
 
     return float(stdtrit(freedom, share))
 
 
 def holm(probabilities: Sequence[float | None]) -> list[float | None]:
-    """Return probabilities corrected for their number (Holm 1979); None stays and does not count."""
+    """Return p-values corrected for their number (Holm 1979). A None remains None and is not counted."""
     known = sorted((value, index) for index, value in enumerate(probabilities) if value is not None)
     corrected: list[float | None] = [None] * len(probabilities)
     largest = 0.0

@@ -1,4 +1,4 @@
-"""The frames at which no judged sub-trajectory starts or ends: their errors must not be far above the judged ones."""
+"""Errors at the frames at which no judged sub-trajectory starts or ends. They must not far exceed the judged errors."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.trajectory_errors import ErrorFigure, SubTrajectories, error_figures, error_row
 
 BEYOND = 3.0
-"""Multiple of the largest judged error above which an error of another frame is far above the judged errors."""
-NAMED_FRAMES = 5  #: Ranges of frames that a message names.
+"""Multiple of the largest judged error that the error at another frame must not exceed."""
+NAMED_FRAMES = 5  #: Maximum number of ranges of frames that a message names.
 
 
 def rows_of_other_frames(
     condition: str, judged: SubTrajectories, placed: PlacedFrames, *, has_height: bool
 ) -> Iterator[Figure]:
-    """Yield the errors of the frames that are in no judged error, and the fraction far above the judged errors."""
+    """Yield the errors at the other frames, and the fraction of frames whose error far exceeds the judged errors."""
     if not len(judged.starts):
         return
     others, frames = to_other_frames(judged, placed), len(placed.frames.stamps_ns)
@@ -34,9 +34,9 @@ def rows_of_other_frames(
 
 
 def to_other_frames(judged: SubTrajectories, placed: PlacedFrames) -> SubTrajectories:
-    """Return sub-trajectories to the frames at which no judged one starts or ends, from the nearest that is judged.
+    """Return sub-trajectories that end at the other frames, each from the nearest frame of a judged sub-trajectory.
 
-    An error that neighbouring frames have in common cancels between them, but not from a judged frame.
+    An error that neighbouring frames share cancels between these frames, but not relative to a judged frame.
     """
     known = np.union1d(judged.starts, judged.ends)
     ends = np.setdiff1d(np.arange(len(placed.frames.stamps_ns)), known)
@@ -48,14 +48,14 @@ def to_other_frames(judged: SubTrajectories, placed: PlacedFrames) -> SubTraject
 
 
 def beyond_the_judged(kind: ErrorFigure, others: SubTrajectories, judged: SubTrajectories) -> Mask:
-    """Return which sub-trajectories have an error far above the largest judged error; unknown errors are not."""
+    """Return which sub-trajectories have a known error above `BEYOND` times the largest judged error."""
     judged_sizes, sizes = (error_sizes(kind, sub_trajectories) for sub_trajectories in (judged, others))
     largest = np.max(judged_sizes[np.isfinite(judged_sizes)], initial=0.0)
     return np.asarray(sizes > BEYOND * largest)
 
 
 def error_sizes(kind: ErrorFigure, sub_trajectories: SubTrajectories) -> FloatArray:
-    """Return the sizes of the errors of a figure: the norms of vectors, the magnitudes of angles."""
+    """Return the sizes of the errors of a figure: norms of vectors, or absolute values."""
     errors = kind.errors_of(sub_trajectories)
     return np.asarray(np.linalg.norm(np.atleast_2d(errors.T), axis=0))
 
@@ -63,7 +63,7 @@ def error_sizes(kind: ErrorFigure, sub_trajectories: SubTrajectories) -> FloatAr
 def unjudged_frames(
     condition: str, judged: SubTrajectories, placed: PlacedFrames, rows: Sequence[Figure]
 ) -> Iterator[str]:
-    """Yield which frames are in no judged error and have an error far above the judged errors, if they are many."""
+    """Yield a warning that names the other frames with a far larger error, if their fraction exceeds `BEYOND_MOST`."""
     many = {row.part for row in rows if row.figure == ERRORS_BEYOND and (row.value or 0.0) > BEYOND_MOST}
     kinds = [kind for kind in error_figures() if kind.name in many]
     if not kinds:
@@ -80,7 +80,7 @@ def unjudged_frames(
 
 
 def largest_fraction_beyond(rows: Sequence[Figure]) -> Iterator[Figure]:
-    """Yield the row of the largest fraction that is far above the judged errors, if there are sub-trajectories."""
+    """Yield the row of the largest fraction of frames far above the judged errors, if there are sub-trajectories."""
     fractions = [row for row in rows if row.figure == ERRORS_BEYOND and row.value is not None]
     if fractions:
         largest = max(fractions, key=lambda row: row.value or 0.0)

@@ -1,6 +1,6 @@
-"""How an estimate comes to be compared with the ground truth: frames of both, and the reading of the document.
+"""Frames of estimate and ground truth, and the reading of the document by which they are compared.
 
-An estimate is associated with the truth by its stamps. Where the truth has no attitudes, the estimate is also fitted to
+An estimate is associated with the truth by its stamps. If the truth has no attitudes, the estimate is also aligned with
 the true positions.
 """
 
@@ -34,34 +34,34 @@ READINGS: dict[Rebase, Reading] = {
 }
 """The readings of the document; see `Rebase`."""
 MIN_TILT_DEG, TILT_GAIN = 0.1, 3.0
-"""The complete rotation is fitted where it tilts z by this angle and reduces the residual by this factor."""
-ROLL_GAIN = 1.1  #: A rotation about the line of the drive is fitted only if it reduces the residual by this factor.
+"""Smallest tilt of z, deg, and smallest reduction of the residual for which the complete rotation is fitted."""
+ROLL_GAIN = 1.1  #: Smallest reduction of the residual for which a rotation about the line of the drive is fitted.
 
 
 class Placement(NamedTuple):
-    """The turn of an estimate and the translation after it, m, that take it to the truth."""
+    """The rotation, and the translation (m) after it, that align an estimate with the truth."""
 
     yaw_deg: float
-    tilt_deg: float | None  #: Of z; None where the turn is a yaw alone.
+    tilt_deg: float | None  #: Tilt of z; None if the rotation is a yaw.
     translation_m: tuple[float, ...]
 
 
 class PlacedFrames(NamedTuple):
-    """Frames, how they came about, and the reading of the document by which they are judged."""
+    """Frames, how they were associated, and the reading of the document by which they are judged."""
 
     frames: Frames
     association: Association
     estimates: Estimates
     reading: Reading
     placement: Placement | None
-    poses: Poses  #: Of all frames, true heights NaN where they are unknown.
+    poses: Poses  #: Poses of all frames; unknown true heights are NaN.
     length_m: Lengths  #: Length of the true path up to each frame.
 
 
 def placed_frames(
     estimates: Estimates, truth: Trajectory, conditions: Sequence[Condition], config: TrajectoryScoreConfig
 ) -> PlacedFrames:
-    """Return the frames of an estimate and a truth; a truth without attitudes has the estimate fitted to it."""
+    """Return the frames of an estimate and a truth; the estimate is aligned with a truth that has no attitudes."""
     known = known_of(truth)
     if truth.has_attitude:
         rebase, placement = Rebase(config.rebase), None
@@ -94,7 +94,7 @@ def placed_frames(
 
 
 def of_known(truth: Truth, reading: Reading) -> Reading:
-    """Return a reading whose attitude errors are unknown (NaN) if roll and pitch of the truth are."""
+    """Return a reading whose attitude errors are unknown (NaN) if roll and pitch of the truth are unknown."""
     if truth.has_tilt:
         return reading
 
@@ -108,7 +108,7 @@ def of_known(truth: Truth, reading: Reading) -> Reading:
 def with_estimated_tilt(frames: Frames) -> Frames:
     """Return frames whose true attitudes have the true heading, and the roll and pitch of the estimate.
 
-    The estimate is re-based at N by the difference of the headings alone: unknown roll and pitch turn nothing.
+    The estimate is then re-based at N only by the difference of the headings.
     """
     half_turn = 0.5 * (formulas.heading(frames.true_attitude) - formulas.heading(frames.attitude))
     zeros = np.zeros_like(half_turn)
@@ -119,15 +119,15 @@ def with_estimated_tilt(frames: Frames) -> Frames:
 def associate_positions(
     estimates: Estimates, truth: Trajectory, conditions: Sequence[Condition], config: AssociationConfig
 ) -> tuple[Estimates, Frames, Association, Placement]:
-    """Return estimates of the point whose positions a truth has, and their frames, aligned with the truth.
+    """Return estimates of the point that the truth tracks, their frames, and the alignment with the truth.
 
-    Yaw and translation are fitted by least squares: what neither vision nor gravity observes (Zhang, Scaramuzza 2018,
-    section IV-B). An estimate by vision alone that begins at the identity on a slope has a tilted z. Where the complete
-    rotation tilts z and leaves a much smaller residual, the complete rotation is fitted. MetricsError for a condition
-    that needs attitudes.
+    Yaw and translation are fitted by least squares, because neither vision nor gravity observes them (Zhang, Scaramuzza
+    2018, section IV-B). A vision-only estimate that begins at the identity on a slope has a tilted z-axis. The complete
+    rotation is therefore fitted if it tilts z and reduces the residual by `TILT_GAIN`. MetricsError for a condition
+    that requires attitudes.
     """
     if any(part.kind is ConditionKind.TURN for condition in conditions for part in condition.parts):
-        raise MetricsError("a condition turn=DEG needs attitudes of the truth, which has none: omit it")
+        raise MetricsError("a condition turn=DEG requires true attitudes, but the truth has only positions: omit it")
     poses = estimates.trajectory
     if isinstance(truth, Truth) and poses.has_attitude:
         poses = at_point(poses, truth.lever_arm_m)
@@ -140,7 +140,7 @@ def associate_positions(
         translation = true_middle - turn @ middle
         attitude = quat_multiply(quat_from_matrix(turn), frames.attitude)
         frames = frames._replace(position=frames.position @ turn.T + translation, attitude=attitude)
-    known = replace(estimates, trajectory=poses, covariance=None, steps=None)  # a covariance is not of the fit
+    known = replace(estimates, trajectory=poses, covariance=None, steps=None)  # no covariance of aligned poses
     yaw_deg = float(np.degrees(np.arctan2(turn[1, 0], turn[0, 0])))
     return known, frames, association, Placement(yaw_deg, tilt_deg, tuple(translation.tolist()))
 
@@ -148,20 +148,21 @@ def associate_positions(
 def fitted_rotation(
     frames: Frames, estimated: FloatArray, true: FloatArray, *, has_height: bool
 ) -> tuple[FloatArray, float | None]:
-    """Return the rotation that takes centred estimates `(F, 3)` to the truth, and the tilt of z, None for a yaw.
+    """Return the rotation that aligns centred estimates `(F, 3)` with the truth, and the tilt of z, None for a yaw.
 
-    Without true heights it is a yaw.
+    Without true heights only a yaw is fitted.
     """
     (x, y), (u, v) = estimated.T[:2], true.T[:2]
     yaw = float(np.arctan2((x * v - y * u).sum(), (x * u + y * v).sum()))
     upright = matrix_from_rotvec(np.array([0.0, 0.0, yaw]))
     if not has_height:
         return upright, None
-    to, _, of = np.linalg.svd(true.T @ estimated @ upright.T)  # the least rotation that lays one line on the other
+    # the smallest rotation that aligns the line of the estimates with the line of the truth
+    to, _, of = np.linalg.svd(true.T @ estimated @ upright.T)
     across, cosine = np.cross(of[0], to[:, 0]), float(of[0] @ to[:, 0])
     sine = float(np.linalg.norm(across))
     found = [upright, matrix_from_rotvec(across * (np.arctan2(sine, cosine) / max(sine, 1e-12))) @ upright]
-    with suppress(MetricsError):  # a straight line has no rotation about itself
+    with suppress(MetricsError):  # the rotation about a straight line is undetermined
         found.append(umeyama(frames.position, frames.true_position, with_scale=False).rotation)
     left = [float(np.linalg.norm(estimated @ each.T - true)) for each in found]
     best = 1 if left[1] <= ROLL_GAIN * left[-1] else -1

@@ -1,4 +1,4 @@
-"""The columns that plots of a trajectory are drawn from: its frames and its sub-trajectories, thinned."""
+"""The columns of the plots of a trajectory: its decimated frames and sub-trajectories."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from sfr_loc_map.metrics.details import NAMED_ERRORS, PathRows, SubTrajectoryRow
 from sfr_loc_map.metrics.formulas import Lengths
 from sfr_loc_map.metrics.trajectory_errors import SubTrajectories, error_figures
 
-PATH_ROWS, DETAIL_ROWS = 2000, 1000  #: Frames, and sub-trajectories of each condition, that are kept for plots.
+PATH_ROWS, DETAIL_ROWS = 2000, 1000  #: Maximum number of frames, and of sub-trajectories of each condition, in plots.
 
 
 def every_nth(count: int, most: int) -> int:
-    """Return the power of two n for which every n-th row is kept, so that at most `most` rows remain."""
+    """Return the smallest power of two n for which every n-th row of `count` rows is at most `most` rows."""
     return 1 << (max(-(-count // most), 1) - 1).bit_length()
 
 
 def sub_trajectory_rows(
     condition: str, sub_trajectories: SubTrajectories, stamps_ns: IntArray, length_m: Lengths
 ) -> SubTrajectoryRows:
-    """Return the sub-trajectories of a condition, thinned."""
+    """Return the decimated sub-trajectories of a condition."""
     every = every_nth(len(sub_trajectories.starts), DETAIL_ROWS)
     shown = sub_trajectories.every(every)
     starts, ends = shown.starts, shown.ends
@@ -49,7 +49,7 @@ def sub_trajectory_rows(
 
 
 def path_rows(estimates: Estimates, frames: Frames, length_m: Lengths) -> PathRows:
-    """Return the frames of a trajectory, thinned."""
+    """Return the decimated frames of a trajectory."""
     every = every_nth(len(length_m), PATH_ROWS)
     shown = slice(None, None, every)
     sigma: dict[str, Values] = {}

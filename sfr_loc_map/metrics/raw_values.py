@@ -1,8 +1,8 @@
-"""Whether the table of figures follows from the raw values that a score keeps beside it.
+"""Checks that the table of figures follows from the raw values in the same score.
 
-A score keeps the errors of sub-trajectories, a sample of the map points, and the times of calls, for plots and for
-tolerance bounds. Where all values are there, statistics are computed again. Where a score keeps every n-th value, the
-statistics must agree with this sample. Counts and fractions of the same thing must agree.
+A score contains the errors of sub-trajectories, a sample of the map points, and the times of calls, for plots and for
+tolerance bounds. If the score contains all values, the statistics are recomputed. If the score contains every n-th
+value, the statistics must be consistent with this sample. A count and its fraction must agree.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.shortfall_kinds import SHORTFALLS
 from sfr_loc_map.metrics.table import Figure, figure_row
 
-EXACT = 1e-9  #: Relative difference of a statistic that was computed again.
+EXACT = 1e-9  #: Relative tolerance of a recomputed statistic.
 DIGITS_M, POINT_DIGITS_M = 1e-8, 5e-5
-"""Difference by the digits of the errors of sub-trajectories and of map points that are kept for plots."""
-SIGMAS = 5.0  #: Deviations of a sample from the whole at which a statistic contradicts the sample.
-PAIR = "pair "  #: Beginning of the part of a row that is about one mapping pair.
-CORRELATED = 10.0  #: Kept values that are worth an independent one.
+"""Rounding of the errors of sub-trajectories and of map points in the data of the plots, m."""
+SIGMAS = 5.0  #: Standard deviations of a sampled fraction beyond which a quantile contradicts the sample.
+PAIR = "pair "  #: Prefix of the part of a row that is about one mapping pair.
+CORRELATED = 10.0  #: Number of correlated values that are equivalent to one independent value.
 COUNTED = (
     "lost",
     "degraded",
@@ -53,22 +53,22 @@ COUNTED = (
     "points_not_finite",
     "points_repeated",
 )
-"""Figures of completeness that stand in the table as a fraction and as a count."""
+"""Figures of completeness that the table has as a fraction and as a count."""
 OF_EXPECTED = ("missing", "images_without_truth", "pairs_without_cloud", "calls_missing", "dropped")
-"""Figures of completeness that are a fraction of what was expected, as the row `judged` is."""
+"""Figures of completeness that are, like the row `judged`, a fraction of the expected items."""
 WITHOUT_RESULT = {DRIVE: ("missing", Subject.TRAJECTORY), MAP: ("pairs_without_cloud", Subject.MAP)}
-"""The only figure of completeness of a part that has no estimate or no cloud, and the subject of its other figures."""
+"""The only figure of completeness of a part without estimate or cloud, and the subject that such a part lacks."""
 
 
 def raw_contradiction(score: Score) -> str | None:
-    """Return which figure does not follow from the raw values of a score; None if all do."""
+    """Return the first contradiction between the figures and the raw values of a score; None if there is none."""
     of_raw = (*_required(score), *_of_sub_trajectories(score), *_of_points(score), *_of_calls(score))
     of_table = (*_of_pairs(score), *_of_first_calls(score), *_of_counts(score), *_of_judged(score))
     return next(iter((*of_raw, *of_table)), None)
 
 
 def _required(score: Score) -> Iterator[str]:
-    """Yield the limited figures whose details, whose errors or whose rows of the other frames are absent."""
+    """Yield the limited figures whose details, errors, or rows of other frames and of motion are absent."""
     yield from _required_details(score)
     drive = score.association
     for limit in () if score.rules is None or drive is None else score.rules.limits:
@@ -91,8 +91,8 @@ def _required(score: Score) -> Iterator[str]:
 def _required_details(score: Score) -> Iterator[str]:
     """Yield the limited figures of the map and of the calls whose details are absent.
 
-    The report of a run in progress names no inputs and has no details. The times of a target, the answers of an
-    external node and points without pixels have none either.
+    The report of a run in progress names no inputs and has no details. Details are also absent for the times of a
+    target, the answers of an external node, and points without pixels.
     """
     if score.rules is None or score.provenance is None or not score.provenance.inputs:
         return
@@ -110,7 +110,7 @@ def _required_details(score: Score) -> Iterator[str]:
 
 
 def _of_judged(score: Score) -> Iterator[str]:
-    """Yield the rows of completeness that are absent, and fractions `judged` that do not follow from these rows."""
+    """Yield the absent rows of completeness, and the fractions `judged` that do not follow from these rows."""
     for row in score.rows("judged"):
         part = RowPart.of(row.part)
         if row.value is None:
@@ -126,7 +126,7 @@ def _of_judged(score: Score) -> Iterator[str]:
         # answers of an external node that are late are neither judged nor missing
         low = 0.0 if part.what == CALLS and score.external is not None else 1.0 - sum(absent)
         if not low - EXACT <= min(row.value, 1.0) <= 1.0 - max(absent) + EXACT:
-            yield f"{row.label} is {_text(row.value)}, from what is absent follows {_text(1.0 - sum(absent))}"
+            yield f"{row.label} is {_text(row.value)}, but the missing items give {_text(1.0 - sum(absent))}"
 
 
 def _shortfall_names(score: Score, part: RowPart) -> list[str]:
@@ -158,14 +158,14 @@ def _of_thinned(row: Figure, rows: SubTrajectoryRows) -> Iterator[str]:
         return
     kept = np.stack([np.array(values, np.float64) for values in columns], axis=1)
     if row.n is not None and not (len(kept) - 1) * rows.every < row.n <= len(kept) * rows.every:
-        yield f"n of {row.label} is {row.n}, every {rows.every}th of them are {len(kept)}"
+        yield f"n of {row.label} is {row.n}, but there are {len(kept)} errors, every {rows.every}th of them"
     yield from _as_the_sample(row, np.linalg.norm(kept, axis=1), DIGITS_M)
 
 
 def _computed_again(row: Figure, errors: FloatArray, rounding: float) -> Iterator[str]:
-    """Yield the statistics of a row that all its errors `(n, d)` do not give.
+    """Yield the statistics of a row that differ from the statistics of all its errors `(n, d)`.
 
-    A statistic that the row does not have is not compared, so that a score is read which is older than the statistic.
+    A statistic that the row does not have is not compared, so that older scores without the statistic can be read.
     """
     again = statistics(errors if errors.shape[1] > 1 else errors[:, 0])
     for name in ("n", "unknown", *STATISTICS):
@@ -173,24 +173,24 @@ def _computed_again(row: Figure, errors: FloatArray, rounding: float) -> Iterato
         if stored == derived or (stored is None and name in STATISTICS):
             continue
         if stored is None or derived is None or abs(stored - derived) > 4.0 * rounding + EXACT * abs(derived):
-            yield f"{name} of {row.label} is {_text(stored)}, from its errors follows {_text(derived)}"
+            yield f"{name} of {row.label} is {_text(stored)}, but its errors give {_text(derived)}"
 
 
 def _as_the_sample(row: Figure, sizes: FloatArray, rounding: float) -> Iterator[str]:
-    """Yield the statistics of a row that cannot be those of values of which some are kept."""
+    """Yield the statistics of a row that are inconsistent with the sizes of some of its errors."""
     if row.n is None or not len(sizes):
         return
     if row.max is not None and sizes.max() > row.max + rounding:
-        yield f"max of {row.label} is {row.max:.9g}, one of its errors is {sizes.max():.9g}"
+        yield f"max of {row.label} is {row.max:.9g}, but one of its errors is {sizes.max():.9g}"
     if row.rmse is not None and np.sum(np.square(sizes)) > row.n * (row.rmse + rounding) ** 2:
-        yield f"rmse of {row.label} is {row.rmse:.9g}, less than its errors have"
+        yield f"rmse of {row.label} is {row.rmse:.9g}, which is less than the rmse of its errors"
     for name, percent in QUANTILES.items():
         share = 1.0 - percent / 100.0
         value = getattr(row, name)
         beyond = 0.0 if value is None else float(np.mean(sizes > value + rounding))
         deviation = SIGMAS * np.sqrt(CORRELATED * share * (1.0 - share) / len(sizes))
         if beyond > share + deviation:
-            yield f"{name} of {row.label} is {value:.9g}, {100.0 * beyond:.3g} % of its errors are larger"
+            yield f"{name} of {row.label} is {value:.9g}, but {100.0 * beyond:.3g} % of its errors are larger"
 
 
 def _of_points(score: Score) -> Iterator[str]:
@@ -214,28 +214,28 @@ def _of_pairs(score: Score) -> Iterator[str]:
         parts = [each for each in score.rows(name) if (each.part or "").startswith(PAIR)]
         pairs = score.number("pairs")
         if pairs is not None and len(parts) != pairs:
-            yield f"{row.label} has the rows of {len(parts)} pairs, the ground truth has {pairs:g}"
+            yield f"{row.label} has the rows of {len(parts)} pairs, but the ground truth has {pairs:g} pairs"
         yield from _of_parts(row, parts)
 
 
 def _of_first_calls(score: Score) -> Iterator[str]:
-    """Yield the times of calls that do not follow from the first call and the others."""
+    """Yield the times of calls that do not follow from the rows of the first call and of the calls after the first."""
     node = None if score.external is None else score.external.task
     for kind in CallKind:
         for place in (Place.HOST, Place.TARGET):
             row = score.figure(kind, part=RowPart(place=place))
             first, others = (score.figure(kind, part=RowPart(part, place=place)) for part in (FIRST, AFTER_FIRST))
-            if row is None or row.n is None or (place is Place.HOST and kind == node):  # one time of each answer
+            if row is None or row.n is None or (place is Place.HOST and kind == node):  # answers have no first call
                 continue
             if first is None or first.value is None or (row.n > 1 and others is None):
-                yield f"{row.label} has no row of its first call, or none of the others"
+                yield f"{row.label} has no row of its first call, or no row of the calls after the first"
                 continue
             alone = figure_row(kind, n=1, mean=first.value, rmse=first.value, max=first.value)
             yield from _of_parts(row, [alone] if others is None else [alone, others])
 
 
 def _of_parts(row: Figure, parts: Sequence[Figure]) -> Iterator[str]:
-    """Yield the statistics of a row that do not follow from those of the parts that all its values are divided into."""
+    """Yield the statistics of a row that do not follow from the rows of its parts, which contain all its values."""
     known = [part for part in parts if part.n]
     if not known or row.n is None:
         return
@@ -247,7 +247,7 @@ def _of_parts(row: Figure, parts: Sequence[Figure]) -> Iterator[str]:
         stored = row.statistic(name)
         scale = max(value, derived["rmse"]) if name == "mean" else value  # a mean may cancel
         if stored is not None and abs(stored - value) > EXACT * abs(scale):
-            yield f"{name} of {row.label} is {stored:.9g}, from its parts follows {value:.9g}"
+            yield f"{name} of {row.label} is {stored:.9g}, but its parts give {value:.9g}"
 
 
 def _of_calls(score: Score) -> Iterator[str]:
@@ -259,21 +259,21 @@ def _of_calls(score: Score) -> Iterator[str]:
 
 
 def _of_memory(score: Score, kind: str, plots: CallPlots) -> Iterator[str]:
-    """Yield that the peak of the memory is not that of the calls that are kept: of all, or of the slowest ones."""
+    """Yield a contradiction between the peak memory and the calls in the data of the plots (all, or the slowest)."""
     row = score.figure("peak", part=kind)
     peaks = [value for value in plots.series.peak_rss_bytes if value is not None and value > 0.0]
     if row is None or row.value is None or not peaks or score.external is not None:
         return
     is_of_all, largest = plots.series.slowest_of == 1, int(max(peaks))  # the row has whole bytes
     if largest > row.value or (is_of_all and largest < row.value):
-        yield f"{row.label} is {row.value:.9g}, one of its calls has {largest}"
+        yield f"{row.label} is {row.value:.9g}, but the largest value of its calls is {largest}"
 
 
 def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:
-    """Yield the statistics of times that contradict the slowest calls of each block, or the histogram of all."""
+    """Yield the statistics of times that contradict the slowest calls of each block, or the histogram of all calls."""
     times = [value for value in plots.series.processing_time_s if value is not None]
     if times and row.max is not None and max(times) != row.max:
-        yield f"max of {row.label} is {row.max:.9g}, from its calls follows {max(times):.9g}"
+        yield f"max of {row.label} is {row.max:.9g}, but its calls give {max(times):.9g}"
     if plots.series.slowest_of == 1 and len(times) == len(plots.series.processing_time_s) and times:
         yield from _computed_again(row, np.array(times)[:, None], 0.0)
         return
@@ -282,15 +282,15 @@ def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:
         return
     bounds_s = np.sum(counts * edges[:-1]) / row.n, np.sum(counts * edges[1:]) / row.n
     if row.mean is not None and not bounds_s[0] * (1.0 - EXACT) <= row.mean <= bounds_s[1] * (1.0 + EXACT):
-        yield f"mean of {row.label} is {row.mean:.9g}, by the histogram {bounds_s[0]:.9g} to {bounds_s[1]:.9g}"
+        yield f"mean of {row.label} is {row.mean:.9g}, but the histogram gives {bounds_s[0]:.9g} to {bounds_s[1]:.9g}"
     reached = np.cumsum(counts)
     for name, percent in QUANTILES.items():
-        place = percent / 100.0 * (row.n - 1)  # between these two of the sorted times
+        place = percent / 100.0 * (row.n - 1)  # rank among the sorted times, between two of them
         low, high = (edges[np.searchsorted(reached, int(rank), "right")] for rank in (np.floor(place), np.ceil(place)))
-        high *= edges[1] / edges[0]  # bins are of equal ratio
+        high *= edges[1] / edges[0]  # all bins have this ratio of their edges
         value = getattr(row, name)
         if value is not None and not low * (1.0 - 1e-6) <= value <= high * (1.0 + 1e-6):
-            yield f"{name} of {row.label} is {value:.9g}, by the histogram {low:.9g} to {high:.9g}"
+            yield f"{name} of {row.label} is {value:.9g}, but the histogram gives {low:.9g} to {high:.9g}"
 
 
 def _of_counts(score: Score) -> Iterator[str]:
@@ -299,20 +299,20 @@ def _of_counts(score: Score) -> Iterator[str]:
         if share is None or count is None or share.value is None or count.value is None or not count.n:
             continue
         if abs(share.value * count.n - count.value) > EXACT * count.n:
-            yield f"{name} is {share.value:.9g} of {count.n}, its count is {count.value:.9g}"
+            yield f"{name} is {share.value:.9g} of {count.n}, but its count is {count.value:.9g}"
     for share in score.rows(STANDING, part=SUB_TRAJECTORIES):
         moving = score.figure("position", condition=share.condition, part=MOVING)
         given = 0 if moving is None else (moving.n or 0) + (moving.unknown or 0)
         stands = (share.value or 0.0) * (share.n or 0)
         if 0.0 < stands < (share.n or 0) and abs(stands + given - (share.n or 0)) > EXACT * (share.n or 0):
-            yield f"{share.label} is {_text(share.value)} of {share.n}, the errors of {given} others are there"
+            yield f"{share.label} is {_text(share.value)} of {share.n}, but {given} sub-trajectories have moving errors"
     for name in ("lost", "degraded"):
         row, drive = score.figure(name, part="count"), score.association
         if row is not None and drive is not None and row.value not in (None, getattr(drive, name)):
-            yield f"{name} is {_text(row.value)}, of the frames {getattr(drive, name)} are"
+            yield f"{name} is {_text(row.value)}, but {getattr(drive, name)} frames are {name}"
     drive, doubled = score.association, score.figure("doubled", part="count")
     if drive is not None and doubled is not None and doubled.value != drive.estimate_duplicates:
-        yield f"doubled is {_text(doubled.value)}, of the estimates {drive.estimate_duplicates} have a repeated stamp"
+        yield f"doubled is {_text(doubled.value)}, but {drive.estimate_duplicates} estimates have a repeated stamp"
 
 
 def _text(value: float | None) -> str:

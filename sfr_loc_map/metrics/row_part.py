@@ -1,6 +1,6 @@
-"""The part of a row of the table of figures as a value: what the row is about, the kind of call, and where it ran.
+"""The part of a row of the table of figures: what the row is about, the kind of call, and where the calls ran.
 
-In a score the part is one text, such as `target memory localisation`. The text is made and read here alone.
+In a score the part is one text, such as `target memory localisation`. Only this module writes and parses this text.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ from sfr_loc_map.metrics.config import CallKind
 class Place(StrEnum):
     """Where calls were measured."""
 
-    HOST = "host"  #: On the computer of the run; the text of a part does not name it.
+    HOST = "host"  #: On the computer of the run; omitted in the text of a part.
     TARGET = "target"  #: On a target.
-    STATED = "stated"  #: By an external node, which states times and memory of its own calls.
+    STATED = "stated"  #: Reported by an external node, which measures time and memory of its own calls.
 
 
 class RowPart(NamedTuple):
     """The part of a row."""
 
-    #: Reading of the document, axis, range, stage of a call, ...; of a row `judged` what of the run was expected:
-    #: `drive`, `map`, `live`, `suite`, or the time (`calls`) or `memory` of calls. Empty where nothing else is named.
+    #: Reading of the document, axis, range or stage of a call. For a row `judged`, the expected part of the run:
+    #: `drive`, `map`, `live`, `suite`, or the time (`calls`) or `memory` of calls. May be empty.
     what: str = ""
-    call: CallKind | None = None  #: Kind of call; None where the part names none.
+    call: CallKind | None = None  #: Kind of call; None if the part names no call.
     place: Place = Place.HOST  #: Where the calls were measured.
 
     @classmethod
     def of(cls, text: str | None) -> RowPart:
-        """Return the part of a text, None for a row without a part."""
+        """Return the part that a text states; the text is None for a row without a part."""
         words = text.split(" ") if text else []
         place, call = Place.HOST, None
         if words and words[0] in (Place.TARGET, Place.STATED):
@@ -41,15 +41,15 @@ class RowPart(NamedTuple):
 
     @property
     def text(self) -> str | None:
-        """The part as a score has it; None without any word."""
+        """The part as written in a score; None if it is empty."""
         place = "" if self.place is Place.HOST else self.place
         return " ".join(filter(None, (place, self.what, self.call))) or None
 
     def at(self, place: Place) -> RowPart:
-        """Return the same part of calls that were measured elsewhere."""
+        """Return this part for calls that were measured at another place."""
         return self._replace(place=place)
 
     @property
     def of_calls(self) -> RowPart:
-        """The calls that the part is about, whichever number of them it names."""
+        """The calls that the part is about, without `what`."""
         return self._replace(what="")

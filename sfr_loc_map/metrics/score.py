@@ -1,12 +1,12 @@
-"""The score: one table of figures, a table of verdicts, and a few records about how they were made.
+"""The score: a table of figures, a table of verdicts, and records of how both were made.
 
-A row of figures is in `metrics.table`, a verdict in `metrics.verdict`, the records in `metrics.records`, and what plots
-are drawn from in `metrics.details`.
+A row of figures is defined in `metrics.table`, a verdict in `metrics.verdict`, the records in `metrics.records`, and
+the data of the plots in `metrics.details`.
 
-`Score.figure` finds a row of the table: `score.figure("position", condition="distance=5")`. JSON (`sfr-score/2`) is
-written and read by msgspec alone (`metrics.score_json`): every field has its own name there, what does not apply is
-null or omitted. The comments at the fields are its reference (docs/reference/score.md). Numbers in brackets are
-clauses of the specification. N is the start of a sub-trajectory, N+x its end.
+`Score.figure` finds a row of the table: `score.figure("position", condition="distance=5")`. msgspec writes and reads
+the JSON (`sfr-score/2`, `metrics.score_json`). Every field has the same name in the JSON. Fields that do not apply are
+null or omitted. The comments of the fields are the reference of the JSON (docs/reference/score.md). Numbers in brackets
+are clauses of the specification. N is the start of a sub-trajectory, N+x its end.
 """
 
 from __future__ import annotations
@@ -52,36 +52,36 @@ SCHEMA = "sfr-score/2"
 
 
 def written(default: Any) -> Any:  # noqa: ANN401 - stands for the field's value, as msgspec.field does
-    """Declare a field that is always written, null or empty where it is unknown."""
+    """Declare a field that is always written, as null or empty if it is unknown."""
     return msgspec.field(default_factory=lambda: default)
 
 
 class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
     """The score of a run."""
 
-    #: Verdict over all limits; null without limits, or where nothing is judged.
+    #: Verdict over all limits; null without limits, or if nothing is judged.
     verdict: VerdictState | None = written(None)
     figures: tuple[Figure, ...] = written(())  #: The table of figures.
-    #: One for each limit, in their order, after those on findings and on what is missing.
+    #: Verdicts on findings and on missing data, then one verdict for each limit in the order of the limits.
     verdicts: tuple[Verdict, ...] = written(())
-    association: Association | None = written(None)  #: How estimates found their ground truth.
+    association: Association | None = written(None)  #: How estimates were associated with the ground truth.
     truth: TruthRecord | None = written(None)  #: Properties of the ground truth of the trajectory.
-    provenance: Provenance | None = written(None)  #: What the score was made of.
-    alignment: Alignment | None = None  #: How APE and RPE were computed, where they were asked for.
+    provenance: Provenance | None = written(None)  #: Inputs and software that the score was made with.
+    alignment: Alignment | None = None  #: How APE and RPE were computed; null if they were not requested.
     cloud: CloudRecord | None = None  #: How a cloud was compared with the ground truth.
     calls: CallRecords | None = None  #: How times and memory were measured on this host.
-    target: TargetRun | None = None  #: Where calls were measured elsewhere.
-    method: MethodRecord | None = None  #: Whose figures these are; null where the inputs do not name it.
-    findings: tuple[FindingRecord, ...] = ()  #: What that method did wrong, one for each kind.
-    processes: ProcessUsage | None = None  #: What the processes of the method took; null where it has none of its own.
-    external: ExternalScore | None = None  #: How an external node behaved; null where there was none.
+    target: TargetRun | None = None  #: The target on which calls were measured.
+    method: MethodRecord | None = None  #: The method under test; null if the inputs do not name it.
+    findings: tuple[FindingRecord, ...] = ()  #: Faults of the method under test, one record for each kind.
+    processes: ProcessUsage | None = None  #: Resources used by the processes of the method; null if it has none.
+    external: ExternalScore | None = None  #: How an external node behaved; null without an external node.
     convention: ConventionRecord | None = None  #: How the poses were converted before they were scored.
-    warnings: tuple[str, ...] = ()  #: One line for each.
-    contradiction: str | None = None  #: Convention mismatch of estimate and truth: no figure of them judges anything.
-    incomplete: str | None = None  #: What of the expected data cannot be judged, unless a part was asked for.
-    rules: Rules | None = None  #: Rules by which the verdicts follow from the figures; null where there are no limits.
-    errors: tuple[ErrorRows, ...] = ()  #: All errors of the figures of the trajectory that are limited.
-    details: Details | None = None  #: What plots are drawn from.
+    warnings: tuple[str, ...] = ()  #: Warnings, one line each.
+    contradiction: str | None = None  #: Convention mismatch of estimate and truth, because of which nothing is judged.
+    incomplete: str | None = None  #: Expected data that cannot be judged; null if there are none.
+    rules: Rules | None = None  #: Rules by which the verdicts follow from the figures; null without limits.
+    errors: tuple[ErrorRows, ...] = ()  #: All errors of the limited figures of the trajectory.
+    details: Details | None = None  #: Data of the plots.
 
     # ---- look-up
 
@@ -93,7 +93,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         condition: str | Condition | None = ANY,
         part: str | RowPart | None = ANY,
     ) -> list[Figure]:
-        """Return the rows of the table of figures that have these values, in their order."""
+        """Return the rows of the table of figures that have these keys, in the order of the table."""
         return list(find_rows(self.figures, figure, subject=subject, condition=condition, part=part))
 
     def figure(
@@ -104,10 +104,10 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         condition: str | Condition | None = ANY,
         part: str | RowPart | None = ANY,
     ) -> Figure | None:
-        """Return the row of a figure and a part, without a part the row that is judged; None if there is no such row.
+        """Return the row of a figure and a part, or without `part` the judged row; None if there is no such row.
 
-        Of several conditions the first one counts. ConfigError, which names the parts, if none is given and all rows of
-        the figure have one that is not judged.
+        Without `condition` the first condition is used. ConfigError, which names the available parts, if `part` is not
+        given and no row of the figure is judged.
         """
         if part != ANY:
             return next(find_rows(self.figures, figure, subject=subject, condition=condition, part=part), None)
@@ -118,10 +118,10 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         return row
 
     def judged_row(self, figure: str, *, subject: str = ANY, condition: str | Condition | None = ANY) -> Figure | None:
-        """Return the row of a figure that verdicts are on, whatever the order of the rows; None without one.
+        """Return the judged row of a figure, independently of the order of the rows; None if no row is judged.
 
-        Errors of sub-trajectories are judged by one reading of the document (`association.rebase`), those of a suite
-        over all drives (`pooled`). Of every other figure the row without a part is judged.
+        Errors of sub-trajectories are judged by one reading of the document (`association.rebase`), and in a suite over
+        all drives (part `pooled`). For every other figure the row without a part is judged.
         """
         reading = self.reading
         for row in self.rows(figure, subject=subject, condition=condition):
@@ -139,22 +139,22 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         condition: str | Condition | None = ANY,
         part: str | RowPart | None = ANY,
     ) -> float | None:
-        """Return one number of a figure, None where it is undefined or there is no such row."""
+        """Return one statistic of a figure, None if it is undefined or there is no such row."""
         row = self.figure(figure, subject=subject, condition=condition, part=part)
         return None if row is None else row.statistic(statistic)
 
     def place_of(self, row: Figure | None) -> int | None:
-        """Return the place of a row of this score in its table of figures, None for no row."""
+        """Return the index of a row in the table of figures of this score, None for no row."""
         return next((place for place, each in enumerate(self.figures) if each is row), None)
 
     def row_of(self, verdict: Verdict) -> Figure | None:
-        """Return the row that a verdict of this score is on, None where it is on none."""
+        """Return the row that a verdict of this score judges, None if the verdict has no row."""
         return None if verdict.row is None else self.figures[verdict.row]
 
     def errors_of(self, figure: str, condition: str | None) -> FloatArray | None:
-        """Return all errors `(n, d)` of a figure, NaN where one is unknown; None if the score does not keep all.
+        """Return all errors `(n, d)` of a figure, NaN if unknown; None if the score does not contain all errors.
 
-        What plots are drawn from counts only if no sub-trajectory is omitted there.
+        The data of the plots are used only if they contain every sub-trajectory.
         """
         names = (figure, condition)
         columns = next((item.errors for item in self.errors if (item.figure, item.condition) == names), ())
@@ -170,7 +170,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """The conditions of sub-trajectories, in their order."""
+        """The conditions of sub-trajectories, in the order of the table."""
         return tuple(dict.fromkeys(row.condition for row in self.rows("position") if row.condition is not None))
 
     @property
@@ -180,12 +180,12 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
 
     @property
     def fatal_findings(self) -> tuple[FindingRecord, ...]:
-        """The findings with which no score can be a pass."""
+        """The findings that prevent a pass."""
         return tuple(item for item in self.findings if item.kind.fails)
 
     @property
     def on_limits(self) -> tuple[Verdict, ...]:
-        """The verdicts on limits, which follow those on findings and on what is missing."""
+        """The verdicts on limits, which follow those on findings and on missing data."""
         count = 0 if self.rules is None else len(self.rules.limits)
         return self.verdicts[len(self.verdicts) - count :]
 
@@ -204,7 +204,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         return load_score(Path(path))
 
     def to_json(self) -> str:
-        """Return the JSON (`sfr-score/2`), the same as of `sfr score --json`."""
+        """Return the JSON (`sfr-score/2`) that `sfr score --json` writes."""
         from sfr_loc_map.metrics.score_json import to_json
 
         return to_json(self)
@@ -216,7 +216,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         write_text(self.to_json(), Path(path))
 
     def report(self, path: str | os.PathLike[str]) -> None:
-        """Write the report page, the same as of `sfr score --html`."""
+        """Write the report page that `sfr score --html` writes."""
         from sfr_loc_map.report.page import write_page
 
         write_page(self, Path(path))
@@ -228,10 +228,10 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         return score_markdown(self)
 
     def to_pandas(self, table: str = "figures") -> pandas.DataFrame:
-        """Return a pandas table: `figures`, one row per figure, or `sub_trajectories`, thinned.
+        """Return a pandas table: `figures` has one row per figure, `sub_trajectories` one row per sub-trajectory.
 
-        Of a condition with many sub-trajectories only every n-th is kept; the column `every` is n. `sfr score --pieces`
-        writes all of them.
+        For a condition with many sub-trajectories only every n-th is kept, and the column `every` is n.
+        `sfr score --pieces` writes all sub-trajectories.
         """
         if table == "figures":
             return data_frame({name: [row.as_dict()[name] for row in self.figures] for name in COLUMNS})
@@ -241,7 +241,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         return data_frame({} if details is None else columns_of(details.sub_trajectories))
 
     def plot(self, name: str | None = None) -> PlotlyFigure:
-        """Return a figure of the report as a plotly figure, which a notebook shows; by default the first."""
+        """Return a figure of the report as a plotly figure for a notebook; by default the first figure."""
         from sfr_loc_map.report.plots import to_figure
         from sfr_loc_map.report.score_plots import score_plots
 
@@ -249,7 +249,7 @@ class Score(Record, frozen=True, kw_only=True, tag_field="schema", tag=SCHEMA):
         chosen = next(iter(plots), None) if name is None else name
         if chosen not in plots:
             available = ", ".join(plots) or "none"
-            raise ConfigError(f"this score has no figure '{name or 'at all'}': it has {available}")
+            raise ConfigError(f"this score has no plot '{name or 'at all'}': available plots are {available}")
         return to_figure(plots[chosen])
 
     def __repr__(self) -> str:

@@ -1,6 +1,6 @@
-"""Records as JSON and back, by msgspec: one schema for files, for topics and for the report.
+"""Conversion of records to JSON and back by msgspec, with one schema for files, topics and the report.
 
-Numbers that are not finite are written as null. What is read is checked against the types of the fields.
+Numbers that are not finite are written as null. A record that is read is checked against the types of its fields.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from sfr_loc_map.metrics.score import SCHEMA, Score
 from sfr_loc_map.metrics.stored import stored_contradiction
 
 T = TypeVar("T")
-MAX_NUMBER = 1e100  #: Largest number of a figure: squares and sums of it stay finite.
+MAX_NUMBER = 1e100  #: Maximum number of a figure, of which squares and sums are finite.
 SCORE_AGAIN = "score the estimate again with this version (sfr score EST TRUTH --json S.json)"
 
 
 class RecordError(ValueError):
-    """A JSON value is not what its type requires; the message names the place."""
+    """A JSON value does not have the required type; the message names the field."""
 
 
 class _Head(msgspec.Struct):
@@ -29,19 +29,19 @@ class _Head(msgspec.Struct):
 
 
 def to_plain(value: Any) -> Any:  # noqa: ANN401 - any record
-    """Return a record, or a collection of records, as JSON values: dicts, lists, numbers, words."""
+    """Return a record, or a collection of records, as JSON values: dicts, lists, numbers, strings."""
     return msgspec.json.decode(_encoded(value))
 
 
 def json_line(value: Any) -> str:  # noqa: ANN401 - any record, or dicts and lists of records
-    """Return the JSON of a record in one line; numbers in the shortest form that reads back to the same bits."""
+    """Return the JSON of a record in one line, with numbers in the shortest form that is read back bit-identical."""
     return _encoded(value).decode() + "\n"
 
 
 def from_plain(kind: type[T], value: Any, place: str = "") -> T:  # noqa: ANN401 - any JSON
-    """Return the value of a type from its JSON; `place` is what it is called in messages.
+    """Return the value of a type from its JSON; `place` is the name of the value in messages.
 
-    RecordError if a key is missing or unknown or a value is of another type; one line.
+    RecordError, with a message of one line, if a key is missing or unknown or a value has another type.
     """
     try:
         return msgspec.convert(value, kind)
@@ -56,12 +56,12 @@ def to_dict(score: Score) -> dict[str, Any]:
 
 
 def to_json(score: Score) -> str:
-    """Return the score as text; numbers in the shortest form that reads back to the same bits."""
+    """Return the JSON of a score, with numbers in the shortest form that is read back bit-identical."""
     return json_line(score)
 
 
 def load_score(path: Path) -> Score:
-    """Read a score, whose verdicts are derived again; InputError if they differ, or the file holds no score."""
+    """Read a score and check its verdicts; InputError if they contradict its figures, or if the file is not a score."""
     try:
         return from_json(read_text(path, MAX_JSON_BYTES), f"'{path}'")
     except (OSError, ValueError) as error:
@@ -70,9 +70,9 @@ def load_score(path: Path) -> Score:
 
 
 def from_dict(content: object, origin: str = "score") -> Score:
-    """Return the score of JSON values; `origin` is where they come from, for messages.
+    """Return the score of JSON values; `origin` names their source in messages.
 
-    InputError if they are not as the schema requires: what and where, in one line.
+    InputError, whose message of one line names fault and field, if they do not match the schema.
     """
     found = content.get("schema") if isinstance(content, dict) else type(content).__name__
     _check_schema(found, origin)
@@ -84,9 +84,9 @@ def from_dict(content: object, origin: str = "score") -> Score:
 
 
 def from_json(text: str | bytes, origin: str = "score") -> Score:
-    """Return the score of a text.
+    """Return the score of a JSON text.
 
-    InputError if it is no JSON or not as the schema requires: what and where, in one line.
+    InputError, whose message of one line names fault and field, if the text is not JSON or does not match the schema.
     """
     try:
         head = msgspec.json.decode(text, type=_Head)
@@ -100,7 +100,7 @@ def from_json(text: str | bytes, origin: str = "score") -> Score:
 
 
 def decoded(text: str | bytes, origin: str = "score") -> Score:
-    """Return the record of a text as it is, without a look at its verdicts."""
+    """Return the score of a JSON text without checking its verdicts."""
     try:
         return msgspec.json.decode(text, type=Score)
     except (msgspec.ValidationError, ValueError) as error:
@@ -108,7 +108,7 @@ def decoded(text: str | bytes, origin: str = "score") -> Score:
 
 
 def checked(score: Score, origin: str) -> Score:
-    """Return a score whose verdicts follow from its figures; InputError, which names the contradiction, otherwise."""
+    """Return the score if its verdicts follow from its figures; otherwise InputError, which names the contradiction."""
     if (problem := stored_contradiction(score)) is not None:
         raise InputError(f"{origin} contradicts itself: {problem}; {SCORE_AGAIN}")
     return score
@@ -125,14 +125,14 @@ def _check_schema(found: object, origin: str) -> None:
 
 
 def _invalid(error: Exception, origin: str) -> InputError:
-    problem = " ".join(str(error).split())  # a stranger's keys cannot break the line
+    problem = " ".join(str(error).split())  # keys of the file may contain line breaks
     return InputError(f"{origin} does not match {SCHEMA}: {problem}; give the JSON of sfr score --json")
 
 
 def _encoded(value: Any) -> bytes:  # noqa: ANN401 - any record
     try:
         return msgspec.json.encode(value)
-    except UnicodeEncodeError:  # names of files may hold bytes that are not text
+    except UnicodeEncodeError:  # file names may contain bytes that are not UTF-8
         return msgspec.json.encode(_readable(msgspec.to_builtins(value)))
 
 

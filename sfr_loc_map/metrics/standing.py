@@ -1,4 +1,4 @@
-"""The sub-trajectories over a time or a number of frames in which the rover stands, and the errors of the others."""
+"""Sub-trajectories over a time or a number of frames in which the rover is stationary, and the errors of the others."""
 
 from __future__ import annotations
 
@@ -15,13 +15,16 @@ from sfr_loc_map.metrics.formulas import SubTrajectoryErrors
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.trajectory_errors import SubTrajectories, error_figures, error_row
 
-TURN_DEG = 1.0  #: Least turn of a rover that turns on the spot, larger than the noise of usual true attitudes.
+TURN_DEG = 1.0  #: Smallest rotation of a point turn, above the typical noise of true attitudes, deg.
 QUARTERS = (0.25, 0.5, 0.75, 1.0)
-"""Places of a sub-trajectory whose distance from its start is compared, because it may end where it starts."""
+"""Fractions of a sub-trajectory at which the distance from its start is measured, because it may end at its start."""
 
 
 def rows_of_moving(condition: str, judged: SubTrajectories, overlap: float, *, has_height: bool) -> Iterator[Figure]:
-    """Yield the fraction of the sub-trajectories in which the rover stands, and the errors of the others if it does."""
+    """Yield the fraction of sub-trajectories in which the rover is stationary, and the errors of the others.
+
+    The errors are omitted if the rover is stationary in all sub-trajectories or in none.
+    """
     moves, count = is_moving(judged), len(judged.starts)
     standing = count - int(np.count_nonzero(moves))
     yield figure_row(STANDING, condition, SUB_TRAJECTORIES, n=count, value=share_of(standing, count))
@@ -34,7 +37,7 @@ def rows_of_moving(condition: str, judged: SubTrajectories, overlap: float, *, h
 
 
 def is_moving(judged: SubTrajectories) -> Mask:
-    """Return in which sub-trajectories the rover moves or turns by a tenth of the largest motion or turn of them."""
+    """Return the sub-trajectories in which the rover moves or turns by a tenth of the largest motion or turn."""
     starts, ends = judged.starts, judged.ends
     places = [starts + np.rint(share * (ends - starts)).astype(np.int64) for share in QUARTERS]
     position = np.nan_to_num(judged.poses.true_position)  # heights may be unknown
@@ -48,6 +51,6 @@ def is_moving(judged: SubTrajectories) -> Mask:
 
 
 def largest_standing_fraction(rows: Sequence[Figure]) -> Figure:
-    """Return the row of the largest fraction of any condition, 0 without a condition of time or frames."""
+    """Return the row of the largest fraction over the conditions, 0 without a condition of time or frames."""
     fractions = [row.value for row in rows if row.figure == STANDING and row.value is not None]
     return figure_row(STANDING, value=max(fractions, default=0.0))

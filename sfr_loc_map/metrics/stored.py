@@ -1,4 +1,4 @@
-"""Whether a stored score follows from its own figures and rules."""
+"""Checks that the verdicts of a stored score follow from its figures and rules."""
 
 from __future__ import annotations
 
@@ -11,44 +11,46 @@ from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.verdict import Verdict
 
-ROUNDING = 1e-9  #: Relative difference up to which a stored number is the derived one.
+ROUNDING = 1e-9  #: Relative tolerance between a stored and a derived number.
 
 
 def stored_contradiction(score: Score) -> str | None:
-    """Return what of a stored score does not follow from its figures and its rules; None if everything does."""
+    """Return the first contradiction between a stored score and its figures and rules; None if there is none."""
     for row in score.figures:
         if row.mean is None or row.sigma is None or row.mean_plus_3sigma is None:
             continue
         expected = abs(row.mean) + 3.0 * row.sigma
         if abs(row.mean_plus_3sigma - expected) > ROUNDING * max(expected, 1e-300):
-            return f"mean_plus_3sigma of {row.label} is {row.mean_plus_3sigma:.9g}, |mean| + 3 sigma is {expected:.9g}"
+            return (
+                f"mean_plus_3sigma of {row.label} is {row.mean_plus_3sigma:.9g}, but |mean| + 3 sigma is {expected:.9g}"
+            )
     if (problem := raw_contradiction(score)) is not None:
         return problem
     again = judged_again(score)
     if not _are_near(again.figures, score.figures):
         return "its tolerance bounds do not follow from its sub-trajectories"
     if len(again.verdicts) != len(score.verdicts):
-        return f"it has {len(score.verdicts)} verdicts, from its figures and limits follow {len(again.verdicts)}"
+        return f"it has {len(score.verdicts)} verdicts, but its figures and limits give {len(again.verdicts)}"
     for stored, derived in zip(score.verdicts, again.verdicts, strict=True):
         for field in Verdict.__struct_fields__:
             mine, theirs = getattr(stored, field), getattr(derived, field)
             if mine != theirs and not _is_near(mine, theirs):
                 place = f"{json_name(field)} of the verdict on {stored.name}"
-                return f"{place} is {_text(mine)}, from the figures follows {_text(theirs)}"
+                return f"{place} is {_text(mine)}, but the figures give {_text(theirs)}"
     for field in ("verdict", "incomplete"):
         mine, theirs = getattr(score, field), getattr(again, field)
         if mine != theirs:
-            return f"{field} is {_text(mine)}, from the figures follows {_text(theirs)}"
+            return f"{field} is {_text(mine)}, but the figures give {_text(theirs)}"
     return None
 
 
 def json_name(field: str) -> str:
-    """Return the name of a field of a verdict in the JSON."""
+    """Return the JSON name of a field of a verdict."""
     return "verdict" if field == "state" else field
 
 
 def _are_near(mine: Sequence[Figure], theirs: Sequence[Figure]) -> bool:
-    """Return whether rows are equal except for rounding: bounds depend on the special functions of SciPy."""
+    """Return whether rows are equal except for rounding, because bounds depend on SciPy's special functions."""
     if len(mine) != len(theirs):
         return False
     return all(

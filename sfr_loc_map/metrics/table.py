@@ -1,4 +1,4 @@
-"""A row of the table of figures: which figure it is, and its numbers. Rows are found by figure, condition and part."""
+"""The rows of the table of figures, and how they are found by figure, subject, condition and part."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ POOLED = "pooled"  #: Part of the rows over all drives of a suite.
 class RowNumbers(Statistics, frozen=True, kw_only=True):
     """The numbers of a row: the statistics of its values and other numbers."""
 
-    independent: float | None = None  #: How many values are independent: n over the overlap of sub-trajectories.
-    low95: float | None = None  #: Lower bound of the 95 % interval of mean + 3 sigma; of a NEES, of consistent means.
-    high95: float | None = None  #: Upper bound of that interval.
-    value: float | None = None  #: The number of a count, fraction or peak; of a NEES the expected mean.
+    independent: float | None = None  #: Number of independent values: n divided by the overlap of sub-trajectories.
+    low95: float | None = None  #: Lower bound of the 95 % interval of mean + 3 sigma; for NEES of a consistent mean.
+    high95: float | None = None  #: Upper bound of the interval of `low95`.
+    value: float | None = None  #: The value of a count, fraction or peak; for NEES the expected mean.
 
 
 class Figure(RowNumbers, frozen=True):
-    """One row of the table of figures: which figure it is, then its numbers. Undefined or not applicable is null."""
+    """One row of the table of figures: its keys, then its numbers. Numbers that are undefined are null."""
 
     subject: Subject  #: What the figure is about.
     figure: str  #: Name of the figure.
     unit: str  #: `m`, `deg`, `px`, `s`, `bytes`; `1` for counts and fractions.
     clause: str = ""  #: Clause of the specification that defines the figure; empty if the specification does not.
     condition: str | None = None  #: Condition that ends the sub-trajectories [4.1.1], as on the command line.
-    #: Which part of the figure: the reading of the document (`pose`, `displacement`, `position`), an axis or direction
-    #: (`x`, `along`), a range (`0-4 m`), a pair (`pair 0`), a kind or stage of calls, a distance (`5 m`). What was not
-    #: measured on the host begins with `target` or `stated`.
+    #: Part of the figure: the reading of the document (`pose`, `displacement`, `position`), an axis or direction (`x`,
+    #: `along`), a range (`0-4 m`), a pair (`pair 0`), a kind or stage of calls, or a distance (`5 m`). The part of
+    #: calls that were not measured on the host begins with `target` or `stated`.
     part: str | None = None
 
     @property
@@ -45,31 +45,31 @@ class Figure(RowNumbers, frozen=True):
 
     @property
     def call(self) -> CallKind | None:
-        """Kind of call that the row is about, None where the row is not about calls."""
+        """Kind of call that the row is about, None if the row is not about calls."""
         return CallKind(self.figure) if self.figure in [*CallKind] else RowPart.of(self.part).call
 
     @property
     def interval(self) -> Interval | None:
-        """Both bounds of the 95 % interval, None where it is undefined."""
+        """Both bounds of the 95 % interval, None if it is undefined."""
         return None if self.low95 is None or self.high95 is None else (self.low95, self.high95)
 
     @property
     def is_defined(self) -> bool:
-        """Whether the row has its number: the one number of its figure, else the statistics of several values."""
+        """Whether the row has a value: the one number of its figure, or the statistics of at least two values."""
         if self.is_one_number:
             return self.value is not None
         return self.mean is not None and (self.n or 0) > 1
 
     @property
     def is_one_number(self) -> bool:
-        """Whether the row has one number: a count, a fraction, a peak."""
+        """Whether the row has a single number, such as a count, a fraction or a peak."""
         has_value = self.value is not None and self.mean is None
         is_of_kind = self.figure in KINDS and KINDS[self.figure].is_one_number
         return has_value or is_of_kind or self.subject in (Subject.MEMORY, Subject.COMPLETENESS)
 
     @property
     def label(self) -> str:
-        """Figure, condition and part, by which a message names the row."""
+        """Figure, condition and part, the name of the row in messages."""
         return " ".join(filter(None, (self.figure, self.condition, self.part)))
 
     def statistic(self, name: str) -> float | None:
@@ -84,7 +84,7 @@ class Figure(RowNumbers, frozen=True):
 
 COLUMNS = tuple(Figure.__struct_fields__)
 NUMBERS = (*STATISTICS, "value")
-"""Columns that a view shows: the statistics, then the number of what is not made of many values."""
+"""Columns that a view shows: the statistics, then the value of figures with a single number."""
 
 
 def figure_row(
@@ -120,7 +120,7 @@ def find_rows(
     condition: str | Condition | None = ANY,
     part: str | RowPart | None = ANY,
 ) -> Iterator[Figure]:
-    """Yield the rows that have these values, in their order."""
+    """Yield the rows that have these keys, in the order of the table."""
     if isinstance(part, RowPart):
         part = part.text
     if isinstance(condition, Condition):

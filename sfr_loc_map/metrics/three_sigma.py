@@ -1,4 +1,4 @@
-"""What the mean + 3 sigma of position errors proves about errors that were not observed."""
+"""What mean + 3 sigma of the observed position errors proves about the distribution of all position errors."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.tolerance import THREE_SIGMA, Sample, confidence_of, moments
 
-SHARES = (THREE_SIGMA, 0.95)  #: Shares of the errors for which a report states what mean + 3 sigma proves.
+SHARES = (THREE_SIGMA, 0.95)  #: Fractions of the errors for which a report states the confidence of mean + 3 sigma.
 
 
 def evidence_rows(condition: str, errors: FloatArray, overlap: float) -> Iterator[Figure]:
-    """Yield what mean + 3 sigma of position errors proves, and what decides it: their number and their shape."""
+    """Yield the confidence of mean + 3 sigma of position errors, and the shape and normality of their distribution."""
     sample = Sample(errors, len(errors) / max(overlap, 1.0))
     known = moments(sample)
     counts: dict[str, Any] = {"n": len(errors), "independent": sample.independent}

@@ -1,16 +1,16 @@
-"""What a sample proves about errors that were not observed: tolerance bounds, confidence, number of drives.
+"""Statements about the distribution of all errors from a sample: tolerance bounds, confidence, number of drives.
 
-A tolerance bound exceeds a stated share of all errors (`prob`) with a stated `confidence`. A normal distribution needs
-few values: its bound is `norm(mean) + k norm(sigma)`, the form of the document's mean + 3 sigma. Without it the order
-of the values decides: the largest of n values exceeds the share p of all errors with the confidence `1 - p^n` (Wilks
-1941). n counts independent values and need not be a whole number.
+A tolerance bound exceeds a fraction `prob` of all errors with a given `confidence`. For normal errors a small sample
+suffices, and the bound is `norm(mean) + k norm(sigma)`, as the document's mean + 3 sigma. For other errors the bound is
+an order statistic: the largest of n values exceeds the fraction p of all errors with the confidence `1 - p^n` (Wilks
+1941). n is the number of independent values and need not be an integer.
 
-The factor k follows from samples of normal errors with the ratio of sigmas that was observed. Two cases bound it: a
-mean of zero, where `norm(error)` counts on both sides, and a mean that dominates along the main axis, where the
-one-sided factor of the noncentral t distribution applies (Hahn and Meeker 1991, section 4.6).
-`test/campaigns/tolerance_coverage.py` measures how often the bounds hold.
+The factor k is computed from samples of normal errors with the observed ratio of sigmas. Two cases bound the factor. If
+the mean is zero, `norm(error)` is two-sided. If the mean dominates along the main axis, the one-sided factor of the
+noncentral t distribution applies (Hahn and Meeker 1991, section 4.6). `test/campaigns/tolerance_coverage.py` measures
+how often the bounds hold.
 
-SciPy's special functions are imported when the first figure needs them, because nodes must start quickly.
+SciPy's special functions are imported when the first figure requires them, because nodes must start quickly.
 """
 
 from __future__ import annotations
@@ -25,38 +25,39 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 
-THREE_SIGMA = 0.9973  #: Share of the errors on one axis that lie within three sigma (ECSS-E-ST-60-10C, 3 sigma level).
-CONFIDENCE = 0.9  #: Confidence that accompanies that share by default: 852 drives without a failure.
-DRAWS = 1 << 15  #: Samples by which factors and confidences are computed.
-NORMALS = 1 << 15  #: Errors by which the radius that holds a share of them is computed.
+THREE_SIGMA = 0.9973  #: Fraction of normal errors on one axis that are within 3 sigma (ECSS-E-ST-60-10C).
+CONFIDENCE = 0.9  #: Default confidence for this fraction; requires 852 drives without a failure.
+DRAWS = 1 << 15  #: Number of samples from which factors and confidences are computed.
+NORMALS = 1 << 15  #: Number of errors from which the radius that contains a fraction of them is computed.
 MIN_TESTED = 200
-"""With fewer values a test of normality accepts errors with heavy tails (Student's t with three degrees of freedom: one
-in two of 20 values, one in six of 60, one in twenty of 100), whose bound would then be far too small."""
-ACCEPTED = 0.25  #: Significance below which values are not taken as normal, for the same reason not the usual 0.05.
+"""Minimum number of values for a test of normality. With fewer values the test often accepts errors with heavy tails,
+whose bound is then far too small. Of samples of Student's t with three degrees of freedom, the test accepts one in two
+with 20 values, one in six with 60 values and one in twenty with 100 values."""
+ACCEPTED = 0.25  #: Significance required to accept values as normal; the usual 0.05 accepts too many heavy tails.
 RISK = 0.4
-"""Fraction of the risk `1 - confidence` for the normal factor. The rest is for what the factor takes as known: the
-ratio of the sigmas, and that the test accepts normal errors whatever their sigma."""
-MOST = 1_000_000  #: Largest number of drives that is stated.
+"""Fraction of the risk `1 - confidence` that is assigned to the normal factor. The remainder covers the assumptions of
+the factor: that the ratio of the sigmas is known, and that the acceptance by the test does not depend on sigma."""
+MOST = 1_000_000  #: Maximum number of drives that is reported.
 
 
 class BoundMethod(StrEnum):
     """How a bound was computed."""
 
-    ASSUMED = "assumed normal"  #: A factor of a normal distribution, which was declared.
-    NORMAL = "tested normal"  #: A factor of a normal distribution, which a test of the values accepted.
-    ORDER = "order"  #: One of the largest values.
+    ASSUMED = "assumed normal"  #: By the factor of a normal distribution, which the limits file declares.
+    NORMAL = "tested normal"  #: By the factor of a normal distribution, which a test of the values accepted.
+    ORDER = "order"  #: By order statistics: one of the largest values.
 
 
-# ---- shares of failures
+# ---- fractions of failures
 
 
 def zero_failure_count(prob: float, confidence: float) -> int:
-    """Return how many independent values without a failure prove a share: 59 for 95 % with 95 % confidence."""
+    """Return how many independent values without a failure prove a fraction: 59 for 95 % with 95 % confidence."""
     return math.ceil(round(math.log(1.0 - confidence) / math.log(prob), 9))
 
 
 def allowed_failures(count: int, prob: float, confidence: float) -> int:
-    """Return how many of the values may fail so that a share is still proved; -1 if there are too few values."""
+    """Return how many of `count` values may fail if the fraction is to be proved; -1 if there are too few values."""
     from scipy.special import bdtr
 
     if count < zero_failure_count(prob, confidence):
@@ -72,14 +73,14 @@ def allowed_failures(count: int, prob: float, confidence: float) -> int:
 
 
 def is_disproved(failures: int, count: int, prob: float, confidence: float) -> bool:
-    """Return whether so many failures exclude the share with this confidence."""
+    """Return whether this number of failures excludes the fraction with this confidence."""
     from scipy.special import bdtrc
 
     return failures > 0 and bool(bdtrc(failures - 1, count, 1.0 - prob) <= 1.0 - confidence)
 
 
 def count_for_rate(failures: int, count: int, prob: float, confidence: float) -> int | None:
-    """Return the least number of values that proves a share if they fail as often as those seen; None for no number."""
+    """Return the smallest number of values that proves a fraction at the observed failure rate, None if none does."""
     if not failures:
         return zero_failure_count(prob, confidence)
     rate = failures / count
@@ -89,7 +90,7 @@ def count_for_rate(failures: int, count: int, prob: float, confidence: float) ->
 
 
 def _least(holds: Callable[[int], bool], start: int) -> int | None:
-    """Return the least number, found by doubling and halving, at which a rule holds; None if none of `MOST`."""
+    """Return the smallest number from `start` on at which a rule holds, by bisection; None if it exceeds `MOST`."""
     high = max(start, 2)
     while not holds(high):
         high *= 2
@@ -106,9 +107,9 @@ def _least(holds: Callable[[int], bool], start: int) -> int | None:
 
 
 def _spread_evenly(count: int, columns: int) -> FloatArray:
-    """Return points `(count, columns)` of the unit cube with low discrepancy (additive recurrence, Roberts 2018)."""
+    """Return a low-discrepancy sequence `(count, columns)` in the unit cube (additive recurrence, Roberts 2018)."""
     root = 2.0
-    for _ in range(64):  # of x^(d + 1) = x + 1
+    for _ in range(64):  # root of x^(d + 1) = x + 1
         root = (1.0 + root) ** (1.0 / (columns + 1.0))
     steps = np.arange(1, count + 1)[:, None] * root ** -np.arange(1.0, columns + 1.0)
     return np.asarray((0.5 + steps) % 1.0)
@@ -124,7 +125,7 @@ def _normal_points() -> FloatArray:
 
 @lru_cache(maxsize=64)
 def _samples(count: float) -> tuple[FloatArray, FloatArray]:
-    """Return offsets of the mean and variances, each `(DRAWS, 3)`, of samples of standard normal errors."""
+    """Return the means and variances, each `(DRAWS, 3)`, of samples of `count` standard normal errors."""
     from scipy.special import gammaincinv, ndtr
 
     points, freedom = _sample_points(), count - 1.0
@@ -143,7 +144,7 @@ def _sample_points() -> FloatArray:
 
 @lru_cache(maxsize=256)
 def radius_of(prob: float, shape: tuple[float, ...]) -> float:
-    """Return the radius that holds a share of normal errors about zero with these sigmas, at most three."""
+    """Return the radius that contains a fraction of zero-mean normal errors with these sigmas, at most three."""
     from scipy.special import ndtri
 
     if np.count_nonzero(shape) == 1:
@@ -154,10 +155,10 @@ def radius_of(prob: float, shape: tuple[float, ...]) -> float:
 def confidence_of(
     factor: float, count: float, shape: tuple[float, ...], prob: float, *, zero_mean: bool = False
 ) -> float | None:
-    """Return the confidence that `norm(mean) + factor norm(sigma)` exceeds a share of normal errors with these sigmas.
+    """Return the confidence that `norm(mean) + factor norm(sigma)` exceeds a fraction of normal errors.
 
-    It is the lower one of a mean of zero and of a mean that dominates, unless the mean is known to be zero. None for
-    fewer than two independent values.
+    `shape` has the sigmas of the errors. The result is the lower of the confidences for a mean of zero and for a
+    dominant mean, or with `zero_mean` that for a mean of zero. None for fewer than two independent values.
     """
     if count < 2.0 or not any(shape):
         return None
@@ -165,14 +166,14 @@ def confidence_of(
 
 
 def vector_factor(count: float, shape: tuple[float, ...], prob: float, confidence: float) -> float:
-    """Return k so that `norm(mean) + k norm(sigma)` of normal errors with these sigmas exceeds a share of all."""
+    """Return k for which `norm(mean) + k norm(sigma)` exceeds a fraction of normal errors with these sigmas."""
     return max(float(np.quantile(need, confidence)) for need in _needed_factors(count, shape, prob))
 
 
 def _needed_factors(count: float, shape: tuple[float, ...], prob: float) -> tuple[FloatArray, FloatArray]:
-    """Return the factors `(DRAWS,)` with which samples just meet a share: of a mean of zero, and of one that dominates.
+    """Return the factors `(DRAWS,)` with which samples just reach a fraction, for a zero mean and for a dominant mean.
 
-    Sigmas are in units of the largest, so that the same shape gives the same factors.
+    Sigmas are divided by the largest sigma, because the factors depend only on their ratios.
     """
     from scipy.special import ndtri
 
@@ -188,9 +189,9 @@ def _needed_factors(count: float, shape: tuple[float, ...], prob: float) -> tupl
 
 
 def normality(values: FloatArray) -> float | None:
-    """Return the significance of values as a sample of a normal distribution; None for fewer than eight.
+    """Return the p-value of a test of normality; None for fewer than eight values.
 
-    Anderson and Darling's test with mean and sigma estimated (D'Agostino and Stephens 1986, table 4.9).
+    The test is that of Anderson and Darling with estimated mean and sigma (D'Agostino and Stephens 1986, table 4.9).
     """
     from scipy.special import log_ndtr
 
@@ -234,24 +235,25 @@ class Sample(NamedTuple):
 
     @property
     def step(self) -> int:
-        """Errors this far apart are independent."""
+        """Number of errors from one independent error to the next."""
         return max(1, math.ceil(len(self.errors) / max(self.independent, 1.0) - 1e-9))
 
 
 class Moments(NamedTuple):
-    """Norms of mean and sigma of a sample, its sigmas along the principal axes, and its significance as normal."""
+    """Norms of mean and sigma of a sample, its sigmas along the principal axes, and the p-value of normality."""
 
     mean: float
     sigma: float
-    shape: tuple[float, ...]  #: Largest first.
+    shape: tuple[float, ...]  #: Sigmas along the principal axes, largest first.
     significance: float | None
 
 
 def moments(sample: Sample) -> Moments | None:
-    """Return the moments of a sample; None for fewer than two independent values, or errors that are unknown.
+    """Return the moments of a sample; None for fewer than two independent values, or if an error is unknown.
 
-    The variance of errors that overlap is too small by (1 - 1/m) / (1 - 1/n). Normality is tested along each principal
-    axis with a sigma of at least a tenth of the largest one, on errors that are independent.
+    The variance of overlapping errors is corrected by (1 - 1/n) / (1 - 1/m) for n errors, of which m are independent.
+    Normality is tested with independent errors along each principal axis whose sigma is at least a tenth of the largest
+    sigma.
     """
     vectors, count = sample.vectors, len(sample.errors)
     if count < 2 or sample.independent < 2.0 or not np.isfinite(vectors).all():
@@ -264,20 +266,20 @@ def moments(sample: Sample) -> Moments | None:
     along = vectors @ axes[:, ::-1]
     tested = [normality(along[:: sample.step, axis]) for axis in range(len(shape)) if shape[axis] >= 0.1 * shape[0]]
     known = [value for value in tested if value is not None]
-    significance = min(1.0, min(known) * len(known)) if known else None  # Bonferroni: any axis may refuse it
+    significance = min(1.0, min(known) * len(known)) if known else None  # Bonferroni correction over the axes
     return Moments(float(np.linalg.norm(mean)), float(np.linalg.norm(shape)), tuple(shape.tolist()), significance)
 
 
 class ToleranceBound(NamedTuple):
-    """An upper bound of a share of the errors, and a lower bound of the same quantile."""
+    """Upper and lower confidence bound of a quantile of the errors."""
 
-    upper: float | None  #: None where the sample is too small.
-    lower: float | None  #: With the same confidence the share of the errors that is smaller is less than stated.
-    method: BoundMethod  #: Of the upper one; the lower one is by order.
+    upper: float | None  #: None if the sample is too small.
+    lower: float | None  #: 0 if the sample is too small; None without an independent value.
+    method: BoundMethod  #: Method of the upper bound; the lower bound is an order statistic.
 
 
 def method_of(sample: Sample, known: Moments | None, *, is_normal: bool) -> BoundMethod:
-    """Return how a sample is bounded; `is_normal` declares that errors are normal, which no small sample can show."""
+    """Return the method for a sample; `is_normal` declares that errors are normal, which no small sample can prove."""
     if known is None:
         return BoundMethod.ORDER
     if is_normal:
@@ -288,7 +290,7 @@ def method_of(sample: Sample, known: Moments | None, *, is_normal: bool) -> Boun
 
 
 def tolerance_bound(sample: Sample, prob: float, confidence: float, *, is_normal: bool = False) -> ToleranceBound:
-    """Return the bounds of a share of the errors: of a normal distribution where that is allowed, else by order."""
+    """Return the bounds of a fraction of the errors: by a normal factor if allowed, otherwise by order statistics."""
     upper, lower = order_bounds(sample, prob, confidence)
     known = moments(sample)
     method = method_of(sample, known, is_normal=is_normal)
@@ -299,17 +301,17 @@ def tolerance_bound(sample: Sample, prob: float, confidence: float, *, is_normal
 
 
 def normal_factor(count: float, shape: tuple[float, ...], prob: float, confidence: float) -> float:
-    """Return the factor of a bound: that of the vectors, at a confidence that leaves room for what was estimated."""
+    """Return the factor of a normal bound, at a higher confidence that covers the factor's assumptions (`RISK`)."""
     if not any(shape):
         return 0.0
     return vector_factor(count, shape, prob, 1.0 - RISK * (1.0 - confidence))
 
 
 def order_bounds(sample: Sample, prob: float, confidence: float) -> tuple[float | None, float | None]:
-    """Return the bounds of a share of the errors by the order of their sizes, None where there are too few.
+    """Return the bounds of a fraction of the errors by order statistics of their sizes, None if there are too few.
 
-    Errors that overlap form several series, each of errors that do not. Each series has bounds of its own, of which the
-    largest upper one counts and the least lower one.
+    Overlapping errors are divided into series of errors that do not overlap. The result is the largest upper bound and
+    the smallest lower bound of the series.
     """
     sizes, step = sample.sizes, sample.step
     count = int(min(sample.independent + 1e-9, len(sizes)))
@@ -324,14 +326,14 @@ def order_bounds(sample: Sample, prob: float, confidence: float) -> tuple[float 
 
 @lru_cache(maxsize=1024)
 def disproving_failures(count: int, prob: float, confidence: float) -> int | None:
-    """Return the least number of failures that excludes a share, None if none of them does."""
+    """Return the smallest number of failures that excludes a fraction, None if there is no such number."""
     return next((n for n in range(1, count + 1) if is_disproved(n, count, prob, confidence)), None)
 
 
 def count_needed(
     sample: Sample, limit: float, prob: float, confidence: float, *, is_normal: bool = False
 ) -> int | None:
-    """Return how many independent values like these prove that a share is within a limit; None if no number does."""
+    """Return how many independent values like these prove a fraction within a limit; None if no number does."""
     series = sample.sizes[:: sample.step]
     by_order = count_for_rate(int(np.count_nonzero(series > limit)), max(len(series), 1), prob, confidence)
     known = moments(sample)
@@ -342,7 +344,7 @@ def count_needed(
 
 
 def normal_count(known: Moments, limit: float, prob: float, confidence: float) -> int | None:
-    """Return how many independent normal values with these moments prove that a share lies within a limit."""
+    """Return how many independent normal values with these moments prove that a fraction is within a limit."""
     if known.sigma == 0.0:
         return 2 if known.mean <= limit else None
     room = (limit - known.mean) / known.sigma

@@ -1,4 +1,4 @@
-"""The sub-trajectories of a condition, and the rows of their errors [4.1, 4.2.3]; the formulas are in `formulas`."""
+"""The sub-trajectories of a condition and the rows of their errors [4.1, 4.2.3]. The formulas are in `formulas`."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.truth_error import known_of
 
 DISTANCES_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
-"""Distances of the error against distance travelled."""
+"""Path lengths for the error as a function of the distance travelled."""
 DISTANCES_SPACING, DISTANCES_BASE_M = 10, 50.0
-"""Their starts are at least this many frames apart, whatever the spacing of the conditions; beyond the base in
-proportion to the distance: overlapping sub-trajectories add little information."""
-DISTANCES_MAX_STARTS = 5000  #: A sub-trajectory over more starts is ignored, because the rover was stationary.
+"""Minimum number of frames between their starts, and the distance beyond which this number is proportional to the
+distance, because overlapping sub-trajectories add little information."""
+DISTANCES_MAX_STARTS = 5000  #: A sub-trajectory that contains more starts is ignored: the rover was stationary.
 
 
 class SubTrajectories(NamedTuple):
@@ -33,11 +33,11 @@ class SubTrajectories(NamedTuple):
 
     starts: IntArray  #: Frames N.
     ends: IntArray  #: Frames N+x.
-    poses: Poses  #: Of all frames.
+    poses: Poses  #: Poses of all frames.
     errors: SubTrajectoryErrors
 
     def every(self, step: int) -> SubTrajectories:
-        """Return one sub-trajectory per `step` sub-trajectories."""
+        """Return every `step`-th sub-trajectory."""
         errors = SubTrajectoryErrors(*(values[::step] for values in self.errors))
         return self._replace(starts=self.starts[::step], ends=self.ends[::step], errors=errors)
 
@@ -54,7 +54,7 @@ class SubTrajectories(NamedTuple):
 
 
 class ErrorFigure(NamedTuple):
-    """A figure of sub-trajectories: its name in the catalogue, and its errors."""
+    """A figure of sub-trajectories: its name in the catalogue, and the function that computes its errors."""
 
     name: str
     errors_of: Callable[[SubTrajectories], FloatArray]
@@ -74,13 +74,13 @@ ERRORS_OF_ALL_READINGS = [
         ),
     )
 ]
-"""Errors that are the same by each reading."""
+"""Errors that do not depend on the reading."""
 HORIZONTAL = ErrorFigure("horizontal", lambda sub_trajectories: sub_trajectories.errors.position_m[:, :2])
-"""Errors that a truth without heights has in place of the position errors."""
+"""Errors that replace the position errors if the truth has no heights."""
 
 
 def error_figures(*, with_horizontal: bool = True) -> tuple[ErrorFigure, ...]:
-    """Return the figures of sub-trajectories; horizontal errors are a figure only of a truth without heights."""
+    """Return the figures of sub-trajectories; horizontal errors apply only to a truth without heights."""
     horizontal = (HORIZONTAL,) if with_horizontal else ()
     return (*ERRORS, *ERRORS_OF_ALL_READINGS, *horizontal)
 
@@ -116,7 +116,7 @@ def select(condition: Condition, spacing: int, frames: Frames, length_m: Lengths
 
 
 def overlap_of(starts: IntArray, ends: IntArray, spacing: int) -> float:
-    """Return how many starts lie within one sub-trajectory on average."""
+    """Return the mean number of starts within one sub-trajectory."""
     return int(np.sum(-(-(ends - starts) // spacing))) / max(len(starts), 1)
 
 
@@ -126,7 +126,7 @@ def overlap_of(starts: IntArray, ends: IntArray, spacing: int) -> float:
 def error_row(
     kind: ErrorFigure, condition: str | None, part: str, sub_trajectories: SubTrajectories, overlap: float = 0.0
 ) -> Figure:
-    """Return the row of a figure; with its 95 % interval if the overlap of the sub-trajectories is given."""
+    """Return the row of a figure, with its 95 % interval if the overlap of the sub-trajectories is given."""
     errors = kind.errors_of(sub_trajectories)
     statistics = formulas.statistics(errors)
     if not overlap:
@@ -139,7 +139,7 @@ def error_row(
 
 
 def condition_rows(condition: str, part: str, sub_trajectories: SubTrajectories, overlap: float) -> Iterator[Figure]:
-    """Yield the rows of one condition by the reading that is judged, then its position errors by direction."""
+    """Yield the rows of one condition by the judged reading, then its position errors by direction."""
     for kind in (*ERRORS, *ERRORS_OF_ALL_READINGS):
         yield error_row(kind, condition, part, sub_trajectories, overlap)
     for direction, errors in sub_trajectories.by_direction().items():
@@ -149,7 +149,7 @@ def condition_rows(condition: str, part: str, sub_trajectories: SubTrajectories,
 def error_rows(
     condition: str, sub_trajectories: SubTrajectories, overlap: float, placed: PlacedFrames, truth: Trajectory
 ) -> Iterator[Figure]:
-    """Yield the errors of one condition: by the reading that is judged, then by the other readings of the document."""
+    """Yield the errors of one condition by the judged reading, then by the other readings of the document."""
     known, rebase = known_of(truth), placed.association.rebase
     yield from condition_rows(condition, str(rebase), sub_trajectories, overlap)
     if not known.has_height:
@@ -164,7 +164,7 @@ def error_rows(
 
 
 def growth_rows(poses: Poses, length_m: Lengths, spacing: int, reading: Reading) -> Iterator[Figure]:
-    """Yield the rows of the error against the length of the sub-trajectory."""
+    """Yield the rows of the error as a function of the length of the sub-trajectory."""
     count = len(length_m)
     for metres in DISTANCES_M:
         apart = max(spacing, round(DISTANCES_SPACING * max(metres / DISTANCES_BASE_M, 1.0)))

@@ -1,6 +1,6 @@
-"""The trajectory score: associate, select, error, summarise [4.1, 4.2.3]. The formulas are in `metrics.formulas`.
+"""The trajectory score: association, sub-trajectories, errors and statistics [4.1, 4.2.3].
 
-The same function scores a file and a live run.
+The formulas are in `metrics.formulas`. The same function scores files and live runs.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ from sfr_loc_map.metrics.truth_error import known_of, truth_error_rows, turn_row
 
 
 class ScoredTrajectory(NamedTuple):
-    """What the trajectory adds to the score."""
+    """The part of the score that is about the trajectory."""
 
     figures: tuple[Figure, ...]
     association: Association
     truth: TruthRecord
-    details: TrajectoryDetails  #: What plots are drawn from; the frames only if they are wanted.
-    errors: tuple[ErrorRows, ...] = ()  #: What tolerance bounds are made of, as far as that is wanted.
-    unjudged: tuple[str, ...] = ()  #: Which frames are in no judged error and far above the judged errors.
+    details: TrajectoryDetails  #: Data of the plots; with the frames only if they are requested.
+    errors: tuple[ErrorRows, ...] = ()  #: All errors of the figures in `kept_errors`.
+    unjudged: tuple[str, ...] = ()  #: Warnings of frames that are not judged and whose errors are far larger.
 
 
 def score_trajectory(
@@ -63,12 +63,12 @@ def score_trajectory(
     in_flight_ns: int = 0,
     kept_errors: Collection[tuple[str, str]] = (),
 ) -> ScoredTrajectory:
-    """Return the score of a trajectory; poses of RB in DS, in any order.
+    """Return the score of a trajectory, given as poses of RB in DS in any order.
 
-    Images, where their stamps are known, are what an estimate has to cover, otherwise true poses; those of the last
-    `in_flight_ns` may still come. `kept_errors` are the figures and conditions whose errors are all kept, because
-    limits are on them. With `details` the frames are kept for plots, too. MetricsError if a condition is not valid, or
-    if no estimate has a ground truth, unless the run is under way.
+    An estimate has to cover the images, or the true poses if the stamps of the images are unknown. Results of the last
+    `in_flight_ns` are not required yet. `kept_errors` are the limited figures and their conditions, whose errors are
+    all kept. With `details`, the frames are kept for plots as well. MetricsError if a condition is invalid, or if no
+    estimate has a ground truth and the run is not under way.
     """
     conditions = parsed_conditions(config)
     placed = placed_frames(estimates, truth, conditions, config)
@@ -118,14 +118,14 @@ def score_trajectory(
 
 
 def parsed_conditions(config: TrajectoryScoreConfig) -> list[Condition]:
-    """Return the conditions of the settings; MetricsError without one."""
+    """Return the conditions of the settings; MetricsError if there are none."""
     if not config.conditions:
         raise MetricsError("no condition of a sub-trajectory given: give at least one, such as distance=5")
     return [Condition.parse(text) for text in config.conditions]
 
 
 def nothing_matched(estimate: Trajectory, truth: Trajectory) -> str:
-    """Return the message about an estimate without a ground truth at its stamps."""
+    """Return the error message for an estimate that has no ground truth at its stamps."""
     spans = []
     for poses in (estimate, truth):
         stamps = poses.stamps_ns
@@ -145,7 +145,7 @@ def evidence_of(
     truth: Trajectory,
     sums: Mapping[int, StepSums],
 ) -> Iterator[Figure]:
-    """Yield what the errors of one condition rest on: the error of the truth, what they prove, the covariance."""
+    """Yield the figures of evidence and consistency of one condition: error of the truth, tolerance, covariance."""
     known, noise = known_of(truth), noise_of(truth)
     if placed.association.rebase is Rebase.POSE:
         yield from turn_rows(condition, noise[1], sub_trajectories.true_displacement())
@@ -160,7 +160,7 @@ def evidence_of(
 def error_columns(
     condition: str, sub_trajectories: SubTrajectories, kept_errors: Collection[tuple[str, str]]
 ) -> Iterator[ErrorRows]:
-    """Yield all errors of the figures whose errors over a condition are kept."""
+    """Yield all errors of the figures in `kept_errors` over a condition."""
     for kind in error_figures():
         if (kind.name, condition) in kept_errors:
             columns = tuple(column(values, None) for values in np.atleast_2d(kind.errors_of(sub_trajectories).T))
@@ -168,12 +168,15 @@ def error_columns(
 
 
 def noise_of(truth: Trajectory) -> tuple[float, float]:
-    """Return the standard deviations of a truth, m and deg, 0 if it is taken as exact."""
+    """Return the standard deviations of a truth in m and deg, 0 for a truth that is assumed to be exact."""
     return (truth.sigma_m, truth.sigma_deg) if isinstance(truth, Truth) else (0.0, 0.0)
 
 
 def step_sums(estimates: Estimates, frames: Frames, chosen: Sequence[tuple[IntArray, IntArray]]) -> dict[int, StepSums]:
-    """Return the sums of steps up to each estimate at which a sub-trajectory starts or ends; empty without steps."""
+    """Return the sums of steps up to each estimate at which a sub-trajectory starts or ends, by estimate.
+
+    The result is empty if the estimates have no covariances of steps.
+    """
     if estimates.steps is None or estimates.covariance is None:
         return {}
     compared = np.unique(np.concatenate([np.concatenate(pair) for pair in chosen]))
@@ -181,7 +184,7 @@ def step_sums(estimates: Estimates, frames: Frames, chosen: Sequence[tuple[IntAr
 
 
 def truth_record(truth: Trajectory, frames: Frames, placement: Placement | None) -> TruthRecord:
-    """Return what is known of the ground truth."""
+    """Return the properties of the ground truth."""
     known = known_of(truth)
     steps = np.linalg.norm(np.diff(frames.true_position, axis=0), axis=1)
     step = float(np.median(steps)) if len(steps) else 0.0
@@ -200,16 +203,16 @@ def truth_record(truth: Trajectory, frames: Frames, placement: Placement | None)
     )
 
 
-# ---- raw values, from which each figure can be computed again
+# ---- raw values, from which each figure can be recomputed
 
 
 def sub_trajectory_table(
     estimates: Estimates, truth: Trajectory, config: TrajectoryScoreConfig
 ) -> dict[str, NDArray[Any]]:
-    """Return every sub-trajectory of each condition by each reading, as columns of one length.
+    """Return every sub-trajectory of each condition by each reading, as columns of equal length.
 
-    N and N+x are numbers of frames. The error vector is the estimated less the true displacement, where the estimated
-    one is as the reading compares it. MetricsError as for the score.
+    `start_frame` and `end_frame` are indices of frames. The error vector is the estimated displacement, as the reading
+    compares it, minus the true displacement. Errors are raised as by `score_trajectory`.
     """
     conditions = parsed_conditions(config)
     placed = placed_frames(estimates, truth, conditions, config)

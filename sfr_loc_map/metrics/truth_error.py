@@ -1,6 +1,6 @@
-"""The error of the ground truth itself: interpolation, stated noise, lever arm.
+"""The error of the ground truth: interpolation, declared noise, lever arm.
 
-A verdict whose margin lies within this error is not enough data (`metrics.judging.judge`).
+A verdict whose margin is within this error is `not enough data` (`metrics.judging.judge`).
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from sfr_loc_map.geometry.transform import propagated_covariance
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.metrics.table import Figure, figure_row
 
-ATTITUDE = "attitude"  #: Part of the row of the attitude.
-TURN = "attitude at the start"  #: Part of the rows of how far an attitude error at N moves N+x.
+ATTITUDE = "attitude"  #: Part of the row of the attitude error.
+TURN = "attitude at the start"  #: Part of the rows of the displacement of N+x by an attitude error at N.
 
 
 def known_of(truth: Trajectory) -> Truth:
-    """Return a truth with what is known of it; other trajectories are known completely."""
+    """Return a trajectory as a truth; a trajectory that is not a `Truth` is assumed to be complete and exact."""
     return truth if isinstance(truth, Truth) else Truth(truth.stamps_ns, truth.positions, truth.quats_xyzw)
 
 
 def truth_error_rows(truth: Trajectory, frames_ns: IntArray) -> Iterator[Figure]:
-    """Yield the error of a ground truth at frames: the total of the position, its parts, and that of the attitude.
+    """Yield the error of a ground truth at frames: total position error, its contributions, and attitude error.
 
-    The rows hold standard deviations, m and deg. Of a truth that is taken as exact at every frame all are 0.
+    The rows have standard deviations in m and deg. All are 0 for a truth that is assumed to be exact at every frame.
     """
     known = known_of(truth)
     errors_m = interpolation_errors(truth, frames_ns)
@@ -43,10 +43,10 @@ def truth_error_rows(truth: Trajectory, frames_ns: IntArray) -> Iterator[Figure]
 
 
 def turn_rows(condition: str, sigma_deg: float, moves: FloatArray) -> Iterator[Figure]:
-    """Yield how far the error of the true attitude at N moves N+x, where the estimate is turned by this attitude.
+    """Yield the position error at N+x by the error of the true attitude at N, which rotates the re-based estimate.
 
-    The standard deviation, m, is that of a vector, over sub-trajectories with these true displacements `(M, 3)`;
-    unknown heights do not count.
+    The value is the standard deviation of the error vector in m, over sub-trajectories with the true displacements
+    `moves` `(M, 3)`. Unknown heights are ignored.
     """
     if not sigma_deg or not len(moves):
         return
@@ -56,9 +56,9 @@ def turn_rows(condition: str, sigma_deg: float, moves: FloatArray) -> Iterator[F
 
 
 def truth_noise(sigmas: tuple[float, float], move: FloatArray) -> FloatArray:
-    """Return the covariance of position and attitude at N+x by the noise of the truth at both ends, sigmas in m, deg.
+    """Return the covariance of position and attitude at N+x by the noise of the truth at N and N+x.
 
-    The noise of the attitude at N turns the displacement `move`.
+    `sigmas` are in m and deg. The noise of the attitude at N rotates the displacement `move`.
     """
     of_position, of_attitude = sigmas[0] ** 2, np.radians(sigmas[1]) ** 2
     at_ends = np.diag([2.0 * of_position] * 3 + [of_attitude] * 3)
@@ -67,10 +67,10 @@ def truth_noise(sigmas: tuple[float, float], move: FloatArray) -> FloatArray:
 
 
 def interpolation_errors(truth: Trajectory, frames_ns: IntArray) -> FloatArray:
-    """Return the error of linear interpolation `(F,)` at frames, m, from the curvature of the truth; 0 at its poses.
+    """Return the error `(F,)` of linear interpolation at frames, m, from the curvature of the truth; 0 at its poses.
 
-    Between poses h apart, at the fraction s, the error is `s (1 - s) h^2 |a| / 2` with the acceleration a (de Boor
-    1978, chapter III). The larger acceleration of both poses counts.
+    At the fraction s of an interval of duration h, the error is `s (1 - s) h^2 |a| / 2` with the acceleration a
+    (de Boor 1978, chapter III). The larger acceleration of both neighbouring poses is used.
     """
     stamps_ns, rows = np.unique(truth.stamps_ns, return_index=True)
     if len(stamps_ns) < 3 or not len(frames_ns):

@@ -299,7 +299,7 @@ def test_a_score_of_a_live_run_that_is_over_is_shown_and_not_stored() -> None:
     score = judged(made, parse_limits(rules, "limits"))
     assert (score.verdict, stored_contradiction(score)) == ("pass", None)
     problem = stored_contradiction(judged_at_the_end(score, "3 pairs have no answer"))
-    assert problem == "verdict of the verdict on position_mean_m is 'incomplete', from the figures follows 'pass'"
+    assert problem == "verdict of the verdict on position_mean_m is 'incomplete', but the figures give 'pass'"
 
 
 def test_the_margin_of_what_is_missed_is_negative() -> None:

@@ -68,10 +68,10 @@ def with_fewer_independent(score: dict[str, Any]) -> None:
     [
         (without_errors, "is limited, but its errors are absent"),
         (without_other_frames, "is limited, but the row position other frames is absent"),
-        (without_lost, "lost is 0, of the frames 10 are"),
+        (without_lost, "lost is 0, but 10 frames are lost"),
         (without_copies, "but the row poses_of_truth is absent"),
         (without_missing, "but the row missing is absent"),
-        (partly_judged, "judged drive is 0.8, from what is absent follows 1"),
+        (partly_judged, "judged drive is 0.8, but the missing items give 1"),
         (without_calls, "localisation_p95_s is limited, but the details of the localisation calls are absent"),
         (looser, "its limits are not those of"),
         (with_fewer_independent, "its limits are not those of"),
@@ -111,14 +111,14 @@ def edited(score: dict[str, Any], place: str, value: Any) -> dict[str, Any]:
         ("verdicts.0.verdict", "pass", "verdict of the verdict on position_mean_plus_3sigma_m is 'pass'"),
         ("verdicts.0.value", 0.0005, "value of the verdict on position_mean_plus_3sigma_m is 0.0005"),
         ("verdicts.0.limit", 1.0, "limit of the verdict on position_mean_plus_3sigma_m is 1"),
-        ("verdict", "pass", "verdict is 'pass', from the figures follows 'fail'"),
+        ("verdict", "pass", "verdict is 'pass', but the figures give 'fail'"),
         ("rules.limits.0.limit", 1.0, "limit of the verdict on position_mean_plus_3sigma_m is 0.001"),
         ("rules.limits.0.name", "position_mean_m", "name of the verdict on position_mean_plus_3sigma_m is"),
         ("rules.limits.0.name", "position_mode_m", "'position_mode_m' is not a limit of the part 'trajectory'"),
         ("rules.limits.0.condition", "distance=-5", "'distance=-5' is not a condition"),
-        ("rules.limits", None, "it has 1 verdicts, from its figures and limits follow 0"),
+        ("rules.limits", None, "it has 1 verdicts, but its figures and limits give 0"),
         ("figures.0.mean_plus_3sigma", 0.0005, "|mean| + 3 sigma is"),
-        ("verdicts.0", None, "it has 0 verdicts, from its figures and limits follow 1"),
+        ("verdicts.0", None, "it has 0 verdicts, but its figures and limits give 1"),
     ],
 )
 def test_a_verdict_that_was_edited_is_refused_and_named(judge: Judge, place: str, value: Any, said: str) -> None:
@@ -141,7 +141,7 @@ def test_a_score_without_its_rows_of_completeness_is_incomplete(judge: Judge) ->
     of_drive = [row for row in score["figures"] if row["subject"] != "completeness"]
     beyond = [row for row in score["figures"] if row["figure"] == "errors_beyond"]
     path = judge.folder / "edited.json"
-    for kept, words in ((of_drive, "errors_beyond position is absent"), ([*of_drive, *beyond], "limits follow 2")):
+    for kept, words in ((of_drive, "errors_beyond position is absent"), ([*of_drive, *beyond], "limits give 2")):
         path.write_text(json.dumps({**score, "figures": kept}))
         result = judge.sfr("report", path, "--overwrite")
         assert result.code == 2
@@ -215,9 +215,9 @@ def without_a_pair(score: dict[str, Any]) -> None:
     [
         (without_details, "point_error_p95_m is limited, but the details of the map are absent"),
         (faster, "of localisation is 0.01"),
-        (smaller, "peak localisation is 100000000, one of its calls has 500000000"),
+        (smaller, "peak localisation is 100000000, but the largest value of its calls is 500000000"),
         (nearer, "of point_error is 0."),
-        (without_a_pair, "point_error has the rows of 1 pairs, the ground truth has 2"),
+        (without_a_pair, "point_error has the rows of 1 pairs, but the ground truth has 2 pairs"),
     ],
 )
 def test_rows_of_maps_and_calls_agree(tmp_path: Path, sfr: Sfr, edit: Edit, said: str) -> None:

@@ -1,11 +1,11 @@
-"""The judge: verdicts are a pure function of a score.
+"""The verdicts of a score, as a pure function of the score.
 
-Of the score it reads the figures, the rules, the findings, the errors of tolerance bounds, the association, the answers
-of an external node, and whether estimate and truth contradict each other. `metrics.score_json` derives the verdicts of
-a file again when the file is read, and refuses a file whose verdicts do not follow from its figures.
+The function reads the figures, the rules, the findings, the errors of tolerance bounds, the association, the answers of
+an external node, and whether estimate and truth contradict each other. `metrics.score_json` derives the verdicts of a
+file again when the file is read, and refuses a file whose verdicts do not follow from its figures.
 
-Views show the verdicts as they are. A report of several scores judges each score by the limits that are about it, and
-names the other limits (`several_scores.each_by_its_limits`). docs/metrics.md, "Verdicts".
+Views show the stored verdicts. A report of several scores judges each score by the limits that apply to it, and names
+the other limits (`several_scores.each_by_its_limits`). See docs/metrics.md, "Verdicts".
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from sfr_loc_map.metrics.verdict import Verdict
 
 
 def judged(score: Score, limits: Limits | None, *, partial: bool = False) -> Score:
-    """Return a score with its rules, the verdict on each limit, and over all."""
+    """Return a score with its rules, the verdict on each limit, and the verdict over all limits."""
     return judged_again(struct_replace(score, rules=Rules.of(limits, partial=partial)))
 
 
 def judged_again(score: Score) -> Score:
-    """Return a score with the verdicts that follow from its figures and rules; tolerance bounds are rows as well."""
+    """Return a score with its tolerance bounds as rows, and the verdicts that follow from its figures and rules."""
     proofs = proofs_of(score)
     others = tuple(row for row in score.figures if row.figure != BOUND)
     table = struct_replace(score, figures=(*others, *bound_rows(proofs)))
@@ -46,14 +46,14 @@ def judged_again(score: Score) -> Score:
 
 
 def judged_at_the_end(score: Score, missing: str) -> Score:
-    """Return a preliminary score, for a page, as that of an ended run with missing results.
+    """Return the last preliminary score of a live run that ended with missing results, for display.
 
-    The figures are unchanged. No figure contains the missing results, so that the check of stored scores refuses this
-    score: only the state of a live run contains it.
+    The last report of a live run was made while results could still arrive. Results that never arrived make the score
+    incomplete, and each pass of a limit that requires the complete drive. Exceptions are `--partial`, and a limit on
+    the missing fraction.
 
-    The last report of a live run was made while results were still due. What of the drive is missing then makes the
-    score incomplete, and the limits that need the drive, unless a part was asked for or a limit states how much may be
-    missing.
+    The figures are unchanged and do not contain the missing results. The check of stored scores would therefore refuse
+    this score. Only the state of a live run contains it.
     """
     rules = score.rules
     allows = rules is not None and (rules.partial or rules.allow_missing)
@@ -70,9 +70,10 @@ def judged_at_the_end(score: Score, missing: str) -> Score:
 
 
 def overall_verdict(score: Score, states: Sequence[VerdictState], incomplete: str | None) -> VerdictState | None:
-    """Return the verdict over all limits; no figure judges where estimate and truth contradict each other.
+    """Return the verdict over all limits.
 
-    A method with a finding has failed, for any figures, also without limits.
+    A fatal finding is a fail, whatever the figures and also without limits. If estimate and truth contradict each
+    other, there is no verdict.
     """
     if score.fatal_findings:
         return VerdictState.FAIL
@@ -82,7 +83,7 @@ def overall_verdict(score: Score, states: Sequence[VerdictState], incomplete: st
 
 
 def incomplete_parts(short: Sequence[Shortfall], incomplete: str | None) -> set[RowPart]:
-    """Return the parts of a score that are not complete: those of the shortfalls, else the drive."""
+    """Return the incomplete parts of a score: the parts of the shortfalls, or the drive if there are no shortfalls."""
     return {item.part for item in short} or ({RowPart(DRIVE)} if incomplete is not None else set())
 
 
@@ -91,10 +92,10 @@ def verdicts_on_limits(
 ) -> Iterator[Verdict]:
     """Yield the verdict on each limit of a score: pass, fail, incomplete, not enough data or not judged.
 
-    A figure passes at its limit, and only if the part that it is about is complete. A mean of a signed figure (heading)
-    is taken without its sign. Where estimate and truth contradict each other, no figure of them judges anything:
-    verdicts on limits are `not judged`. `certain` says whether the 95 % interval lies on one side of the limit, None
-    where there is no interval. The rows of the proofs are the last rows of the score, in the order of the proofs.
+    A figure passes if it equals its limit. A pass requires that the part of the score that the figure describes is
+    complete. A signed mean (heading) is compared by its absolute value. If estimate and truth contradict each other,
+    all verdicts on limits are `not judged`. `certain` states whether the 95 % interval is on one side of the limit, and
+    is None without an interval. The rows of the proofs are the last rows of the score, in the order of the proofs.
     """
     limits = limits_of(score) or Limits()
     places = dict(zip(proofs, range(len(score.figures) - len(proofs), len(score.figures)), strict=True))
@@ -113,30 +114,30 @@ def verdicts_on_limits(
 
 
 def finding_verdicts(score: Score) -> Iterator[Verdict]:
-    """Yield a failed verdict for each kind of finding with which no score can be a pass."""
+    """Yield a failed verdict for each kind of finding that prevents a pass."""
     for item in score.fatal_findings:
         yield plain_verdict(f"{item.kind.replace(' ', '_')}_calls", 0.0, float(item.count), VerdictState.FAIL)
 
 
 def of_incomplete(verdict: Verdict) -> Verdict:
-    """Return the verdict on a figure of something incomplete: `incomplete` in place of a pass."""
+    """Return the verdict on a figure of an incomplete part: a pass becomes `incomplete`."""
     is_pass = verdict.state is VerdictState.PASS
     return struct_replace(verdict, state=VerdictState.INCOMPLETE) if is_pass else verdict
 
 
 def incomplete_verdict(share: float | None) -> Verdict:
-    """Return the verdict on an estimate of a part of the drive, of which so much was judged."""
+    """Return the verdict on an incomplete estimate, of which the fraction `share` was judged."""
     return plain_verdict("judged_share_min", 1.0, share, VerdictState.INCOMPLETE)
 
 
 def plain_verdict(name: str, limit: float, value: float | None, state: VerdictState) -> Verdict:
-    """Return a verdict that is not tied to a figure."""
+    """Return a verdict without a row of the table of figures."""
     margin = None if value is None else margin_of(name, limit, value)
     return Verdict(name=name, limit=limit, value=value, margin=margin, state=state)
 
 
 def is_enough(limit: Limit, figure: LimitedFigure, limits: Limits) -> bool:
-    """Return whether a number is made of enough values, of which enough are independent."""
+    """Return whether the limited number has enough values and enough independent values."""
     if figure.n is not None and figure.n < limits.minimum_count:
         return False
     is_of_many = limit.section is LimitSection.TRAJECTORY and figure.independent is not None
@@ -144,14 +145,14 @@ def is_enough(limit: Limit, figure: LimitedFigure, limits: Limits) -> bool:
 
 
 def verdict_on(limit: Limit, figure: LimitedFigure, limits: Limits) -> Verdict:
-    """Return the verdict on a number; without a count it is not made of many values."""
+    """Return the verdict on the limited number."""
     verdict = open_verdict(limit, figure)
     if figure.value is None or not is_enough(limit, figure, limits):
         return verdict
     interval = figure.interval
     certain = None if interval is None else not interval[0] <= limit.limit < interval[1]
     verdict = struct_replace(verdict, certain=certain)
-    is_counted = limit.section is LimitSection.COMPLETENESS  # not estimated: there is nothing uncertain
+    is_counted = limit.section is LimitSection.COMPLETENESS  # a count has no uncertainty
     if verdict.is_within_truth_error:
         return verdict
     if not meets(limit, figure.value):
@@ -161,7 +162,7 @@ def verdict_on(limit: Limit, figure: LimitedFigure, limits: Limits) -> Verdict:
 
 
 def proof_verdict(limit: Limit, proof: Proof, place: int | None, truth_error: float) -> Verdict:
-    """Return the verdict on a limit with a share and a confidence, whose bound is the row at a place."""
+    """Return the verdict on a limit with a fraction and a confidence, whose tolerance bound is the row `place`."""
     independent = proof.record.independent
     figure = LimitedFigure(proof.bound, proof.n, place=place, independent=independent, truth_error=truth_error)
     verdict = open_verdict(limit, figure)
@@ -170,7 +171,7 @@ def proof_verdict(limit: Limit, proof: Proof, place: int | None, truth_error: fl
 
 
 def open_verdict(limit: Limit, figure: LimitedFigure) -> Verdict:
-    """Return the verdict on a number before anything is decided."""
+    """Return the verdict on the limited number before it is decided, with the state `not enough data`."""
     limited = limit.limited
     value = figure.value
     interval = figure.interval
@@ -198,14 +199,14 @@ def open_verdict(limit: Limit, figure: LimitedFigure) -> Verdict:
 
 
 def part_of(limited: Limited, row: Figure | None) -> str | None:
-    """Return the part of the row that is limited; a limit on one part names the part without a row as well."""
+    """Return the part of the limited row, or if there is no such row, the part that the limit names."""
     if row is not None:
         return row.part
     return None if limited.part is None else limited.part.text
 
 
 def proofs_of(score: Score) -> dict[Limit, Proof]:
-    """Return what the errors of a score prove about each limit with a share and a confidence."""
+    """Return what the errors of a score prove about each limit with a fraction and a confidence."""
     found = {}
     limits = limits_of(score)
     for limit in () if limits is None else limits.limits:
@@ -223,13 +224,13 @@ def bound_rows(proofs: Mapping[Limit, Proof]) -> Iterator[Figure]:
 
 
 def _by_reading(limit: Limit, score: Score, limits: Limits) -> dict[str, VerdictState]:
-    """Return whether the figure of each reading of the document meets a limit; the intervals are of one reading."""
+    """Return the verdict by each reading, without `certain`, because only the judged reading has an interval."""
     if limit.condition is None or limit.section is not LimitSection.TRAJECTORY:
         return {}
     loose = struct_replace(limit, certain=False)
     found = {str(reading): figure_of(limit, score, reading) for reading in Rebase if not reading.is_fit}
-    if any(figure.row is None for figure in found.values()):  # chord errors are the same by each reading
+    if any(figure.row is None for figure in found.values()):  # chord errors do not depend on the reading
         return {}
-    independent = figure_of(limit, score).independent  # the readings are of the same sub-trajectories
+    independent = figure_of(limit, score).independent  # all readings have the same sub-trajectories
     found = {name: figure._replace(independent=independent) for name, figure in found.items()}
     return {name: verdict_on(loose, figure, limits).state for name, figure in found.items()}
