@@ -1,6 +1,6 @@
-"""Array types of all packages, and two reductions of arrays that are faster than numpy's.
+"""Array types of all packages, and two reductions that are faster than those of numpy.
 
-The name of a type says what an array holds. Its shape and unit are given where it is used.
+The name of a type describes the content of an array. Shape and unit are given where the array is used.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ FloatArray = NDArray[np.float64]  #: Values, vectors, matrices, poses; float64.
 IntArray = NDArray[np.int64]  #: Stamps in nanoseconds, indices, counts; int64.
 Mask = NDArray[np.bool_]  #: True where something holds.
 GreyImage = NDArray[np.uint8]  #: Image `(H, W)`, 8 bits.
-ColourImage = NDArray[np.uint8]  #: Image `(H, W, 3)`, 8 bits a channel.
+ColourImage = NDArray[np.uint8]  #: Image `(H, W, 3)`, 8 bits per channel.
 FloatImage = NDArray[np.float32]  #: Image `(H, W)` of float32: intensity, disparity, weight.
 PointImage = NDArray[np.float32]  #: Points `(H, W, 3)` of the pixels of an image, metres; NaN where unknown.
-FloatArray32 = NDArray[np.float32]  #: Values of float32 that are not an image, where memory matters.
+FloatArray32 = NDArray[np.float32]  #: Values other than images in float32, where memory matters.
 F = np.float32
-"""Scalar of the kernels on images: a constant `F(0.5)` keeps an expression in float32."""
+"""Scalar type in image kernels: a constant `F(0.5)` keeps an expression in float32."""
 
 
 def length(vector: FloatArray) -> float:
-    """Return the Euclidean length of a vector `(N,)`. It equals numpy's and is faster."""
+    """Return the Euclidean norm of a vector `(N,)`, faster than `numpy.linalg.norm`."""
     return math.sqrt(vector.dot(vector))
 
 
 def median(values: NDArray[np.floating[Any]]) -> float:
-    """Return the median of numbers without NaN, or NaN if there are none. It equals numpy's and is faster."""
+    """Return the median of values without NaN, faster than `numpy.median`; NaN if there are no values."""
     count = values.size
     if count == 0:
         return float("nan")

@@ -1,4 +1,4 @@
-"""Structs of cameras and poses for kernels: numba compiles and caches them like numbers and arrays."""
+"""Cameras and poses as named tuples, which numba kernels accept as arguments."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ class StereoCamera(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """A transform T_a_b for kernels, which takes points in b to a."""
+    """A transform T_a_b for kernels: takes points in b to a."""
 
     rotation: FloatArray  #: `(3, 3)`, takes directions in b to a.
-    position: FloatArray  #: `(3,)`, origin of b in a, metres: what is added to a rotated point.
+    position: FloatArray  #: `(3,)`, origin of b in a, metres.
 
     @classmethod
     def of(cls, T_a_b: Transform) -> Pose:
@@ -44,8 +44,8 @@ class Poses(NamedTuple):
     positions: FloatArray  #: `(N, 3)` cameras in the world, metres.
 
     def take(self, rows: NDArray[np.integer]) -> Poses:
-        """Return the poses of some rows `(M,)`.
+        """Return the poses at the row indices `(M,)`.
 
-        For rows of few numbers, `ndarray.take` is up to ten times faster than an index.
+        For short rows, `ndarray.take` is up to ten times faster than indexing.
         """
         return Poses(self.rotations.take(rows, axis=0), self.positions.take(rows, axis=0))

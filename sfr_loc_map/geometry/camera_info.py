@@ -1,4 +1,4 @@
-"""A rectified rig as two sensor_msgs/CameraInfo, of a bag or a ROS node, and back; right `P[3] = -fx baseline`."""
+"""Conversion between a rectified rig and two sensor_msgs/CameraInfo; P[3] of the right camera is -fx baseline."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import SIDES, Side, refusing
 
 TOLERANCE = 1e-6
-"""How far a coefficient may be from that of a rectified camera (pixels for P and K, without unit for R and D)."""
+"""Largest deviation of a coefficient from that of a rectified camera (P and K in pixels, R and D without unit)."""
 
 
 def projection(rig: StereoRig, side: Side) -> FloatArray:
@@ -23,10 +23,10 @@ def projection(rig: StereoRig, side: Side) -> FloatArray:
 
 
 def baseline_from_projection(fx: float, shift: float) -> float:
-    """Return the baseline, metres, from which `P[3] = -fx baseline` of the right camera was computed.
+    """Return the baseline, metres, from which P[3] = -fx baseline of the right camera was computed.
 
-    The division alone gives the last digit wrong at times. Of the neighbouring numbers that make the very same
-    `P[3]`, the one with the shortest decimal form is taken, so that rigs come through messages unchanged.
+    The division alone may round the last digit differently. Of the neighbouring floats that give exactly this P[3], the
+    float with the shortest decimal form is returned, so that messages preserve rigs exactly.
     """
     middle = -shift / fx
     near = {middle, *(float(f"{middle:.{digits}g}") for digits in (12, 13, 14, 15, 16))}
@@ -40,7 +40,7 @@ def baseline_from_projection(fx: float, shift: float) -> float:
 def rig_from_projections(
     p_left: FloatArray, p_right: FloatArray, size: tuple[int, int], where: str, names: tuple[str, str] = SIDES
 ) -> StereoRig:
-    """Return the rig of two rectified cameras of one size (width, height), by P `(12,)` of each in one frame."""
+    """Return the rig of two rectified cameras of equal size (width, height); both P `(12,)` refer to one frame."""
     if not np.abs(np.delete(p_left - p_right, [3, 7, 11])).max() <= TOLERANCE:
         raise InputError(
             f"{where}: the P of {names[0]} and {names[1]} differ in more than P[3]: rectify both to one camera matrix"
@@ -52,7 +52,7 @@ def rig_from_projections(
         hint = "are left and right swapped?"
         if p_left[3]:
             found = f"P[3] of the {names[0]} camera is {p_left[3]:g}, of the {names[1]} camera {p_right[3]:g}"
-            hint = f"P[3] of the {names[0]} camera must be 0 unless both are given in the frame of a third one"
+            hint = f"P[3] of the {names[0]} camera must be 0 unless both P refer to a third camera"
         raise InputError(
             f"{where}: {found}, so the baseline is {-shift / (fx or 1.0) + 0.0:g} m: P[3] of the {names[1]} camera "
             f"must be -fx * baseline < 0; {hint}"
@@ -67,15 +67,15 @@ def rig_from_camera_info(left: Any, right: Any, name: str) -> StereoRig:  # noqa
         _check_rectified(f"{name}/{side}", info)
     if (left.width, left.height) != (right.width, right.height):
         sizes = f"{left.width} x {left.height} and {right.width} x {right.height}"
-        raise InputError(f"camera_info of {name}/left and {name}/right are {sizes}: both images need one size")
+        raise InputError(f"camera_info of {name}/left and {name}/right are {sizes}: both images must have one size")
     size = int(left.width), int(left.height)
     return rig_from_projections(_matrix(left.p), _matrix(right.p), size, f"camera_info of {name}")
 
 
 def _check_rectified(name: str, info: Any) -> None:  # noqa: ANN401 - a CameraInfo of any library
-    """Check P, which alone describes a rectified image; D, K and R are those of the raw image (sensor_msgs/CameraInfo).
+    """Check that P describes a rectified image; D, K and R belong to the raw image (sensor_msgs/CameraInfo).
 
-    A P of zeros is that of a camera that is not calibrated for rectification.
+    If P is zero, the camera is not calibrated for rectification.
     """
     p = _matrix(info.p)
     found = []
@@ -83,7 +83,7 @@ def _check_rectified(name: str, info: Any) -> None:  # noqa: ANN401 - a CameraIn
     if not np.isfinite(p).all() or p_matrix[0, 0] <= 0:
         found.append("projection p is empty")
     elif np.abs(p_matrix[[0, 1, 2, 2, 2, 1, 2], [1, 0, 0, 1, 3, 3, 2]] - [0, 0, 0, 0, 0, 0, 1]).max() > TOLERANCE:
-        found.append("projection p is not that of a rectified camera side by side with the other")
+        found.append("projection p is not that of a rectified left or right camera")
     if found:
         raise InputError(
             f"{name}/camera_info is non-rectified ({', '.join(found)}): give rectified images and their camera_info, "

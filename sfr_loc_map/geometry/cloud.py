@@ -1,7 +1,7 @@
 """Point clouds with the pixel of each point.
 
-`PointCloud` is also what users of Python hold. Its methods that load and save import what they need when they are
-called, because files belong to a higher layer.
+`PointCloud` is part of the Python API. The methods `load` and `save` import the file formats when they are called,
+because files belong to a higher layer.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FIELD_TYPES: dict[str, type[np.generic]] = {
     **dict.fromkeys(("x", "y", "z", "sigma", "intensity"), np.float32),
     **{"u": np.uint16, "v": np.uint16, "pair": np.uint8},
 }
-"""Fields of a point in the order of the topic `mapping/points` and of the cloud files."""
+"""Fields of a point, in the order of the topic `mapping/points` and of the cloud files."""
 COLUMNS = ("xyz", "sigma", "intensity", "u", "v", "pair")  #: Arrays of a `PointCloud`, one row per point.
 
 
@@ -37,12 +37,12 @@ COLUMNS = ("xyz", "sigma", "intensity", "u", "v", "pair")  #: Arrays of a `Point
 class PointCloud(Shown):
     """Points in LM, each with its pixel and stereo pair; one row per point.
 
-    `fused` is True if several pairs were fused to one surface, and False if the points of each pair are kept. `fused`
-    and the stamps of the pairs are None if unknown.
+    `fused` is True if several pairs were fused to one surface, and False if the cloud keeps the points of each pair.
+    `fused` and the stamps of the pairs are None if unknown.
     """
 
     xyz: FloatArray32  #: `(N, 3)`, metres, LM.
-    #: Standard deviation along the ray, metres. All that the mapper makes it of is listed in `mapping.point_sigma`.
+    #: Standard deviation along the ray, metres. `mapping.point_sigma` lists its components.
     sigma: FloatArray32
     intensity: FloatArray32  #: Grey level of the left pixel.
     u: NDArray[np.uint16]  #: Column of the left pixel.
@@ -50,8 +50,8 @@ class PointCloud(Shown):
     pair: NDArray[np.uint8]  #: Index of the stereo pair within its set (0, 1, 2).
     fused: bool | None = None
     pair_stamps_ns: tuple[int, ...] | None = None
-    records: tuple[CallRecord, ...] = ()  #: The calls that gave the points; empty for points from elsewhere.
-    method: MethodRecord | None = None  #: The method that made the points; None if unknown.
+    records: tuple[CallRecord, ...] = ()  #: The calls that produced the points; empty if unknown.
+    method: MethodRecord | None = None  #: The method that produced the points; None if unknown.
 
     def __post_init__(self) -> None:
         """Check shapes and types."""
@@ -74,7 +74,7 @@ class PointCloud(Shown):
 
     @staticmethod
     def dtype() -> np.dtype[np.void]:
-        """Return the packed record type of one point, in the order of `FIELD_TYPES`."""
+        """Return the packed record type of a point, in the order of `FIELD_TYPES`."""
         return np.dtype(list(FIELD_TYPES.items()))
 
     def to_structured(self) -> NDArray[np.void]:
@@ -98,15 +98,15 @@ class PointCloud(Shown):
         return cls(xyz, **rest, fused=fused, pair_stamps_ns=pair_stamps_ns)
 
     def select(self, which: Mask | NDArray[np.intp]) -> PointCloud:
-        """Return the chosen points."""
-        rows = np.flatnonzero(which) if which.dtype == np.bool_ else which  # one search instead of one per column
+        """Return the points that a mask `(N,)` or row indices select."""
+        rows = np.flatnonzero(which) if which.dtype == np.bool_ else which  # a mask would be searched once per column
         return replace(self, **{name: getattr(self, name).take(rows, axis=0) for name in COLUMNS})
 
     @classmethod
     def concatenate(cls, clouds: Sequence[PointCloud]) -> PointCloud:
-        """Return one cloud with the points of all; `fused` and the stamps are kept if all clouds agree on them.
+        """Return one cloud with the points of all clouds; `fused` and the stamps are kept if all clouds have the same.
 
-        Records and method are those of single clouds and are not kept.
+        Records and method belong to single clouds and are dropped.
         """
         if not clouds:
             return cls.empty()
@@ -136,7 +136,7 @@ class PointCloud(Shown):
         save_cloud(Path(path), self)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return a pandas table: one row per point."""
+        """Return a pandas DataFrame with one row per point."""
         structured = self.to_structured()
         return data_frame({name: structured[name] for name in FIELD_TYPES})
 

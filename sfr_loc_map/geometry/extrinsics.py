@@ -1,4 +1,4 @@
-"""The pose of a stereo rig on the rover, by the frames that drivers publish or by the angles of a mast head."""
+"""The pose of a stereo rig on the rover, from the frames that drivers publish or from the angles of the mast head."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ RB_FRAME = "rb"  #: Frame of the rover [3.2.2].
 LOCSB_FRAME = "locsb"  #: Frame of the stereo rig for localisation [3.2.3].
 NAVSB_FRAME = "navsb"  #: Frame of the stereo rig for mapping [3.2.3].
 BASE_FRAMES = (RB_FRAME, "base_link", "base_footprint", "base", "body", "chassis")
-"""Names of the rover's own frame; the first one that is joined to the camera is taken."""
-COULD_BE = "the rover's frame could also be"  #: Part of `RigInBody.text` if several of `BASE_FRAMES` are joined.
+"""Names of the rover's body frame. The first name that is connected to the camera is used."""
+COULD_BE = "the rover's frame could also be"  #: Part of `RigInBody.text` if several of `BASE_FRAMES` are connected.
 MAST_XY_RB_M = (0.451, 0.317)
-"""Base of the mast (DMA) in RB, and position of the pan axis and, at pan 0, of the tilt axis [3.2.2, 3.2.6]."""
+"""Base of the mast (DMA) in RB. The pan axis and, at pan 0, the tilt axis have the same x and y [3.2.2, 3.2.6]."""
 TILT_AXIS_Z_RB_M = 0.594  #: Height of the tilt axis in RB [3.2.6].
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigInBody:
-    """The pose of a stereo rig on the rover, and the frames that it was found from."""
+    """The pose of a stereo rig on the rover, and the frames from which the pose was derived."""
 
     T_rb_sb: Transform  #: Takes points in SB to RB.
     text: str  #: The frames, for messages: `base_link to camera_left_optical_frame`.
@@ -35,14 +35,14 @@ class RigInBody:
 def rig_in_body(
     frames: FrameTree, camera_frame: str, baseline_m: float, base_frame: str = "", sb_frame: str = LOCSB_FRAME
 ) -> RigInBody | None:
-    """Return the pose of a rig in its rover; None if no frames of both are joined.
+    """Return the pose of a stereo rig in the rover's frame; None if the frames of rig and rover are not connected.
 
-    The pose is that of the frame of SB. If that frame is not joined to the rover's, the pose follows from the frame of
-    the rectified left camera, at any depth of the tree. The camera's frame is optical [REP 103]. If its name does not
-    say so and its z axis points up, its axes are x forward, y left, z up, as of simulators.
+    The pose is that of the frame `sb_frame`. If `sb_frame` is not connected to the rover's frame, the pose is computed
+    from the frame of the rectified left camera. The camera's frame is assumed to be optical (REP 103). If the name does
+    not contain "optical" and the z axis points up, the axes are x forward, y left, z up, as in simulators.
 
-    The rover's frame is `base_frame`, or the first of `BASE_FRAMES` that is joined to the camera. Frames of one rover
-    may have a prefix (`rover1/base_link`).
+    The rover's frame is `base_frame`, or the first of `BASE_FRAMES` that is connected to the camera. Frame names may
+    have a prefix (`rover1/base_link`).
     """
     for frame in (sb_frame, camera_frame.strip("/")):
         joined = frames.joined_to(frame) if frame else []
@@ -65,7 +65,7 @@ def rig_in_body(
 
 
 def _frames_of_names(frames: Sequence[str], names: Sequence[str]) -> list[str]:
-    """Return the frames that have one of the names, in the order of the names; frames with a prefix follow others."""
+    """Return the frames that have one of the names, in the order of the names; prefixed frames last."""
     found = []
     for name in names:
         found += [frame for frame in frames if frame == name]
@@ -74,9 +74,10 @@ def _frames_of_names(frames: Sequence[str], names: Sequence[str]) -> list[str]:
 
 
 def mast_head_in_rb(pan_rad: float, tilt_rad: float) -> Transform:
-    """Return `T_rb_head`, the pose of the mast head; its origin is on the tilt axis, at the y of the pan axis.
+    """Return `T_rb_head`, the pose of the mast head; the origin is where the pan and tilt axes meet.
 
-    Pan is about z of RB, positive to the left, and carries the tilt axis; tilt about y of RB at pan 0, positive down.
+    Pan is a rotation about z of RB, positive to the left, and also rotates the tilt axis. Tilt is a rotation about y of
+    RB at pan 0, positive downwards.
     """
     pan: FloatArray = matrix_from_rotvec([0.0, 0.0, pan_rad])
     tilt: FloatArray = matrix_from_rotvec([0.0, tilt_rad, 0.0])

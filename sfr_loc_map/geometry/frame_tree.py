@@ -1,4 +1,4 @@
-"""Trees of frames that static transforms join."""
+"""Trees of frames that are connected by static transforms."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from sfr_loc_map.geometry.transform import Transform
 
 
 class FrameTree:
-    """Static transforms by child frame, each of which has one parent, as `/tf_static` gives them."""
+    """Static transforms, stored by child frame, as in `/tf_static`; each frame has one parent."""
 
     def __init__(self) -> None:
         self._parents: dict[str, tuple[str, Transform]] = {}
@@ -18,7 +18,7 @@ class FrameTree:
         self._parents[child] = (parent, T_parent_child)
 
     def find(self, target: str, frame: str) -> Transform | None:
-        """Return `T_target_frame`; None if the frames are not joined."""
+        """Return `T_target_frame`; None if the frames are not connected."""
         if target == frame:
             return None if frame not in self.joined_to(frame) else Transform.identity()
         above = dict(self._above(frame))
@@ -30,7 +30,7 @@ class FrameTree:
         return None
 
     def joined_to(self, frame: str) -> list[str]:
-        """Return a frame and all frames that are joined to it, nearest parents first; empty if the frame is unknown."""
+        """Return the frame, its ancestors from the nearest on, then all other connected frames; empty if unknown."""
         above = [name for name, _ in self._above(frame)]
         known = {name for child, (parent, _) in self._parents.items() for name in (child, parent)}
         others = sorted(name for name in known - {*above} if [*self._above(name)][-1][0] == above[-1])
@@ -40,7 +40,7 @@ class FrameTree:
         """Yield the frame and its ancestors, each with the transform `T_ancestor_frame`."""
         pose = Transform.identity()
         yield frame, pose
-        for depth in range(len(self._parents)):  # bounded, because frames may form a loop
+        for depth in range(len(self._parents)):  # bounded, because the frames may form a loop
             if frame not in self._parents:
                 return
             frame, step = self._parents[frame]

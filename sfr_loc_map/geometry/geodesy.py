@@ -1,4 +1,4 @@
-"""Positions on the Earth in a local frame."""
+"""Geographic positions in a local frame."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ import numpy as np
 
 from sfr_loc_map.geometry.arrays import FloatArray
 
-WGS84_M = 6_378_137.0  #: Semi-major axis of the ellipsoid WGS 84, metres.
-WGS84_FLATTENING = 1.0 / 298.257223563  #: Flattening of the same.
+WGS84_M = 6_378_137.0  #: Semi-major axis of the WGS 84 ellipsoid, metres.
+WGS84_FLATTENING = 1.0 / 298.257223563  #: Flattening of the WGS 84 ellipsoid.
 
 
 def enu_m(places: FloatArray) -> FloatArray:
-    """Return positions east, north, up of the first one, m, of latitude, longitude (deg) and height (m) `(N, 3)`.
+    """Return positions east, north, up of the first row, m, from latitude, longitude, deg, and height, m, `(N, 3)`.
 
-    WGS84; geographic to topocentric conversion, EPSG method 9837 (IOGP publication 373-7-2, section 4.1.2).
+    The ellipsoid is WGS 84. The conversion is geographic to topocentric, EPSG method 9837 (IOGP publication 373-7-2,
+    section 4.1.2).
     """
     latitude = np.radians(places[:, 0])
     longitude = np.radians(places[:, 1])

@@ -1,4 +1,4 @@
-"""Wheel odometry as an initial guess of the motion, interpolated between its messages."""
+"""Wheel odometry as an initial guess of the motion, interpolated between messages."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from sfr_loc_map.geometry.transform import Transform
 
 CAPACITY = 5000  #: Number of stored messages: 100 s at 50 Hz.
 MAX_GAP_NS = 500_000_000
-"""Neighbouring messages further apart are not interpolated: wheels and ground do much in half a second."""
+"""Longest time between two messages over which poses are interpolated, ns, because the motion may change meanwhile."""
 
 
 class OdometryBuffer:
-    """Keeps the last poses of another odometry and gives the motion between two stamps.
+    """Stores the last poses of an external odometry and returns the motion between two stamps.
 
-    One thread may add while another reads.
+    One thread may add messages while another reads.
     """
 
     def __init__(self) -> None:
@@ -26,7 +26,7 @@ class OdometryBuffer:
         self._changed = Condition()
 
     def add(self, stamp_ns: int, T_odom_rb: Transform) -> None:
-        """Add a message. A new run clears the buffer (a recording that loops), and late messages are dropped."""
+        """Add a message. Late messages are dropped. A new run, as of a looping recording, clears the buffer."""
         with self._changed:
             accepted, begins_run = self._order.add(stamp_ns, (stamp_ns, T_odom_rb))
             if begins_run:
@@ -35,9 +35,9 @@ class OdometryBuffer:
             self._changed.notify_all()
 
     def between(self, before_ns: int, now_ns: int, wait_s: float) -> Transform | None:
-        """Return `T_before_now` of RB, None where the messages do not cover both stamps.
+        """Return `T_before_now` of RB; None if the messages do not cover both stamps.
 
-        A message at or after the later stamp is waited for, if there are messages at all.
+        Unless the buffer is empty, the call waits up to `wait_s` for a message at or after `now_ns`.
         """
         with self._changed:
             if self._poses:

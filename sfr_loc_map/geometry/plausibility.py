@@ -1,8 +1,8 @@
-"""Bounds of cameras and poses that are possible at all, for files, topics and parameters.
+"""Plausibility bounds of cameras and poses, for files, topics and parameters.
 
-Rigs, transforms and trajectories are checked when they are made, because compiled code does not check its indices. The
-bounds are far beyond any rover: they reject wrong units, swapped columns and broken messages, not unusual rigs. Checks
-raise GeometryError, and comparisons are written so that NaN fails them.
+Rigs, transforms and trajectories are checked when they are created, because compiled code does not check array bounds.
+The limits far exceed the values of any rover. They reject wrong units, swapped columns and corrupt messages, but no
+unusual rigs. Checks raise GeometryError, and NaN fails every comparison.
 """
 
 from __future__ import annotations
@@ -13,28 +13,27 @@ from numpy.typing import ArrayLike
 from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray, Mask
 
-MAX_IMAGE_PIXELS = 8192 * 8192  #: Pixels of the largest image: all allocations follow from the size in a header.
-MAX_IMAGE_SIDE = 32_768  #: Longest side of an image, pixels: OpenCV's remap has 16 bits for it.
+MAX_IMAGE_PIXELS = 8192 * 8192  #: Most pixels of an image. Buffers are allocated by the size in a header.
+MAX_IMAGE_SIDE = 32_768  #: Longest side of an image, pixels: OpenCV's remap uses 16-bit coordinates.
 FOCAL_RATIOS = (0.01, 100.0)
 """Smallest and largest focal length over the longer side of the image: fields of view from 178 to 0.6 degrees."""
 MAX_CENTRE_RATIO = 10.0
-"""Largest distance of the principal point from the image centre over the longer side; images may be crops."""
-BASELINE_M = (1e-4, 100.0)  #: Shortest and longest baseline, metres: from a microscope's to that of two masts.
-MAX_DISTORTION = 100.0  #: Largest coefficient of lens distortion; rational models have values of some tens.
+"""Largest distance of the principal point from the image centre, over the longer side; images may be cropped."""
+BASELINE_M = (1e-4, 100.0)  #: Shortest and longest baseline, metres: from stereo microscopes to two masts.
+MAX_DISTORTION = 100.0  #: Largest distortion coefficient; rational models reach several tens.
 MAX_EXTRINSICS_M = 100.0  #: Largest coordinate of a camera in the frame of its rover, metres.
-MAX_POSITION_M = 1e9  #: Largest coordinate of a position, metres: float64 then still resolves a micrometre.
+MAX_POSITION_M = 1e9  #: Largest coordinate of a position, metres: float64 still resolves 1 um at this distance.
 QUATERNION_TOLERANCE = 1e-2
-"""Largest difference of a quaternion's length from 1, and of a rotation matrix times its transpose from the identity:
-files are rounded."""
+"""Largest deviation of a quaternion's norm from 1, and of R R^T from I; numbers in files are rounded."""
 QUATERNION_SQUARES = (1.0 - QUATERNION_TOLERANCE) ** 2, (1.0 + QUATERNION_TOLERANCE) ** 2
-"""Smallest and largest sum of squares of a quaternion."""
-MAX_VARIANCE = 1e6  #: Largest variance of a pose that is known at all, m^2 and rad^2: a standard deviation of 1 km.
-MAX_ASYMMETRY = 1e-6  #: Largest asymmetry and largest negative eigenvalue of a covariance over its largest variance.
-MIN_LARGEST_VARIANCE = 1e-30  #: Smallest divisor of these, m^2 and rad^2: a covariance may be 0.
+"""Smallest and largest squared norm of a quaternion."""
+MAX_VARIANCE = 1e6  #: Largest variance of a valid covariance, m^2 and rad^2: a standard deviation of 1 km.
+MAX_ASYMMETRY = 1e-6  #: Largest asymmetry, and largest negative eigenvalue, relative to the largest variance.
+MIN_LARGEST_VARIANCE = 1e-30  #: Lower bound of this largest variance, m^2 and rad^2, because a covariance may be 0.
 
 
 def check_image_size(width: float, height: float, name: str = "image") -> None:
-    """Check the size of an image, before anything is allocated for it."""
+    """Check the size of an image before memory is allocated for it."""
     sides_ok = all(1 <= n <= MAX_IMAGE_SIDE and n == int(n) for n in (width, height))
     if not (sides_ok and width * height <= MAX_IMAGE_PIXELS):
         size = f"{name} is {width} x {height}"
@@ -42,7 +41,7 @@ def check_image_size(width: float, height: float, name: str = "image") -> None:
 
 
 def check_camera(size: tuple[float, float], focal: tuple[float, float], centre: tuple[float, float]) -> None:
-    """Check size (width, height), focal lengths (along rows, columns) and principal point of a camera, all pixels."""
+    """Check size (width, height), focal lengths (fx, fy) and principal point of a camera, all in pixels."""
     check_image_size(*size)
     side = max(size)
     low, high = (ratio * side for ratio in FOCAL_RATIOS)
@@ -73,7 +72,7 @@ def check_distortion(coefficients: ArrayLike) -> None:
 
 
 def plausible_rotations(rotations: FloatArray) -> Mask:
-    """Return whether each matrix `(..., 3, 3)` is a rotation within the rounding of files, `(...,)`."""
+    """Return whether each matrix `(..., 3, 3)` is a rotation within `QUATERNION_TOLERANCE`, `(...,)`."""
     bounded = np.asarray((np.abs(rotations) <= 2.0).all(axis=(-2, -1)))
     safe = np.where(bounded[..., None, None], rotations, 0.0)
     defects = np.abs(safe @ np.swapaxes(safe, -1, -2) - np.eye(3)).max(axis=(-2, -1))
@@ -87,7 +86,7 @@ def plausible_positions(positions: FloatArray) -> Mask:
 
 
 def plausible_quats(quats_xyzw: FloatArray) -> Mask:
-    """Return whether each quaternion `(..., 4)` has the length of a rotation, `(...,)`."""
+    """Return whether each quaternion `(..., 4)` has unit norm within `QUATERNION_TOLERANCE`, `(...,)`."""
     with np.errstate(over="ignore"):
         squares = np.einsum("...i,...i->...", quats_xyzw, quats_xyzw)
     low, high = QUATERNION_SQUARES
@@ -95,7 +94,7 @@ def plausible_quats(quats_xyzw: FloatArray) -> Mask:
 
 
 def is_plausible_covariance(covariance: FloatArray) -> bool:
-    """Return whether `(6, 6)` can be the covariance of a pose: finite, bounded, symmetric, no negative variance."""
+    """Return whether a matrix `(6, 6)` is a valid pose covariance: bounded, symmetric, positive semi-definite."""
     if not (np.abs(covariance) <= MAX_VARIANCE).all():
         return False
     tolerance = MAX_ASYMMETRY * max(float(np.diag(covariance).max()), MIN_LARGEST_VARIANCE)

@@ -1,4 +1,4 @@
-"""Rectification of raw images as sensor_msgs/CameraInfo (D, K, R, P) and OpenCV have it; maps are made once."""
+"""Rectification of raw images by D, K, R and P of sensor_msgs/CameraInfo; the remap tables are computed once."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from sfr_loc_map.inputs import SIDES, refusing
 
 Rectify = Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]]
 COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidistant": (4,), "fisheye": (4,)}
-"""Models of distortion that are known, and how many coefficients they may have."""
+"""Supported distortion models, and the numbers of coefficients that each may have."""
 FISHEYE = ("equidistant", "fisheye")
 FOCAL_RATIO = (0.5, 2.0)
-"""Rectified focal length over that of the camera. OpenCV shrinks the image of a wide fisheye lens to a few pixels."""
-MIN_VALID = 0.25  #: Smallest fraction of a rectified image that raw pixels are mapped to.
-SAME_DIRECTION = 1e-5  #: Change of a distortion coefficient or of an entry of R that moves no pixel by `SAME_PX`.
+"""Accepted ratio of the rectified focal length to that of the camera. For wide fisheye lenses OpenCV's is far less."""
+MIN_VALID = 0.25  #: Smallest accepted fraction of a rectified image that raw pixels cover.
+SAME_DIRECTION = 1e-5  #: Smaller changes of a distortion coefficient or an entry of R are ignored (`SAME_PX`).
 RECTIFIED_TOLERANCE = 1e-9
-"""Calibrated cameras that differ from a rectified pair by no more, in radians and metres, are one."""
+"""Largest deviation of calibrated cameras from a rectified pair, rad and m, that needs no rectification."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class RawCamera:
 
     @classmethod
     def of(cls, name: str, info: Any) -> RawCamera:  # noqa: ANN401 - a CameraInfo of any library
-        """Return the calibration that a sensor_msgs/CameraInfo gives; `name` is its topic (`loc/left/camera_info`)."""
+        """Return the calibration in a sensor_msgs/CameraInfo; `name` is its topic (`loc/left/camera_info`)."""
         lists = (np.asarray(values, np.float64).reshape(-1).tolist() for values in (info.d, info.k, info.r, info.p))
         d, k, r, p = (tuple(values) for values in lists)
         model = str(info.distortion_model)
@@ -61,7 +61,7 @@ class RawCamera:
         has_full_size = (roi.width, roi.height) in ((0, 0), (info.width, info.height))
         is_cropped = not has_full_size or roi.x_offset or roi.y_offset
         if is_cropped or info.binning_x > 1 or info.binning_y > 1:
-            raise InputError(f"{name} has binning or a region of interest: send whole images to be rectified")
+            raise InputError(f"{name} has binning or a region of interest: send full images without binning")
         is_complete = (len(k), len(r), len(p)) == (9, 9, 12) and np.isfinite([*d, *k, *r, *p]).all()
         if not is_complete or k[0] <= 0.0 or k[4] <= 0.0 or p[0] <= 0.0:
             raise InputError(f"{name} has no k or p, or numbers that are not finite: calibrate the camera")
@@ -72,7 +72,7 @@ class RawCamera:
         return cls((int(info.width), int(info.height)), model, d, k, r, p)
 
     def maps(self) -> Sequence[Any]:
-        """Return OpenCV's fixed-point maps, of 1/32 pixel, from the pixels of the rectified image to the raw one."""
+        """Return OpenCV's fixed-point maps (1/32 pixel) from rectified to raw pixels."""
         k = np.reshape(self.k, (3, 3))
         r = np.reshape(self.r, (3, 3))
         p = np.reshape(self.p, (3, 4))[:, :3]
@@ -80,7 +80,7 @@ class RawCamera:
         return make(k, np.array(self.d), r, p, self.size, cv2.CV_16SC2)
 
     def is_same(self, other: RawCamera) -> bool:
-        """Return whether both describe one camera up to `SAME_PX`: drivers round the calibration of each message."""
+        """Return whether both calibrations agree within `SAME_PX`, because drivers round the values of each message."""
         if (self.size, self.model, len(self.d)) != (other.size, other.model, len(other.d)):
             return False
         change_px = max(_largest_difference(self.k, other.k), _largest_difference(self.p, other.p))
@@ -98,7 +98,7 @@ class RawCamera:
 
     @property
     def is_rectified(self) -> bool:
-        """Whether its images need no rectification."""
+        """Whether the images need no rectification."""
         if any(self.d):
             return False
         p = np.reshape(self.p, (3, 4))[:, :3].reshape(-1)
@@ -107,15 +107,15 @@ class RawCamera:
 
 
 def _largest_difference(numbers: ArrayLike, others: ArrayLike) -> float:
-    """Return the largest absolute difference of as many numbers; NaN if one of them is NaN."""
+    """Return the largest absolute difference of two lists of equal length; NaN if a number is NaN."""
     return float(np.abs(np.subtract(numbers, others)).max())
 
 
 class StereoRectifier:
-    """Rectifies the pairs of two cameras, left and right."""
+    """Rectifies the image pairs of a left and a right camera."""
 
     def __init__(self, cameras: tuple[RawCamera, RawCamera], name: str = "the camera") -> None:
-        """Make the maps; InputError if they show hardly anything of the raw images."""
+        """Compute the maps; InputError if raw pixels cover less than `MIN_VALID` of a rectified image."""
         self.cameras = cameras
         self._maps = tuple(camera.maps() for camera in cameras)
         for side, camera, maps in zip(SIDES, cameras, self._maps, strict=True):
@@ -131,16 +131,16 @@ class StereoRectifier:
                 )
 
     def rectify(self, left: GreyImage, right: GreyImage) -> tuple[GreyImage, GreyImage]:
-        """Return the rectified images; what no raw pixel shows is 0."""
+        """Return the rectified images; pixels outside of the raw image are 0."""
         return _remapped(left, self._maps[0]), _remapped(right, self._maps[1])
 
 
 def rectified_rig(
     infos: Sequence[Any], name: str, before: StereoRectifier | None = None
 ) -> tuple[StereoRig, StereoRectifier]:
-    """Return the rig of two raw CameraInfo (`loc` or `nav`) and its rectifier, `before` if it is of these cameras.
+    """Return the rig and the rectifier of two raw CameraInfo (`loc` or `nav`); reuse `before` if its cameras are equal.
 
-    Both images are rectified to the P of the left camera, also where that of the right one differs.
+    Both images are rectified to the P of the left camera, even if the P of the right camera differs.
     """
     left, right = (RawCamera.of(f"{name}/{side}/camera_info", info) for side, info in zip(SIDES, infos, strict=True))
     if left.size == right.size and right.p[0] > 0.0:
@@ -153,11 +153,11 @@ def rectified_rig(
 def rig_of_rectified(
     infos: Sequence[Any], name: str, before: StereoRectifier | None = None
 ) -> tuple[StereoRig, StereoRectifier | None]:
-    """Return the rig of rectified images by P of two CameraInfo; the rectifier makes equal what differs in P.
+    """Return the rig of rectified images, from P of two CameraInfo, and a rectifier if the P differ.
 
     P of left and right may differ in focal length and principal point (OpenCV without CALIB_ZERO_DISPARITY, crops). A
-    difference that moves no pixel by more than `SAME_PX` is ignored; for a larger one the right images are remapped,
-    by `before` if it is of these cameras.
+    difference that moves no pixel by more than `SAME_PX` is ignored. For a larger difference the rectifier remaps the
+    right images; `before` is reused if its cameras are equal.
     """
     left, right = infos
     p_left, p_right = (np.asarray(info.p, np.float64).reshape(-1) for info in infos)
@@ -183,7 +183,7 @@ def rig_of_rectified(
 
 
 def _in_common(p_left: FloatArray, p_right: FloatArray) -> FloatArray:
-    """Return the P `(12,)` that the right camera has with the camera matrix of the left one and its own baseline."""
+    """Return the P `(12,)` of the right camera with the camera matrix of the left camera and an unchanged baseline."""
     common = p_left.copy()
     difference = np.abs(np.delete(p_left - p_right, [3, 7, 11]))
     if difference.max() <= TOLERANCE:
@@ -195,19 +195,19 @@ def _in_common(p_left: FloatArray, p_right: FloatArray) -> FloatArray:
 
 
 def _rectifier(cameras: tuple[RawCamera, RawCamera], name: str, before: StereoRectifier | None) -> StereoRectifier:
-    """Return a rectifier of two cameras, `before` if it is of the same: its maps take a while to make."""
+    """Return a rectifier of two cameras; reuse `before` if its cameras are equal, because maps are slow to compute."""
     if before is not None and all(map(RawCamera.is_same, before.cameras, cameras)):
         return before
     return StereoRectifier(cameras, name)
 
 
 def _fields_of(info: Any) -> dict[str, Any]:  # noqa: ANN401 - a CameraInfo of any library
-    """Return the fields of a CameraInfo that a rig is made of."""
+    """Return the fields of a CameraInfo from which a rig is computed."""
     return {name: getattr(info, name) for name in ("width", "height", "d", "k", "r", "p")}
 
 
 def _largest_shift_px(p_left: FloatArray, p_right: FloatArray, size: tuple[int, int]) -> float:
-    """Return by how much a corner of the right image moves if it is taken to be of the P of the left one."""
+    """Return the largest shift of a corner of the right image, along rows or columns, if the left P is used for it."""
     shifts = []
     for axis, (focal, centre) in enumerate(((0, 2), (5, 6))):
         for corner in (0.0, float(size[axis] - 1)):
@@ -217,7 +217,7 @@ def _largest_shift_px(p_left: FloatArray, p_right: FloatArray, size: tuple[int, 
 
 
 def _valid_fraction(places: Any, size: tuple[int, int]) -> float:  # noqa: ANN401 - of OpenCV
-    """Return the fraction of a rectified image that raw pixels are mapped to; `places` `(H, W, 2)` in the raw image."""
+    """Return the fraction of a rectified image that raw pixels cover; `places` `(H, W, 2)` are raw pixel positions."""
     width, height = size
     u, v = places[:, :, 0], places[:, :, 1]
     return float(((u >= 0) & (u < width) & (v >= 0) & (v < height)).mean())
@@ -225,14 +225,14 @@ def _valid_fraction(places: Any, size: tuple[int, int]) -> float:  # noqa: ANN40
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedCamera:
-    """A camera of a calibration, before rectification."""
+    """A calibrated camera before rectification."""
 
     size: tuple[int, int]
-    """Width and height of its images, pixels."""
+    """Width and height of the images, pixels."""
     intrinsics: tuple[float, float, float, float]
-    """fx, fy, cx, cy, pixels; pixel centres at whole numbers."""
+    """fx, fy, cx, cy, pixels; pixel centres are at integer coordinates."""
     distortion: tuple[float, ...]
-    """Coefficients of the model, in the order of OpenCV."""
+    """Distortion coefficients of the model, in OpenCV's order."""
     T_body_cam: Transform
     model: str = "plumb_bob"
 
@@ -255,9 +255,9 @@ class CalibratedCamera:
 
 
 def rectified_cameras(name: str, left: CalibratedCamera, right: CalibratedCamera) -> tuple[RawCamera, RawCamera]:
-    """Return both with the r and p that rectify them (Bouguet, no black rim), the identity where nothing need be."""
+    """Return both cameras with the R and P that rectify them (Bouguet, no black border); R = I if already rectified."""
     if left.size != right.size:
-        raise InputError(f"{name}: the left camera is {left.size}, the right {right.size}: both need one size")
+        raise InputError(f"{name}: the left camera is {left.size}, the right {right.size}: both must have one size")
     fisheye = left.model in FISHEYE
     if fisheye != (right.model in FISHEYE):
         raise InputError(
@@ -268,7 +268,7 @@ def rectified_cameras(name: str, left: CalibratedCamera, right: CalibratedCamera
     off = max(float(np.abs(T_right_left.rotation - np.eye(3)).max()), float(np.abs(across[1:]).max()))
     plain = not any(left.distortion) and not any(right.distortion) and left.intrinsics == right.intrinsics
     if plain and off <= RECTIFIED_TOLERANCE and across[0] > 0.0:
-        shift = -(left.intrinsics[0] * round(float(across[0]), 12))  # without what the product of poses adds
+        shift = -(left.intrinsics[0] * round(float(across[0]), 12))  # without the rounding errors of the poses
         rotations, projections = (np.eye(3), np.eye(3)), (np.c_[left.k, np.zeros(3)], np.c_[left.k, (shift, 0.0, 0.0)])
     else:
         lenses = (np.array(values) for values in (left.k, left.distortion, right.k, right.distortion))
@@ -288,7 +288,7 @@ def rectified_cameras(name: str, left: CalibratedCamera, right: CalibratedCamera
                 raise InputError(f"{name}: the cameras cannot be rectified: {problem}; correct the calibration")
             other = projections[1]
         if not other[0, 3] < 0 or other[1, 3] != 0:
-            raise InputError(f"{name}: the right camera is not right of the left: swapped, or one above the other?")
+            raise InputError(f"{name}: the right camera is not to the right of the left camera: are they swapped?")
     one, other = map(CalibratedCamera.as_raw, (left, right), rotations, projections)
     return one, other
 
@@ -296,7 +296,7 @@ def rectified_cameras(name: str, left: CalibratedCamera, right: CalibratedCamera
 def _kept_projections(
     cameras: Sequence[CalibratedCamera], rotations: Sequence[FloatArray], shift: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return projections with the focal length of the cameras that keep the centres of both in the image."""
+    """Return projections with the mean focal length that keep the cameras' principal points in place on average."""
     focal = float(np.mean([camera.intrinsics[:2] for camera in cameras]))
     axes = np.array([rotation[:, 2] for rotation in rotations])  # optical axes in the rectified frame
     centres = np.array([camera.intrinsics[2:] for camera in cameras])
@@ -310,7 +310,7 @@ def _kept_projections(
 def _coverage_problem(
     cameras: Sequence[CalibratedCamera], rotations: Sequence[FloatArray], projections: Sequence[FloatArray]
 ) -> str:
-    """Return why a rectification does not cover the field of view of the cameras; empty if it does."""
+    """Return why a rectification does not cover the field of view of the cameras; empty if there is no problem."""
     for camera, rotation, projection in zip(cameras, rotations, projections, strict=True):
         raw = camera.as_raw(rotation, projection)
         width, height = camera.size
@@ -327,7 +327,7 @@ def _coverage_problem(
 
 
 def rectified_pair(name: str, left: CalibratedCamera, right: CalibratedCamera) -> tuple[StereoRig, Rectify | None]:
-    """Return the rectified rig in the body and what rectifies images, None where nothing need be done."""
+    """Return the rectified rig, with its pose in the body, and the rectifying function; None if already rectified."""
     cameras = one, other = rectified_cameras(name, left, right)
     rig = rig_from_projections(np.array(one.p), np.array(other.p), one.size, name)
     T_body_left = Transform(left.T_body_cam.rotation @ np.reshape(one.r, (3, 3)).T, left.T_body_cam.translation)

@@ -1,7 +1,7 @@
 """Rotations as matrices, scalar-last quaternions and rotation vectors.
 
-Quaternions are `quat_xyzw` everywhere (`q = w + x i + y j + z k`), as in ROS messages and as the source document's
-`[q1 q2 q3 q4]` [3.1.1]. All functions take one rotation or a stack of them along the first axis.
+All quaternions are `quat_xyzw` (`q = w + x i + y j + z k`), as in ROS messages and as `[q1 q2 q3 q4]` in the source
+document [3.1.1]. Shapes `(..., N)` accept one rotation or an array of rotations.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from sfr_loc_map.errors import GeometryError
 from sfr_loc_map.geometry.arrays import FloatArray
 
 MIN_NORM: Final = 1e-12  #: Smallest norm of a quaternion that can be normalised.
-SMALL_SINE: Final = 1e-6  #: Sine of an angle, below which `slerp` interpolates linearly: exact to 1e-12.
-SMALL_HALF_SINE: Final = 1e-9  #: Sine of half an angle, below which the rotation vector is twice the vector part.
+SMALL_SINE: Final = 1e-6  #: Sine of the angle below which `slerp` interpolates linearly, with an error below 1e-12.
+SMALL_HALF_SINE: Final = 1e-9  #: Sine of the half angle below which the rotation vector is twice the vector part.
 NO_LENGTH: Final = "a quaternion has no length or is not finite: a rotation needs four finite numbers, not all zero"
 
 
 def quat_normalised(quat_xyzw: ArrayLike) -> FloatArray:
-    """Return unit quaternions `(..., 4)`; GeometryError if one has no length or is not finite."""
+    """Return unit quaternions `(..., 4)`; GeometryError if a quaternion is zero or not finite."""
     quat = np.asarray(quat_xyzw, dtype=np.float64)
     norm = np.sqrt(np.sum(quat * quat, axis=-1, keepdims=True))
     if not np.all(np.isfinite(norm)) or np.any(norm < MIN_NORM):
@@ -31,14 +31,14 @@ def quat_normalised(quat_xyzw: ArrayLike) -> FloatArray:
 
 
 def unit_quats(quats_xyzw: FloatArray) -> FloatArray:
-    """Return quaternions `(N, 4)` of unit length; NaN for quaternions of zeros, which are unknown attitudes."""
+    """Return unit quaternions `(N, 4)`; NaN for zero quaternions, which are unknown attitudes."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(quats_xyzw / np.sqrt(np.sum(np.square(quats_xyzw), axis=-1, keepdims=True)))
 
 
 def slerp(a_xyzw: FloatArray, b_xyzw: FloatArray, fraction: FloatArray) -> FloatArray:
     """Return unit quaternions `(N, 4)` at fractions `(N,)` of the shortest rotation from a to b (Shoemake 1985)."""
-    nearest = np.where(np.sum(a_xyzw * b_xyzw, axis=1) < 0.0, -1.0, 1.0)[:, None] * b_xyzw  # q and -q are one rotation
+    nearest = np.where(np.sum(a_xyzw * b_xyzw, axis=1) < 0.0, -1.0, 1.0)[:, None] * b_xyzw  # -q is the rotation q
     chord = np.linalg.norm(a_xyzw - nearest, axis=1)
     angle = 2.0 * np.arctan2(chord, np.linalg.norm(a_xyzw + nearest, axis=1))
     sine = np.sin(angle)
@@ -50,14 +50,14 @@ def slerp(a_xyzw: FloatArray, b_xyzw: FloatArray, fraction: FloatArray) -> Float
 
 
 def quat_conjugate(quat_xyzw: ArrayLike) -> FloatArray:
-    """Return the conjugate `(..., 4)`: the inverse rotation of a unit quaternion, without rounding."""
+    """Return the conjugate `(..., 4)`, the inverse rotation of a unit quaternion; exact, because only signs change."""
     quat = np.array(quat_xyzw, dtype=np.float64)
     quat[..., :3] = -quat[..., :3]
     return quat
 
 
 def quat_multiply(a_xyzw: ArrayLike, b_xyzw: ArrayLike) -> FloatArray:
-    """Return the Hamilton product `a b` `(..., 4)`: rotates by b first, then by a."""
+    """Return the Hamilton product `a b` `(..., 4)`, which rotates by b first, then by a."""
     a = np.asarray(a_xyzw, dtype=np.float64)
     b = np.asarray(b_xyzw, dtype=np.float64)
     ax, ay, az, aw = (a[..., i] for i in range(4))
@@ -74,7 +74,7 @@ def quat_multiply(a_xyzw: ArrayLike, b_xyzw: ArrayLike) -> FloatArray:
 
 
 def quat_angle(quat_xyzw: ArrayLike) -> FloatArray:
-    """Return the angles `(...)`, rad, from 0 to pi, of the rotations of unit quaternions `(..., 4)`."""
+    """Return the rotation angles `(...)`, rad, 0 to pi, of unit quaternions `(..., 4)`."""
     quat = np.asarray(quat_xyzw, dtype=np.float64)
     return np.asarray(2.0 * np.arctan2(np.linalg.norm(quat[..., :3], axis=-1), np.abs(quat[..., 3])))
 
@@ -90,7 +90,7 @@ def quat_rotate(quat_xyzw: ArrayLike, vectors: ArrayLike) -> FloatArray:
 
 
 def matrix_from_quat(quat_xyzw: ArrayLike) -> FloatArray:
-    """Return rotation matrices `(..., 3, 3)` of quaternions `(..., 4)`, normalised first."""
+    """Return rotation matrices `(..., 3, 3)` of quaternions `(..., 4)`, which are normalised first."""
     x, y, z, w = np.moveaxis(quat_normalised(quat_xyzw), -1, 0)
     rows = (
         (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
@@ -101,7 +101,7 @@ def matrix_from_quat(quat_xyzw: ArrayLike) -> FloatArray:
 
 
 def quat_from_matrix(matrix: ArrayLike) -> FloatArray:
-    """Return unit quaternions `(..., 4)`, scalar >= 0, of `(..., 3, 3)`, precise at any angle (Shepperd 1978)."""
+    """Return unit quaternions `(..., 4)`, scalar >= 0, of rotation matrices `(..., 3, 3)` (Shepperd 1978)."""
     m = np.asarray(matrix, dtype=np.float64)
     quats = np.empty((m.size // 9, 4))
     for index, ((a, b, c), (d, e, f), (g, h, i)) in enumerate(m.reshape(-1, 3, 3).tolist()):

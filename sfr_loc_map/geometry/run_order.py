@@ -1,10 +1,10 @@
-"""Which run a stamped item belongs to, by its stamp and those received before it.
+"""Assignment of stamped items to runs, by their stamps and the stamps received before.
 
-Nodes and live page decide here alone whether another run begins. An item of another time than the run
-(`is_of_another_time`) is held until enough of them follow each other in the order of their stamps; then they are a new
-run. `RunOrder` requires items in order, as the images of a rig; `AnyOrder` takes items in any order, as the poses that
-the monitor receives. `CommonRuns` has one order for each of several sources, as estimate and ground truth, whose runs
-are the same.
+A run is one continuous sequence of stamps; a recording that is played again begins a new run. Nodes and the live page
+detect new runs only by this module. Items of another time than the run (`is_of_another_time`) begin a new run once
+enough of them arrive in the order of their stamps. `RunOrder` requires items in order, such as the images of a rig.
+`AnyOrder` accepts items in any order, such as the poses that the monitor receives. `CommonRuns` keeps the runs of
+several sources in step, such as estimate and ground truth.
 """
 
 from __future__ import annotations
@@ -18,46 +18,46 @@ from typing import Generic, TypeVar
 from sfr_loc_map.inputs import JUMP_BACK_NS, jumped_back
 
 T = TypeVar("T")
-LEAP_NS = 3600 * 1_000_000_000  #: A stamp that far ahead of the last one is of another clock.
-AGREEING = 3  #: Stamps of another time in a row that are a new run.
-REGULAR = 10  #: Unknown stamps in a row that are a new run: few shuffled sequences (1 of 3.6 million) are in order.
-PACE = 4  #: Duration of such a row over that at its median step; messages may have been lost.
-JOIN = 2.0  #: Mean steps of a run within which an earlier item joins it.
+LEAP_NS = 3600 * 1_000_000_000  #: Lead over the last stamp from which on a stamp is of another clock, ns.
+AGREEING = 3  #: Consecutive increasing stamps of another time that begin a new run.
+REGULAR = 10  #: Consecutive increasing unknown stamps that begin a new run: 1 of 3.6 million permutations increases.
+PACE = 4  #: Largest duration of these stamps over their number times their median step; messages may be lost.
+JOIN = 2.0  #: An earlier item joins a run if it precedes the run by at most this many mean steps of the run.
 
 
 def is_of_another_time(last_ns: int, stamp_ns: int) -> bool:
-    """Return whether a stamp is of another time than the last one of a run: a second before it, or an hour after it."""
+    """Return whether a stamp is 1 s or more before the last stamp of a run, or 1 h or more after."""
     return jumped_back(last_ns, stamp_ns) or stamp_ns - last_ns >= LEAP_NS
 
 
 class StampOrder(ABC, Generic[T]):
-    """Assigns the stamped items of one source to runs."""
+    """Assigns the stamped items of a source to runs."""
 
     @property
     @abstractmethod
     def strays(self) -> int:
-        """Number of items that are dropped so far because of another time."""
+        """Number of items dropped so far because of their stamps."""
 
     @abstractmethod
     def add(self, stamp_ns: int, item: T) -> tuple[list[T], bool]:
-        """Take an item; return the items that are accepted, and whether a new run begins with them."""
+        """Add an item; return the items that are accepted, and whether a new run begins with them."""
 
     @abstractmethod
     def restart(self) -> None:
-        """Forget all items: the next one begins a run."""
+        """Forget all items; the next item begins a run."""
 
     @abstractmethod
     def release(self) -> list[T]:
-        """Restart, and return the items that may begin a run: another source has begun one."""
+        """Restart, because another source has begun a run, and return the items that may belong to the run."""
 
 
 class RunOrder(StampOrder[T]):
-    """Assigns stamped items to runs; `late` and `strays` count those that are dropped.
+    """Assigns stamped items to runs; `late` and `strays` count the dropped items.
 
-    An item that is not newer than the last one is late. An item of another time, a second or more before the last one
-    or an hour after it, is held. If as many such items as `agreeing` follow each other in the order of their stamps,
-    they are accepted: before the last one a new run begins with them, after it the run continues. If an item of the
-    present time is added first, the held items are strays. A stamp of zero is no stamp.
+    An item whose stamp does not exceed the last stamp is late. An item of another time (`is_of_another_time`) is held.
+    Once `agreeing` held items have increasing stamps, they are accepted. If their stamps are before the last stamp, a
+    new run begins; if they are after, the run continues. If an item of the run arrives first, the held items are
+    strays. An item with a stamp of zero or less is also a stray.
     """
 
     def __init__(self, agreeing: int = AGREEING) -> None:
@@ -70,16 +70,16 @@ class RunOrder(StampOrder[T]):
 
     @property
     def strays(self) -> int:
-        """Number of items that are dropped so far because of another time."""
+        """Number of items dropped so far because of their stamps."""
         return self._strays
 
     def restart(self) -> None:
-        """Forget the last stamp and what is held: the next item begins a run."""
+        """Forget the last stamp and the held items; the next item begins a run."""
         self.last_ns = None
         self._held.clear()
 
     def release(self) -> list[T]:
-        """Restart, and return the items that were held: another source has begun a run."""
+        """Restart, because another source has begun a run, and return the held items."""
         items = [item for _, item in self._held]
         last_ns = self._held[-1][0] if self._held else None
         self.restart()
@@ -87,14 +87,14 @@ class RunOrder(StampOrder[T]):
         return items
 
     def restart_if_set_back(self, now_ns: int) -> bool:
-        """Restart if a clock was set back to another time than that of the last item; return whether it was."""
+        """Restart if `now_ns` is 1 s or more before the last stamp; return whether the clock was set back."""
         if self.last_ns is None or not jumped_back(self.last_ns, now_ns):
             return False
         self.restart()
         return True
 
     def add(self, stamp_ns: int, item: T) -> tuple[list[T], bool]:
-        """Take an item; return the items that may be processed, in order, and whether a new run begins with them."""
+        """Add an item; return the items that are accepted, in order, and whether a new run begins with them."""
         last_ns = self.last_ns
         if stamp_ns <= 0:
             self._strays += 1
@@ -120,13 +120,14 @@ class RunOrder(StampOrder[T]):
 
 
 class AnyOrder(StampOrder[T]):
-    """Assigns stamped items that come in any order to runs; `strays` counts those that are dropped.
+    """Assigns stamped items that arrive in any order to runs; `strays` counts the dropped items.
 
-    An item of the time of the run is accepted whenever it comes. An item before the first one of the run is accepted
-    once no gap separates it from the run. Two kinds of items begin a new run: `AGREEING` that follow each other in the
-    order of their stamps and have stamps that were received before, as of a recording that is played again; or
-    `REGULAR` that follow each other in the order of their stamps at a regular pace. The new run has all of them. An
-    item of a known stamp, of zero, or an hour ahead is dropped otherwise.
+    An item after the first stamp of the run is accepted if the lead over the last stamp is below an hour. An earlier
+    item is accepted once no gap separates it from the run. A new run begins in two cases. Either `AGREEING` consecutive
+    items have increasing stamps that were received before, as when a recording is played again. Or `REGULAR`
+    consecutive items have increasing stamps at a regular pace. The new run contains these items. Otherwise, an item of
+    another time is dropped if its stamp was received before or is an hour ahead. An item with a stamp of zero or less
+    is also dropped.
     """
 
     def __init__(self) -> None:
@@ -135,18 +136,18 @@ class AnyOrder(StampOrder[T]):
         self._begin([])
 
     def restart(self) -> None:
-        """Forget all items: the next one begins a run."""
+        """Forget all items; the next item begins a run."""
         self._break_chain()
         self._dropped += len(self._early)
         self._begin([])
 
     def _begin(self, stamps_ns: list[int]) -> None:
         self._seen = stamps_ns  # stamps of the run, sorted
-        self._early: list[tuple[int, T]] = []  # items before the run, sorted by stamp
-        self._chain: list[tuple[int, T, bool]] = []  # the last items that may begin a run, and whether each is dropped
+        self._early: list[tuple[int, T]] = []  # items from before the run, sorted by stamp
+        self._chain: list[tuple[int, T, bool]] = []  # recent items that may begin a run, and whether each is dropped
 
     def release(self) -> list[T]:
-        """Restart, and return the items that may begin a run: another source has begun one."""
+        """Restart, because another source has begun a run, and return the items that may belong to the run."""
         items = [item for _, item, _ in self._chain]
         self._take_chain()
         self._begin([])
@@ -154,11 +155,11 @@ class AnyOrder(StampOrder[T]):
 
     @property
     def strays(self) -> int:
-        """Number of items that are dropped so far."""
+        """Number of items dropped so far, including early items that have not joined the run."""
         return self._dropped + sum(is_dropped for _, _, is_dropped in self._chain) + len(self._early)
 
     def add(self, stamp_ns: int, item: T) -> tuple[list[T], bool]:
-        """Take an item; return the items that are accepted, and whether a new run begins with them."""
+        """Add an item; return the items that are accepted, and whether a new run begins with them."""
         if stamp_ns <= 0:
             self._dropped += 1
             return [], False
@@ -186,7 +187,7 @@ class AnyOrder(StampOrder[T]):
         return [item, *self._joined()], False
 
     def _take_chain(self) -> list[T]:
-        """Begin a run with the items of the chain, and return them."""
+        """Begin a run with the items of the chain, and return these items."""
         stamps = [stamp_ns for stamp_ns, _, _ in self._chain]
         items = [item for _, item, _ in self._chain]
         self._dropped += sum(stamp_ns not in stamps for stamp_ns, _ in self._early)
@@ -194,7 +195,7 @@ class AnyOrder(StampOrder[T]):
         return items
 
     def _begins_run(self) -> bool:
-        """Return whether the items of the chain agree on a run of their own."""
+        """Return whether the items of the chain form a new run."""
         if len(self._chain) < AGREEING:
             return False
         if all(is_dropped for _, _, is_dropped in self._chain):
@@ -208,7 +209,7 @@ class AnyOrder(StampOrder[T]):
         self._chain.clear()
 
     def _joined(self) -> list[T]:
-        """Return, and accept, the early items that no gap separates from the run."""
+        """Accept and return the early items that no gap separates from the run."""
         found: list[T] = []
         while self._early and len(self._seen) > 1:
             stamp_ns, item = self._early[-1]
@@ -222,33 +223,33 @@ class AnyOrder(StampOrder[T]):
 
 
 class CommonRuns(Generic[T]):
-    """Assigns the stamped items of several sources to runs that are the same for all of them.
+    """Assigns the stamped items of several sources to common runs.
 
-    The first source that begins a new run begins it for all. Of the other sources, items that may belong to it are
-    accepted, and items of the run before are dropped as long as their stamps do not follow those of the new run.
-    Results, which arrive after the ground truth of their moment, would begin the run before again.
+    The first source that begins a new run begins it for all sources. Items that the other sources hold for a new run
+    are then accepted. Late items of the previous run are dropped until a stamp fits the new run. Otherwise results,
+    which arrive later than the ground truth of the same stamp, would begin the previous run again.
     """
 
     def __init__(self, orders: Mapping[str, StampOrder[tuple[str, int, T]]]) -> None:
-        """Start before the first item; each source has its order."""
+        """Start before the first item; `orders` has one order per source."""
         self._orders = orders
         self._latest_ns: dict[str, int] = {}  # latest stamp of each source in the run
-        self._ended_ns: dict[str, tuple[int, int]] = {}  # latest stamps of a source and of the run that it has to leave
+        self._ended_ns: dict[str, tuple[int, int]] = {}  # in the previous run: latest of a source, and of all
 
     @property
     def strays(self) -> int:
-        """Number of items that are dropped so far because of another time."""
+        """Number of items dropped so far because of their stamps."""
         return sum(order.strays for order in self._orders.values())
 
     def restart(self) -> None:
-        """Forget all items: the next one begins a run."""
+        """Forget all items; the next item begins a run."""
         for order in self._orders.values():
             order.restart()
         self._latest_ns = {}
         self._ended_ns = {}
 
     def add(self, source: str, stamp_ns: int, item: T) -> tuple[list[T], bool]:
-        """Take an item of a source; return the items that are accepted, and whether a new run begins with them."""
+        """Add an item of a source; return the items that are accepted, and whether a new run begins with them."""
         if self._is_of_run_before(source, stamp_ns):
             return [], False
         accepted, begins_run = self._orders[source].add(stamp_ns, (source, stamp_ns, item))
@@ -264,7 +265,7 @@ class CommonRuns(Generic[T]):
         return [content for _, _, content in accepted], begins_run
 
     def _is_of_run_before(self, source: str, stamp_ns: int) -> bool:
-        """Return whether an item is of the run before, which another source has left."""
+        """Return whether an item belongs to the previous run, which another source has ended."""
         if source not in self._ended_ns:
             return False
         own_ns, end_ns = self._ended_ns[source]

@@ -1,4 +1,4 @@
-"""Items of two streams that belong together by their stamps: left and right images, poses, truth."""
+"""Association of the items of two streams by their stamps: left and right images, poses, ground truth."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Generic, TypeVar
 
 T = TypeVar("T")
 STAMP_TOLERANCE_S = 0.01
-"""Default of the largest difference between the stamps of what belongs together; always below half a period."""
-PERIODS = 15  #: The period of a stream is the median of this many gaps between its stamps.
+"""Default of the largest stamp difference of a pair, s. The tolerance is also kept below half a period."""
+PERIODS = 15  #: The period of a stream is the median of its last gaps between stamps, this many at most.
 WAITING = 1000  #: Items of each stream that may wait for a partner if all stamps are known in advance.
 
 
 def below_half_period(tolerance_ns: int, *gaps_ns: Collection[int]) -> int:
-    """Return the tolerance, at most just below half of the shorter period of streams that have these gaps."""
+    """Return the tolerance, limited to less than half of the shorter period of the streams with these gaps."""
     periods = [median_low(gaps) for gaps in gaps_ns if gaps]
     if not periods:
         return tolerance_ns
@@ -24,7 +24,7 @@ def below_half_period(tolerance_ns: int, *gaps_ns: Collection[int]) -> int:
 
 
 def match_stamps(left: Sequence[int], right: Sequence[int], tolerance_ns: int) -> dict[int, int]:
-    """Return the right stamp of each left one that has a partner, nanoseconds; both streams increase."""
+    """Return the right stamp of each left stamp that has a partner, ns; the stamps of both streams increase."""
     gaps = [[after - before for before, after in pairwise(stamps) if after > before] for stamps in (left, right)]
     pairing: StampPairing[int] = StampPairing(below_half_period(tolerance_ns, *gaps), WAITING)
     order = sorted([(stamp, 0) for stamp in left] + [(stamp, 1) for stamp in right])
@@ -33,22 +33,22 @@ def match_stamps(left: Sequence[int], right: Sequence[int], tolerance_ns: int) -
 
 
 class StampPairing(Generic[T]):
-    """Pairs the items of two streams by their stamps, with a bounded memory.
+    """Pairs the items of two streams by their stamps, with bounded memory.
 
-    The stamps of each stream increase until the stream goes back to an earlier one. An item is therefore dropped, and
-    counted as `unpaired`, when the other stream has reached a later stamp and both have gone back equally often. What
-    a return means is decided by `run_order`, which is given the pairs. `overflowed` counts items
-    that were dropped because their queue was full. The tolerance is less than half of either stream's period, so that
-    items of neighbouring moments are not paired.
+    The stamps of each stream increase until the stream returns to an earlier stamp. An item is therefore dropped, and
+    counted as `unpaired`, when the other stream has reached a later stamp and both streams have returned equally often.
+    `run_order`, which receives the pairs, decides whether a return begins a new run. `overflowed` counts items that
+    were dropped because their queue was full. The tolerance is less than half of the shorter period, so that items of
+    neighbouring frames are not paired.
     """
 
     def __init__(self, tolerance_ns: int, depth: int) -> None:
-        """Start without items; stamps of a pair differ by up to the tolerance, and `depth` items of a side may wait."""
+        """Start without items; stamps of a pair differ by up to the tolerance, and each side queues `depth` items."""
         self._tolerance_ns = tolerance_ns
         self._depth = depth
-        self._waiting: tuple[deque[tuple[int, int, T]], ...] = (deque(), deque())  # stamp, returns before it, item
+        self._waiting: tuple[deque[tuple[int, int, T]], ...] = (deque(), deque())  # stamp, number of returns, item
         self._latest_ns: list[int | None] = [None, None]
-        self._returns = [0, 0]  # how often each stream has gone back to an earlier stamp
+        self._returns = [0, 0]  # how often each stream has returned to an earlier stamp
         self._gaps_ns: tuple[deque[int], ...] = (deque(maxlen=PERIODS), deque(maxlen=PERIODS))
         self.unpaired = 0
         self.overflowed = 0
@@ -71,7 +71,7 @@ class StampPairing(Generic[T]):
         self._returns = [0, 0]
 
     def _partner_of(self, side: int, stamp_ns: int, item: T) -> T | None:
-        """Return the partner of a new item of a side, 0 for left and 1 for right; None if the item has to wait."""
+        """Return the partner of a new item, side 0 for left and 1 for right; None if the item has to wait."""
         latest = self._latest_ns[side]
         self._returns[side] += latest is not None and stamp_ns < latest
         if latest is not None and stamp_ns > latest:
@@ -87,7 +87,7 @@ class StampPairing(Generic[T]):
                 self.overflowed += 1
             self._drop_hopeless()
             return None
-        _, self._returns[side], partner = other[best]  # the same moment, so both have gone back equally often
+        _, self._returns[side], partner = other[best]  # the partner is of the same run
         while own and own[0][0] < stamp_ns:
             own.popleft()
             self.unpaired += 1
@@ -97,7 +97,7 @@ class StampPairing(Generic[T]):
         return partner
 
     def _drop_hopeless(self) -> None:
-        """Drop items whose partner can no longer arrive, because the other stream is beyond their stamp."""
+        """Drop items whose partner can no longer arrive, because the other stream has passed their stamp."""
         for side, queue in enumerate(self._waiting):
             latest = self._latest_ns[1 - side]
             returns = self._returns[1 - side]

@@ -14,13 +14,13 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform, interpolated
 from sfr_loc_map.inputs import NS_PER_S
 
-LONGEST_GAP_S = 1.0  #: Between poses that are farther apart in time the pose is unknown, s.
+LONGEST_GAP_S = 1.0  #: Longest time between two poses over which poses are interpolated, s.
 
 
 def pose_at(poses: Sequence[tuple[int, Transform]], stamp_ns: int, max_gap_ns: int) -> Transform | None:
-    """Return the pose of a stamp, interpolated between two poses at most `max_gap_ns` apart; None if there is none.
+    """Return the pose at a stamp, interpolated between two poses at most `max_gap_ns` apart; None if not covered.
 
-    The poses are in the order of their stamps, ns.
+    `poses` are sorted by stamp, ns.
     """
     index = bisect_left(poses, stamp_ns, key=itemgetter(0))
     after_ns, after = poses[index] if index < len(poses) else (0, None)
@@ -33,7 +33,7 @@ def pose_at(poses: Sequence[tuple[int, Transform]], stamp_ns: int, max_gap_ns: i
 
 
 def sampled(poses: Trajectory, stamps_ns: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return interpolated positions and unit quaternions at stamps. A single pose is static and holds at all stamps."""
+    """Return interpolated positions and unit quaternions at stamps. A single pose is static and valid at all stamps."""
     if len(poses) == 1:
         quats_xyzw = unit_quats(poses.quats_xyzw)
         return np.repeat(poses.positions, len(stamps_ns), axis=0), np.repeat(quats_xyzw, len(stamps_ns), axis=0)
@@ -46,7 +46,7 @@ def sampled(poses: Trajectory, stamps_ns: IntArray) -> tuple[FloatArray, FloatAr
 
 
 def covered(known_ns: IntArray, stamps_ns: IntArray) -> Mask:
-    """Return for each stamp whether it is between known ones that are at most `LONGEST_GAP_S` apart."""
+    """Return whether each stamp is between two known stamps that are at most `LONGEST_GAP_S` apart."""
     after = np.searchsorted(known_ns, stamps_ns).clip(max=len(known_ns) - 1)
     before = np.where(known_ns[after] == stamps_ns, after, (after - 1).clip(0))
     near = known_ns[after] - known_ns[before] <= LONGEST_GAP_S * NS_PER_S

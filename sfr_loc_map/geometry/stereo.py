@@ -1,4 +1,4 @@
-"""The rectified stereo rig and its pairs."""
+"""The rectified stereo rig and its image pairs."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from sfr_loc_map.geometry.transform import Transform
 OPTICAL_IN_BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Optical axes (x right, y down, z forward) in a frame with x forward, y left, z up, as SB [3.2.3]."""
 SAME_PX = 0.01
-"""Change of the camera matrix, or of the largest disparity by the baseline, below which a rig is the same, pixels."""
+"""Largest change, pixels, of the camera matrix, or of the largest disparity by a new baseline, that is ignored."""
 CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")  #: Fields of a rig without its pose.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StereoRig:
-    """A rectified stereo rig; both cameras have the same camera matrix, and rows correspond.
+    """A rectified stereo rig: both cameras have the same camera matrix, and image rows are epipolar lines.
 
-    Pixel centres are at integer coordinates: `u = fx X / Z + cx`, X, Z in the left optical frame (x right, y down,
-    z forward); disparity `u_left - u_right = fx baseline_m / Z`. Sizes, focal lengths and principal point in pixels.
+    Pixel centres are at integer coordinates: `u = fx X / Z + cx`, with X and Z in the left optical frame (x right, y
+    down, z forward). The disparity is `u_left - u_right = fx baseline_m / Z`. Sizes, focal lengths and principal point
+    are in pixels.
     """
 
     width: int
@@ -34,12 +35,12 @@ class StereoRig:
     fy: float
     cx: float
     cy: float
-    baseline_m: float  #: Distance between the optical centres.
-    #: Pose of the rig's frame SB in RB; None if unknown. Only the localisation needs it, whose SB is LOCSB.
+    baseline_m: float  #: Distance between the optical centres, metres.
+    #: Pose of SB in RB; None if unknown. Required only for localisation, where SB is LOCSB.
     T_rb_sb: Transform | None = None
 
     def __post_init__(self) -> None:
-        """Check the values; GeometryError if one cannot be that of a camera or a rover."""
+        """Check the values; GeometryError if a value is implausible for a camera or a rover."""
         check_camera((self.width, self.height), (self.fx, self.fy), (self.cx, self.cy))
         low, high = BASELINE_M
         if not low <= self.baseline_m <= high:
@@ -49,12 +50,12 @@ class StereoRig:
 
     @property
     def camera_matrix(self) -> FloatArray:
-        """Camera matrix `(3, 3)` of either camera, pixels."""
+        """Camera matrix `(3, 3)` of both cameras, pixels."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     @property
     def camera(self) -> StereoCamera:
-        """The cameras as a struct for kernels."""
+        """The cameras as a named tuple for kernels."""
         return StereoCamera(self.fx, self.fy, self.cx, self.cy, self.baseline_m)
 
     @property
@@ -73,14 +74,14 @@ class StereoRig:
 
     @property
     def fingerprint(self) -> str:
-        """Hash of all values of the rig, by which files name it."""
+        """Hash of all values of the rig, by which files identify the rig."""
         numbers = [self.width, self.height, *self.camera]
         if self.T_rb_sb is not None:
             numbers += [*self.T_rb_sb.translation.tolist(), *self.T_rb_sb.rotation.reshape(-1).tolist()]
         return hashlib.sha256(",".join(float(n).hex() for n in numbers).encode()).hexdigest()[:16]
 
     def same_cameras(self, other: StereoRig) -> bool:
-        """Return whether the cameras of both rigs are the same within `SAME_PX`: drivers round their calibration."""
+        """Return whether the cameras of both rigs agree within `SAME_PX`, because drivers round the calibration."""
         if (self.width, self.height) != (other.width, other.height):
             return False
         largest_disparity_change_px = self.width * (other.baseline_m / self.baseline_m - 1.0)
@@ -97,7 +98,7 @@ class StereoPair:
     right: GreyImage
 
     def __post_init__(self) -> None:
-        """Check types and sizes; GeometryError if an image is not 2D uint8, sizes differ or a stamp is no integer."""
+        """Check types and sizes; GeometryError if an image is not 2D uint8, sizes differ or the stamp is not an int."""
         if not isinstance(self.stamp_ns, int | np.integer):
             raise GeometryError(f"stamp {self.stamp_ns!r} of a pair: whole nanoseconds are required")
         for name, image in (("left", self.left), ("right", self.right)):
@@ -114,11 +115,11 @@ class StereoPair:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosedStereoPair:
-    """A stereo pair of a source for mapping, with its pose in the local map frame.
+    """A stereo pair for mapping, with the pose of the rig in the local map frame.
 
-    Methods are given the pair and the pose. The truth is for the score alone.
+    Methods receive the pair and the pose. The truth is used only by the score.
     """
 
     pair: StereoPair
     T_lm_navsb: Transform
-    truth: PointImage | None = None  #: Points in LM seen by the centres of the left pixels, where the source has truth.
+    truth: PointImage | None = None  #: True points in LM at the centres of the left pixels; None if unknown.

@@ -1,4 +1,4 @@
-"""A path of a bounded number of poses, for displays."""
+"""A path with a bounded number of poses, for displays."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy as np
 from sfr_loc_map.geometry.transform import Transform
 
 T = TypeVar("T")
-MAX_POSES = 2000  #: Largest number of poses of a thinned path: about the pixels of a figure's width.
+MAX_POSES = 2000  #: Most poses of a thinned path: about the width of a figure in pixels.
 FIRST_SPACING_M = 0.02  #: Initial spacing of a thinned path, metres: 20 m of path have 1000 poses.
 TURN_PER_METRE = math.radians(100.0)
-"""Rotation that counts as a metre of path, rad, so that a rover that turns on the spot leaves poses as well."""
+"""Rotation that counts as 1 m of path, rad, so that point turns also add poses."""
 
 
 class ThinnedPath(Generic[T]):
-    """Keeps poses at a spacing that doubles when there are too many; the first and the last pose are always kept."""
+    """Keeps poses at a spacing that doubles at `max_poses` poses; the first and the last pose are always kept."""
 
     def __init__(self, max_poses: int = MAX_POSES) -> None:
         """Start empty; `max_poses` is at least 3."""
@@ -34,14 +34,14 @@ class ThinnedPath(Generic[T]):
 
     @property
     def poses(self) -> Sequence[T]:
-        """The items that were given with the kept poses, in order."""
+        """The items of the kept poses, in order."""
         kept = [item for _, item in self._kept]
         if self._last is not None and (not self._kept or self._last is not self._kept[-1]):
             kept.append(self._last[1])
         return kept
 
     def add(self, stamp_ns: int, pose: Transform, item: T) -> None:
-        """Add a pose and its item; a stamp that is not later than the last one starts a new path."""
+        """Add a pose and its item; a stamp that does not exceed the last stamp starts a new path."""
         if self._last_ns is not None and stamp_ns <= self._last_ns:
             self.clear()
         self._last = (pose, item)
@@ -54,6 +54,6 @@ class ThinnedPath(Generic[T]):
 
 
 def _distance(before: Transform, now: Transform) -> float:
-    """Return the distance of two poses, metres, including their rotation by `TURN_PER_METRE`."""
+    """Return the distance of two poses, metres: the translation plus the rotation angle over `TURN_PER_METRE`."""
     cosine = 0.5 * (float(np.vdot(before.rotation, now.rotation)) - 1.0)
     return math.dist(before.translation, now.translation) + math.acos(max(-1.0, min(1.0, cosine))) / TURN_PER_METRE

@@ -1,7 +1,7 @@
 """Stamped poses of the rover.
 
-`Trajectory` is also what users of Python hold. The methods that load, save and draw import what they need when they
-are called, because files and figures belong to higher layers.
+`Trajectory` is part of the Python API. The methods that load, save and plot import their modules when they are called,
+because files and figures belong to higher layers.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Trajectory(Shown):
-    """Poses of RB in DS at stamps, kept exactly as given (not sorted, quaternions not normalised).
+    """Stamped poses of RB in DS, stored exactly as given (not sorted, quaternions not normalised).
 
-    If no attitude is known, every quaternion is zero, as in a message that does not set it. Iterating and `poses[3]`
-    give `(stamp_ns, pose)`; `poses[10:20]`, or a mask, gives a trajectory.
+    If the attitudes are unknown, every quaternion is zero, as in a message with an unset orientation. Iterating and
+    `poses[3]` return `(stamp_ns, pose)`; `poses[10:20]` and masks return a trajectory.
     """
 
     stamps_ns: IntArray  #: `(N,)` int64, nanoseconds.
@@ -46,7 +46,7 @@ class Trajectory(Shown):
     #: `(N, 4)` float64, orientation of RB in DS as in ROS messages: takes components in RB to DS, the conjugate of
     #: `att_q_DsToRb`.
     quats_xyzw: FloatArray
-    #: The calls that gave the poses: time, memory, state, covariance. Empty for poses from elsewhere.
+    #: The calls that estimated the poses: time, memory, state, covariance. Empty if unknown.
     records: tuple[CallRecord, ...] = ()
     method: MethodRecord | None = None  #: The method that estimated the poses; None if unknown.
 
@@ -74,16 +74,16 @@ class Trajectory(Shown):
 
     @property
     def has_attitude(self) -> bool:
-        """Whether the poses have attitudes, not positions alone."""
+        """Whether the poses have attitudes; otherwise they have only positions."""
         return bool(self.quats_xyzw.any()) or not len(self.stamps_ns)
 
     @property
     def att_q_ds_to_rb(self) -> FloatArray:
-        """Attitude as the source document names it, `att_q_DsToRb` `(N, 4)`: the conjugate of `quats_xyzw`."""
+        """The source document's `att_q_DsToRb` `(N, 4)`: the conjugate of `quats_xyzw`."""
         return quat_conjugate(self.quats_xyzw)
 
     def pose(self, index: int) -> Transform:
-        """Return `T_ds_rb` of one pose; GeometryError if there is no attitude."""
+        """Return `T_ds_rb` of one pose; GeometryError if the attitude is unknown."""
         if not self.quats_xyzw[index].any():
             raise GeometryError("the truth has only positions, no poses: start at the identity")
         return Transform.from_quat(self.positions[index], self.quats_xyzw[index])
@@ -95,12 +95,12 @@ class Trajectory(Shown):
 
     @classmethod
     def from_estimates(cls, estimates: Iterable[PoseEstimate]) -> Self:
-        """Return the poses of estimates, as `sfr.localise(..., live=True)` and `sfr.Localiser` give them."""
+        """Return the poses of estimates, as `sfr.localise(..., live=True)` and `sfr.Localiser` return them."""
         return cls.from_poses((item.stamp_ns, item.T_ds_rb) for item in estimates)
 
     @classmethod
     def from_poses(cls, stamped: Iterable[tuple[int, Transform]]) -> Self:
-        """Return the trajectory of `(stamp_ns, T_ds_rb)`."""
+        """Return the trajectory of pairs `(stamp_ns, T_ds_rb)`."""
         items = list(stamped)
         return cls(
             np.array([stamp for stamp, _ in items], dtype=np.int64),
@@ -116,7 +116,7 @@ class Trajectory(Shown):
         return read_trajectory_file(Path(path)).trajectory
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a file; the name gives the format: `.csv`, `.txt` or `.tum`, `.kitti`, `.euroc.csv`."""
+        """Write a file; the suffix selects the format: `.csv`, `.txt` or `.tum`, `.kitti`, `.euroc.csv`."""
         from sfr_loc_map.io.tables.trajectory_file import save_trajectory
 
         save_trajectory(Path(path), self)
@@ -130,7 +130,7 @@ class Trajectory(Shown):
         save_stats(Path(path), self.records, self.method, self)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return a pandas table: one row per pose, indexed by `stamp_ns`; with `state` and `reason` if known."""
+        """Return a pandas DataFrame, one row per pose, indexed by `stamp_ns`; with `state` and `reason` if known."""
         columns = np.hstack((self.positions, self.quats_xyzw)).T
         frame = data_frame(dict(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), columns, strict=True)))
         frame.index = self.stamps_ns
@@ -141,7 +141,7 @@ class Trajectory(Shown):
         return frame
 
     def plot(self, truth: Trajectory | None = None, align: str = "none") -> Figure:
-        """Return the path as a plotly figure, as `sfr report` draws it; with the truth also the distance to it."""
+        """Return the path as a plotly figure, as in `sfr report`; with a ground truth, also the distance to it."""
         from sfr_loc_map.config import build
         from sfr_loc_map.metrics.config import AlignedErrorConfig
         from sfr_loc_map.report.path_plot import curves_of, path_plot
@@ -151,7 +151,7 @@ class Trajectory(Shown):
         return to_figure(path_plot(curves_of({"estimate": self}, truth, config)))
 
     def __iter__(self) -> Iterator[tuple[int, Transform]]:
-        """Yield stamp (ns) and pose `T_ds_rb` of each pose."""
+        """Yield each stamp, ns, and pose `T_ds_rb`."""
         for index, stamp_ns in enumerate(self.stamps_ns.tolist()):
             yield stamp_ns, self.pose(index)
 
@@ -162,7 +162,7 @@ class Trajectory(Shown):
     def __getitem__(self, key: slice | Sequence[int] | NDArray[np.generic]) -> Self: ...
 
     def __getitem__(self, key: Any) -> tuple[int, Transform] | Self:
-        """Return stamp (ns) and pose of one index; a trajectory for a slice, indices or a mask."""
+        """Return stamp, ns, and pose at an index; a trajectory for a slice, indices or a mask."""
         if isinstance(key, int | np.integer):
             return int(self.stamps_ns[key]), self.pose(int(key))
         rows = np.arange(len(self))[key]
@@ -175,7 +175,7 @@ class Trajectory(Shown):
         )
 
     def _records_of(self, rows: list[int]) -> tuple[CallRecord, ...]:
-        """Return the calls of some poses; without the step from a pose that is not among them."""
+        """Return the calls of the poses in `rows`; a call's step is None if the previous pose is not in `rows`."""
         kept = set(rows)
         first = min(rows, default=0)
         return tuple(
@@ -194,19 +194,19 @@ class Trajectory(Shown):
 
 
 def at_point(poses: Trajectory, point_m: Sequence[float]) -> Trajectory:
-    """Return positions of a point given in RB, with the attitude of RB."""
+    """Return the trajectory of a point that is fixed in RB, with the attitude of RB."""
     moved = poses.positions + quat_rotate(quat_normalised(poses.quats_xyzw), np.asarray(point_m))
     return Trajectory(poses.stamps_ns, moved, poses.quats_xyzw)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Truth(Trajectory):
-    """True poses of RB in DS; without attitudes the positions of a point of RB."""
+    """True poses of RB in DS; if the attitudes are unknown, the true positions of a point of RB."""
 
     sigma_m: float = 0.0  #: Standard deviation of a position along each axis, metres; 0 if exact or unknown.
     sigma_deg: float = 0.0  #: Standard deviation of an attitude about each axis, deg; 0 if exact or unknown.
-    lever_arm_m: tuple[float, ...] = (0.0, 0.0, 0.0)  #: The point in RB whose positions these are.
-    has_height: bool = True  #: Whether z is known; otherwise z is a placeholder and horizontal errors alone are known.
+    lever_arm_m: tuple[float, ...] = (0.0, 0.0, 0.0)  #: The point in RB whose positions are given, metres.
+    has_height: bool = True  #: Whether z is known; otherwise z is a placeholder and only horizontal errors are known.
     has_tilt: bool = True  #: Whether roll and pitch are known; otherwise only the heading is known.
     read_from: str = ""  #: File or topic that the trajectory was read from.
-    declared: tuple[str, ...] = ()  #: Settings `truth.NAME=VALUE` by which it was read and that change its poses.
+    declared: tuple[str, ...] = ()  #: Settings `truth.NAME=VALUE` that changed the poses when the file was read.

@@ -1,4 +1,4 @@
-"""Rigid transforms, and how the covariance of a pose propagates through them."""
+"""Rigid transforms, and the propagation of pose covariances."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ from sfr_loc_map.geometry.rotation import (
 )
 
 IDENTITY = np.eye(3)
-"""Rotation between frames of the same axes."""
+"""Rotation between frames with parallel axes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transform:
-    """Rigid motion `T_a_b`: takes points given in frame b to frame a.
+    """Rigid transform `T_a_b`: takes points in frame b to frame a.
 
-    `from_matrix` and `from_quat`, which take numbers from outside, check that the rotation is one. The constructor does
-    not, because products and inverses of rotations are rotations.
+    `from_matrix` and `from_quat` accept external numbers, and therefore check that the rotation is valid. The
+    constructor does not, because products and inverses of rotations are rotations.
     """
 
-    rotation: FloatArray  #: `(3, 3)` float64, det +1, turns components in b into components in a.
+    rotation: FloatArray  #: `(3, 3)` float64, det +1, takes components in b to a.
     translation: FloatArray  #: `(3,)` float64, metres, the origin of b in a.
-    #: `(4,)` float64, the quaternion that `from_quat` was given, None otherwise. It is kept here because files must be
-    #: written with the digits that were read (`file_quat_xyzw`), and no calculation uses it.
+    #: `(4,)` float64, the argument of `from_quat`, None otherwise. No calculation uses this quaternion: it only
+    #: preserves the digits of a file when the pose is written again (`file_quat_xyzw`).
     given_quat_xyzw: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        """Check shapes and values; GeometryError if a number is not finite or the translation absurdly long."""
+        """Check shapes and values; GeometryError if a number is not finite or a coordinate exceeds `MAX_POSITION_M`."""
         if self.rotation.shape != (3, 3) or self.translation.shape != (3,):
             shapes = f"{self.rotation.shape}, {self.translation.shape}"
             raise GeometryError(f"a transform needs (3, 3) and (3,): got {shapes}")
-        position = self.translation.tolist()  # loops over a few numbers are faster than arrays of them
+        position = self.translation.tolist()  # Python loops are faster than numpy for so few numbers
         numbers = (*position, *self.rotation.reshape(-1).tolist())
         if not all(map(isfinite, numbers)):
             raise GeometryError("a transform has a number that is not finite")
@@ -53,14 +53,15 @@ class Transform:
 
     @classmethod
     def identity(cls) -> Transform:
-        """Return the transform between two frames that coincide."""
+        """Return the identity transform."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
     def from_quat(cls, translation: ArrayLike, quat_xyzw: ArrayLike) -> Transform:
-        """Return `T_a_b` from the origin of b in a, metres, and the orientation of b in a, as in ROS messages.
+        """Return `T_a_b` from the position, metres, and the orientation of b in a, as in ROS messages.
 
-        The quaternion takes components in b to a; it is normalised here, and refused if its length is not 1 +- 1e-2.
+        The quaternion takes components in b to a. A norm that is not within 1 +- 0.01 raises GeometryError; other
+        quaternions are normalised.
         """
         quat = np.array(quat_xyzw, dtype=np.float64)
         low, high = QUATERNION_SQUARES
@@ -70,14 +71,14 @@ class Transform:
 
     @classmethod
     def from_matrix(cls, matrix: FloatArray) -> Transform:
-        """Return `T_a_b` of a matrix `(3, 4)` or `(4, 4)`; GeometryError if its rotation is invalid."""
+        """Return `T_a_b` from a matrix `(3, 4)` or `(4, 4)`; GeometryError if the rotation is invalid."""
         if not plausible_rotations(matrix[:3, :3]):
             raise GeometryError("a rotation matrix is not orthonormal with determinant +1")
         return cls(matrix[:3, :3].copy(), matrix[:3, 3].copy())
 
     @classmethod
     def from_origin_and_attitude(cls, origin: ArrayLike, att_q: ArrayLike) -> Transform:
-        """Return `T_a_b` from `bOriginPos_m_A` and `att_q_AToB` [3.1.2], the conjugate of the ROS orientation."""
+        """Return `T_a_b` from `bOriginPos_m_A` and `att_q_AToB` [3.1.2], the conjugate of the orientation in ROS."""
         return cls.from_quat(origin, quat_conjugate(att_q))
 
     @property
@@ -87,7 +88,7 @@ class Transform:
 
     @property
     def file_quat_xyzw(self) -> FloatArray:
-        """Orientation of b in a `(4,)` for files and messages: as it was given, otherwise `quat_xyzw`."""
+        """Orientation of b in a `(4,)` for files and messages: `given_quat_xyzw` if set, otherwise `quat_xyzw`."""
         return self.quat_xyzw if self.given_quat_xyzw is None else self.given_quat_xyzw
 
     @property
@@ -103,19 +104,19 @@ class Transform:
         return Transform(self.rotation.T.copy(), -self.rotation.T.dot(self.translation))
 
     def __matmul__(self, other: Transform) -> Transform:
-        """Return `T_a_c` of `T_a_b @ T_b_c`."""
-        # `dot` gives what `@` gives, and is faster for so few numbers
+        """Return `T_a_c = T_a_b @ T_b_c`."""
+        # `dot` is faster than `@` for small matrices
         return Transform(self.rotation.dot(other.rotation), self.rotation.dot(other.translation) + self.translation)
 
     def apply(self, points: ArrayLike) -> FloatArray:
-        """Take points `(..., 3)` given in b, metres, to a."""
+        """Return points `(..., 3)` of frame b, metres, in frame a."""
         return np.asarray(np.asarray(points, dtype=np.float64) @ self.rotation.T + self.translation)
 
 
 def propagation(displacement: FloatArray) -> FloatArray:
-    """Return F `(6, 6)`, which maps the error of a pose to that of a pose rigidly attached to it, in ROS order.
+    """Return the Jacobian F `(6, 6)` of the error of a rigidly attached pose by the error of a pose, in ROS order.
 
-    A rotation error w about the fixed axes of a frame moves a pose at the displacement d by `w x d`.
+    A rotation error w about the axes of the fixed frame moves a pose at the displacement d by `w x d`.
     """
     jacobian = np.eye(6)
     jacobian[:3, 3:] = _minus_cross(displacement)
@@ -123,7 +124,7 @@ def propagation(displacement: FloatArray) -> FloatArray:
 
 
 def _minus_cross(vector: FloatArray) -> FloatArray:
-    """Return the matrix `(3, 3)` of `w -> w x vector`."""
+    """Return the matrix `(3, 3)` that maps w to `w x vector`."""
     x, y, z = vector.tolist()
     return np.array(((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)))
 
@@ -131,9 +132,9 @@ def _minus_cross(vector: FloatArray) -> FloatArray:
 def propagated_covariance(
     covariance: FloatArray, displacement: FloatArray, rotation: FloatArray = IDENTITY
 ) -> FloatArray:
-    """Return `F P F^T`, the covariance of a pose rigidly attached to one with the covariance P `(6, 6)`.
+    """Return `F P F^T`, the covariance of a pose that is rigidly attached to a pose with the covariance P `(6, 6)`.
 
-    The errors of the given pose are about axes that the rotation takes to those of the result.
+    `rotation` takes components in the frame of P to the frame of the result.
     """
     jacobian = np.zeros((6, 6))
     jacobian[:3, :3] = rotation
@@ -143,7 +144,7 @@ def propagated_covariance(
 
 
 def interpolated(before: Transform, after: Transform, fraction: float) -> Transform:
-    """Return the transform at a fraction, 0 to 1, of a motion with constant velocities from one to the other."""
+    """Return the transform at a fraction, 0 to 1, of a motion with constant velocities from `before` to `after`."""
     rotvec = rotvec_from_matrix(before.rotation.T @ after.rotation)
     rotation = before.rotation @ matrix_from_rotvec(fraction * rotvec)
     return Transform(rotation, before.translation + fraction * (after.translation - before.translation))
