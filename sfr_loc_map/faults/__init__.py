@@ -1,4 +1,4 @@
-"""Faults that are injected into the stereo pairs of any source."""
+"""Injection of faults into the stereo pairs of any source."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""A stereo pair that a fault affects, and how its images are changed: moved, with noise, rounded to grey levels."""
+"""A stereo pair that a fault affects, and operations on its images: shifts, noise, rounding to grey levels."""
 
 from __future__ import annotations
 
@@ -12,37 +12,37 @@ from sfr_loc_map.faults.kinds import Fault
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 
-READ_NOISE = 1.0  #: Noise of a camera that is left when no light comes in, grey levels.
+READ_NOISE = 1.0  #: Noise of a camera without light, grey levels.
 
 
 class Moment(NamedTuple):
-    """One affected pair."""
+    """Time and random values of an affected pair."""
 
-    progress: float  #: How much of its burst is over, 0 .. 1.
-    pair: int  #: Its number.
-    spot: FloatArray  #: `(2,)` random point, as shares of width and height.
-    rng: np.random.Generator  #: Generator of this pair.
+    progress: float  #: Elapsed fraction of the burst, 0 to 1.
+    pair: int  #: Index of the pair in the source.
+    spot: FloatArray  #: `(2,)` random point, as fractions of width and height.
+    rng: np.random.Generator  #: Random generator of the pair.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Affected:
-    """A pair that a fault affects, and all that its change depends on."""
+    """The inputs of a fault function: the affected pair, its neighbours and random values."""
 
     fault: Fault
-    pair: StereoPair  #: As the fault finds it.
-    previous: StereoPair | None  #: The last new pair as the fault found it, None before the first.
-    following: StereoPair | None  #: The next pair, None after the last.
+    pair: StereoPair  #: The pair before this fault, with the previous faults.
+    previous: StereoPair | None  #: The last new pair before this fault; None for the first pair.
+    following: StereoPair | None  #: The next pair of the source; None after the last pair.
     moment: Moment
-    rig: StereoRig  #: The true one.
-    fixed: np.random.Generator  #: Generator that is the same for all pairs of a drive.
+    rig: StereoRig  #: The true rig.
+    fixed: np.random.Generator  #: Random generator with the same seed for all pairs of a drive.
 
     @property
     def amount(self) -> float:
-        """How strong the fault is, in the unit of its kind."""
+        """Strength of the fault, in the unit of the kind."""
         return self.fault.amount
 
     def with_images(self, left: GreyImage, right: GreyImage) -> StereoPair:
-        """Return the pair with other images of the affected cameras."""
+        """Return the pair with new images of the affected cameras."""
         if self.fault.camera == "right":
             left = self.pair.left
         elif self.fault.camera == "left":
@@ -56,16 +56,16 @@ def with_noise(grey: FloatImage, sigma: float, rng: np.random.Generator) -> Grey
 
 
 def as_grey(values: FloatArray | FloatImage) -> GreyImage:
-    """Return grey levels rounded and clipped."""
+    """Return rounded and clipped grey levels."""
     return np.clip(np.rint(values), 0, 255).astype(np.uint8)
 
 
 def moved(image: FloatImage, columns: float) -> FloatImage:
-    """Return an image moved to the right by a part of a pixel too, mirrored at its edges."""
+    """Return an image shifted to the right by a number of columns, which may be fractional; edges are mirrored."""
     return warped(image, np.array([[1.0, 0.0, columns], [0.0, 1.0, 0.0]]))
 
 
 def warped(image: FloatImage, transform: FloatArray) -> FloatImage:
-    """Return an image after an affine transform `(2, 3)`, mirrored at its edges."""
+    """Return an image after an affine transform `(2, 3)`; edges are mirrored."""
     flags, border = cv2.INTER_CUBIC, cv2.BORDER_REFLECT
     return np.asarray(cv2.warpAffine(image, transform, image.shape[::-1], flags=flags, borderMode=border), np.float32)

@@ -1,4 +1,4 @@
-"""Faults of whole images, of stamps and of the right camera; each is a function of the affected pair."""
+"""Faults of images, stamps and the right camera, as functions of the affected pair."""
 
 from __future__ import annotations
 
@@ -15,37 +15,37 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.inputs import NS_PER_S
 
-DRIFT_PAIRS = 100.0  #: Pairs over which a drift reaches its amount.
-LAST_STAMP_NS = 2**63 - 1  #: Largest stamp of 64 bits.
+DRIFT_PAIRS = 100.0  #: Number of pairs in which the right camera turns by the amount of a drift.
+LAST_STAMP_NS = 2**63 - 1  #: Largest 64-bit stamp.
 
 
 # ---- faults of the pair, of stamps and of the right camera
 
 
 def unchanged(at: Affected) -> StereoPair:
-    """Return the pair: a dropped pair is not delivered, and a fault of the calibration is in `FaultInjector.rig`."""
+    """Return the pair unchanged; `FaultInjector` drops pairs and changes the calibration."""
     return at.pair
 
 
 def repeated(at: Affected) -> StereoPair:
-    """Return the last new images with the stamp of the pair."""
+    """Return the last new images with the current stamp."""
     return at.pair if at.previous is None else replace(at.previous, stamp_ns=at.pair.stamp_ns)
 
 
 def swapped(at: Affected) -> StereoPair:
-    """Exchange the left and the right image."""
+    """Swap the left and the right image."""
     return replace(at.pair, left=at.pair.right, right=at.pair.left)
 
 
 def identical(at: Affected) -> StereoPair:
-    """Show the left image on both sides."""
+    """Return the left image as both images."""
     return replace(at.pair, right=at.pair.left)
 
 
 def stamp_with_fault(fault: Fault, stamp_ns: int, following_ns: int | None) -> int:
-    """Return the stamp of an affected pair; a late one stays before the next pair of the source, None after the last.
+    """Return the stamp of an affected pair; a late stamp stays before the next stamp of the source, `following_ns`.
 
-    Kinds that do not concern stamps leave it.
+    Other kinds of faults return the stamp unchanged.
     """
     moved_ns = stamp_ns + round(fault.amount * NS_PER_S)
     if fault.kind is FaultKind.CLOCK:
@@ -56,13 +56,13 @@ def stamp_with_fault(fault: Fault, stamp_ns: int, following_ns: int | None) -> i
 
 
 def with_stamp(at: Affected) -> StereoPair:
-    """Return the pair with the stamp that the fault gives it."""
+    """Return the pair with the changed stamp."""
     following_ns = None if at.following is None else at.following.stamp_ns
     return replace(at.pair, stamp_ns=stamp_with_fault(at.fault, at.pair.stamp_ns, following_ns))
 
 
 def shifted(at: Affected) -> StereoPair:
-    """Move the right image to the right."""
+    """Shift the right image to the right."""
     return replace(at.pair, right=as_grey(moved(at.pair.right.astype(np.float32), at.amount)))
 
 
@@ -72,15 +72,15 @@ def right_camera_rotated(axis: int, sign: float, at: Affected) -> StereoPair:
 
 
 def drifting(at: Affected) -> StereoPair:
-    """Turn the right camera ever further to the left, from the pair `start` of the fault on."""
+    """Turn the right camera to the left at a constant rate, from the pair `start` of the fault on."""
     progress = max((at.moment.pair - at.fault.start) / DRIFT_PAIRS, 0.0)
     return replace(at.pair, right=rotated(at.pair.right, 1, -at.amount * progress, at.rig))
 
 
 def rotated(image: GreyImage, axis: int, angle_deg: float, rig: StereoRig) -> GreyImage:
-    """Return the image of a camera that is rotated against its calibration (the homography `K R K^-1`).
+    """Return the image of a camera that is rotated relative to its calibration, by a homography `K R K^-1`.
 
-    `axis` is that of the optical frame about which the camera is rotated.
+    `axis` is the index of the rotation axis in the optical frame.
     """
     vector = np.zeros(3)
     vector[axis] = np.radians(angle_deg)
@@ -94,7 +94,7 @@ def rotated(image: GreyImage, axis: int, angle_deg: float, rig: StereoRig) -> Gr
 
 
 def each_image(change: Callable[[GreyImage, Affected], GreyImage], at: Affected) -> StereoPair:
-    """Return the pair with the images of the affected cameras changed, the left one first."""
+    """Return the pair after changing each image of the affected cameras, the left image first."""
     left = at.pair.left if at.fault.camera == "right" else change(at.pair.left, at)
     right = at.pair.right if at.fault.camera == "left" else change(at.pair.right, at)
     return replace(at.pair, left=left, right=right)
@@ -106,12 +106,12 @@ def black(image: GreyImage, at: Affected) -> GreyImage:
 
 
 def blurred(image: GreyImage, at: Affected) -> GreyImage:
-    """Blur by a Gaussian."""
+    """Blur with a Gaussian kernel."""
     return np.asarray(cv2.GaussianBlur(image, (0, 0), max(at.amount, 1e-3)), np.uint8)
 
 
 def sheared(image: GreyImage, at: Affected) -> GreyImage:
-    """Move each row in proportion to its distance from the middle one, to a random side."""
+    """Shift each row in proportion to its distance from the middle row, in a random direction."""
     height = len(image)
     slope = (at.amount if at.moment.spot[0] < 0.5 else -at.amount) / height
     shear = np.array([[1.0, slope, -0.5 * slope * height], [0.0, 1.0, 0.0]])
@@ -129,12 +129,12 @@ def noisy(image: GreyImage, at: Affected) -> GreyImage:
 
 
 def faded(image: GreyImage, at: Affected) -> GreyImage:
-    """Darken to the middle of the burst, where the image is black, and brighten again."""
+    """Darken until the image is black in the middle of the burst, then brighten."""
     return with_noise(abs(2.0 * at.moment.progress - 1.0) * image.astype(np.float32), READ_NOISE, at.moment.rng)
 
 
 def saturated(image: GreyImage, at: Affected) -> GreyImage:
-    """Brighten until the brightest share of the image is clipped."""
+    """Brighten until the fraction `amount` of the image is clipped."""
     white = max(float(np.quantile(image, 1.0 - at.amount)), 1.0)
     return with_noise(255.0 / white * image.astype(np.float32), READ_NOISE, at.moment.rng)
 
@@ -149,11 +149,11 @@ def blinded(image: GreyImage, at: Affected) -> GreyImage:
     return as_grey(image.astype(np.float32) + glare)
 
 
-# ---- faults that show the pair before
+# ---- faults that show the previous pair
 
 
 def with_previous(change: Callable[[GreyImage, GreyImage, Affected], GreyImage], at: Affected) -> StereoPair:
-    """Return the pair with parts of the last new one; the first pair has none and does not change."""
+    """Return the pair mixed with the last new pair; the first pair does not change."""
     if at.previous is None:
         return at.pair
     left = change(at.pair.left, at.previous.left, at)
@@ -162,22 +162,22 @@ def with_previous(change: Callable[[GreyImage, GreyImage, Affected], GreyImage],
 
 
 def frozen(image: GreyImage, old: GreyImage, at: Affected) -> GreyImage:
-    """Return the image before with new noise."""
+    """Return the previous image with new noise."""
     return with_noise(old.astype(np.float32), at.amount, at.moment.rng)
 
 
 def ghost(image: GreyImage, old: GreyImage, at: Affected) -> GreyImage:
-    """Blend with the image before."""
+    """Blend with the previous image."""
     return as_grey((1.0 - at.amount) * image + at.amount * old)
 
 
 def torn(image: GreyImage, old: GreyImage, at: Affected) -> GreyImage:
-    """Return the image with the lower rows of the image before."""
+    """Return the image with the lower rows of the previous image."""
     rows = np.arange(len(image)) >= round((1.0 - at.amount) * len(image))
     return np.where(rows[:, None], old, image)
 
 
 def interlaced(image: GreyImage, old: GreyImage, at: Affected) -> GreyImage:
-    """Return the image with every second row of the image before."""
+    """Return the image with every second row of the previous image."""
     rows = np.arange(len(image)) % 2 == 1
     return np.where(rows[:, None], old, image)

@@ -1,4 +1,4 @@
-"""Applies injected faults to a sequence of stereo pairs: which pairs a fault affects, and what it does to each."""
+"""Applies faults to a sequence of stereo pairs: selects the affected pairs and changes them."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from sfr_loc_map.faults.kinds import Fault, FaultKind
 from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 
-REPEATING = (FaultKind.REPEATED, FaultKind.FROZEN)  #: Kinds that show the images of a pair before.
-UNAFFECTED = -1  #: Start of the burst of a pair without a fault.
+REPEATING = (FaultKind.REPEATED, FaultKind.FROZEN)  #: Kinds that show the images of a previous pair.
+UNAFFECTED = -1  #: Burst start of a pair without a fault.
 
 Change = Callable[[Affected], StereoPair]  #: Returns the pair with the fault.
 CHANGES: dict[FaultKind, Change] = {
@@ -57,14 +57,14 @@ CHANGES: dict[FaultKind, Change] = {
     FaultKind.SHIFT: images.shifted,
     FaultKind.CLOCK: images.with_stamp,
 }
-"""What each kind does to an affected pair."""
+"""Function of each kind that changes an affected pair."""
 
 
 class FaultInjector:
-    """Applies faults to a sequence of a known length; the same seed affects the same pairs in the same way."""
+    """Applies faults to a sequence of a known length; the result is reproducible by the seed."""
 
     def __init__(self, faults: Sequence[Fault], seed: int, count: int, rig: StereoRig) -> None:
-        """Choose the affected pairs of `count`; faults are applied in their order, and the rig is the true one."""
+        """Select the affected pairs of `count` pairs; faults are applied in order, and `rig` is the true rig."""
         self._faults, self._seed, self._true_rig, self._count = tuple(faults), seed, rig, count
         self._bursts = [burst_starts(fault, np.random.default_rng([seed, k]), count) for k, fault in enumerate(faults)]
         self.kept: Mask = np.ones(count, bool)
@@ -73,7 +73,7 @@ class FaultInjector:
 
     @property
     def rig(self) -> StereoRig:
-        """The rig of the faulty calibration."""
+        """The rig with the faults of the calibration."""
         rig = self._true_rig
         for fault in self._faults:
             if fault.kind is FaultKind.FOCAL:
@@ -83,7 +83,7 @@ class FaultInjector:
         return rig
 
     def stamps_ns(self, stamps_ns: Sequence[int]) -> list[int]:
-        """Return the stamps of the pairs left, as `pairs` yields them, by those of the source."""
+        """Return the stamps of the pairs that `pairs` yields, from the stamps of the source."""
         found: list[int] = []
         for index, (stamp_ns, following_ns) in enumerate(pairwise((*stamps_ns, None))):
             if stamp_ns is None or not self.kept[index]:
@@ -95,17 +95,17 @@ class FaultInjector:
         return found
 
     def pairs(self, pairs: Iterable[StereoPair]) -> Iterator[tuple[int, StereoPair]]:
-        """Yield the pairs left with their numbers in the source; old images show the faults that they had then."""
+        """Yield the remaining pairs with their indices in the source; repeated images keep their faults."""
         previous: list[StereoPair] = []
         for index, (pair, following) in enumerate(pairwise(chain(pairs, (None,)))):
             if pair is None or not self.kept[index]:
                 continue
-            stages = [pair]  # the input pair of each fault, then the delivered pair
+            stages = [pair]  # the input of each fault, then the final pair
             for number, fault in enumerate(self._faults):
                 old = previous[number] if previous else None
                 stages.append(self._with_fault(index, number, fault, stages[-1], (old, following)))
             yield index, stages[-1]
-            # also repeated twice running, the last new images are repeated
+            # consecutive repetitions repeat the last new images
             repeats = (f.kind in REPEATING and b[index] >= 0 for f, b in zip(self._faults, self._bursts, strict=True))
             if not any(repeats):
                 previous = stages
@@ -118,7 +118,7 @@ class FaultInjector:
         pair: StereoPair,
         beside: tuple[StereoPair | None, StereoPair | None],
     ) -> StereoPair:
-        """Return a pair with one fault more; `beside` are the last new pair, as the fault found it, and the next."""
+        """Return a pair with one more fault; `beside` has the last new pair, at this stage, and the next pair."""
         previous, following = beside
         first = int(self._bursts[number][index])
         if first == UNAFFECTED:
@@ -130,7 +130,7 @@ class FaultInjector:
 
 
 def burst_starts(fault: Fault, rng: np.random.Generator, count: int) -> NDArray[np.intp]:
-    """Return the first pair of the burst, chosen at random up to a share, that affects each pair `(count,)`, or -1."""
+    """Return for each pair `(count,)` the first pair of its burst, or -1; bursts are drawn up to the share of pairs."""
     starts = np.full(count, UNAFFECTED)
     if fault.kind.info.affects_all_pairs:
         return np.zeros_like(starts)

@@ -1,6 +1,6 @@
-"""Kinds of fault that are injected into stereo pairs: failures of cameras, clocks, calibrations and of the view.
+"""Kinds of faults that are injected into stereo pairs: failures of cameras, clocks, calibration and view.
 
-All that is known of a kind is declared here, once; the function that changes a pair is in `injector.CHANGES`.
+Each kind is declared here, except for the function that changes a pair, which is in `injector.CHANGES`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from sfr_loc_map.errors import ConfigError
 
 
 class KindInfo(NamedTuple):
-    """Effect of a kind of fault, the defaults of its `Fault`, and the limits of what a user may give."""
+    """Effect of a kind of fault, the defaults of `Fault`, and the limits of the user's values."""
 
     amount: float
     effect: str
@@ -22,15 +22,15 @@ class KindInfo(NamedTuple):
     start: int = 1
     largest: float = 1000.0  #: Largest amount.
     is_signed: bool = False  #: Whether the amount may be negative.
-    affects_all_pairs: bool = False  #: Whether share and burst have no effect. Nor has start, except that of a drift.
-    affects_one_camera: bool = False  #: Whether `camera` chooses the images that change.
+    affects_all_pairs: bool = False  #: Whether share, burst and start have no effect; `drift` does use start.
+    affects_one_camera: bool = False  #: Whether `camera` selects the images that change.
     has_complete_bursts: bool = False  #: Whether a burst begins only if it can end within the sequence.
-    neutral: float = 0.0  #: Amount without an effect: 1 of factors.
+    neutral: float = 0.0  #: Amount that has no effect; 1 for factors.
 
 
 _ONE_CAMERA: dict[str, Any] = {"affects_one_camera": True}
-_SHARE: dict[str, Any] = {"largest": 1.0, **_ONE_CAMERA}  # the amount is a share of the image
-_FIXED: dict[str, Any] = {"share": 1.0, "start": 0, **_SHARE}  # a part of the view, in all pairs of a drive
+_SHARE: dict[str, Any] = {"largest": 1.0, **_ONE_CAMERA}  # the amount is a fraction of the image
+_FIXED: dict[str, Any] = {"share": 1.0, "start": 0, **_SHARE}  # a region of the image, in all pairs of a drive
 _EPISODE: dict[str, Any] = {"burst": 20, "has_complete_bursts": True}
 _ALL_PAIRS: dict[str, Any] = {"share": 1.0, "start": 0, "affects_all_pairs": True}
 _FACTOR: dict[str, Any] = {"neutral": 1.0, **_ALL_PAIRS}
@@ -38,12 +38,12 @@ _ROTATION: dict[str, Any] = {"largest": 45.0, "is_signed": True, **_ALL_PAIRS}
 
 
 class FaultKind(StrEnum):
-    """Kinds of fault; `info` says what each does."""
+    """Kinds of faults; `info` describes their effects."""
 
     info: KindInfo
 
     def __new__(cls, word: str, info: KindInfo) -> Self:
-        """Make a kind that is equal to its word."""
+        """Create a kind that is equal to its name."""
         kind = str.__new__(cls, word)
         kind._value_, kind.info = word, info
         return kind
@@ -51,84 +51,84 @@ class FaultKind(StrEnum):
     DROPPED = "dropped", KindInfo(0.0, "the pair is missing")
     REPEATED = "repeated", KindInfo(0.0, "the pair repeats the previous images")
     SWAPPED = "swapped", KindInfo(0.0, "left and right images are swapped")
-    IDENTICAL = "identical", KindInfo(0.0, "the right image is the left one")
+    IDENTICAL = "identical", KindInfo(0.0, "the right image is a copy of the left image")
     FROZEN = (
         "frozen",
-        KindInfo(1.0, "the images stay as they were, with new noise of AMOUNT grey levels", burst=5, **_ONE_CAMERA),
+        KindInfo(1.0, "the previous images are shown with new noise of AMOUNT grey levels", burst=5, **_ONE_CAMERA),
     )
-    TORN = "torn", KindInfo(0.5, "the lower AMOUNT of the image is that of the pair before", **_SHARE)
-    GHOST = "ghost", KindInfo(0.5, "AMOUNT of the image is that of the pair before, as by a slow shutter", **_SHARE)
-    INTERLACED = "interlaced", KindInfo(0.0, "every second row is that of the pair before", **_ONE_CAMERA)
+    TORN = "torn", KindInfo(0.5, "the lower fraction AMOUNT of the image is from the previous pair", **_SHARE)
+    GHOST = "ghost", KindInfo(0.5, "the previous image is blended in with weight AMOUNT", **_SHARE)
+    INTERLACED = "interlaced", KindInfo(0.0, "every second row is from the previous pair", **_ONE_CAMERA)
     BLACK = "black", KindInfo(0.0, "the image is black", **_ONE_CAMERA)
     START = "start", KindInfo(5.0, "the first AMOUNT pairs are black", 1.0, start=0, largest=1e9, **_ONE_CAMERA)
     FADE = (
         "fade",
         KindInfo(0.0, "slow blackout: over `burst` pairs the image turns black and back", **_EPISODE, **_ONE_CAMERA),
     )
-    BLINDED = "blinded", KindInfo(1.0, "glare: AMOUNT of the image width is saturated around a point", **_ONE_CAMERA)
-    SATURATION = "saturation", KindInfo(0.5, "overexposed: AMOUNT of the image is clipped", **_SHARE)
-    LATE = "late", KindInfo(0.2, "the stamp is AMOUNT s late, but before that of the next pair", largest=1e6)
+    BLINDED = ("blinded", KindInfo(1.0, "glare: a spot, AMOUNT image widths wide, is saturated", **_ONE_CAMERA))
+    SATURATION = "saturation", KindInfo(0.5, "overexposure: a fraction AMOUNT of the image is clipped", **_SHARE)
+    LATE = "late", KindInfo(0.2, "the stamp is AMOUNT s late, but before the next stamp", largest=1e6)
     BLURRED = "blurred", KindInfo(2.5, "Gaussian blur of AMOUNT px", largest=50.0, **_ONE_CAMERA)
-    NOISY = "noisy", KindInfo(10.0, "noise of AMOUNT grey levels", **_ONE_CAMERA)
+    NOISY = "noisy", KindInfo(10.0, "Gaussian noise of AMOUNT grey levels", **_ONE_CAMERA)
     EXPOSURE = "exposure", KindInfo(0.5, "brightness times AMOUNT", **_ONE_CAMERA)
     SHEAR = (
         "shear",
-        KindInfo(1.0, "rows are sheared by AMOUNT px, to a random side, as by a rolling shutter", **_ONE_CAMERA),
+        KindInfo(1.0, "rows are sheared by AMOUNT px in a random direction, as by a rolling shutter", **_ONE_CAMERA),
     )
-    BODY = "body", KindInfo(0.3, "own body: fixed texture in the bottom AMOUNT of the image", **_FIXED)
+    BODY = "body", KindInfo(0.3, "own body: fixed texture in the bottom fraction AMOUNT of the image", **_FIXED)
     OBJECT = (
         "object",
-        KindInfo(0.3, "an object of AMOUNT of the image crosses over `burst` pairs", **_EPISODE, **_SHARE),
+        KindInfo(0.3, "an object with a fraction AMOUNT of the image crosses in `burst` pairs", **_EPISODE, **_SHARE),
     )
     ARM = (
         "arm",
-        KindInfo(0.4, "an arm over AMOUNT of the image comes in slowly over `burst` pairs", **_EPISODE, **_SHARE),
+        KindInfo(0.4, "an arm slowly covers a fraction AMOUNT of the image over `burst` pairs", **_EPISODE, **_SHARE),
     )
-    TEXTURE = "texture", KindInfo(0.6, "a texture moves sideways in the bottom AMOUNT of the image", **_FIXED)
-    REFLECTION = "reflection", KindInfo(0.5, "a fixed reflection of the rover has AMOUNT of the light", **_FIXED)
-    SCRATCH = "scratch", KindInfo(0.3, "a scratched window: fixed lines over AMOUNT of the image", **_FIXED)
-    DIRT = "dirt", KindInfo(0.1, "dirt on the lenses: fixed spots on AMOUNT of the image", **_FIXED)
-    SHADOW = "shadow", KindInfo(0.2, "own shadow: a fixed dark region, AMOUNT of the image", **_FIXED)
+    TEXTURE = "texture", KindInfo(0.6, "a texture moves sideways in the bottom fraction AMOUNT of the image", **_FIXED)
+    REFLECTION = ("reflection", KindInfo(0.5, "a fixed reflection of the rover, with AMOUNT of the light", **_FIXED))
+    SCRATCH = "scratch", KindInfo(0.3, "scratched window: fixed lines over a fraction AMOUNT of the image", **_FIXED)
+    DIRT = "dirt", KindInfo(0.1, "dirt on the lenses: fixed spots on a fraction AMOUNT of the image", **_FIXED)
+    SHADOW = "shadow", KindInfo(0.2, "own shadow: a fixed dark region, a fraction AMOUNT of the image", **_FIXED)
     FOCAL = "focal", KindInfo(1.01, "calibration: focal length in the rig file times AMOUNT", **_FACTOR)
     BASELINE = "baseline", KindInfo(1.01, "calibration: baseline in the rig file times AMOUNT", **_FACTOR)
-    ROLL = "roll", KindInfo(0.2, "the right image is rotated by AMOUNT deg about its axis", **_ROTATION)
-    PITCH = "pitch", KindInfo(0.1, "the right camera looks AMOUNT deg down", **_ROTATION)
-    YAW = "yaw", KindInfo(0.1, "the right camera looks AMOUNT deg to the left", **_ROTATION)
+    ROLL = "roll", KindInfo(0.2, "the right camera is rotated by AMOUNT deg about its optical axis", **_ROTATION)
+    PITCH = "pitch", KindInfo(0.1, "the right camera is pitched down by AMOUNT deg", **_ROTATION)
+    YAW = "yaw", KindInfo(0.1, "the right camera is turned to the left by AMOUNT deg", **_ROTATION)
     DRIFT = (
         "drift",
-        KindInfo(0.3, "the right camera turns AMOUNT deg to the left in 100 pairs, from start on", **_ROTATION),
+        KindInfo(0.3, "from `start` on, the right camera turns to the left, AMOUNT deg in 100 pairs", **_ROTATION),
     )
-    SHIFT = "shift", KindInfo(3.0, "the right image is AMOUNT px to the right", is_signed=True, **_ALL_PAIRS)
+    SHIFT = "shift", KindInfo(3.0, "the right image is shifted to the right by AMOUNT px", is_signed=True, **_ALL_PAIRS)
     CLOCK = (
         "clock",
         KindInfo(
-            0.1, "all stamps are AMOUNT s late against the ground truth", largest=1e9, is_signed=True, **_ALL_PAIRS
+            0.1, "all stamps are AMOUNT s late relative to the ground truth", largest=1e9, is_signed=True, **_ALL_PAIRS
         ),
     )
 
 
 CAMERAS = ("both", "left", "right")
-MAX_PAIRS = 10**9  #: Of a burst, and of what comes before the first.
+MAX_PAIRS = 10**9  #: Largest `burst` and `start`.
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One kind of fault and which pairs it affects."""
+    """A fault and the pairs that it affects."""
 
-    kind: FaultKind  #: What it does.
-    amount: float  #: How strong, in the unit of the kind.
-    share: float  #: Share of pairs that are affected; faults of rotation, clock and rig affect all.
-    burst: int  #: Consecutive pairs that are affected.
+    kind: FaultKind  #: Effect of the fault.
+    amount: float  #: Strength, in the unit of the kind.
+    share: float  #: Fraction of the pairs that is affected; faults of rotation, clock and rig affect all pairs.
+    burst: int  #: Number of consecutive pairs that are affected.
     start: int  #: First pair that may be affected.
     camera: str = "both"  #: `both`, `left` or `right`, for faults of images.
 
 
 def parse_fault(text: str) -> Fault:
-    """Return the fault of a text `KIND[:name=value,...]`, as `blurred:share=0.2`; ConfigError if it is none."""
+    """Parse a fault `KIND[:name=value,...]`, such as `blurred:share=0.2`; ConfigError if the text is invalid."""
     name, _, rest = text.partition(":")
     kind = next((kind for kind in FaultKind if kind == name), None)
     if kind is None:
-        raise ConfigError(f"fault '{text}': '{name}' is unknown; one of {', '.join(FaultKind)} is required")
+        raise ConfigError(f"fault '{text}': kind '{name}' is unknown; give one of {', '.join(FaultKind)}")
     info = kind.info
     values: dict[str, float | int | str] = {"kind": kind, "amount": info.amount, "share": info.share}
     values |= {"burst": info.burst, "start": info.start}
@@ -155,5 +155,5 @@ def parse_fault(text: str) -> Fault:
 
 
 def with_amount(text: str, amount: float) -> str:
-    """Return the text of a fault without an amount with the given amount: `blurred:share=0.3,amount=2.5`."""
+    """Append an amount to the text of a fault: `blurred:share=0.3` becomes `blurred:share=0.3,amount=2.5`."""
     return f"{text}{',' if ':' in text else ':'}amount={amount:.9g}"

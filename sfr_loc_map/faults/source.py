@@ -1,4 +1,4 @@
-"""A source with injected faults, made as it is read."""
+"""A source whose pairs get injected faults while they are read."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ S = TypeVar("S", LocSequence, NavSequence)
 
 
 def faulty(source: Source, faults: Sequence[Fault], seed: int = 0) -> Source:
-    """Return a source with injected faults, made as it is read; itself where there is none."""
+    """Return a source whose pairs get injected faults while they are read; the source itself without faults."""
     if not faults:
         return source
     loc = None if source.loc is None else FaultyLoc(source.loc, faults, seed)
     nav = None if source.nav is None else FaultyNav(source.nav, faults, seed + 1)
     for part in (loc, nav):
         if part is not None and len(part) == 0:
-            raise InputError(f"the faults leave no pair of '{source.path}': give a smaller share of 'dropped'")
+            raise InputError(f"the faults drop all pairs of '{source.path}': give a smaller share of 'dropped'")
     return replace(source, loc=loc, nav=nav, recorded=None)
 
 
 class _Faulty(Generic[S]):
-    """Pairs with injected faults; the same seed affects the same ones."""
+    """Pairs with injected faults; equal seeds affect equal pairs."""
 
     def __init__(self, inner: S, faults: Sequence[Fault], seed: int) -> None:
         self._inner: S = inner
@@ -40,7 +40,7 @@ class _Faulty(Generic[S]):
 
     @property
     def stamps_ns(self) -> Sequence[int]:
-        """Stamps of the pairs that the faults leave, with the faults of stamps."""
+        """Stamps of the pairs that are not dropped, including the faults of stamps."""
         return self._injector.stamps_ns([int(stamp_ns) for stamp_ns in self._inner.stamps_ns])
 
     def __len__(self) -> int:
@@ -48,7 +48,7 @@ class _Faulty(Generic[S]):
 
 
 class FaultyLoc(_Faulty[LocSequence]):
-    """A drive with injected faults; a `LocSequence` with the ground truth of the drive without."""
+    """A `LocSequence` with injected faults and the ground truth of the original drive."""
 
     @property
     def ground_truth(self) -> Trajectory | None:
@@ -62,10 +62,10 @@ class FaultyLoc(_Faulty[LocSequence]):
 
 
 class FaultyNav(_Faulty[NavSequence]):
-    """Mapping pairs with injected faults; a `NavSequence` with the poses and the truth of the pairs without."""
+    """A `NavSequence` with injected faults and the poses and ground truth of the original pairs."""
 
     def pairs(self) -> Iterator[PosedStereoPair]:
         """Yield the pairs with their faults."""
-        items = list(self._inner.pairs())  # of a map, so they are few
+        items = list(self._inner.pairs())  # a map has few pairs
         for index, pair in self._injector.pairs(item.pair for item in items):
             yield replace(items[index], pair=pair)

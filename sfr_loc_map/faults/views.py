@@ -1,4 +1,4 @@
-"""Faults of the view: what stands in front of both cameras or lies on the ground; functions of the affected pair."""
+"""Faults of the view, such as occlusions, dirt and shadows, as functions of the affected pair."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair
 
 BODY_DEPTH, OBJECT_DEPTH, SHADOW_DEPTH = 6.0, 8.0, 12.0
-"""Depth of the own body, of a crossing object and of the ground in the own shadow, baselines: 0.7, 1.0 and 1.4 m with
-the rig of the simulator, nearer than the ground in the middle of its image.
+"""Depths of the own body, of a crossing object and of the ground in the own shadow, in baselines.
+
+They are 0.7, 1.0 and 1.4 m with the simulated rig, nearer than the ground in the middle of its image.
 """
 TEXTURE_CONTRAST = 30.0  #: Standard deviation of the texture of body and object, grey levels (chosen by eye).
 SHADOW_BRIGHTNESS, DIRT_BRIGHTNESS = 0.35, 0.4
-"""Factors on grey levels in the own shadow, which the sky alone lights, and under dirt (chosen by eye)."""
+"""Factors on grey levels in the own shadow, which is lit only by the sky, and under dirt (chosen by eye)."""
 SCRATCH_LIGHT = 60.0  #: Grey levels by which the strongest scratches are brighter or darker.
 SPOT_RADIUS = 0.04  #: Typical radius of a spot of dirt, fraction of the image's width (chosen by eye).
 SPEED = 0.006  #: Motion of a texture from pair to pair, fraction of the image's width: 3 px at 512.
@@ -25,12 +26,12 @@ Views = tuple[GreyImage, GreyImage]  #: Left and right image.
 
 
 def in_view(draw: Callable[[Affected], Views], at: Affected) -> StereoPair:
-    """Return the pair with what is drawn into the view of both cameras."""
+    """Return the pair with the drawn images of the affected cameras."""
     return at.with_images(*draw(at))
 
 
 def with_body(at: Affected) -> Views:
-    """Cover the bottom with a fixed texture, which is near the cameras."""
+    """Cover the bottom with a fixed texture near the cameras."""
     rig = at.rig
     disparity = rig.fx / BODY_DEPTH
     texture = _texture(rig.height, rig.width + int(disparity) + 2, at.pair.left, at.fixed)
@@ -41,7 +42,7 @@ def with_body(at: Affected) -> Views:
 
 
 def with_arm(at: Affected) -> Views:
-    """Cover a rectangle that comes in from below, ever slower, and stays."""
+    """Cover a rectangle that enters from below, decelerates and stops at the end of the burst."""
     rig = at.rig
     side, disparity = np.sqrt(at.amount), rig.fx / BODY_DEPTH
     texture = _texture(2 * rig.height, rig.width, at.pair.left, at.fixed)
@@ -66,7 +67,7 @@ def with_texture(at: Affected) -> Views:
 
 
 def with_reflection(at: Affected) -> Views:
-    """Add a fixed texture, at the depth of the own body, to the image that is left."""
+    """Blend with a fixed texture at the depth of the own body."""
     rig = at.rig
     texture, kept = _texture(rig.height, rig.width, at.pair.left, at.fixed), 1.0 - at.amount
     there = moved(texture, -rig.fx / BODY_DEPTH)
@@ -75,7 +76,7 @@ def with_reflection(at: Affected) -> Views:
 
 
 def with_scratches(at: Affected) -> Views:
-    """Draw bright and dark lines over both images, at the same pixels, until they cover a share."""
+    """Draw bright and dark lines at the same pixels of both images, until they cover the fraction `amount`."""
     rig = at.rig
     lines = np.zeros((rig.height, rig.width), np.uint8)
     while np.count_nonzero(lines) < at.amount * lines.size:
@@ -86,7 +87,7 @@ def with_scratches(at: Affected) -> Views:
 
 
 def with_object(at: Affected) -> Views:
-    """Cover an ellipse that moves from the left edge of the images to the right one, at a constant depth."""
+    """Cover an ellipse that moves from the left to the right edge of the images at a constant depth."""
     rig = at.rig
     side = np.sqrt(at.amount * 4.0 / np.pi)
     width, height = side * rig.width, side * rig.height
@@ -103,7 +104,7 @@ def with_object(at: Affected) -> Views:
 
 
 def with_dirt(at: Affected) -> Views:
-    """Darken blurred spots on a share of the image, others in each image."""
+    """Darken blurred spots on the fraction `amount` of each image; the images have different spots."""
     rig = at.rig
     views = []
     for image in (at.pair.left, at.pair.right):
@@ -118,7 +119,7 @@ def with_dirt(at: Affected) -> Views:
 
 
 def with_shadow(at: Affected) -> Views:
-    """Darken a rectangle at the bottom, with a penumbra; in the right image where ground of a usual depth has it."""
+    """Darken a rectangle with a penumbra at the bottom; the disparity is that of ground at `SHADOW_DEPTH`."""
     rig = at.rig
     side = np.sqrt(at.amount)
     width, height = round(min(side, 0.9) * rig.width), round(at.amount / min(side, 0.9) * rig.height)
@@ -139,7 +140,7 @@ def _texture(height: int, width: int, like: GreyImage, fixed: np.random.Generato
 
 
 def _covered(image: GreyImage, view: FloatImage, cover: FloatImage, at: Affected) -> GreyImage:
-    """Return the image with another view where it is covered; only there the noise is new."""
+    """Return the image with another view, with new noise, where `cover` exceeds 0.5."""
     return np.where(cover > 0.5, with_noise(view, READ_NOISE, at.moment.rng), image).astype(np.uint8)
 
 

@@ -1,4 +1,4 @@
-"""A ray-traced world like Mars: terrain, light, drive and sensor, with exact truth."""
+"""A ray-traced, Mars-like world: terrain, light, drive and sensor, with exact ground truth."""
 
 import lazy_loader
 

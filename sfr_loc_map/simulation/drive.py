@@ -14,18 +14,18 @@ from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.simulation.config import DriveConfig
 
-STEP_S = 0.05  #: Time between the states of the trajectory; poses between are interpolated.
+STEP_S = 0.05  #: Time between the states of the trajectory, s; poses are interpolated in between.
 VIBRATION_HZ = 6.0  #: Rate of the independent values between which the vibration is interpolated (chosen by eye).
 SLIP_TIME_S = 2.5  #: Correlation time of the slip: 0.4 m of path at the default speed (chosen).
-SLIP_SPREAD, MOST_SLIP = 0.6, 0.95  #: Standard deviation of the slip over its mean, and its bound (chosen).
-SWAY_TIME_S = 2.0  #: Time of motion between the independent values of drift and heading error (chosen).
-ARGUMENTS = {"straight": 1, "arc": 2, "turn": 1, "stop": 1, "goto": 2}  #: Numbers of each segment.
-NEAR_M = 1e-6  #: Length below which a segment has no motion.
-FARTHEST_M = 400.0  #: Largest extent of a path along x or y: the ground is 1024 m wide and centred on the path.
+SLIP_SPREAD, MOST_SLIP = 0.6, 0.95  #: Standard deviation of the slip over its mean, and the largest slip (chosen).
+SWAY_TIME_S = 2.0  #: Driving time between independent values of drift and heading error, s (chosen).
+ARGUMENTS = {"straight": 1, "arc": 2, "turn": 1, "stop": 1, "goto": 2}  #: Number of arguments of each segment.
+NEAR_M = 1e-6  #: Length below which a segment has no motion, m.
+FARTHEST_M = 400.0  #: Largest distance from the start along x or y, m; the ground is 1024 m wide.
 
 
 Leg = tuple[float, float, float]
-"""A segment of constant curvature: a length, m, and the turn along it, rad; a turn on the spot; or a wait, s."""
+"""Length, m, turn, rad, and wait, s, of a segment: constant curvature, a point turn (length 0) or a wait."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,12 +51,12 @@ class Drive:
         return min(whole, self.config.pairs) if self.config.pairs else whole
 
     def pose(self, time_s: float) -> Transform:
-        """Return `T_ds_rb` at a time; shortly before the start and after the end the rover moves as just inside."""
+        """Return `T_ds_rb` at a time; slightly before the start or after the end, the motion is extrapolated."""
         inside = min(max(time_s, 0.0), self.duration_s)
         pose = self._pose_inside(inside)
         if time_s == inside:
             return pose
-        # a first exposure that began before the rover moved would show another position than that of its stamp
+        # if the rover stood still before the start, the first exposure would not be centred on the pose at its stamp
         mirrored = min(max(2.0 * inside - time_s, 0.0), self.duration_s)
         return pose @ self._pose_inside(mirrored).inverse() @ pose
 
@@ -65,7 +65,7 @@ class Drive:
         share = (time_s - self.times_s[i]) / (self.times_s[i + 1] - self.times_s[i])
         origin = (1 - share) * self.origins[i] + share * self.origins[i + 1]
         u, _, vt = np.linalg.svd((1 - share) * self.rotations[i] + share * self.rotations[i + 1])
-        rotation = np.asarray(u @ vt)  # the nearest to the blend
+        rotation = np.asarray(u @ vt)  # the rotation nearest to the blend
         moving = (1 - share) * self.moving[i] + share * self.moving[i + 1]
         before, eased = _smooth(np.array(time_s * VIBRATION_HZ))
         vibration = moving * ((1 - eased) * self.vibration[before] + eased * self.vibration[before + 1])
@@ -75,7 +75,7 @@ class Drive:
 
 
 def legs_of(config: DriveConfig) -> list[Leg]:
-    """Return the segments of a path; ConfigError if one is not valid, or leads off the ground."""
+    """Return the segments of a path; ConfigError if a segment is invalid or leaves the ground."""
     legs: list[Leg] = []
     x, y, heading = config.start_x_m, config.start_y_m, math.radians(config.start_heading_deg)
     for segment in config.segments:
@@ -105,19 +105,21 @@ def legs_of(config: DriveConfig) -> list[Leg]:
         legs += new
         away = max(abs(x - config.start_x_m), abs(y - config.start_y_m))
         if away > FARTHEST_M:
-            raise ConfigError(f"drive.segments go {away:.3g} m away: the ground reaches {FARTHEST_M:g} m")
+            raise ConfigError(
+                f"drive.segments go {away:.3g} m away from the start: at most {FARTHEST_M:g} m are allowed"
+            )
     return legs
 
 
 def _advance(x: float, y: float, heading: float, length: float, turn: float) -> tuple[float, float, float]:
-    """Move along a circle: chord of length `l sinc(turn / 2)` at the mean heading."""
+    """Return position and heading after an arc: the chord is `length sinc(turn / 2)` long, at the mean heading."""
     chord = length * float(np.sinc(0.5 * turn / np.pi))
     middle = heading + 0.5 * turn
     return x + chord * math.cos(middle), y + chord * math.sin(middle), heading + turn
 
 
 def states_of(config: DriveConfig, legs: list[Leg], rng: np.random.Generator) -> FloatArray:
-    """Return x, y, heading, moving `(N, 4)` every `STEP_S`."""
+    """Return x, y, heading and whether the wheels turn (1 or 0), `(N, 4)`, every `STEP_S`."""
     states = [(config.start_x_m, config.start_y_m, math.radians(config.start_heading_deg), 0.0)]
     # a slowly changing standard normal number (first-order Gauss-Markov process)
     slip, keep = float(rng.normal()), math.exp(-STEP_S / SLIP_TIME_S)
@@ -127,16 +129,16 @@ def states_of(config: DriveConfig, legs: list[Leg], rng: np.random.Generator) ->
         while done < 1.0 - 1e-12:
             slip = keep * slip + math.sqrt(1 - keep**2) * float(rng.normal())
             kept = 1.0 - min(max(config.slip * (1.0 + SLIP_SPREAD * slip), 0.0), MOST_SLIP)
-            if wait_s:  # share of the leg done per second
+            if wait_s:  # fraction of the leg per second
                 rate = 1.0 / wait_s
-            elif abs(length_m) > NEAR_M:  # backwards if it is negative
+            elif abs(length_m) > NEAR_M:  # negative lengths are driven backwards
                 rate = config.speed_m_s * kept / abs(length_m)
             else:
                 rate = math.radians(config.turn_rate_deg_s) * kept / max(abs(turn_rad), 1e-9)
             done = min(done + STEP_S * rate, 1.0)
             states.append((*_advance(*base, length_m * done, turn_rad * done), 0.0 if wait_s else 1.0))
     rows = np.array(states if len(states) > 1 else 2 * states)
-    # smooth sideways drift and heading errors that change only while wheels turn
+    # sideways drift and heading errors change smoothly, and only while the wheels turn
     travelled = np.cumsum(rows[:, 3]) * STEP_S
     side, turn = rng.normal(size=(2, int(travelled[-1] / SWAY_TIME_S) + 3))
     side[0] = turn[0] = 0.0
@@ -150,7 +152,7 @@ def states_of(config: DriveConfig, legs: list[Leg], rng: np.random.Generator) ->
 
 
 def _smooth(knots: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
-    """Return the whole part of numbers, and a cubic share of the way to the next, at rest at both."""
+    """Return the integer part of `knots`, and the fractional part smoothed by a cubic with zero slope at 0 and 1."""
     before = knots.astype(np.intp)
     t = knots - before
     return before, np.asarray(t * t * (3 - 2 * t))

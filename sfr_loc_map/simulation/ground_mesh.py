@@ -1,4 +1,4 @@
-"""The triangles that stand for the ground: finer near the path of the rover."""
+"""The triangle mesh of the ground, which is finer near the path of the rover."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.simulation.terrain import Terrain
 
 CELLS = 32  #: Cells along the edge of a tile; a power of two.
-ROOT_M = 1024.0  #: Edge of the ground; a power of two keeps every vertex exact in binary.
+ROOT_M = 1024.0  #: Edge of the ground, m; with a power of two, every vertex is exact in binary.
 FINEST_M = ROOT_M / CELLS / 2**11  #: Smallest cell: 15.6 mm.
 CELL_PER_DISTANCE = 0.014
-"""Edge of a cell over its distance from the path, about five pixels of the localisation cameras."""
-FULL_DETAIL_POINTS = 40  #: Points of a path (some 0.3 m apart) up to which the cells are as small as above.
+"""Edge of a cell over its distance from the path: about 5 px of the localisation cameras."""
+FULL_DETAIL_POINTS = 40  #: Most path points, 0.3 m apart, at full detail; cells grow for longer paths.
 
 
 class Mesh(NamedTuple):
     """Triangles with smooth normals."""
 
     vertices: NDArray[np.float32]  #: `(V, 3)` float32, metres, DS.
-    normals: NDArray[np.float32]  #: `(V, 3)` float32, unit, outwards.
-    triangles: NDArray[np.int32]  #: `(T, 3)` int32, indices of vertices.
+    normals: NDArray[np.float32]  #: `(V, 3)` float32, unit vectors, outwards.
+    triangles: NDArray[np.int32]  #: `(T, 3)` int32, vertex indices.
     objects: NDArray[np.int32]  #: `(T,)` int32, -1 for the ground, else the number of the rock.
 
     @staticmethod
     def join(parts: list[Mesh]) -> Mesh:
-        """Return one mesh with the triangles of all."""
+        """Return one mesh with the triangles of all parts."""
         starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
         return Mesh(
             np.concatenate([part.vertices for part in parts]),
@@ -40,22 +40,22 @@ class Mesh(NamedTuple):
 
 
 def path_distance(xy: FloatArray, path: FloatArray) -> FloatArray:
-    """Return the distance of positions `(N, 2)` from the nearest point of a path `(P, 2)`, metres."""
+    """Return the distances of positions `(N, 2)` from the nearest point of a path `(P, 2)`, metres."""
     return np.asarray(KDTree(path).query(xy)[0])
 
 
 def cell_size(terrain: Terrain, distance_m: FloatArray, path: FloatArray) -> FloatArray:
-    """Return the largest cell allowed at distances from a path, metres."""
+    """Return the largest allowed cell size at distances from a path, metres."""
     return np.asarray(coarseness(terrain, path) * np.maximum(FINEST_M, CELL_PER_DISTANCE * distance_m))
 
 
 def coarseness(terrain: Terrain, path: FloatArray) -> float:
-    """Return how much coarser everything is: as configured, and along a long path, to bound memory."""
+    """Return the factor on all cell sizes: the configured factor, increased for long paths to bound memory."""
     return terrain.coarseness * float(max(1.0, (len(path) / FULL_DETAIL_POINTS) ** 0.5))
 
 
 def ground_mesh(terrain: Terrain, path: FloatArray) -> Mesh:
-    """Return the ground around positions of the rover `(P, 2)`, metres, DS."""
+    """Return the mesh of the ground around rover positions `(P, 2)`, metres, DS."""
     corner = np.floor(0.5 * (path.min(axis=0) + path.max(axis=0))) - 0.5 * ROOT_M
     # the tiles `(level, i, j)` whose cells are small enough for their distance from the path
     leaves: list[tuple[int, int, int]] = []
@@ -104,7 +104,7 @@ def ground_mesh(terrain: Terrain, path: FloatArray) -> Mesh:
 
 
 def _stitch(z: FloatArray, known: set[tuple[int, int, int]], level: int, i: int, j: int) -> None:
-    """Straighten the edges that a coarser tile shares."""
+    """Interpolate the edge vertices linearly where the neighbouring tile is coarser, so that no gaps remain."""
     for di, dj, edge in ((-1, 0, z[0, :]), (1, 0, z[-1, :]), (0, -1, z[:, 0]), (0, 1, z[:, -1])):
         beside = ((level - up, (i + di) >> up, (j + dj) >> up) for up in range(level + 1))
         step = min(2 ** next((up for up, tile in enumerate(beside) if tile in known), 0), CELLS)

@@ -1,4 +1,4 @@
-"""Seeded noise as pure functions of position: no tables, no tiling, the same on every machine."""
+"""Seeded noise as pure functions of position, without tables or tiling, identical on every machine."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sfr_loc_map.jit import jit, jit_inline
 # Multipliers of the hash lowbias32 (Wellons 2018).
 _M1 = np.uint32(0x7FEB352D)
 _M2 = np.uint32(0x846CA68B)
-# Primes that separate the coordinates, those of xxHash32 (Collet).
+# Primes of xxHash32 (Collet), which decorrelate the coordinates.
 _X = np.uint32(0x9E3779B1)
 _Y = np.uint32(0x85EBCA77)
 _Z = np.uint32(0xC2B2AE3D)
@@ -22,9 +22,9 @@ _TO_UNIT = 1.0 / 4294967296.0
 
 
 class Stream(IntEnum):
-    """Numbers that make all random values of a data set independent; a changed number changes its images.
+    """Keys that make all random values of a data set independent; changing a key changes the images.
 
-    The first group are words beside the seed of the data set, the second group are keys of noise at a position.
+    The first group is combined with the seed of the data set, the second group selects noise at a position.
     """
 
     TERRAIN = 1
@@ -51,7 +51,7 @@ class Stream(IntEnum):
 
 @jit_inline
 def mix(value: np.uint32) -> np.uint32:
-    """Return a well mixed 32-bit number (an xor-shift-multiply finaliser; constants: C. Wellons, "lowbias32")."""
+    """Return a well mixed 32-bit number (xor-shift-multiply finaliser, constants of lowbias32 by C. Wellons)."""
     value ^= value >> _S16
     value = np.uint32(value * _M1)
     value ^= value >> _S15
@@ -62,13 +62,13 @@ def mix(value: np.uint32) -> np.uint32:
 
 @jit_inline
 def hash2(i: int | np.int32, j: int | np.int32, seed: np.uint32) -> np.uint32:
-    """Return the hash of a cell of a grid."""
+    """Return the hash of a cell of a plane grid."""
     return mix(np.uint32(np.uint32(i) * _X) ^ np.uint32(np.uint32(j) * _Y) ^ seed)
 
 
 @jit
 def hash3(i: int, j: int, k: int, seed: np.uint32) -> np.uint32:
-    """Return the hash of a cell of a grid in space."""
+    """Return the hash of a cell of a spatial grid."""
     return mix(np.uint32(np.uint32(i) * _X) ^ np.uint32(np.uint32(j) * _Y) ^ np.uint32(np.uint32(k) * _Z) ^ seed)
 
 
@@ -91,12 +91,12 @@ def _quintic_slope(t: float) -> float:
 
 @jit_inline
 def value2(x: float, y: float, seed: np.uint32) -> tuple[float, float, float]:
-    """Return smooth noise in [-1, 1] at a place in cells, with its derivatives by x and y.
+    """Return smooth noise in [-1, 1] at a position in cells, and the derivatives by x and y.
 
-    Value noise: the corner values of a cell are blended by a quintic, so that the gradient is smooth too.
+    This is value noise: a quintic blends the corner values of a cell, so that the gradient is also smooth.
     """
     xf, yf = np.floor(x), np.floor(y)
-    i, j = np.int32(xf), np.int32(yf)  # 32 bits and no branch, so that loops become vector code
+    i, j = np.int32(xf), np.int32(yf)  # 32 bits and no branch, so that loops are vectorised
     a, b = x - xf, y - yf
     h00, h10 = _signed(hash2(i, j, seed)), _signed(hash2(i + 1, j, seed))
     h01, h11 = _signed(hash2(i, j + 1, seed)), _signed(hash2(i + 1, j + 1, seed))
@@ -108,9 +108,9 @@ def value2(x: float, y: float, seed: np.uint32) -> tuple[float, float, float]:
 
 @jit
 def gradient2(x: float, y: float, seed: np.uint32) -> tuple[float, float, float]:
-    """Return gradient noise (Perlin 2002), about [-1, 1] with standard deviation near 0.3, and its derivatives.
+    """Return gradient noise (Perlin 2002), about -1 to 1, standard deviation about 0.3, and the derivatives by x and y.
 
-    The factor 1.4 scales the range of the noise of unit gradients, +-0.71, to +-1.
+    The factor 1.4 scales the range of noise with unit gradients, +-0.71, to +-1.
     """
     xf, yf = math.floor(x), math.floor(y)
     i, j = int(xf), int(yf)
@@ -131,7 +131,7 @@ def gradient2(x: float, y: float, seed: np.uint32) -> tuple[float, float, float]
 
 @jit
 def value3(x: float, y: float, z: float, seed: np.uint32) -> tuple[float, float, float, float]:
-    """Return smooth noise in space in [-1, 1] with its gradient, as `value2`."""
+    """Return three-dimensional value noise in [-1, 1] and its gradient; see `value2`."""
     xf, yf, zf = math.floor(x), math.floor(y), math.floor(z)
     i, j, k = int(xf), int(yf), int(zf)
     a, b, c = x - xf, y - yf, z - zf
@@ -158,11 +158,11 @@ def _signed(value: np.uint32) -> float:
 
 @jit
 def _direction(value: np.uint32) -> tuple[float, float]:
-    """Return a unit vector in one of 1024 directions, which are enough to hide the grid."""
+    """Return a unit vector in one of 1024 directions, which suffice to hide the grid."""
     angle = (value >> np.uint32(22)) * 0.006135923151542565  # 2 pi / 1024
     return math.cos(angle), math.sin(angle)
 
 
 def sub_seed(seed: int, *words: int) -> np.uint32:
-    """Return a 32-bit seed for one use of the data set's seed."""
+    """Return a 32-bit seed for one purpose, derived from the seed of the data set."""
     return np.uint32(np.random.SeedSequence([seed, *words]).generate_state(1)[0])

@@ -1,6 +1,6 @@
-"""Pebbles, which are too many and too small to be triangles: their effect on shading, as a function of position.
+"""The effect of pebbles on the shading; pebbles are too small and too many to be meshed.
 
-Lengths are metres, positions are in DS. The page docs/simulation.md has the source of each number.
+Lengths are in metres, positions in DS. The page docs/simulation.md has the source of each number.
 """
 
 from __future__ import annotations
@@ -16,41 +16,42 @@ from sfr_loc_map.jit import jit, jit_inline
 from sfr_loc_map.simulation.noise import Stream, hash2, mix, unit
 from sfr_loc_map.simulation.terrain import smooth_step
 
-SIZES = 5  #: Grids of pebbles, one for each size.
-LARGEST_CELL_M = 0.075  #: Cell of the grid with the largest pebbles, m; a cell has at most one pebble.
-RATIO = 0.56  #: Cell of a grid over that of the next larger pebbles, so that the smallest cell is 7 mm.
+SIZES = 5  #: Number of pebble sizes, each with its own grid.
+LARGEST_CELL_M = 0.075  #: Cell size of the grid of the largest pebbles, m; a cell has at most one pebble.
+RATIO = 0.56  #: Ratio of the cell sizes of successive grids; the smallest cell is 7 mm.
 _PEBBLE = np.uint32(Stream.PEBBLES)
-_COSINES, _SINES = (f(np.arange(256) * (2.0 * np.pi / 255.0)) for f in (np.cos, np.sin))  # by eight bits of a hash
+_COSINES, _SINES = (f(np.arange(256) * (2.0 * np.pi / 255.0)) for f in (np.cos, np.sin))  # indexed by 8 bits of a hash
 PEBBLE = np.dtype([(name, np.float64) for name in (
     "x", "y", "reach", "inverse_b", "px", "py", "qx", "qy", "shadow_p", "shadow_q", "skew", "tone", "tilt_x", "tilt_y",
     "threshold",
 )])  # fmt: skip
-"""A pebble, lengths in cells: centre; reach; inverse of the smaller half axis; map `(px py; qx qy)` from an offset to
-outline coordinates; shift of the shadow in these; skew; tone; tilt; share of filled cells from which on it exists."""
+"""A pebble, with lengths in cells: centre; reach; inverse of the smaller half axis; matrix `(px py; qx qy)` from an
+offset to outline coordinates; shift of the shadow in outline coordinates; skew; tone; tilt. The pebble exists if the
+fraction of filled cells exceeds the threshold."""
 
 
 class PebbleField(NamedTuple):
-    """What all pebbles of a world have in common."""
+    """Parameters of all pebbles of a world."""
 
-    fill: float  #: Largest share of filled cells on any ground, 0 to 1.
-    bump: float  #: Strength of their relief.
+    fill: float  #: Largest density of pebbles on any ground, 0 to 1.
+    bump: float  #: Strength of the pebbles' relief.
     seed: np.uint32  #: Seed of the ground.
-    sun_x: float  #: East component of the unit vector in plan towards the sun.
-    sun_y: float  #: North component.
-    shadow_per_height: float  #: Length of a shadow over the height of what casts it.
+    sun_x: float  #: East component of the horizontal unit vector towards the sun.
+    sun_y: float  #: North component of the horizontal unit vector towards the sun.
+    shadow_per_height: float  #: Length of a shadow over the height of the object.
 
     @classmethod
     def of(cls, fill: float, bump: float, seed: np.uint32, sun: FloatArray) -> PebbleField:
-        """Return the field in the light of a sun towards which a unit vector `(3,)` points, DS."""
+        """Return the field for a unit vector `(3,)` towards the sun, DS."""
         level = math.hypot(sun[0], sun[1])
         sun_x, sun_y = (float(part / max(level, 1e-6)) for part in sun[:2])
         return cls(fill, bump, seed, sun_x, sun_y, float(max(level, 1e-3) / sun[2]))
 
 
 class PebbleCache(NamedTuple):
-    """Pebbles near the last position, of each size: neighbouring rays mostly hit the same ones."""
+    """Pebbles of each size near the last position, because neighbouring rays mostly hit the same pebbles."""
 
-    cells: FloatArray  #: `(SIZES, 2)` first of the four cells; infinite in an empty cache.
+    cells: FloatArray  #: `(SIZES, 2)` index of the first of four cells; infinite in an empty cache.
     counts: IntArray  #: `(SIZES,)` number of pebbles in the four cells.
     pebbles: NDArray[np.void]  #: `(SIZES, 4)` of `PEBBLE`.
 
@@ -58,11 +59,11 @@ class PebbleCache(NamedTuple):
 class PebbleCover(NamedTuple):
     """Effect of the pebbles at a position."""
 
-    cover: float  #: Share covered by pebbles.
-    tone: float  #: Logarithm of their reflectance over the mean.
-    slope_x: float  #: Slope of their surface to the east.
-    slope_y: float  #: Slope of their surface to the north.
-    shadow: float  #: Share of the sun that they block beside them.
+    cover: float  #: Fraction of the footprint that pebbles cover.
+    tone: float  #: Logarithm of the pebbles' reflectance over the mean.
+    slope_x: float  #: Slope of the pebbles' surface to the east.
+    slope_y: float  #: Slope of the pebbles' surface to the north.
+    shadow: float  #: Fraction of the sunlight that pebbles block beside them.
 
 
 @jit
@@ -107,9 +108,9 @@ def _with_pebble(
     weight: float,
     bump: float,
 ) -> PebbleCover:
-    """Return the effect with one more pebble under the others.
+    """Return the effect with one more pebble below the previous pebbles.
 
-    Edges are blurred over a pixel. The rim's slope makes the pebble look round; its factors were chosen by eye.
+    Edges are blurred over a pixel. The slope at the rim makes the pebble look round; the factors were chosen by eye.
     """
     cover, tone, sx, sy, shadow = seen
     reach = pebble.reach + pixel
@@ -136,10 +137,10 @@ def _with_pebble(
 
 @jit
 def _scatter(i0: np.int32, j0: np.int32, k: int, field: PebbleField, out: NDArray[np.void]) -> int:
-    """Write the pebbles of four cells of a size; return their number.
+    """Write the pebbles of one size in four cells; return the number of pebbles.
 
-    Half axes of 0.16 to 0.42 cells keep each pebble near its cell, so that four cells hold all that reach a position.
-    The xor constants separate the hashes of one pebble; tones and tilts were chosen by eye.
+    Half axes of 0.16 to 0.42 cells keep each pebble near its cell, so that four cells hold all pebbles that reach a
+    position. The xor constants decorrelate the hashes of a pebble. Tones and tilts were chosen by eye.
     """
     count = 0
     key, fill = field.seed ^ _PEBBLE ^ np.uint32(977 * k), _filled(field.fill, k)
@@ -173,7 +174,7 @@ def _scatter(i0: np.int32, j0: np.int32, k: int, field: PebbleField, out: NDArra
 
 @jit_inline
 def _filled(fill: float, k: int) -> float:
-    """Return the share of the cells of a size that have a pebble: more of the smaller ones, as in nature."""
+    """Return the fraction of cells of a size that have a pebble; smaller pebbles are more frequent, as in nature."""
     return min(fill * (0.25 + 0.26 * k), 0.95)
 
 
@@ -184,5 +185,5 @@ def _byte(value: np.uint32, which: int) -> float:
 
 @jit_inline
 def _outline(p: float, q: float, skew: float) -> float:
-    """Return 1 on the outline of a stone with seven unequal sides, less inside."""
+    """Return 1 on the outline of a pebble with seven unequal sides, less inside."""
     return max(abs(p), abs(q), 0.74 * (p + q), 0.66 * (p - q), -0.7 * (p + q) * (1.0 + 0.3 * skew))

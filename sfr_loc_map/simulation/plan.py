@@ -1,4 +1,4 @@
-"""Where the cameras are and when, without the scene."""
+"""Poses and stamps of the cameras, without the scene."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from sfr_loc_map.simulation.noise import Stream
 from sfr_loc_map.simulation.rover import SPACING_M, rig_extrinsics, settle_on_terrain
 from sfr_loc_map.simulation.terrain import Terrain
 
-PATH_STEP_M = 0.3  #: Distance between the points of the path about which ground and rocks are made.
+PATH_STEP_M = 0.3  #: Distance between path points, around which ground and rocks are generated.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """Where the cameras are and when, without the scene: quick to make."""
+    """Poses and stamps of the cameras, without the scene; fast to compute."""
 
     config: SimulationConfig  #: Settings.
     terrain: Terrain  #: The ground.
     drive: Drive  #: Trajectory of the rover.
-    #: The local map frame: below RB at the start of the drive, on the ground, x along the heading, z up.
+    #: The local map frame: on the ground below RB at the start of the drive, x along the heading, z up.
     T_ds_lm: Transform
 
     @classmethod
     def make(cls, config: SimulationConfig) -> Plan:
-        """Return the plan of a configuration; ConfigError if there is nothing to make, or the path is wrong."""
+        """Return the plan of a configuration; ConfigError if nothing is enabled or the path is invalid."""
         pans, tilts = len(config.panorama.pan_deg), len(config.panorama.tilt_deg)
         if pans != tilts:
-            raise ConfigError(f"panorama has {pans} pans and {tilts} tilts: give as many of both")
+            raise ConfigError(f"panorama has {pans} pans and {tilts} tilts: both need the same number of values")
         if not (config.drive.enabled or config.panorama.enabled):
             raise ConfigError("neither drive nor panorama is enabled: enable at least one")
         if not config.drive.segments:
-            raise ConfigError("drive.segments is empty: give at least one, as 'stop 1', or set drive.enabled=false")
+            raise ConfigError("drive.segments is empty: give a segment ('stop 1') or set drive.enabled=false")
         terrain = Terrain.make(config.seed, config.terrain, config.ground)
         rng = np.random.default_rng([config.seed, Stream.DRIVE])
         states = states_of(config.drive, legs_of(config.drive), rng)
@@ -59,7 +59,7 @@ class Plan:
         return cls(config, terrain, drive, T_ds_lm)
 
     def rig(self, task: Task) -> StereoRig:
-        """Return the rectified rig of a task; that of localisation has its extrinsics in RB."""
+        """Return the rectified rig of a task; the localisation rig has extrinsics in RB."""
         mapping = task is Task.MAPPING
         cameras = self.config.nav if mapping else self.config.loc
         centre = (0.5 * (cameras.width - 1), 0.5 * (cameras.height - 1))
@@ -74,16 +74,16 @@ class Plan:
         return self.drive.count if self.config.drive.enabled else 0
 
     def stamp_ns(self, task: Task, frame: int) -> int:
-        """Return the stamp of a pair: the middle of its exposure."""
+        """Return the stamp of a pair, which is the middle of the exposure."""
         period = self.config.panorama.period_s if task is Task.MAPPING else self.config.drive.period_s
         return self.config.start_stamp_ns + round(frame * period * NS_PER_S)
 
     def rover_pose(self, task: Task, frame: int, delay_s: float = 0.0) -> Transform:
-        """Return `T_ds_rb` of a pair, or shortly before or after its stamp."""
+        """Return `T_ds_rb` at the stamp of a pair plus a short delay."""
         return self.drive.pose(0.0 if task is Task.MAPPING else frame * self.config.drive.period_s + delay_s)
 
     def rig_pose(self, task: Task, frame: int, delay_s: float = 0.0) -> Transform:
-        """Return `T_ds_locsb` or `T_ds_navsb` of a pair, or shortly before or after its stamp."""
+        """Return `T_ds_locsb` or `T_ds_navsb` at the stamp of a pair plus a short delay."""
         if task is Task.MAPPING:
             panorama = self.config.panorama
             pan, tilt = math.radians(panorama.pan_deg[frame]), math.radians(panorama.tilt_deg[frame])
@@ -102,7 +102,7 @@ class Plan:
         )
 
     def path(self) -> FloatArray:
-        """Return positions of the rover `(P, 2)`, metres, DS, some 0.3 m apart."""
+        """Return positions of the rover `(P, 2)`, metres, DS, about 0.3 m apart."""
         if not self.config.drive.enabled:
             return self.drive.origins[:1, :2].copy()
         end_s = (self.count(Task.LOCALISATION) - 1) * self.config.drive.period_s

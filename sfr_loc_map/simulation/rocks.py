@@ -1,6 +1,6 @@
-"""Rocks: size distribution, shapes and positions.
+"""Size distribution, shapes and positions of rocks.
 
-Lengths are metres, positions are in DS. The page docs/simulation.md has the source of each number.
+Lengths are in metres, positions in DS. The page docs/simulation.md has the source of each number.
 """
 
 from __future__ import annotations
@@ -16,36 +16,37 @@ from sfr_loc_map.simulation.ground_mesh import Mesh, cell_size, coarseness, path
 from sfr_loc_map.simulation.noise import Stream
 from sfr_loc_map.simulation.terrain import Terrain
 
-CLASS_RATIO = 1.35  #: Ratio of the diameters that bound one size class.
+CLASS_RATIO = 1.35  #: Ratio of the largest to the smallest diameter of a size class.
 RANGE_PER_DIAMETER = 180.0
-"""Rocks are placed as far from the path as this many of their diameters; farther ones would be under a few pixels."""
-FARTHEST_M = 350.0  #: Largest distance of a rock from the path, m; the ground reaches 512 m from its centre.
-SHAPES = 24  #: Different rock shapes of each level of detail; all rocks are scaled and rotated copies of them.
-LEVEL_PIXELS = (14.0, 48.0, 200.0)  #: Apparent sizes, in pixels of an 800 px lens, from which a finer shape is used.
+"""Rocks are placed up to this many diameters from the path; farther rocks would be smaller than about 4 px."""
+FARTHEST_M = 350.0  #: Largest distance of a rock from the path, m; the ground extends 512 m from its centre.
+SHAPES = 24  #: Number of rock shapes per level of detail; all rocks are scaled and rotated copies.
+LEVEL_PIXELS = (14.0, 48.0, 200.0)  #: Apparent sizes, px with `LENS_PX`, from which on a finer shape is used.
 ICOSAHEDRON = (
     (0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4), (11, 10, 2), (10, 7, 6),
     (7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8), (3, 8, 9), (4, 9, 5), (2, 4, 11),
     (6, 2, 10), (8, 6, 7), (9, 8, 1),
 )  # fmt: skip
-"""Corners of the faces of an icosahedron, counter-clockwise from outside, by the points of `_sphere`."""
-LENS_PX = 800.0  #: Focal length of the lens for which apparent sizes are computed, about that of the mapping cameras.
+"""Faces of an icosahedron as indices of the points of `_sphere`, counter-clockwise from outside."""
+LENS_PX = 800.0  #: Focal length for apparent sizes, px; about that of the mapping cameras.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rocks:
     """Placed rocks."""
 
-    centres: FloatArray  #: `(N, 3)` float64, metres, DS; the height is that of the ground.
+    centres: FloatArray  #: `(N, 3)` float64, metres, DS; z is the height of the ground.
     diameters: FloatArray  #: `(N,)` float64, metres.
-    #: `(N,)` float64, apparent size from the nearest point of the path; decides how fine the shape is.
+    #: `(N,)` float64, apparent size from the nearest point of the path, px; determines the level of detail.
     pixels: FloatArray
 
 
 def rocks_per_area(diameter_m: FloatArray, cover: float) -> FloatArray:
-    """Return the number of rocks per square metre with at least a diameter.
+    """Return the number of rocks per square metre that have at least the given diameters.
 
-    From the cumulative fractional area `F(D) = k exp(-q D)`, `q = 1.79 + 0.152 / k` (Golombek and Rapp 1997, equation
-    for total rock abundance k): `dN = -dF / (pi D^2 / 4)`, integrated up to 5 m by quadrature.
+    The cumulative fractional area is `F(D) = k exp(-q D)` with `q = 1.79 + 0.152 / k`, where k is the total rock
+    abundance (Golombek and Rapp 1997). The number follows from `dN = -dF / (pi D^2 / 4)`, integrated up to 5 m by
+    quadrature.
     """
     q = 1.79 + 0.152 / cover
     grid = np.geomspace(0.005, 5.0, 4000)
@@ -56,7 +57,7 @@ def rocks_per_area(diameter_m: FloatArray, cover: float) -> FloatArray:
 
 
 def place_rocks(seed: int, config: RockConfig, terrain: Terrain, path: FloatArray, half_width_m: float) -> Rocks:
-    """Scatter rocks around a path, large ones as far as they can be seen."""
+    """Place rocks around a path, out to the distance from which rocks of their size are visible."""
     rng = np.random.default_rng([seed, Stream.ROCK_PLACES])
     parts = [np.zeros((0, 3))]
     low = config.smallest_m
@@ -74,14 +75,14 @@ def place_rocks(seed: int, config: RockConfig, terrain: Terrain, path: FloatArra
 
 
 def rock_meshes(seed: int, config: RockConfig, rocks: Rocks) -> list[Mesh]:
-    """Return the triangles of placed rocks, those of one shape and level in a mesh.
+    """Return the meshes of placed rocks, one mesh for each shape and level of detail.
 
-    A rock is at most 40 % narrower and 15 to 60 % lower than long, which spans the axis ratios of ejected rocks
-    (Capaccioni et al. 1984: 1 to 0.7 to 0.5 on average).
+    The width of a rock is 60 to 100 % and the height 40 to 85 % of the length. This covers the axis ratios of impact
+    fragments (Capaccioni et al. 1984: 1 to 0.7 to 0.5 on average).
     """
     rng = np.random.default_rng([seed, Stream.ROCK_POSES])
     count = len(rocks.diameters)
-    # any heading, tilted by some 15 degrees, as rocks rest on flat sides
+    # any heading; tilts of 15 deg (1 sigma), because rocks rest on flat sides
     heading = rng.uniform(0, 2 * np.pi, count)
     tilt = rng.normal(0, 0.26, (count, 2))
     about = np.tile(np.eye(3), (3, count, 1, 1))
@@ -124,7 +125,7 @@ def rock_meshes(seed: int, config: RockConfig, rocks: Rocks) -> list[Mesh]:
 def _scatter_rocks(
     rng: np.random.Generator, config: RockConfig, path: FloatArray, low: float, high: float
 ) -> FloatArray:
-    """Return the rocks `(N, 3)`: x, y, diameter of one size class; they thin out towards their largest distance."""
+    """Return x, y and diameter of the rocks of a size class, `(N, 3)`; rocks thin out towards the largest distance."""
     reach = min(RANGE_PER_DIAMETER * low, FARTHEST_M)
     corner, size = path.min(axis=0) - reach, np.ptp(path, axis=0) + 2 * reach
     numbers = rocks_per_area(np.array([low, high]), config.cover)
@@ -136,10 +137,10 @@ def _scatter_rocks(
 
 
 def _library(seed: int, angular: float, level: int) -> list[tuple[FloatArray, FloatArray, NDArray[np.int32]]]:
-    """Return shapes as points, normals, triangles; the same shapes at every level.
+    """Return the shapes as points, normals and triangles; every level has the same shapes.
 
-    A shape is a ball cut by 7 to 13 planes, with lumps in three octaves. The numbers were chosen by eye beside images
-    of Mars rovers; no figure of a benchmark depends on a single one of them.
+    A shape is a ball that is cut by 7 to 13 planes, with bumps in three octaves. The numbers were chosen by comparison
+    with images of Mars rovers.
     """
     directions, triangles = _sphere(level)
     shapes = []
@@ -168,7 +169,7 @@ def _library(seed: int, angular: float, level: int) -> list[tuple[FloatArray, Fl
 
 
 def _sphere(level: int) -> tuple[FloatArray, NDArray[np.int32]]:
-    """Return an icosahedron whose triangles were split in four `level` times, on the unit ball."""
+    """Return points and triangles of a unit sphere: an icosahedron whose triangles are split in four `level` times."""
     g = (1 + 5**0.5) / 2
     points: list[tuple[float, float, float]] = [(-1, g, 0), (1, g, 0), (-1, -g, 0), (1, -g, 0), (0, -1, g), (0, 1, g)]
     points += [(0, -1, -g), (0, 1, -g), (g, 0, -1), (g, 0, 1), (-g, 0, -1), (-g, 0, 1)]

@@ -1,6 +1,6 @@
-"""The rover: where it stands on the ground, where its cameras are on it, and the boxes that cast its shadow.
+"""The rover: pose on the terrain, extrinsics of the cameras, and the boxes that cast the shadow.
 
-RB is x forward, y left, z up [3.2].
+RB has x forward, y left and z up [3.2].
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from sfr_loc_map.simulation.terrain import Terrain
 
 GROUND_HEIGHT_RB_M = -0.540  #: Height of the ground plane in RB when deployed on flat ground [3.2.1].
 WHEELS_RB_M = np.array([(x, y) for x in (0.62, 0.0, -0.62) for y in (0.52, -0.52)])
-"""Positions of the six wheels in RB, metres (size of a fetch rover; the document gives none)."""
-WHEEL_RADIUS_M = 0.18  #: m; assumed, as the positions are.
-HALF_WIDTH_M = 0.70  #: Half of the width that is kept clear of large rocks; the wheels are at 0.52 m.
+"""Positions of the six wheels in RB, metres; assumed, because the source document gives none."""
+WHEEL_RADIUS_M = 0.18  #: Radius of the wheels, m; assumed.
+HALF_WIDTH_M = 0.70  #: Half width of the path that is kept clear of large rocks, m; the wheels are at 0.52 m.
 _ROLLING = np.linspace(-0.75, 0.75, 7) * WHEEL_RADIUS_M
-"""Points under a wheel, along its direction, that can touch: a wheel of 0.18 m meets steps of up to 0.06 m there."""
-SPACING_M = 0.02  #: Spacing of the heights on which a wheel stands, m: the shortest wave that is geometry.
+"""Offsets of possible contact points of a wheel along its heading, m; the rim is at most 0.06 m high there."""
+SPACING_M = 0.02  #: Sample spacing of the terrain under the wheels, m: the shortest meshed wavelength.
 
 
 def settle_on_terrain(
     terrain: Terrain, x: FloatArray, y: FloatArray, heading: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return position and attitude of RB with all wheels on the ground.
+    """Return origins `(N, 3)` and rotations `(N, 3, 3)`, RB to DS, with the wheels on the ground.
 
-    Each wheel touches where its rim first meets the ground; a rocker-bogie suspension averages the wheels, so the
-    body is parallel to the least-squares plane through the six wheel centres. Places of the origin `(N,)` in DS, m,
-    headings from east to north; returns origins `(N, 3)` and rotations `(N, 3, 3)`, RB to DS.
+    `x` and `y` `(N,)` are the position of the origin in DS, metres; the heading is measured from east to north. Each
+    wheel touches the ground where its rim meets the ground first. A rocker-bogie suspension averages the wheels, so the
+    body is parallel to the least-squares plane through the six wheel centres.
     """
     c, s = np.cos(heading), np.sin(heading)
     wx = x[:, None] + c[:, None] * WHEELS_RB_M[:, 0] - s[:, None] * WHEELS_RB_M[:, 1]
@@ -51,15 +51,15 @@ def settle_on_terrain(
     up /= np.linalg.norm(up, axis=1, keepdims=True)
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
     rotation = np.stack((forward, np.cross(up, forward), up), axis=-1)
-    # The plane of the wheels' centres passes below the origin along z of RB, not along the plumb line.
+    # the plane of the wheel centres is below the origin along z of RB, not along the vertical
     height = plane[:, 0] + (-GROUND_HEIGHT_RB_M - WHEEL_RADIUS_M) / up[:, 2]
     return np.stack((x, y, height), axis=-1), rotation
 
 
 def rover_mesh() -> Mesh:
-    """Return a rover of boxes in RB that casts the shadow: deck, wheels, mast and mast head.
+    """Return the boxes in RB that cast the rover's shadow: deck, wheels, mast and mast head.
 
-    The mast is where the document has it [3.2.6]; the sizes of the boxes are assumed.
+    The position of the mast is that of the source document [3.2.6]; the sizes of the boxes are assumed.
     """
     mast_x, mast_y = MAST_XY_RB_M
     boxes = [((-0.65, -0.45, -0.20), (0.55, 0.45, 0.10)), ((-0.75, -0.60, 0.10), (0.45, 0.60, 0.14))]
@@ -78,7 +78,7 @@ def rover_mesh() -> Mesh:
 
 
 def rig_extrinsics(cameras: CamerasConfig) -> Transform:
-    """Return the pose of a stereo rig on its carrier (RB or mast head)."""
+    """Return the pose of a stereo rig in RB or in the frame of the mast head."""
     angles = (cameras.roll_deg, cameras.pitch_deg, cameras.yaw_deg)
     about_x, about_y, about_z = (matrix_from_rotvec(math.radians(a) * np.eye(3)[k]) for k, a in enumerate(angles))
     return Transform(about_z @ about_y @ about_x, np.array([cameras.x_m, cameras.y_m, cameras.z_m]))

@@ -1,4 +1,4 @@
-"""From light to grey levels: lens, exposure, noise, converter; docs/simulation.md has the source of each number."""
+"""Sensor model of lens, exposure, noise and converter; docs/simulation.md has the source of each number."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from sfr_loc_map.inputs import Task
 from sfr_loc_map.simulation.config import SensorConfig
 from sfr_loc_map.simulation.noise import Stream
 
-TASK_SEEDS = {Task.LOCALISATION: 0, Task.MAPPING: 1}  #: Number of a task in the seeds of what is random.
+TASK_SEEDS = {Task.LOCALISATION: 0, Task.MAPPING: 1}  #: Number of a task in random seeds.
 
 
 def sensor_image(bright: FloatImage, seed: int, config: SensorConfig, task: Task, frame: int, camera: int) -> GreyImage:
-    """Return the image `(H, W)` of a brightness `(H, W)`, a share of the full range."""
+    """Return the grey image `(H, W)` of a brightness `(H, W)`, which is a fraction of the full range."""
     number, image = TASK_SEEDS[task], bright.astype(np.float32)
     if config.blur_px > 0:
         image = cv2.GaussianBlur(image, (0, 0), config.blur_px, borderType=cv2.BORDER_REFLECT_101).astype(np.float32)

@@ -1,8 +1,7 @@
-"""Appearance of what rays hit: texture of the ground, pebbles, rocks, and its light.
+"""Texture and illumination of the ground, the pebbles and the rocks that rays hit.
 
-Lengths are metres, positions are in DS, a footprint is the size of a pixel on the ground, arrays are `(N,)`. Loops over
-positions have no branches and no calls that are not inlined where they shall become vector code. The page
-docs/simulation.md has the source of each number.
+Lengths are in metres, positions in DS. A footprint is the size of a pixel on the ground. Arrays are `(N,)`. Loops that
+should be vectorised have no branches and only inlined calls. The page docs/simulation.md has the source of each number.
 """
 
 from __future__ import annotations
@@ -23,15 +22,15 @@ from sfr_loc_map.simulation.tracer import GROUND, SKY, Hits
 
 UNMESHED_M = 0.12
 UNMESHED_PER_RANGE = 0.03
-"""Waves shorter than this, or than this share of the range, are too fine for the triangles of the ground."""
-GRAIN_M = 0.045  #: Longest wave of the reflectance that counts as grain, m.
+"""Wavelengths below this length, m, or below this fraction of the range are too short for the mesh of the ground."""
+GRAIN_M = 0.045  #: Longest wavelength of the reflectance that counts as grain, m.
 OCTAVES = 9  #: Octaves of the fine relief and reflectance.
-LONGEST_M = 3.1  #: Longest wave of these octaves, m.
+LONGEST_M = 3.1  #: Longest wavelength of these octaves, m.
 _FINE, _PLATE = np.uint32(Stream.FINE_TEXTURE), np.uint32(Stream.PLATES)
 
 
 class GroundHits(NamedTuple):
-    """Ray hits of the ground that are shaded together; each array is `(N,)` float64 if not said otherwise."""
+    """Ray hits of the ground that are shaded together; arrays are `(N,)` float64 unless noted."""
 
     ray: IntArray  #: int64, index of the ray.
     x: FloatArray  #: Metres, DS.
@@ -41,31 +40,30 @@ class GroundHits(NamedTuple):
 
 
 class GroundTexture(NamedTuple):
-    """Materials and fine structure of positions; each array is `(N,)` float64."""
+    """Materials and fine structure at positions; arrays are `(N,)` float64."""
 
-    sand: FloatArray  #: Share of sand.
-    gravel: FloatArray  #: Share of gravel.
-    rock: FloatArray  #: Share of bare rock.
+    sand: FloatArray  #: Fraction of sand.
+    gravel: FloatArray  #: Fraction of gravel.
+    rock: FloatArray  #: Fraction of bare rock.
     tone: FloatArray  #: Logarithm of the reflectance over the mean.
     slope_x: FloatArray  #: Slope of the fine structure to the east.
     slope_y: FloatArray  #: Slope of the fine structure to the north.
-    grain: FloatArray  #: Coarseness.
+    grain: FloatArray  #: Graininess, 0.5 for sand to 1 for gravel.
 
 
 @jit_inline
 def fade_of(length: float, footprint: float) -> float:
-    """Return the contrast at which a pixel resolves a wave: 0 below 1.4 footprints, 1 above 3.4."""
+    """Return the contrast of a wave in a pixel: 0 for wavelengths below 1.4 footprints, 1 above 3.4 footprints."""
     return min(max((length / footprint - 1.4) * 0.5, 0.0), 1.0)
 
 
 @jit
 def ground_texture(count: int, hits: GroundHits, bump: float, terrain: TerrainParameters, out: GroundTexture) -> None:
-    """Write materials, tone and slopes of the fine structure: octaves from 3 m down to the footprint.
+    """Write materials, tone and slopes of the fine structure, with octaves from 3 m down to the footprint.
 
-    Waves too short for the triangles of the ground show as slopes; those shorter than `GRAIN_M` are grains. The slopes
-    are the gradient of the tone rotated by a right angle: if they followed the tone, each bright spot would have a side
-    that faces the left camera, and as dusty ground looks brighter at grazing views, the two cameras would see the
-    texture shifted against each other by some 0.02 px.
+    Waves too short for the mesh contribute slopes. Waves shorter than `GRAIN_M` also contribute grain. The slopes are
+    the gradient of the tone rotated by 90 deg, so that slopes and tone are uncorrelated. Otherwise the view-dependent
+    reflection of dusty ground would shift the texture between the two images by about 0.02 px.
     """
     x, y, ranges, footprints = hits.x, hits.y, hits.range, hits.footprint
     tone, sx, sy, grain = out.tone, out.slope_x, out.slope_y, out.grain
@@ -98,10 +96,10 @@ def ground_texture(count: int, hits: GroundHits, bump: float, terrain: TerrainPa
 
 @jit
 def plates(x: float, y: float, footprint: float, seed: np.uint32) -> tuple[float, float, float]:
-    """Return the darkness 0 to 1 of cracks between plates of bare rock, and slopes: a warped Voronoi pattern.
+    """Return the darkness, 0 to 1, of cracks between plates of bare rock, and the slopes of the plates (Voronoi cells).
 
-    Plates are about 0.42 m wide, cracks 9 mm, and plates are tilted by up to 0.08; noise makes the edges jagged. The
-    sizes were chosen by eye beside images of bedrock.
+    Plates are about 0.42 m wide and have slopes of up to 0.08; cracks are 9 mm wide. Noise makes the edges jagged. The
+    sizes were chosen by comparison with images of bedrock.
     """
     cell = 0.42
     wx = x / cell + 0.35 * value2(x * 2.1, y * 2.1, seed ^ _PLATE)[0]
@@ -127,27 +125,27 @@ def plates(x: float, y: float, footprint: float, seed: np.uint32) -> tuple[float
 
 
 class ShadingParameters(NamedTuple):
-    """Appearance of ground and rocks, sun, sky and air; a field has the name of the setting that it is."""
+    """Appearance of ground, rocks, sun, sky and haze; fields with the name of a setting are equal to the setting."""
 
     albedo: float  #: Mean reflectance of the ground.
-    contrast: float  #: Strength of the changes of reflectance.
+    contrast: float  #: Strength of the variation of reflectance.
     bump: float  #: Strength of the fine relief.
-    lunar: float  #: Share of Lommel-Seeliger against Lambert reflection.
-    sky: float  #: Light of the sky on level ground, the overhead sun being 1.
+    lunar: float  #: Weight of Lommel-Seeliger reflection; the rest is Lambert.
+    sky: float  #: Sky light on level ground, relative to an overhead sun.
     sky_grey: float  #: Brightness of the sky above the horizon.
-    haze_m: float  #: Distance at which haze has taken 63 % of the contrast.
+    haze_m: float  #: Distance at which haze removes 63 % of the contrast.
     rock_albedo: float  #: Mean reflectance of rocks.
-    sun_x: float  #: Unit vector towards the sun, DS.
-    sun_y: float  #: Unit vector towards the sun, DS.
-    sun_z: float  #: Unit vector towards the sun, DS.
-    gain: float  #: Factor that gives level mean ground in the sun a brightness of 1.
-    target: float  #: Brightness of level mean ground in the image, as a share of the full range.
+    sun_x: float  #: East component of the unit vector towards the sun, DS.
+    sun_y: float  #: North component.
+    sun_z: float  #: Vertical component.
+    gain: float  #: Factor that scales level, sunlit ground of mean reflectance to a brightness of 1.
+    target: float  #: Brightness of this ground in the image, fraction of the full range.
     field: PebbleField  #: The pebbles.
     terrain: TerrainParameters  #: The ground.
 
 
 def shading_parameters(config: SimulationConfig, sun: FloatArray, terrain: Terrain) -> ShadingParameters:
-    """Return the parameters of the shading, for a unit vector `(3,)` towards the sun."""
+    """Return the parameters of the shading; `sun` is the unit vector `(3,)` towards the sun, DS."""
     ground, sky = config.ground, config.light
     return ShadingParameters(
         **settings_in(ground, ShadingParameters._fields),
@@ -163,11 +161,11 @@ def shading_parameters(config: SimulationConfig, sun: FloatArray, terrain: Terra
 
 @jit_inline
 def reflect(mu0: float, mu: float, lunar: float) -> float:
-    """Lunar-Lambert reflection over the cosine of incidence: `2 L / (mu0 + mu) + 1 - L` (McEwen 1991)."""
+    """Return lunar-Lambert reflection over the cosine of incidence: `2 L / (mu0 + mu) + 1 - L` (McEwen 1991)."""
     return 2.0 * lunar / (mu0 + mu + 1e-6) + 1.0 - lunar
 
 
-RUN = 1024  #: Rays shaded at once: their numbers stay in the processor's first cache.
+RUN = 1024  #: Rays that are shaded together: their data fit into the first-level cache.
 _STONE = np.uint32(Stream.ROCK_SURFACE)
 
 
@@ -183,7 +181,7 @@ def shade(
     parameters: ShadingParameters,
     out: NDArray[np.float32],
 ) -> None:
-    """Write the brightness of ray hits, as a share of the full range."""
+    """Write the brightness of ray hits, as a fraction of the full range."""
     ground = GroundHits(np.empty(RUN, np.int64), np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN))
     texture = GroundTexture(
         np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN), np.empty(RUN)
@@ -221,7 +219,7 @@ def shade(
 
 @jit_inline
 def _bumped(normal: FloatArray, gradient: Vector) -> Vector:
-    """Return the normal tilted by the part of a bump gradient that lies in the surface."""
+    """Return the normal, tilted by the tangential component of a bump gradient."""
     nx, ny, nz = normal[0], normal[1], normal[2]
     gx, gy, gz = gradient
     along = gx * nx + gy * ny + gz * nz
@@ -230,33 +228,34 @@ def _bumped(normal: FloatArray, gradient: Vector) -> Vector:
 
 @jit_inline
 def _emission_cosine(normal: FloatArray, ray: FloatArray) -> float:
-    """Return the cosine of emission of the solid's surface.
+    """Return the cosine of the emission angle at the meshed surface, without the fine relief.
 
-    That of the fine relief would change how the relief looks from different positions, without the parallax and the
-    occlusion that belong to it: every texture would seem to move, by 0.01 px between the left and the right image.
+    With the fine relief, the texture would change with the viewpoint, but without the parallax and occlusion of real
+    relief. It would appear shifted by 0.01 px between the left and the right image.
     """
     return float(max(-(normal[0] * ray[0] + normal[1] * ray[1] + normal[2] * ray[2]), 0.05))
 
 
 @jit_inline
 def _footprint(normal: FloatArray, ray: FloatArray, small: float) -> float:
-    """Return the size of a pixel on a surface, between that across and that along the line of sight.
+    """Return the size of a pixel on a surface, a weighted mean of the sizes across and along the line of sight.
 
-    The size is proportional to cos^-3/8 of the emission angle: cos^0 gives the size across, cos^-1 along the line.
+    The size is proportional to cos^(-3/8) of the emission angle. The size across is proportional to cos^0, and the size
+    along to cos^(-1).
     """
     cosine = max(-(normal[0] * ray[0] + normal[1] * ray[1] + normal[2] * ray[2]), 0.08)
     root4 = math.sqrt(math.sqrt(cosine))
-    return float(small / (root4 * math.sqrt(root4)))  # 1/4 + 1/8; square roots are faster than a power
+    return float(small / (root4 * math.sqrt(root4)))  # 1/4 + 1/8 = 3/8; square roots are faster than a power
 
 
 @jit_inline
 def surface_brightness(
     normal: Vector, mu: float, distance: float, albedo: float, sunlit: float, lit: float, parameters: ShadingParameters
 ) -> float:
-    """Return the brightness of a surface in the light of sun and sky, through the haze.
+    """Return the brightness of a surface under sun and sky, seen through haze.
 
-    A level surface sees the whole sky and a vertical one 55 % of it. Pebbles that block the sun block 40 % of the sky.
-    Haze has 0.9 of the brightness of the sky.
+    A level surface receives all sky light, a vertical surface 55 %. Pebbles that block the sun also block 40 % of the
+    sky light. The haze has 90 % of the brightness of the sky.
     """
     nx, ny, nz = normal
     length = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
@@ -277,9 +276,9 @@ def _ground(
     parameters: ShadingParameters,
     cache: PebbleCache,
 ) -> tuple[float, float, float, float]:
-    """Return reflectance, slopes of the fine relief, and the share of the sun that pebbles leave, of one hit.
+    """Return the reflectance, the two slopes of the fine relief, and the fraction of sunlight that pebbles let pass.
 
-    Sand and rock are brighter than gravel by 20 to 27 %. The reflectance is limited to 0.2 to 3.3 times its mean. The
+    Sand is 22 % and rock 27 % brighter than gravel. The reflectance is limited to 0.2 to 3.3 times the mean. The
     weights were chosen by eye.
     """
     x, y, small, footprint = hits.x[m], hits.y[m], hits.range[m] * pixel_rad, hits.footprint[m]
@@ -302,9 +301,9 @@ def _ground(
 
 @jit
 def _stone(point: FloatArray, footprint: float, number: int, parameters: ShadingParameters) -> tuple[float, Vector]:
-    """Return reflectance and bump gradient of a rock's surface: seven octaves from 0.24 m down to 4 mm.
+    """Return reflectance and bump gradient of a rock's surface, with seven octaves from 0.24 m to 4 mm.
 
-    Amplitudes were chosen by eye; half of the rocks are dusty, which makes them brighter.
+    Half of the rocks are dusty, and therefore brighter. The amplitudes were chosen by eye.
     """
     x, y, z, seed = point[0], point[1], point[2], parameters.terrain.seed
     h = mix(np.uint32(number) ^ seed ^ _STONE)
@@ -318,7 +317,7 @@ def _stone(point: FloatArray, footprint: float, number: int, parameters: Shading
         v, a, b, c = value3(x / length + 0.41 * k, y / length + 0.17 * k, z / length, seed ^ _STONE ^ np.uint32(k))
         tone += 0.16 * fade * v
         slope = 0.13 * fade * parameters.bump
-        gx, gy, gz = gx + slope * b, gy + slope * c, gz + slope * a  # not the tone's own gradient, as for the ground
+        gx, gy, gz = gx + slope * b, gy + slope * c, gz + slope * a  # not the gradient of the tone, as for the ground
         length *= 0.5
     dust = smooth_step(0.75, 1.0, 0.5 + 0.5 * unit(mix(h)))
     reflectance = parameters.rock_albedo * math.exp(min(max(parameters.contrast * (tone + 0.2 * dust), -1.5), 1.2))

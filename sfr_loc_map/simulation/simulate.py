@@ -1,8 +1,8 @@
-"""Runs a simulation over several processes into a data set folder; a killed run continues.
+"""Renders a simulation in several processes into a data set folder; an interrupted run can be continued.
 
-Each image and each ground truth is one job whose output is a file that is either whole or absent. The lists
-(`pairs.csv`, `groundtruth.csv`) are written last, so a folder without them is unfinished; the same command then renders
-only what is missing. Every job depends on the configuration alone, so the bytes do not depend on the number of workers.
+Each image and each ground truth is one job, which writes its files atomically. The lists (`pairs.csv`,
+`groundtruth.csv`) are written last, so a folder without the lists is unfinished; the same command then renders only the
+missing files. Jobs depend only on the configuration, so the result does not depend on the number of workers.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ SETTINGS = "simulation.yaml"
 
 
 class RenderJob(NamedTuple):
-    """One image (`left`, `right`), or one ground truth with its mask (`truth`), to render for the rig of a task."""
+    """One image (`left`, `right`), or one ground truth with mask (`truth`), of a task."""
 
     task: Task
     frame: int
     what: str
 
     def files(self, folder: Path) -> list[Path]:
-        """Return the files it makes."""
+        """Return the output files."""
         number = f"{self.frame:06d}"
         if self.what == "truth":
             return [folder / "masks" / f"{number}.png", folder / "truth" / f"{number}.npy"]
@@ -61,14 +61,14 @@ def simulate(
     workers: int = 2,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> int:
-    """Make a simulated data set with exact ground truth, and return the number of pairs.
+    """Write a simulated data set with exact ground truth, and return the number of pairs.
 
-    The folder of an unfinished run with the same settings is continued. `progress` is called with the number of jobs
-    done and in all.
+    An unfinished run with the same settings is continued. `progress` is called with the number of finished jobs and the
+    total.
     """
     require_tracer()
     if out.suffix in STORAGE_BY_SUFFIX:
-        raise ConfigError(f"'{out}' is the name of a bag: simulate into a folder, then sfr convert FOLDER {out}")
+        raise ConfigError(f"'{out}' is a bag: simulate into a folder, then run sfr convert FOLDER {out}")
     plan = Plan.make(config)
     folders = task_folders(plan, out)
     _claim(plan.config, out)
@@ -95,19 +95,19 @@ def can_continue(config: SimulationConfig, out: Path) -> bool:
 
 
 def render_jobs(plan: Plan) -> list[RenderJob]:
-    """Return all jobs of a plan."""
+    """Return the jobs of a plan."""
     whats = {Task.LOCALISATION: SIDES, Task.MAPPING: (*SIDES, "truth")}
     return [RenderJob(task, frame, what) for task in Task for frame in range(plan.count(task)) for what in whats[task]]
 
 
 def task_folders(plan: Plan, out: Path) -> dict[Task, Path]:
-    """Return the folder of each task that a plan has."""
+    """Return the output folder of each task of a plan."""
     tasks = [task for task in Task if plan.count(task)]
     return {tasks[0]: out} if len(tasks) == 1 else {task: out / task.rig for task in tasks}
 
 
 def settings_text(config: SimulationConfig) -> str:
-    """Return the settings as YAML that `sfr simulate` reads again."""
+    """Return the settings as YAML for `sfr simulate`."""
     flat = {name: list(value) if isinstance(value, tuple) else value for name, value in flatten(config).items()}
     return yaml.safe_dump(flat, sort_keys=False, width=120)
 
@@ -142,7 +142,7 @@ def _render(plan: Plan, out: Path, jobs: list[RenderJob], workers: int, progress
         return
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
-    with deferred_signals():  # they may go to a whole group: this process ends its workers, and what tracks semaphores
+    with deferred_signals():  # signals may go to the whole group; this process ends the others
         pool = ProcessPoolExecutor(min(workers, len(jobs)), context, _prepare, (plan.config, out))
     try:
         with deferred_signals():
@@ -150,13 +150,13 @@ def _render(plan: Plan, out: Path, jobs: list[RenderJob], workers: int, progress
         for done, future in enumerate(as_completed(futures), start=1):
             future.result()
             progress(done)
-    except KeyboardInterrupt:  # what a worker is at takes up to half a minute, and is made again anyway
+    except KeyboardInterrupt:  # an unfinished job may take 30 s, and is rendered again anyway
         for worker in set(multiprocessing.active_children()) - others:
             worker.kill()
         raise
     except BrokenProcessPool as error:
         raise OutputError(
-            "a worker process ended early (out of memory?): run the command again to continue, with fewer --workers"
+            "a worker process was killed (out of memory?): run the command again with fewer --workers to continue"
         ) from error
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
@@ -169,7 +169,7 @@ def _prepare(config: SimulationConfig, out: Path, *, is_worker: bool = True) -> 
     global _worker
     if is_worker:
         end_with_parent(signal.SIGKILL)
-        if (parent := multiprocessing.parent_process()) is None or not parent.is_alive():  # it was killed before
+        if (parent := multiprocessing.parent_process()) is None or not parent.is_alive():  # was killed before
             os._exit(1)
     plan = Plan.make(config)
     _worker = World(plan), task_folders(plan, out)
@@ -183,7 +183,7 @@ def _run(job: RenderJob) -> None:
 
 
 def rendered(world: World, job: RenderJob) -> list[bytes]:
-    """Return the contents of the files of a job."""
+    """Return the contents of a job's files."""
     if job.what != "truth":
         return [encode_png(world.image(job.task, job.frame, SIDES.index(job.what)))]
     points, mask = world.truth(job.frame)
@@ -198,7 +198,7 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def lists_of(plan: Plan, task: Task) -> dict[str, bytes]:
-    """Return the rig, the true trajectory and the list of pairs of a task by file name, the list of pairs last."""
+    """Return rig, true trajectory and list of pairs of a task by file name; the list of pairs is last."""
     files = {"rig.json": rig_json(plan.rig(task))}
     rows: list[list[str]] = []
     for frame in range(plan.count(task)):

@@ -1,4 +1,4 @@
-"""The ground: height and material as functions of position; docs/simulation.md has the source of each number."""
+"""Height and material of the ground as functions of position; docs/simulation.md has the source of each number."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from sfr_loc_map.jit import jit, jit_inline
 from sfr_loc_map.simulation.config import GroundConfig, ReliefConfig, settings_in
 from sfr_loc_map.simulation.noise import Stream, gradient2, hash2, mix, sub_seed, unit, value2
 
-SHORTEST_M = 0.02  #: Shortest wave of the relief that is geometry; finer waves show in shading only.
-CRATER_CLASSES = 4  #: Doublings of crater size, from 1 m across.
+SHORTEST_M = 0.02  #: Shortest wavelength of the meshed relief, m; shorter waves appear only in the shading.
+CRATER_CLASSES = 4  #: Number of size classes of craters; diameters double from class to class, from 1 m.
 OCTAVE_ANGLE = 0.6435
-"""Angle between the grids of two octaves, radians (of a 3-4-5 triangle), so that no grid direction stands out."""
+"""Angle between the noise grids of two octaves, rad, which hides the grid directions (3-4-5 triangle)."""
 _HILL, _RELIEF, _RIPPLE = (np.uint32(k) for k in (Stream.HILLS, Stream.RELIEF, Stream.RIPPLES))
 _CRATER, _SAND, _ROCK = (np.uint32(k) for k in (Stream.CRATERS, Stream.SAND, Stream.BEDROCK))
 
 
 class TerrainParameters(NamedTuple):
-    """The ground as kernels take it; a field has the name of the setting that it is."""
+    """Parameters of the ground for kernels; fields that have the name of a setting are equal to the setting."""
 
     relief_m: float  #: Height scale of the rolling relief.
     relief_length_m: float  #: Longest wavelength of the relief.
@@ -32,22 +32,22 @@ class TerrainParameters(NamedTuple):
     ripple_height_m: float  #: Crest height of wind ripples.
     ripple_wave_x: float  #: Wave number of the ripples to the east, radians per metre.
     ripple_wave_y: float  #: Wave number to the north.
-    crater_density: float  #: Craters of more than 1 m across, per square metre.
+    crater_density: float  #: Craters wider than 1 m, per square metre.
     rim_radius_m: float  #: Radius of one large crater; 0 for none.
-    rim_x_m: float  #: East coordinate of its centre in DS.
-    rim_y_m: float  #: North coordinate of its centre in DS.
+    rim_x_m: float  #: East coordinate of the large crater in DS.
+    rim_y_m: float  #: North coordinate of the large crater in DS.
     gradient: float  #: Rise per metre to the east.
-    gravel: float  #: Share with dense pebbles.
-    bedrock: float  #: Share of bare rock; the rest is sand.
-    seed: np.uint32  #: 32 bits.
+    gravel: float  #: Fraction of the ground with dense pebbles.
+    bedrock: float  #: Fraction of the ground that is bare rock; the rest is sand.
+    seed: np.uint32  #: Seed of the ground.
 
 
 @dataclass(frozen=True, slots=True)
 class Terrain:
-    """A seeded ground."""
+    """The ground of a seed and a configuration."""
 
-    parameters: TerrainParameters  #: Its shape.
-    coarseness: float = 1.0  #: Ratio of the edges of its triangles to those of full detail.
+    parameters: TerrainParameters  #: Shape and materials.
+    coarseness: float = 1.0  #: Triangle size relative to full detail.
 
     @classmethod
     def make(cls, seed: int, terrain: ReliefConfig, ground: GroundConfig) -> Terrain:
@@ -64,7 +64,7 @@ class Terrain:
         return cls(parameters, float(terrain.coarseness))
 
     def height(self, x: FloatArray, y: FloatArray, spacing: FloatArray) -> FloatArray:
-        """Return heights `(N,)` in DS, metres; waves too short for the spacing of the samples are omitted."""
+        """Return heights `(N,)` in DS, metres; waves that the sample spacing does not resolve are omitted."""
         out = np.empty(len(x))
         _heights(x, y, spacing, self.parameters, out)
         return out
@@ -79,10 +79,10 @@ def smooth_step(low: float, high: float, value: float) -> float:
 
 @jit_inline
 def materials(x: float, y: float, ground: TerrainParameters) -> tuple[float, float, float]:
-    """Return the shares of sand, gravel and bedrock at a position; they add up to 1.
+    """Return the fractions of sand, gravel and bedrock at a position, which sum to 1.
 
-    Patches come from noise with cells of 3.9, 1.1 and 0.26 m (gravel) and 2.7, 0.5 and 0.26 m (rock). Its grids are
-    rotated against each other so that no direction stands out. A threshold with a soft edge yields fractions.
+    Patches come from noise with cells of 3.9, 1.1 and 0.26 m (gravel) and 2.7, 0.5 and 0.26 m (rock). The noise grids
+    are rotated against each other to hide their directions. A soft threshold converts the noise to fractions.
     """
     bedrock, seed = ground.bedrock, ground.seed
     a = value2(x * 0.23 + 0.11 * y, y * 0.23 - 0.11 * x, seed ^ _SAND)[0]
@@ -124,7 +124,7 @@ def _hills(x: float, y: float, parameters: TerrainParameters) -> float:
 
 @jit
 def _relief(x: float, y: float, spacing: float, parameters: TerrainParameters) -> float:
-    """Fractional Brownian relief: amplitudes go as the wavelength to the power of the Hurst exponent."""
+    """Return the height of fractional Brownian relief: amplitudes are proportional to wavelength ** hurst."""
     total, longest = 0.0, parameters.relief_length_m
     length = longest
     shortest = max(SHORTEST_M, 2.0 * spacing)
@@ -156,9 +156,10 @@ def _ripples(x: float, y: float, parameters: TerrainParameters) -> float:
 
 @jit
 def _crater_profile(r: float, depth: float, rim: float) -> float:
-    """Bowl and raised rim of an aged crater, smooth everywhere; `r` in crater radii.
+    """Return the smooth profile of an aged crater, a bowl with a raised rim; `r` is in crater radii.
 
-    The bowl is nearly flat inside 0.4 radii. The rim is highest at 1.02 and twice as wide outside as inside.
+    The bowl is nearly flat inside 0.4 radii. The rim is highest at 1.02 radii, and about twice as wide outside as
+    inside.
     """
     if r > 2.2:
         return 0.0
@@ -169,10 +170,10 @@ def _crater_profile(r: float, depth: float, rim: float) -> float:
 
 @jit
 def _craters(x: float, y: float, density: float, seed: np.uint32) -> float:
-    """Return the height of small craters, whose number decreases with the square of the diameter (aged: Pike 1977).
+    """Return the height of small aged craters (Pike 1977); their number decreases with the square of the diameter.
 
-    A size class is from one to two times its least diameter, so that it has 1 - 1/4 of the craters of that diameter or
-    more, at most one in a cell.
+    A size class spans a factor of two in diameter. It therefore contains 3/4 of the craters whose diameter is at least
+    the smallest diameter of the class. A grid cell has at most one crater of each class.
     """
     total, largest = 0.0, 2.0
     for k in range(CRATER_CLASSES):

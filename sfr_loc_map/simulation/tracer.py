@@ -1,4 +1,4 @@
-"""Rays through the pixels of an image and towards the sun, and what they hit: exact, by ray tracing."""
+"""Ray tracing of pixels and shadows."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from sfr_loc_map.jit import jit
 from sfr_loc_map.simulation.ground_mesh import Mesh
 from sfr_loc_map.simulation.noise import hash2, mix, unit
 
-SKY, GROUND = -2, -1  #: Object that a ray hits, if it is not the rock of that number.
-BAND_RAYS = 1 << 17  #: Rays traced at once: few enough to stay in the processor's cache.
-LIFT_M = 2e-4  #: Shadow rays start this far above the surface, so that a triangle does not shade itself.
-LIFT_PER_RANGE = 1e-4  #: Addition to it per metre of range, because float32 coordinates are coarser there.
-NUDGE = 1e-5  #: Change of direction with which a ray that passed the seam of two tiles is traced again.
-LEVEL_RAY = -0.05  #: A ray that goes down by more than this must meet the ground.
-SKY_RANGE_M = 1e9  #: Range of a ray that meets no surface, m: beyond all haze.
+SKY, GROUND = -2, -1  #: Object numbers of sky and ground; rocks are numbered from 0.
+BAND_RAYS = 1 << 17  #: Rays that are traced together: few enough for the processor's cache.
+LIFT_M = 2e-4  #: Shadow rays start this far above the surface, m, so that a triangle does not shade itself.
+LIFT_PER_RANGE = 1e-4  #: Additional height per metre of range, because float32 coordinates are coarser at range.
+NUDGE = 1e-5  #: Change of direction with which a ray is traced again if it passed between two tiles.
+LEVEL_RAY = -0.05  #: Rays whose z component is below this value must hit the ground.
+SKY_RANGE_M = 1e9  #: Range of a ray that hits no surface, m: beyond all haze.
 Float32s = NDArray[np.float32]
 
 
@@ -36,16 +36,16 @@ class Hits(NamedTuple):
 
 
 def pixel_rays(rig: StereoRig, T_ds_cam: Transform, u: FloatArray | IntArray, v: FloatArray | IntArray) -> FloatArray:
-    """Return unit rays `(N, 3)` in DS through pixels `(N,)` of a camera at a pose of its optical frame."""
+    """Return unit rays `(N, 3)` in DS through pixels `(N,)` of a camera with the optical frame `T_ds_cam`."""
     x, y = (u - rig.cx) / rig.fx, (v - rig.cy) / rig.fy
     length = 1.0 / np.sqrt(x * x + y * y + 1.0)
     return np.column_stack([(a * x + b * y + c) * length for a, b, c in T_ds_cam.rotation])
 
 
 def sample_offsets(samples: int) -> FloatArray:
-    """Return the offsets of samples in a pixel and in the exposure `(S, 3)`: column, row, time, in [-0.5, 0.5), mean 0.
+    """Return sample offsets `(S, 3)` in a pixel and its exposure: column, row, time, about -0.5 to 0.5, mean 0.
 
-    The additive sequence of the plastic number in two dimensions: a few samples cover the pixel evenly.
+    The two-dimensional additive recurrence of the plastic number covers the pixel evenly even with few samples.
     """
     k = np.arange(samples)
     root = 1.32471795724474602596
@@ -55,7 +55,7 @@ def sample_offsets(samples: int) -> FloatArray:
 
 
 def sun_rays(sun: FloatArray, radius_rad: float, count: int, key: np.uint32) -> NDArray[np.float32]:
-    """Return directions `(N, 3)` towards points of the sun's disc, evenly spread, the same for the same key."""
+    """Return directions `(N, 3)` towards uniformly distributed points of the sun's disc; `key` is the random seed."""
     side = np.cross(sun, (0.0, 0.0, 1.0) if abs(sun[2]) < 0.99 else (1.0, 0.0, 0.0))
     side /= np.linalg.norm(side)
     out = np.empty((count, 3), np.float32)
@@ -76,7 +76,7 @@ def _disc(
 
 
 def camera_pose(T_ds_sb: Transform, rig: StereoRig, right: bool) -> Transform:
-    """Return `T_ds_cam` of the left or right optical frame, from the pose of the stereo rig."""
+    """Return `T_ds_cam` of the left or right optical frame."""
     T_ds_left = T_ds_sb @ rig.T_sb_left
     if not right:
         return T_ds_left
@@ -84,7 +84,7 @@ def camera_pose(T_ds_sb: Transform, rig: StereoRig, right: bool) -> Transform:
 
 
 def require_tracer() -> None:
-    """Check that the ray tracer is installed; raises MissingExtraError if not."""
+    """Raise MissingExtraError if the ray tracer is not installed."""
     try:
         import_module("embreex.rtcore_scene")
     except ImportError as error:
@@ -94,10 +94,10 @@ def require_tracer() -> None:
 
 
 class Tracer:
-    """Finds what rays hit first, and whether light reaches a point."""
+    """Finds the first hits of rays, and whether rays are blocked."""
 
     def __init__(self, mesh: Mesh) -> None:
-        """Build the search tree; raises MissingExtraError if the ray tracer is not installed."""
+        """Build the acceleration structure; MissingExtraError if the ray tracer is not installed."""
         require_tracer()
         self.mesh = mesh
         self._scene: Any = import_module("embreex.rtcore_scene").EmbreeScene(robust=True)
@@ -106,24 +106,24 @@ class Tracer:
         )
 
     def first(self, origins: Float32s, rays: Float32s) -> tuple[NDArray[np.int32], Float32s, Float32s]:
-        """Return the triangle `(N,)` that each ray `(N, 3)` hits first, -1 for none, and where: barycentric u, v."""
+        """Return the first triangle `(N,)` that each ray `(N, 3)` hits, -1 for none, and the barycentric u, v."""
         hits = self._scene.run(origins, rays, output=1)
         return hits["primID"], hits["u"], hits["v"]
 
     def blocked(self, origins: Float32s, rays: Float32s, reach: Float32s | None = None) -> Mask:
-        """Return the mask of the rays `(N, 3)` that hit anything, before `reach` ray lengths if given."""
+        """Return the mask of rays `(N, 3)` that hit anything, within `reach` ray lengths if given."""
         found: NDArray[np.int32] = self._scene.run(origins, rays, dists=reach, query="OCCLUDED")
         return found >= 0
 
 
 def trace_primary_rays(tracer: Tracer, origin: FloatArray, rays: FloatArray) -> Hits:
-    """Return the hits of rays; the points are exact on the plane of the triangle that was hit."""
+    """Return the hits of rays; points are computed in float64 on the plane of the triangle."""
     count = len(rays)
     starts = np.empty((count, 3), np.float32)
     starts[:] = origin
     first = tracer.first(starts, rays.astype(np.float32))
     leaks = np.flatnonzero((first[0] < 0) & (rays[:, 2] < LEVEL_RAY))
-    if len(leaks):  # rays that slipped through the seam of two tiles
+    if len(leaks):  # these rays passed between two tiles
         again = tracer.first(starts[leaks], (rays[leaks] + NUDGE).astype(np.float32))
         for values, found in zip(first, again, strict=True):
             values[leaks] = found
@@ -178,12 +178,12 @@ def _intersect_planes(
 def trace_shadow_rays(
     tracer: Tracer, hits: Hits, suns: Float32s, occluder: tuple[Tracer, Transform] | None = None
 ) -> Float32s:
-    """Return 1 where light arrives from the direction `suns` `(N, 3)`, 0 where it is blocked; `(N,)`.
+    """Return `(N,)`: 1 where sunlight arrives from the direction `suns` `(N, 3)`, 0 where it is blocked.
 
-    An occluder, its shape and its pose in DS, casts a shadow but is not visible.
+    `occluder` is a shape with its pose in DS; the shape casts a shadow but is invisible.
     """
     lit = np.zeros(len(suns), np.float32)
-    # the others need no ray
+    # surfaces that face away from the sun need no ray
     sunward = np.flatnonzero((hits.objects != SKY) & (np.einsum("ij,ij->i", hits.normals, suns) > 0.0))
     if not len(sunward):
         return lit
@@ -205,8 +205,8 @@ def _just_above(hits: Hits, rows: NDArray[np.intp]) -> Float32s:
 
 
 def occlusion_mask(tracer: Tracer, hits: Hits, T_ds_cam: Transform, rig: StereoRig) -> Mask:
-    """Return the mask `(N,)` of the hits that a camera does not see: outside its image or occluded; not the sky."""
-    x, y, depth = T_ds_cam.inverse().apply(hits.points).T  # from the image centre
+    """Return the mask `(N,)` of surface hits that a camera does not see: outside of the image or occluded."""
+    x, y, depth = T_ds_cam.inverse().apply(hits.points).T  # the principal point is the image centre
     inside = (np.abs(rig.fx * x) < 0.5 * rig.width * depth) & (np.abs(rig.fy * y) < 0.5 * rig.height * depth)
     surface = hits.objects != SKY
     mask: Mask = surface & ~inside

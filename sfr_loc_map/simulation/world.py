@@ -1,4 +1,4 @@
-"""The scene of a plan, and the images and ground truth of its cameras."""
+"""The scene of a plan, and the images and ground truth of the cameras."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from sfr_loc_map.simulation.shading import shade, shading_parameters
 
 
 class MaskBit(IntFlag):
-    """Bits of a mask of a mapping image."""
+    """Bits of the mask of a mapping image."""
 
     SKY = 1  #: No surface.
-    SHADOW = 2  #: No sun.
+    SHADOW = 2  #: Not lit by the sun.
     OCCLUDED = 4  #: Not visible to the right camera.
 
 
 class World:
-    """The scene of a plan, ready to be rendered."""
+    """The scene of a plan, ready for rendering."""
 
     def __init__(self, plan: Plan) -> None:
-        """Build the scene: a few seconds; raises MissingExtraError if the ray tracer is not installed."""
+        """Build the scene, which takes a few seconds; MissingExtraError if the ray tracer is not installed."""
         config = plan.config
         self.plan = plan
         path = plan.path()
@@ -54,7 +54,7 @@ class World:
         return sensor_image(self.brightness(task, frame, camera), config.seed, config.sensor, task, frame, camera)
 
     def brightness(self, task: Task, frame: int, camera: int) -> FloatImage:
-        """Return the brightness `(H, W)` before the sensor, as a share of the full range."""
+        """Return the brightness `(H, W)` before the sensor, as a fraction of the full range."""
         config, rig = self.plan.config, self.plan.rig(task)
         sensor = config.sensor
         radius = math.radians(config.light.sun_radius_deg)
@@ -76,7 +76,7 @@ class World:
         return (total / np.float32(sensor.samples)).reshape(rig.height, rig.width)
 
     def truth(self, frame: int) -> tuple[PointImage, NDArray[np.uint8]]:
-        """Return points `(H, W, 3)`, m, LM, NaN for sky, at the left camera's pixels; mask `(H, W)` of `MaskBit`."""
+        """Return the points `(H, W, 3)` of the left image, m, LM, NaN for sky, and the mask `(H, W)` of `MaskBit`."""
         rig = self.plan.rig(Task.MAPPING)
         T_ds_sb = self.plan.rig_pose(Task.MAPPING, frame)
         T_ds_left, T_ds_right = (tracer.camera_pose(T_ds_sb, rig, right) for right in (False, True))
@@ -100,6 +100,6 @@ class World:
 
 
 def _bands(count: int) -> Iterator[IntArray]:
-    """Yield the numbers of the pixels of an image in runs, whose rays are traced together."""
+    """Yield the pixel indices of an image in blocks that are traced together."""
     for start in range(0, count, tracer.BAND_RAYS):
         yield np.arange(start, min(start + tracer.BAND_RAYS, count))
