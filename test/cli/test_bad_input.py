@@ -153,7 +153,7 @@ def test_output_that_cannot_be_written_is_refused_before_the_work(
         (("fly",), "No such command 'fly': see 'sfr --help'"),
         (("score", "{tum}", "{tum}", "--condition", "distance=far"), "distance=far"),
         (("convert", "{source}", "{out}/f", "--jpeg-quality", "90"), "JPEG.*for bags"),
-        (("simulate", "{out}/f", "--from={source}", "--fault", "dropped:share=1,start=0"), "the faults leave no pair"),
+        (("simulate", "{out}/f", "--from={source}", "--fault", "dropped:share=1,start=0"), "the faults drop all pairs"),
         (("score", "{out}/c.ply", "{tum}", "--align", "se3"), "omit it for a cloud"),
         (("map", "{source}", "-o", "{out}/c.ply", "--dem", "x.jpg"), r"'--dem x.jpg': give a file \*.npz"),
         (("report", "{tum}", "-o", "{out}/p.svg"), "html"),
