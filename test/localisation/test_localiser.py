@@ -119,7 +119,7 @@ def test_masked_parts_have_no_landmarks(side: str, tmp_path: Path) -> None:
     assert len(column) > 20
     assert column.min() > WIDTH // 2 - 1
     cv2.imwrite(path, mask[:3, :4])
-    with pytest.raises(ConfigError, match=rf"4 x 3 pixels; give a grey .* of {WIDTH} x {HEIGHT} pixels"):
+    with pytest.raises(ConfigError, match=rf"4 x 3 pixels; give a greyscale .* of {WIDTH} x {HEIGHT} pixels"):
         Localiser(LOC_RIG, config, true_pose(0))
 
 

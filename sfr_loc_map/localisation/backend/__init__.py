@@ -1,1 +1,1 @@
-"""Keyframes and landmarks estimated together: bundle adjustment over a sliding window."""
+"""Joint estimate of keyframes and landmarks: sliding window, bundle adjustment and online calibration."""

@@ -1,1 +1,1 @@
-"""From a stereo pair to measurements: pyramids, corners, patches and the pose that fits them."""
+"""Measurements in a stereo pair, and its pose: pyramids, corners, patches, tracks and the pose solver."""

@@ -1,8 +1,8 @@
-"""Change detection: which cells of the left image have moved since an earlier image, independently of any pose.
+"""Change detection: find the cells of the left image whose content has moved since an earlier image, without a pose.
 
-A cell is compared with the same cell of an earlier image. Brightness and contrast are fitted first. The residual is
-either noise, which is independent from pixel to pixel, or correlated between neighbours. Correlated residuals show that
-the content of the cell has moved by a third of a pixel or more. A textured cell without them has not moved.
+Each cell is compared with the same cell of an earlier image after a fit of brightness and contrast. Image noise leaves
+a residual that is independent from pixel to pixel. Content that has moved by a third of a pixel or more leaves a
+residual that is correlated between neighbouring pixels. A textured cell with an uncorrelated residual is stationary.
 """
 
 from __future__ import annotations
@@ -14,36 +14,36 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.jit import jit_fast, jit_fast_ir_inline
 
-LEVEL: Final = 1  #: Pyramid level that is compared: it has half the noise of the image but most of its texture.
-CELL_SIDE: Final = 8  #: Side of a cell, px of that level: 64 px decide, and an object of 16 px of the image fills one.
+LEVEL: Final = 1  #: Pyramid level of the comparison. It has half the noise of the image and most of its texture.
+CELL_SIDE: Final = 8  #: Side of a cell, px of the level. A cell covers 16 x 16 px of the image.
 CELL: Final = CELL_SIDE << LEVEL  #: Side of a cell, pixels of the image.
 NOISE_CORRELATION: Final = 0.35
-"""Correlation of neighbouring pixels of the residual above which it is not noise. The standard error of a correlation
-of 49 products is 0.14, so that noise exceeds 0.35 in about one of a hundred cells."""
+"""Maximum correlation of neighbouring pixels in a residual of pure noise. The standard error of a correlation from 49
+products is 0.14, so that noise exceeds 0.35 in about one of a hundred cells."""
 MIN_CHANGE: Final = 0.03
-"""Threshold of change: covariance of neighbouring residuals over the smaller gradient variance. Content that moves by a
-third of a pixel exceeds it."""
+"""Minimum ratio of the covariance of neighbouring residuals to the smaller gradient variance in a changed cell. Content
+that moves by a third of a pixel exceeds this ratio."""
 MAX_CELL_NOISE: Final = 0.33
-"""Maximum variance of the residual of a cell that stays, over its smaller gradient variance. With more noise a motion
-of half a pixel would not be detected."""
+"""Maximum ratio of the residual variance to the smaller gradient variance in a stationary cell. With more noise, a
+motion of half a pixel would not be detected."""
 MIN_GRADIENT: Final = 1.0
-"""Minimum gradient variance of a textured cell, grey levels squared per pixel squared. The rounding of images to whole
-grey levels gives at most 0.17."""
+"""Minimum gradient variance of a textured cell, grey levels squared per pixel squared. Rounding to whole grey levels
+contributes at most 0.17."""
 CONTRAST: Final = 4.0
-"""Variance of a cell, grey levels squared, at which the gain is halfway between 1 and its fit. Below a standard
-deviation of two grey levels the noise dominates the fit."""
+"""Variance of a cell, grey levels squared, at which the gain is halfway between 1 and its least-squares estimate. Noise
+dominates that estimate if the standard deviation of the cell is below two grey levels."""
 
 
 class Change(NamedTuple):
-    """Left image against an earlier one, by cell `(R, C)`."""
+    """Comparison of the left image with an earlier one: masks `(R, C)` over R rows and C columns of cells."""
 
-    changed: Mask  #: The content has moved.
-    stays: Mask  #: The cell is textured and its content has not moved.
+    changed: Mask  #: Cells whose content has moved.
+    stays: Mask  #: Stationary cells: textured cells whose content has not moved.
 
 
 @jit_fast_ir_inline
 def _fill_residual(before: FloatImage, now: FloatImage, residual: FloatImage) -> np.float32:
-    """Fill what a change of brightness and contrast leaves of the difference of two cells; return its variance."""
+    """Fill the residual of two cells after a fit of brightness and contrast; return its variance."""
     count = np.float32(CELL_SIDE * CELL_SIDE)
     sum_before = sum_now = sum_squares = sum_products = np.float32(0.0)
     for j in range(CELL_SIDE):
@@ -67,7 +67,7 @@ def _fill_residual(before: FloatImage, now: FloatImage, residual: FloatImage) ->
 
 @jit_fast_ir_inline
 def _neighbour_covariance(residual: FloatImage) -> np.float32:
-    """Return the covariance of neighbouring pixels of a residual, the larger one of along rows and along columns."""
+    """Return the covariance of neighbouring pixels of a residual, along rows or along columns, whichever is larger."""
     along_u = along_v = np.float32(0.0)
     for j in range(CELL_SIDE - 1):
         for i in range(CELL_SIDE - 1):
@@ -81,8 +81,8 @@ def _neighbour_covariance(residual: FloatImage) -> np.float32:
 def _gradient_variance(cell: FloatImage) -> np.float32:
     """Return the smaller eigenvalue of the covariance of the gradients of a cell (compare Shi and Tomasi 1994).
 
-    The mean gradient is subtracted because a constant slope that moves is a change of brightness. The smaller
-    eigenvalue counts because an edge may move along itself.
+    The mean gradient is subtracted because the motion of a constant gradient only changes the brightness. The smaller
+    eigenvalue is used because a motion along an edge does not change the image.
     """
     count = np.float32((CELL_SIDE - 1) ** 2)
     sum_uu = sum_uv = sum_vv = sum_u = sum_v = np.float32(0.0)
@@ -106,7 +106,7 @@ def _gradient_variance(cell: FloatImage) -> np.float32:
 
 @jit_fast
 def change_of(before: FloatImage, now: FloatImage) -> Change:
-    """Compare the cells of two images of the level."""
+    """Compare the cells of two images of pyramid level `LEVEL`."""
     rows = now.shape[0] // CELL_SIDE
     columns = now.shape[1] // CELL_SIDE
     changed = np.zeros((rows, columns), np.bool_)
@@ -129,6 +129,6 @@ def change_of(before: FloatImage, now: FloatImage) -> Change:
 
 
 def cell_counts(shape: tuple[int, int]) -> tuple[int, int]:
-    """Return the numbers of rows and columns of cells in an image of a shape (height, width)."""
+    """Return the numbers of rows and columns of cells in an image of shape (height, width)."""
     height, width = shape
     return (height >> LEVEL) // CELL_SIDE, (width >> LEVEL) // CELL_SIDE

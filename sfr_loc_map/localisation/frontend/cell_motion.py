@@ -1,7 +1,7 @@
-"""What a pose explains of the cells of the left image that changed, or stayed, since an earlier image (`cell_change`).
+"""Comparison of a pose with the cells of the left image that changed or stayed since an earlier image (`cell_change`).
 
-Cells that do not move although the pose predicts image motion are fixed to the camera. Cells that change although the
-pose predicts none contradict the pose. Outliers in view that are not fixed to the camera are unexplained.
+Stationary cells for which the pose predicts image motion are fixed to the camera. Changed cells for which the pose
+predicts no motion contradict the pose. Outliers in view that are not fixed to the camera are unexplained.
 """
 
 from __future__ import annotations
@@ -27,33 +27,33 @@ from sfr_loc_map.localisation.frontend.projection import (
 from sfr_loc_map.localisation.small_linalg import reorder_to_rank
 
 NEAR: Final = 4
-"""Cells to each side whose landmarks predict the image motion of a cell: 144 px, in which a hundred landmarks are
-expected at 512 x 512."""
+"""Number of cells to each side whose landmarks predict the image motion of a cell. This neighbourhood of 144 x 144 px
+contains about a hundred landmarks in an image of 512 x 512 px."""
 STATIONARY_PX: Final = 0.25
-"""Image motion, px, below which a pose leaves a cell where it was: less than what shows as a change."""
-MOVED_PX: Final = 2.0  #: Image motion, px, above which a pose moves a cell: six times what shows as a change.
-MOTION_QUANTILE: Final = 0.9  #: Quantile of the image motion that is the motion of the image: a few outliers exceed it.
+"""Maximum predicted image motion of a stationary cell, px. It is below the motion that is detected as a change."""
+MOVED_PX: Final = 2.0  #: Minimum predicted image motion of a moving cell, px: six times the detected motion.
+MOTION_QUANTILE: Final = 0.9  #: Quantile of the landmarks' image motion that is reported; outliers may exceed it.
 MAX_MOTION_PX: Final = 10.0
-"""Image motion, px, at which that of a landmark is clipped, so that one wrong landmark does not move the mean of a
-neighbourhood."""
+"""Maximum image motion of a landmark, px. Larger motions are clipped, so that one wrong landmark does not dominate the
+mean of a neighbourhood."""
 
 
 class Explained(NamedTuple):
-    """How far a motion explains a pair, by M landmarks and the cells `(R, C)`."""
+    """Agreement of a pose with a pair, for M landmarks and R x C cells."""
 
     motion_px: float  #: Quantile `MOTION_QUANTILE` of the image motion of the landmarks, px; 0 without landmarks.
-    cell_index: NDArray[np.intp]  #: `(M,)` numbers of the cells in which the pose sees the landmarks; R * C outside.
-    on_static: Mask  #: `(M,)` landmarks whose host pixels are in cells that stay.
-    on_fixed: Mask  #: `(M,)` outliers among these that the pose moves: they are fixed to the camera.
-    unexplained: Mask  #: `(M,)` outliers in view that neither are fixed to the camera nor lie in a cell that is.
+    cell_index: NDArray[np.intp]  #: `(M,)` numbers of the cells that contain the projections; R * C outside.
+    on_static: Mask  #: `(M,)` landmarks whose host pixels are in stationary cells.
+    on_fixed: Mask  #: `(M,)` outliers whose host pixels are in cells fixed to the camera.
+    unexplained: Mask  #: `(M,)` outliers in view whose host pixels and projections are outside all fixed cells.
     unexplained_fraction: float  #: Fraction of `unexplained` among the landmarks in view.
-    fixed_cells: Mask  #: `(R, C)` cells that stay although the pose moves them.
-    contradicting_fraction: float  #: Fraction of the cells that changed although the pose does not move them.
+    fixed_cells: Mask  #: `(R, C)` cells fixed to the camera: stationary although the pose predicts motion.
+    contradicting_fraction: float  #: Fraction of all cells that changed although the pose predicts no motion.
 
 
 @jit_fast_inline
 def _cell_of(u: float, v: float, rows: int, columns: int) -> int:
-    """Return the number of the cell of a pixel; rows * columns outside, and for NaN."""
+    """Return the number of the cell that contains a pixel; rows * columns outside all cells and for NaN."""
     if not (0.0 <= u < CELL * columns and 0.0 <= v < CELL * rows):
         return rows * columns
     return int(v) // CELL * columns + int(u) // CELL
@@ -61,12 +61,12 @@ def _cell_of(u: float, v: float, rows: int, columns: int) -> int:
 
 @jit_fast_inline
 def _is_set(cells: Mask, cell: int) -> bool:
-    """Return whether a cell of a number is set; False outside."""
+    """Return whether the cell with a given number is set; False for a number outside."""
     return cell < cells.size and bool(cells[cell // cells.shape[1], cell % cells.shape[1]])
 
 
 class _Neighbourhood(NamedTuple):
-    """Values around a cell."""
+    """Sum and minimum of the values around a cell."""
 
     total: float
     smallest: float
@@ -74,7 +74,10 @@ class _Neighbourhood(NamedTuple):
 
 @jit_fast_inline
 def _around(values: FloatArray, row: int, column: int, reach: int) -> _Neighbourhood:
-    """Return the sum and the minimum of the values up to some cells away; numba's own would load scipy.linalg."""
+    """Return the sum and the minimum of the values up to `reach` cells away.
+
+    Numba's own functions for them would load scipy.linalg.
+    """
     total = 0.0
     smallest = np.inf
     for i in range(max(row - reach, 0), min(row + reach + 1, values.shape[0])):
@@ -93,7 +96,7 @@ class _Pixel(NamedTuple):
 
 @jit_fast_ir_inline
 def _project(pose: Pose, landmarks: LandmarkEstimates, n: int, camera: StereoCamera) -> _Pixel:
-    """Project a landmark. At infinity the smallest inverse depth is taken."""
+    """Project a landmark. Its inverse depth is at least `MIN_INVERSE_DEPTH`."""
     inverse_depth = max(landmarks.inverse_depth[n], MIN_INVERSE_DEPTH)
     host_ray = rotated_ray(landmarks.hosts.rotations[n], landmarks.rays[n, 0], landmarks.rays[n, 1])
     host_offset = difference(landmarks.hosts.positions[n], pose.position)
@@ -118,7 +121,7 @@ def explain(
     shape: tuple[int, int],
     far_px: float,
 ) -> Explained:
-    """Return what a pose explains of the landmarks and the cells of an image `(height, width)`.
+    """Compare a pose with the landmarks and the cells of an image.
 
     Args:
         pose: Pose of the left camera at the image.
@@ -126,10 +129,11 @@ def explain(
         landmarks: The M landmarks.
         host_uv: `(M, 2)` host pixels of their patches.
         inliers: `(M,)` landmarks that agree with the pose.
-        change: Cells of the image against the earlier one.
+        change: Cells of the image that changed or stayed since the earlier image.
         camera: The camera.
         shape: Height and width of the image.
-        far_px: Image motion above which a landmark that was not found is no evidence against the pose, pixels.
+        far_px: Image motion, px, from which a landmark that is not an inlier is ignored instead of counted as an
+            outlier.
     """
     count = len(landmarks.inverse_depth)
     rows, columns = change.changed.shape
@@ -165,7 +169,7 @@ def explain(
     for row in range(rows):
         for column in range(columns):
             if change.stays[row, column]:
-                # Beside the focus of expansion the motion differs from cell to cell: all landmarks around must move.
+                # Near the focus of expansion, motion varies from cell to cell: all landmarks nearby must move.
                 has_landmarks = _around(landmark_count, row, column, 1).total > 0.0
                 fixed_cells[row, column] = (
                     has_landmarks and _around(smallest_motion, row, column, 1).smallest > MOVED_PX

@@ -1,14 +1,14 @@
-"""Double exposures: how much of an image shows the scene from another pose than the one it was tracked at.
+"""Double exposures: estimate the weight of a second exposure, taken at another pose, in a tracked image.
 
-Frame grabbers and compressed streams may blend an image with the one before. Each patch then shows the sum of two
-exposures, taken at two poses. Both are predicted from the keyframe that hosts the patch, whose texture T is seen at a
-pixel x of the image through the homographies H of the two poses:
+Frame grabbers and compressed streams may blend an image with the previous image. Each patch then shows the sum of two
+exposures, taken at two poses. Both exposures are predicted from the texture T of the patch in its host keyframe. The
+homography H of each pose maps the host image to the image. At a pixel x, the model is
 
     image(x) = a T(H_shown^-1 x) + b T(H_other^-1 x) + constant + noise
 
-The factors are estimated by linear least squares, together with a shift of the first exposure, because its pose has a
-small error. The weight of the other exposure is b / (|a| + |b|). It is 0 in an image of one exposure, whatever its
-noise, brightness and contrast are.
+The factors a and b are estimated by linear least squares, together with a shift of the tracked exposure, whose pose has
+a small error. The weight of the other exposure is b / (|a| + |b|). In an image of a single exposure, the weight is zero
+up to noise, whatever the brightness and contrast.
 """
 
 from __future__ import annotations
@@ -25,52 +25,52 @@ from sfr_loc_map.localisation.frontend.patch import COARSE_SAMPLED_PX, sample
 from sfr_loc_map.localisation.frontend.plane_warp import plane_homographies
 from sfr_loc_map.localisation.small_linalg import fill_inverse_4
 
-MIXTURE_LEVEL: Final = 1  #: Pyramid level of the comparison: hosts keep it, and its noise is half that of the image.
+MIXTURE_LEVEL: Final = 1  #: Pyramid level of the comparison. Keyframes keep this level; it has half the image noise.
 MIXTURE_HALF: Final = 3
-"""Half width of a patch, pixels of the level. Chosen by hand: 49 pixels for four factors, or 14 x 14 px of the image.
-If larger, more patches contain the edge of a stone; if smaller, noise and the factors are harder to separate."""
+"""Half width of a patch, px of the level. Chosen by hand: 49 px of the level determine four factors and cover 14 x 14
+px of the image. More of the larger patches would contain the edge of a stone; smaller patches give noisier factors."""
 MIXTURE_SIDE: Final = 2 * MIXTURE_HALF + 1  #: Side of a patch, pixels of the level.
 MIN_EXPOSURE_CONTRAST: Final = 2.0
 """Minimum standard deviation of each exposure and of the image in a patch, grey levels. Chosen by hand above the noise
-of the level (half that of the image). If larger, fewer patches decide; if smaller, noise adds to the median weight."""
+of the level (half that of the image). A larger value leaves fewer patches; a smaller one adds noise to the weights."""
 MIN_SEPARATION: Final = 0.2
-"""Minimum fraction of the variance of the other exposure that the first one and its shift do not explain: the variance
-of the factor is then at most five times that of a single exposure (variance inflation). The fraction is smaller if the
-poses see the patch less than some two pixels of the level apart."""
+"""Minimum fraction of the variance of the other exposure that the tracked exposure and its shift leave unexplained. At
+0.2 the variance of the factor b is five times that of a single exposure (variance inflation). The fraction is below 0.2
+if the projections of the patch from the two poses are less than about two pixels of the level apart."""
 SHOWN, SHIFT_X, SHIFT_Y, OTHER, IMAGE = range(5)
-"""Columns of the least squares: the exposure that was tracked, its derivatives, the other exposure; the image."""
-MIN_FACTORS: Final = 1e-6  #: Keeps the weight finite if the image resembles neither exposure.
-RIDGE: Final = 1e-6  #: Relative increase of the diagonal of a normal matrix, which is then positive definite.
+"""Columns of the least-squares problem: tracked exposure, its derivatives along x and y, other exposure, image."""
+MIN_FACTORS: Final = 1e-6  #: Minimum of |a| + |b|. The weight is finite even if the image resembles neither exposure.
+RIDGE: Final = 1e-6  #: Relative and absolute increase of the diagonal of a normal matrix: it is positive definite.
 
 
 DEVIATION_RATIO: Final = 1.858
-"""Standard error of the median of a normal sample, times the square root of its size, over the median absolute
-deviation: 1.4826 (Rousseeuw and Croux 1993) times the square root of pi / 2."""
+"""Ratio of the standard error of the median, times the square root of the sample size, to the median absolute deviation
+of a normal sample: 1.4826 (Rousseeuw and Croux 1993) times the square root of pi / 2."""
 
 
 class Mixture(NamedTuple):
-    """Weights of another exposure in the patches of an image."""
+    """Weight of another exposure in an image."""
 
-    weight: float  #: Median weight over the patches; NaN without patches.
-    standard_error: float  #: Standard error of the median, from their median absolute deviation; NaN without patches.
+    weight: float  #: Median of the weights in the patches; NaN without patches.
+    standard_error: float  #: Standard error of that median; NaN without patches.
     patches: int  #: Number of patches in which the two exposures can be separated.
 
 
 class _Hosted(NamedTuple):
     """Patches of one host image."""
 
-    image: FloatImage  #: Level of the host image.
-    uv: FloatArray  #: `(N, 2)` centres, pixels of full size.
-    to_shown: FloatArray  #: `(N, 3, 3)` homographies to the image at the pose that was tracked.
-    to_other: FloatArray  #: `(N, 3, 3)` homographies to the image at the other pose.
+    image: FloatImage  #: Level `MIXTURE_LEVEL` of the host image.
+    uv: FloatArray  #: `(N, 2)` centres of the patches, pixels of full size.
+    to_shown: FloatArray  #: `(N, 3, 3)` homographies from the host to the image at the tracked pose.
+    to_other: FloatArray  #: `(N, 3, 3)` homographies from the host to the image at the other pose.
 
 
 class _Workspace(NamedTuple):
     """Arrays that are filled for each patch."""
 
-    inverse: FloatArray  #: `(3, 3)` from the image at the pose that was tracked to the host.
-    shown: FloatArray  #: `(S + 2, S + 2)` the exposure that was tracked, with a border for its derivatives.
-    columns: FloatArray  #: `(5, S * S)` by `SHOWN` to `IMAGE`, with the side S of a patch.
+    inverse: FloatArray  #: `(3, 3)` homography from the image at the tracked pose to the host.
+    shown: FloatArray  #: `(S + 2, S + 2)` tracked exposure with a border for its derivatives; S is the side of a patch.
+    columns: FloatArray  #: `(5, S * S)` columns `SHOWN` to `IMAGE`.
 
 
 class _Pixel(NamedTuple):
@@ -112,7 +112,7 @@ def _level_sample(image: FloatImage, at: _Pixel) -> np.float32:
 
 @jit_fast_inline
 def _fill_columns(image: FloatImage, hosted: _Hosted, n: int, work: _Workspace) -> None:
-    """Fill what the model adds up in the pixels of a patch, and the image; NaN outside of either image."""
+    """Fill the columns of the least-squares problem for the pixels of a patch; NaN outside either image."""
     shown = work.shown
     columns = work.columns
     _fill_inverse(hosted.to_shown[n], work.inverse)
@@ -136,7 +136,11 @@ def _fill_columns(image: FloatImage, hosted: _Hosted, n: int, work: _Workspace) 
 
 @jit_fast_inline
 def _fill_products(columns: FloatArray, products: FloatArray, with_image: FloatArray) -> None:
-    """Subtract the mean of each column in place; fill the products `(4, 4)` of the model and `(5,)` with the image."""
+    """Subtract the mean of each column in place; fill the products of the columns.
+
+    `products` `(4, 4)` holds those of the model's columns, upper half only, and `with_image` `(5,)` those of all
+    columns with the image.
+    """
     for c in range(IMAGE + 1):
         mean = 0.0
         for k in range(MIXTURE_SIDE * MIXTURE_SIDE):
@@ -195,8 +199,8 @@ def mixture_of(image: FloatImage, landmarks: Landmarks, shown: Pose, other: Pose
 
     Args:
         image: Level `MIXTURE_LEVEL` of a left image.
-        landmarks: Landmarks that were tracked in it.
-        shown: Pose of the left camera at which they were tracked.
+        landmarks: Landmarks that were tracked in the image.
+        shown: Pose of the left camera at which the landmarks were tracked.
         other: Pose of the left camera at the other exposure.
         camera: The camera.
     """

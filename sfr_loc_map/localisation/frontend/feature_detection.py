@@ -11,22 +11,23 @@ from sfr_loc_map.localisation.parallel import both
 from sfr_loc_map.localisation.small_linalg import copy_row
 
 BLOCK = 7
-"""Side of the neighbourhood over which the gradient matrix of a corner is summed, px: less than a patch of 11 px, so
-that the corner lies in the middle of its patch."""
-MIN_CELL_PX = 8  #: Minimum side of a cell of the grid, px. Corners that are nearer share most of their patches.
+"""Side of the neighbourhood over which the gradient matrix of a corner is summed, px. It is smaller than a patch (11
+px), so that the corner is near the centre of the patch."""
+MIN_CELL_PX = 8  #: Minimum side of a cell of the grid, px. In smaller cells, neighbouring patches (11 px) overlap more.
 MIN_DISTANCE_RATIO = 0.6
-"""Minimum distance of a new corner from landmarks, over the side of a cell. Chosen by hand. If larger, the gap that a
-lost landmark leaves is not filled; if smaller, patches of neighbours share more of their pixels and errors."""
+"""Minimum ratio of the distance between a new corner and a landmark to the side of a cell. Chosen by hand. With a
+larger ratio, the gap that a lost landmark leaves is not filled; with a smaller one, neighbouring patches share more
+pixels and thus more errors."""
 MIN_STRENGTH_RATIO = 0.04
-"""Minimum strength of a corner over the median: a fifth of its gradient, because the strength is a squared gradient.
-Chosen by hand. If larger, calm ground beside stones has no landmarks; if smaller, the strongest noise of a flat cell
-becomes one."""
+"""Minimum ratio of the strength of a corner to the median strength. The strength is a squared gradient, so that 0.04 is
+a fifth of the median gradient. Chosen by hand. With a larger ratio, smooth ground beside stones has no landmarks; with
+a smaller one, image noise in a textureless cell becomes a landmark."""
 
 
 def find_corners(
     image: FloatImage, occupied: FloatArray, wanted: int, border: int, mask: NDArray[np.uint8] | None = None
 ) -> FloatArray:
-    """Return new corners `(N, 2)`, whole pixels, the strongest first: at most one for each cell of a grid.
+    """Return new corners `(N, 2)` at whole pixels, strongest first, and at most one for each cell of a grid.
 
     The strength of a corner is the smaller eigenvalue of the gradient matrix (Shi and Tomasi 1994).
 
@@ -60,9 +61,9 @@ def find_corners(
 
 @jit_fast
 def _fill_strength(image: FloatImage, strength: FloatImage, first: int, end: int) -> None:
-    """Fill rows of the strength: products of Sobel gradients are summed over the block around each pixel.
+    """Fill rows of the corner strength from products of Sobel gradients, summed over the block around each pixel.
 
-    The products of the last `BLOCK` rows are kept in a ring, so that each row is computed once.
+    The products of the last `BLOCK` rows are kept in a ring buffer, so that each row is computed once.
     """
     height, width = image.shape
     reach = BLOCK // 2
@@ -106,9 +107,9 @@ def _fill_strength(image: FloatImage, strength: FloatImage, first: int, end: int
 
 @jit
 def _strongest(strength: FloatImage, side: int, border: int, first: int, end: int) -> FloatArray:
-    """Return the strongest pixel of each cell of a side in some rows of cells, if its strength is positive.
+    """Return the strongest pixel of each cell, `(N, 3)` u, v, strength, in the rows of cells from `first` to `end`.
 
-    The result is `(N, 3)` u, v, strength.
+    Cells without a positive strength are skipped.
     """
     height, width = strength.shape
     columns = -(-width // side)
@@ -127,9 +128,9 @@ def _strongest(strength: FloatImage, side: int, border: int, first: int, end: in
 
 @jit
 def _is_far(corners: FloatArray, by_row: FloatArray, first: NDArray[np.intp], distance: float) -> Mask:
-    """Tell which corners `(N, 3)` are at least a distance away from points `(M, 2)` in the order of their rows.
+    """Return which corners `(N, 3)` are at least a distance, px, away from points `(M, 2)` that are sorted by v.
 
-    The points before `first` `(N,)` are too far above the corner.
+    For each corner, the points before index `first` `(N,)` are above it by more than the distance.
     """
     is_far = np.ones(len(corners), np.bool_)
     for n in range(len(corners)):

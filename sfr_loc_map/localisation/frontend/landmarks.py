@@ -1,4 +1,4 @@
-"""Active landmarks: the ones that are tracked in each pair."""
+"""Active landmarks: the landmarks of the sliding window that are still tracked."""
 
 from __future__ import annotations
 
@@ -16,21 +16,22 @@ from sfr_loc_map.localisation.frontend.plane_warp import LocalPlanes
 from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates
 from sfr_loc_map.localisation.frontend.pyramid import LEVELS, ImageLevel
 
-BORDER = HALF + 4  #: Width, px, of the image border without landmarks: a patch with its gradients must fit.
+BORDER = HALF + 4  #: Width of the image border without landmarks, px. A patch and its gradients must fit.
 COARSE_HALF = 3
-"""Half width, px, of a patch on the coarser pyramid levels, where it covers at least as much of the image as at full
-size."""
+"""Half width of a patch on the coarser pyramid levels, px of the level. On these levels, a patch covers at least as
+much of the image as at full size."""
 MIN_INVERSE_DEPTH = 1e-6
-"""Inverse depth, 1/m, up to which a landmark has no point in the world: 1000 km. It prevents a division by zero."""
+"""Inverse depth, 1/m (1000 km), up to which a landmark is treated as being at infinity. It prevents a division by
+zero."""
 MAX_DEPTH_M = 1000.0
-"""Maximum median depth, m. Sizes of motions are divided by it, and errors grow with it: beyond 1 km, the landmarks show
-no translation of a rover, and more depth would add no information."""
+"""Maximum median depth, m. Motions are divided by the median depth, and errors grow with it. Beyond 1 km, landmarks do
+not show the translation of a rover."""
 ALIGNED_LANDMARKS = 200
-"""Number of landmarks that align a pose. With 300 the pose differed by 0.02 px from that of all landmarks
-(measurements/localiser_trials.md)."""
+"""Maximum number of landmarks in the alignment of a pose. The pose from 300 landmarks differed by 0.02 px from the pose
+from all landmarks (measurements/localiser_trials.md)."""
 FOLLOWED_LANDMARKS = 800
-"""Number of landmarks tracked in a pair that does not become a keyframe, whose pose errors do not accumulate. With 600
-the attitude was 2 % worse (measurements/localiser_trials.md)."""
+"""Maximum number of landmarks tracked in a pair that does not become a keyframe. The pose errors of such pairs do not
+accumulate. With 600 landmarks, the attitude error was 2 % larger (measurements/localiser_trials.md)."""
 
 
 class HostPatches(NamedTuple):
@@ -38,7 +39,7 @@ class HostPatches(NamedTuple):
 
     uv: FloatArray  #: `(n, 2)` centres of the patches, whole pixels.
     fine: Templates  #: Templates at full size; read only.
-    coarse: tuple[ImageLevel, ...]  #: Coarser levels of the keyframe's pyramid, for the landmarks that are aligned.
+    coarse: tuple[ImageLevel, ...]  #: Coarser levels of the keyframe's pyramid, for the alignment.
 
 
 NO_PATCHES = HostPatches(
@@ -50,9 +51,9 @@ NO_PATCHES = HostPatches(
 
 
 class Patches:
-    """Templates of M landmarks by pyramid level, copied from their hosts at the first access to a level.
+    """Templates of M landmarks by pyramid level, taken from their host keyframes at the first access to a level.
 
-    `rows` `(M,)`, increasing, are the rows of the landmarks among those of all hosts.
+    `rows` `(M,)` are the increasing indices of the landmarks among those of all hosts.
     """
 
     def __init__(self, hosted: tuple[HostPatches, ...], rows: NDArray[np.intp]) -> None:
@@ -67,7 +68,7 @@ class Patches:
         return self._by_level[level]
 
     def hosts(self, level: int) -> Iterator[tuple[FloatImage, slice]]:
-        """Yield the image of each host at a coarser level, and which of the landmarks it hosts."""
+        """Yield the image of each host at a coarser level, with the slice of the landmarks that it hosts."""
         ends = np.cumsum([0, *(len(host.uv) for host in self.hosted)])
         bounds = np.searchsorted(self.rows, ends)
         for host, first, last in zip(self.hosted, bounds, bounds[1:], strict=False):
@@ -75,7 +76,7 @@ class Patches:
                 yield host.coarse[level - 1].image, slice(int(first), int(last))
 
     def _by_host(self) -> list[tuple[HostPatches, NDArray[np.intp]]]:
-        """Return each host with the rows of the landmarks among its own."""
+        """Return each host with the indices of the landmarks among those that it hosts."""
         ends = np.cumsum([0, *(len(host.uv) for host in self.hosted)])
         split = np.split(self.rows, np.searchsorted(self.rows, ends[1:-1]))
         return [(host, rows - end) for host, end, rows in zip(self.hosted, ends, split, strict=False)]
@@ -95,7 +96,7 @@ class Patches:
         return Templates(values, moments)
 
     def _coarse(self, level: int) -> Templates:
-        """Cut the templates of a coarser level; a patch that leaves the image has no texture and is never in view."""
+        """Cut the templates of a coarser level. A patch that leaves the image is set to 0 and is then not aligned."""
         margin = COARSE_HALF + 2
         parts = []
         for host, rows in self._by_host():
@@ -111,13 +112,13 @@ class Patches:
 
 @dataclass(frozen=True, eq=False)
 class Landmarks:
-    """M active landmarks as arrays; each is a host pixel with an inverse depth in its host keyframe."""
+    """M active landmarks as arrays. A landmark is a pixel of its host keyframe with an inverse depth."""
 
     rows: NDArray[np.intp]  #: `(M,)` rows in the sliding window, increasing.
     host: NDArray[np.int64]  #: `(M,)` numbers of the host keyframes in the window.
     planes: LocalPlanes  #: Planes around the patches: host cameras, host pixels, inverse depths and slopes.
-    estimates: LandmarkEstimates  #: Rays of the estimated host pixels, and the covariance given the poses.
-    patches: Patches  #: Patches.
+    estimates: LandmarkEstimates  #: Host rays and inverse depths, with their covariance given the poses.
+    patches: Patches  #: Templates of the landmarks.
     last_seen: FloatArray  #: `(M, 4)` u, v left, u, v right in the newest keyframe, px; NaN if not observed.
 
     def subset(self, kept: Mask) -> Landmarks:
@@ -138,7 +139,7 @@ class Landmarks:
         )
 
     def thinned(self, count: int) -> Landmarks:
-        """Return at most `count` landmarks, evenly from all hosts and all parts of the image."""
+        """Return at most `count` landmarks at equal steps in their order, so that each host keeps its proportion."""
         if len(self.rows) <= count:
             return self
         kept = np.zeros(len(self.rows), np.bool_)
@@ -146,7 +147,7 @@ class Landmarks:
         return self.subset(kept)
 
     def among(self, others: Landmarks) -> Mask:
-        """Return the mask `(M,)` of the landmarks that are among others of the same window."""
+        """Return the mask `(M,)` of the landmarks that `others`, landmarks of the same window, contain."""
         places = np.searchsorted(others.rows, self.rows)
         return np.asarray(np.append(others.rows, -1)[places] == self.rows)
 
@@ -158,7 +159,7 @@ class Landmarks:
 
     @property
     def newest_host(self) -> int:
-        """Row of the newest keyframe that hosts one of the landmarks; -1 without landmarks."""
+        """Number of the newest keyframe that hosts one of the landmarks; -1 without landmarks."""
         return int(self.host.max(initial=-1))
 
     @property

@@ -1,6 +1,6 @@
 """Slopes of local planes in disparity, fitted to the disparities of neighbouring corners.
 
-A slope is the derivative of the disparity by the left pixel u or v.
+A slope is the derivative of the disparity with respect to u or v of the left pixel, px of disparity per px.
 """
 
 from __future__ import annotations
@@ -16,46 +16,47 @@ from sfr_loc_map.jit import jit, jit_fast
 from sfr_loc_map.localisation.parallel import in_halves
 from sfr_loc_map.localisation.small_linalg import solve
 
-NEIGHBOURS = 9  #: Maximum number of points that a local plane is fitted to: a corner and the eight around it.
-MIN_NEIGHBOURS = 4  #: Minimum number of points that a local plane is fitted to: one more than a plane has unknowns.
+NEIGHBOURS = 9  #: Maximum number of points in the fit of a local plane: a corner and its eight nearest neighbours.
+MIN_NEIGHBOURS = 4  #: Minimum number of points in the fit of a local plane, which has three unknowns.
 PLANE_ITERATIONS = 4
-"""Iterations of reweighted least squares of a local plane. Chosen by hand. With fewer, outliers keep more weight; the
-time grows with the number."""
+"""Iterations of reweighted least squares for a local plane. Chosen by hand. With fewer iterations, outliers keep more
+weight; more iterations take more time."""
 PLANE_NOISE_PX = 0.3
-"""Scale of the Cauchy weight of a disparity against the local plane, px: ten times the noise of a disparity (0.03 px),
-because ground is not flat between corners."""
+"""Scale of the Cauchy weight of a disparity's residual from the local plane, px. It is ten times the noise of a
+disparity (0.03 px), because the ground between corners is not flat."""
 SLOPE_INFORMATION = 0.02
-"""Information of the prior of zero slope, times the squared distance of the neighbours. Chosen by hand: a fiftieth of
-one neighbour's, so that it decides only the direction that neighbours in a row do not show."""
-NEARNESS = -2.0  #: Exponent of the weight at the farthest neighbour, which is thereby at two standard deviations.
-MAX_SLOPE = 0.7  #: Maximum slope, px of disparity per px. A patch then has 0.3 of its width in the right image.
+"""Information of the zero-slope prior over the squared distance of the farthest neighbour. Chosen by hand: a fiftieth
+of the information of a neighbour at that distance. If all neighbours lie on a line, the prior determines the slope
+across that line."""
+NEARNESS = -2.0  #: Exponent of the Gaussian weight at the farthest neighbour, which is at two standard deviations.
+MAX_SLOPE = 0.7  #: Maximum slope, px of disparity per px. At 0.7, a patch has 0.3 of its width in the right image.
 
 
 class Neighbours(NamedTuple):
-    """Nearest points of N points, k for each of them, nearest first."""
+    """The k nearest support points of each of N points, nearest first."""
 
     distance: FloatArray  #: `(N, k)` pixels.
-    numbers: NDArray[np.intp]  #: `(N, k)`.
+    numbers: NDArray[np.intp]  #: `(N, k)` indices of the support points.
 
 
 @jit
 def nearest(points: FloatArray, begin: NDArray[np.intp], support: FloatArray, count: int) -> Neighbours:
     """Return the nearest support points of each point.
 
-    The search goes from the place of a point in the order of u to both sides. It ends where the distance along u alone
-    exceeds that of the last of the nearest.
+    The search proceeds in both directions along u. It ends where the distance along u alone exceeds the distance of the
+    farthest of the nearest points.
 
     Args:
-        points: `(N, 2)`.
-        begin: `(N,)` places of the points in the support, as by `np.searchsorted`.
-        support: `(M, 2)` in the order of u; M is at least `count`.
+        points: `(N, 2)` u, v, pixels.
+        begin: `(N,)` indices at which the points would be inserted into the support, as from `np.searchsorted`.
+        support: `(M, 2)` u, v, pixels, sorted by u; M is at least `count`.
         count: Number of nearest points.
     """
     index = np.zeros((len(points), count), np.intp)
     distance = np.full((len(points), count), np.inf)
     for n in range(len(points)):
         u, v = points[n, 0], points[n, 1]
-        nearest_squares = distance[n]  # squared until all are found
+        nearest_squares = distance[n]  # squared distances until all are found
         nearest_index = index[n]
         low = begin[n] - 1
         high = begin[n]
@@ -89,9 +90,10 @@ def nearest(points: FloatArray, begin: NDArray[np.intp], support: FloatArray, co
 
 
 def neighbours_of(uv: FloatArray, known: FloatArray) -> Neighbours | None:
-    """Return the neighbours of corners `(N, 2)` among these and known points `(M, 3)`, which follow the corners.
+    """Return the neighbours of corners `(N, 2)` among these corners and known points `(M, 3)`.
 
-    None if there are too few points.
+    The indices of the known points follow those of the corners. The result is None without corners or with fewer than
+    `MIN_NEIGHBOURS` points.
     """
     support = np.concatenate((uv, known[:, :2]))
     if not len(uv) or len(support) < MIN_NEIGHBOURS:
@@ -108,7 +110,7 @@ def slopes_of(
 ) -> FloatArray:
     """Return the slopes `(N, 2)` of the planes through corners and their neighbours; 0 without neighbours.
 
-    Of the corners, the good ones `(N,)` count as neighbours. The known points are `(M, 3)` u, v, disparity.
+    Corners are used as neighbours only if they are `good` `(N,)`. The known points are `(M, 3)` u, v, disparity.
     """
     if neighbours is None:
         return np.zeros((len(uv), 2))
@@ -129,10 +131,10 @@ def _fit_slopes(
 ) -> FloatArray:
     """Return the slopes `(N, 2)` of planes fitted to neighbours `(N, k)` by reweighted least squares.
 
-    The weight of a neighbour falls with its distance (Gaussian) and with its residual (Cauchy).
+    The weight of a neighbour decreases with its distance (Gaussian) and with its residual (Cauchy).
     """
     slopes = np.zeros((len(uv), 2))
-    row = np.ones(3)  # derivative of the disparity by the unknowns: disparity at the corner, slopes
+    row = np.ones(3)  # derivatives of the disparity with respect to the unknowns: disparity at the corner, slopes
     nearness = np.empty(index.shape[1])
     for n in range(len(uv)):
         reach = max(distance[n, -1], 1.0)
@@ -142,7 +144,7 @@ def _fit_slopes(
         for _ in range(PLANE_ITERATIONS):
             information = np.zeros((3, 3))
             rhs = np.zeros(3)
-            # the corner itself counts as a neighbour; a weak prior of zero slope regularises isolated points
+            # The corner's own disparity has unit weight. A weak prior of zero slope regularises isolated points.
             information[0, 0] = 1.0
             information[1, 1] = SLOPE_INFORMATION * reach * reach
             information[2, 2] = SLOPE_INFORMATION * reach * reach

@@ -17,29 +17,29 @@ it, and what was tried"."""
 SIDE = 2 * HALF + 1  #: Side of a patch, pixels.
 MIN_POWER = 1e-3
 """Minimum power (sum of squares about the mean) of a textured patch, grey levels squared. It prevents a division by
-zero; rounding to whole grey levels gives more in any patch that is not constant."""
+zero. Any patch that is not constant after rounding to whole grey levels exceeds it."""
 SAMPLED_PX = 1.001
-"""Minimum distance, px, of a sampled position from the number of columns or rows. The next pixel must exist, and
-positions in float32 are rounded by less than 0.001 px."""
+"""Minimum distance of a sampled position from the width and the height of the image, px. Interpolation requires the
+next pixel, and rounding to float32 changes a position by less than 0.001 px."""
 COARSE_SAMPLED_PX = 1.01
-"""The same distance on the coarse levels of the alignment and of the search for double exposures. Chosen by hand. With
-1.001 px the last digits of poses change, and no state does, in six runs of the sample with faults."""
+"""`SAMPLED_PX` for the coarse levels, used by the alignment and by the estimate of double exposures. Chosen by hand. In
+six runs of the sample with injected faults, 1.001 px changed the last digits of poses and no state."""
 MIN_WARP_SCALE = 1e-6
-"""Minimum of a pixel's depth over that of the centre of its patch. It prevents a division by zero."""
+"""Minimum ratio of a pixel's depth to the depth at the centre of its patch. It prevents a division by zero."""
 Patch = NDArray[np.float32]  #: Values of one patch `(S * S,)` row by row, or of several patches; float32.
 
 
 class Templates(NamedTuple):
-    """N patches that are tracked in other images: the part of the comparison that does not depend on the image.
+    """N patches to be tracked, with the terms of the comparison that do not depend on the other image.
 
-    The derivatives of a warped patch are linear combinations of the two that are stored.
+    The derivatives of a warped patch are linear combinations of the two stored derivatives.
     """
 
-    #: `(N, 3, S * S)` float32: grey levels without their mean; derivatives along x and y of the host image, without
-    #: their mean and orthogonal to the grey levels, because a change of contrast explains the parallel part.
+    #: `(N, 3, S * S)` float32: grey levels with zero mean; derivatives along x and y of the host image, with zero mean
+    #: and orthogonal to the grey levels, because a change of contrast explains the parallel part.
     values: Patch
-    #: `(N, 6)`: power of the grey levels; factors of the grey levels in the parallel parts of the derivatives along x
-    #: and y; sums of products xx, xy, yy of the orthogonal parts.
+    #: `(N, 6)`: power of the grey levels; coefficients of the grey levels in the parallel parts of the derivatives
+    #: along x and y; sums of products xx, xy, yy of the orthogonal parts.
     moments: FloatArray
 
 
@@ -58,14 +58,14 @@ class WarpedNormal(NamedTuple):
     xx: float
     xy: float
     yy: float
-    b00: float  #: Inverse transpose of the warp's derivative, which takes derivatives in the host to the target.
+    b00: float  #: Inverse transpose of the warp's Jacobian. It transforms derivatives from the host to the target.
     b01: float
     b10: float
     b11: float
 
 
 class Products(NamedTuple):
-    """Comparison of samples, without their mean, with a template."""
+    """Sums over samples with zero mean and a template."""
 
     power: np.float32  #: Sum of the squared samples.
     grey: np.float32  #: Sum of products with the grey levels of the template.
@@ -75,8 +75,8 @@ class Products(NamedTuple):
 
 @jit_fast_ir_inline
 def sample(image: FloatImage, x: float | np.float32, y: float | np.float32) -> np.float32:
-    """Return an image at a position inside it by bilinear interpolation."""
-    # Unsigned indices: with a signed index each read would test for a count from the end.
+    """Return the grey level at a position inside an image by bilinear interpolation."""
+    # Unsigned indices avoid the test for a negative index at each read.
     left = np.uintp(np.int32(x))
     above = np.uintp(np.int32(y))
     one = np.uintp(1)
@@ -98,7 +98,7 @@ def half_width(size: int) -> int:
 def cut_patches(image: FloatImage, uv: FloatArray, half: int) -> Patch:
     """Cut patches `(N, 3, S * S)`: grey levels, and their central differences along x and y, grey levels per pixel.
 
-    The distance of the centres `(N, 2)`, pixels, from the border is at least half + 2.
+    The centres `(N, 2)`, pixels, are at least half + 2 px from the border.
     """
     side = 2 * half + 1
     patches = np.empty((len(uv), 3, side * side), np.float32)
@@ -108,7 +108,7 @@ def cut_patches(image: FloatImage, uv: FloatArray, half: int) -> Patch:
         y = uv[n, 1] - half - 1
         column = int(x)
         row = int(y)
-        is_whole_pixel = column == x and row == y  # as in keyframes: nothing to interpolate
+        is_whole_pixel = column == x and row == y  # as in keyframes: no interpolation
         for j in range(side + 2):
             for i in range(side + 2):
                 grid[j, i] = image[row + j, column + i] if is_whole_pixel else sample(image, x + i, y + j)
@@ -138,7 +138,7 @@ def normalise(values: Patch) -> np.float32:
 
 @jit_fast_inline
 def patch_pixels(size: int) -> PatchPixels:
-    """Return the pixels of a patch of `size` pixels; x and y are to be filled."""
+    """Return the pixels of a patch of `size` pixels; x and y are not initialised."""
     half = half_width(size)
     columns = np.empty(size, np.float32)
     rows = np.empty(size, np.float32)
@@ -153,7 +153,7 @@ def patch_pixels(size: int) -> PatchPixels:
 
 @jit_fast_inline
 def warp_pixels(pixels: PatchPixels, by: LocalWarp) -> None:
-    """Fill x and y with the warped pixels, relative to the warped centre. All lie in front of the camera."""
+    """Fill x and y with the warped pixels relative to the warped centre. All must be in front of the camera."""
     xu = np.float32(by.xu)
     xv = np.float32(by.xv)
     yu = np.float32(by.yu)
@@ -170,9 +170,9 @@ def warp_pixels(pixels: PatchPixels, by: LocalWarp) -> None:
 
 @jit_fast_inline
 def warped_normal(by: LocalWarp, det: float, xx: float, xy: float, yy: float) -> WarpedNormal:
-    """Return the normal matrix `B N B^T` in the target, from that in the host.
+    """Return the normal matrix `B N B^T` in the target image, from the matrix N in the host image.
 
-    N is given by xx, xy, yy. B is the inverse transpose of the warp's derivative, whose determinant `det` is not 0.
+    N has the elements xx, xy, yy. B is the inverse transpose of the warp's Jacobian, whose determinant `det` is not 0.
     """
     b00 = by.yv / det
     b01 = -by.yu / det
@@ -190,7 +190,7 @@ def warped_normal(by: LocalWarp, det: float, xx: float, xy: float, yy: float) ->
 
 @jit_fast
 def templates_of(patches: Patch) -> Templates:
-    """Return the templates of patches `(N, 3, S * S)` of `cut_patches`, which are changed and become their values.
+    """Return the templates of patches `(N, 3, S * S)` from `cut_patches`, which are modified in place and kept.
 
     The moments of a patch without texture are 0.
     """
@@ -236,10 +236,10 @@ def products_with_samples(
 ) -> Products:
     """Compare an image with a template `(3, S * S)` at shifted positions `(S * S,)`, all inside the image.
 
-    Samples are not stored, because the compiler does not vectorise a loop that writes to memory which may be the
-    image's.
+    Samples are not stored, because the compiler does not vectorise a loop that writes to memory which may overlap the
+    image.
     """
-    # The template has no mean, so the mean of the samples is not needed. One sample is subtracted to keep sums small.
+    # The template has zero mean, so the samples need not be centred. One sample is subtracted to keep the sums small.
     level = sample(image, x[0] + shift_x, y[0] + shift_y)
     total = np.float32(0.0)
     squares = np.float32(0.0)
