@@ -1,11 +1,11 @@
 """Bundle adjustment of a window of keyframes and landmarks.
 
 The unknowns are the poses of K keyframes (position and rotation about the world's axes), an offset of all right image
-positions, and N landmarks. Each landmark is eliminated by its Schur complement (Triggs et al. 2000, section 6.1).
-Observations of a landmark depend on the motion of a keyframe relative to the landmark's host alone, so the normal
-equations are summed in these motions, per host, and transformed to poses at the end.
+positions, and N landmarks. Each landmark is eliminated by its Schur complement (Triggs et al. 2000, section 6.1). The
+observations of a landmark depend only on the motion of a keyframe relative to the landmark's host. The normal equations
+are therefore summed per host in terms of these motions, and transformed to poses at the end.
 
-A prior holds the information of keyframes that have left the window: they are marginalised (Leutenegger et al. 2015).
+A prior holds the information of marginalised keyframes, which have left the window (Leutenegger et al. 2015).
 """
 
 from __future__ import annotations
@@ -30,31 +30,32 @@ from sfr_loc_map.localisation.parallel import both
 from sfr_loc_map.localisation.small_linalg import fill_inverse_3, retract
 
 KERNEL_CHI2 = 6.0
-"""Squared Mahalanobis residual of a position, which has two degrees of freedom, at which its Geman-McClure weight is a
-quarter. 20 was tried: measurements/localiser_trials.md, "What limits it, and what was tried"."""
+"""Scale of the Geman-McClure weight: the squared Mahalanobis residual of a position (two degrees of freedom) at which
+the weight is a quarter. A scale of 20 was tried: measurements/localiser_trials.md, "What limits it, and what was
+tried"."""
 LANDMARK_PRIOR = 1e-6
-"""Added to the diagonal of a landmark's information, 1/px^2 and m^2, so that an unobserved landmark keeps its value."""
+"""Value added to the diagonal of a landmark's information, 1/px^2 and m^2. An unobserved landmark keeps its value."""
 GAUGE_PRIOR = 1e-9
-"""Added to the diagonal of the information of the poses, absolute and relative, where the pose of the whole window is
-not fixed. It makes the matrix positive definite: a standard deviation of 30 km or rad, and a condition of at most 1e9,
-which leaves seven digits."""
+"""Absolute and relative increase of the diagonal of the poses' information where the pose of the window is not fixed.
+It makes the matrix positive definite. The absolute part corresponds to a standard deviation of 30 km and 30 000 rad.
+The relative part limits the condition number to about 1e9, which leaves seven digits."""
 MIN_OFFSET_INFORMATION = 1e-6
-"""Minimum information of the right-image offset, 1/px^2, for an estimate: the standard deviation is at most 1000 px."""
-CONVERGED_STEP = 1e-6  #: Step of the poses, metres and radians, below which no further iteration follows.
+"""Minimum information of the right-image offset for an estimate, 1/px^2. The standard deviation is at most 1000 px."""
+CONVERGED_STEP = 1e-6  #: Step of the poses, metres and radians, below which the iterations end.
 
 
 class BundleProblem(NamedTuple):
     """K keyframes and N landmarks with their observations."""
 
     keyframes: Poses  #: `(K,)` left cameras.
-    host: IntArray  #: `(N,)` keyframe of each landmark, before all others that observe it.
+    host: IntArray  #: `(N,)` number of each landmark's host, the first keyframe that observes the landmark.
     uv_inverse_depth: FloatArray  #: `(N, 3)` host pixel and inverse depth, px and 1/m.
     observations: FloatArray  #: `(N, K, 4)` u, v left, u, v right, pixels; NaN where not observed.
     variance: FloatArray  #: `(N, K, 2, 3)` uu, uv, vv in the left and the right image, px^2.
     camera: StereoCamera  #: Camera of all keyframes.
 
     def with_landmarks(self, chosen: slice | Mask) -> BundleProblem:
-        """Return the problem with some of the landmarks only."""
+        """Return the problem with the chosen landmarks only."""
         return self._replace(
             host=self.host[chosen],
             uv_inverse_depth=self.uv_inverse_depth[chosen],
@@ -64,11 +65,11 @@ class BundleProblem(NamedTuple):
 
 
 class LandmarkBlocks(NamedTuple):
-    """Blocks of the normal equations that belong to N landmarks, for S other unknowns."""
+    """Blocks of the normal equations of N landmarks, with S other unknowns."""
 
-    covariance: FloatArray  #: `(N, 3, 3)` of each landmark given the other unknowns.
+    covariance: FloatArray  #: `(N, 3, 3)` covariance of each landmark given the other unknowns.
     rhs: FloatArray  #: `(N, 3)` right-hand side.
-    #: `(N, 3, S)` to the motions of the keyframes relative to the landmark's host, and the offset.
+    #: `(N, 3, S)` coupling with the motions of the keyframes relative to the landmark's host, and with the offset.
     coupling: FloatArray
 
 
@@ -78,11 +79,11 @@ class NormalEquations(NamedTuple):
     information: FloatArray  #: `(6 K + 1, 6 K + 1)`.
     rhs: FloatArray  #: `(6 K + 1,)`.
     blocks: LandmarkBlocks  #: Blocks of the landmarks.
-    motions_by_poses: FloatArray  #: `(K, 6 K + 1, 6 K + 1)` derivative of the motions relative to each host.
+    motions_by_poses: FloatArray  #: `(K, 6 K + 1, 6 K + 1)` derivatives from the function `motions_by_poses`.
 
 
 class _System(NamedTuple):
-    """Normal equations of the motions relative to one host, and of the right-image offset, which is last."""
+    """Normal equations of the motions relative to one host, with the right-image offset as the last unknown."""
 
     information: FloatArray  #: `(S, S)`, upper half.
     rhs: FloatArray  #: `(S,)`.
@@ -93,14 +94,14 @@ class _LandmarkBlock(NamedTuple):
 
     information: FloatArray  #: `(3, 3)`.
     rhs: FloatArray  #: `(3,)`.
-    coupling: FloatArray  #: `(3, S)` to the other unknowns.
+    coupling: FloatArray  #: `(3, S)` coupling with the other unknowns.
 
 
 class _Residual(NamedTuple):
     """Residual of one position with its robust weight."""
 
     row: int  #: First of its two rows in the projection: 0 left, 2 right.
-    px: FloatArray  #: `(2,)` observation less projection, pixels.
+    px: FloatArray  #: `(2,)` observation minus projection, pixels.
     uu: float  #: Information, 1/px^2.
     uv: float
     vv: float
@@ -108,7 +109,7 @@ class _Residual(NamedTuple):
 
 
 class _OffsetTerms(NamedTuple):
-    """Terms of the right-image offset."""
+    """Terms of the right-image offset in the normal equations."""
 
     information: float
     rhs: float
@@ -117,31 +118,31 @@ class _OffsetTerms(NamedTuple):
 class _Landmark(NamedTuple):
     """Sums over the observations of a landmark."""
 
-    seen_by: int  #: Number of keyframes except the host that observe it.
+    seen_by: int  #: Number of keyframes except the host that observe the landmark.
     offset: _OffsetTerms
 
 
 class _Workspace(NamedTuple):
-    """Arrays for one landmark after the other.
+    """Arrays that are reused for each landmark.
 
-    The compiler may sum in any order, and the order depends on what is read from an array. With scalars in place of
-    `residual` and `weighted`, the results would differ by rounding.
+    The compiler may reorder sums, and the order depends on which values are read from arrays. With scalars in place of
+    `residual` and `weighted`, results would differ by rounding.
     """
 
     projection: StereoProjection
     residual: FloatArray  #: `(2,)` pixels.
-    weighted: FloatArray  #: `(2, 3)` weighted Jacobian by the landmark.
+    weighted: FloatArray  #: `(2, 3)` weighted Jacobian with respect to the landmark.
     keyframes: IntArray  #: `(K,)` keyframes except the host that observe the landmark.
     reduced: FloatArray  #: `(3, S)` covariance of the landmark times its coupling.
     ray: FloatArray  #: `(3,)` host ray.
 
 
 def motions_by_poses(keyframes: Poses) -> FloatArray:
-    """Return the derivative of the motions relative to each host by the poses, `(K, 6 K + 1, 6 K + 1)`.
+    """Return the derivatives of the motions relative to each host with respect to the poses, `(K, 6 K + 1, 6 K + 1)`.
 
     The projection of a landmark does not change if keyframe and host move as one rigid body. The motion of a keyframe
-    is therefore the change of its pose less that which the change of the host's pose would cause. The last unknown is
-    the offset, which is not a pose and is kept unchanged.
+    is therefore the change of its pose minus the change that it would have if it were rigidly attached to the host. The
+    last unknown is the offset, which is left unchanged.
     """
     count = len(keyframes.positions)
     crosses = -np.cross(keyframes.positions[:, None], np.eye(3))
@@ -192,7 +193,7 @@ def _add_to_landmark(r: _Residual, jacobian: FloatArray, weighted: FloatArray, o
 
 @jit_fast_ir_inline
 def _add_offset(r: _Residual, by_landmark: FloatArray, coupling: FloatArray, last: int) -> _OffsetTerms:
-    """Add a right position to the coupling of the right-image offset; return its terms of the offset alone."""
+    """Add a right position to the coupling with the right-image offset; return its terms of the offset."""
     row = r.row
     residual = r.px
     weighted_u = r.weight * r.uu
@@ -278,7 +279,7 @@ def _add_landmark(
 def _eliminate(covariance: FloatArray, own: _LandmarkBlock, count: int, work: _Workspace, system: _System) -> None:
     """Subtract the Schur complement of a landmark from the system, for the keyframes that observe it.
 
-    With the covariance C, the coupling B and the right-hand side r of the landmark it is `B^T C B` and `B^T C r`.
+    The complement is `B^T C B` and `B^T C r`, with covariance C, coupling B and right-hand side r of the landmark.
     """
     information = system.information
     rhs = system.rhs
@@ -314,7 +315,7 @@ def _eliminate(covariance: FloatArray, own: _LandmarkBlock, count: int, work: _W
 
 @jit_fast
 def _linearise(problem: BundleProblem, blocks: LandmarkBlocks) -> tuple[FloatArray, FloatArray]:
-    """Linearise landmarks and eliminate them; fill their blocks.
+    """Linearise the landmarks and eliminate them; fill their blocks.
 
     Returns:
         Upper half of the reduced normal matrix of the motions relative to each host, `(K, 6 K + 1, 6 K + 1)`, and its
@@ -352,11 +353,11 @@ def _linearise(problem: BundleProblem, blocks: LandmarkBlocks) -> tuple[FloatArr
 
 
 def linearise(problem: BundleProblem) -> NormalEquations:
-    """Linearise the landmarks and eliminate them, halves of the work in two threads.
+    """Linearise the landmarks and eliminate them, half of the observations in each of two threads.
 
-    The unknowns are the poses and, last, the offset in pixels by which all positions in right images lie too far right.
-    Such a calibration error cannot be observed in a single landmark. It is observable from all landmarks if their
-    depths differ, because depths from motion must agree with depths from stereo.
+    The unknowns are the poses and, last, the offset in pixels by which all positions in right images are too far right.
+    A single landmark does not show such a calibration error. Landmarks at different depths show the offset, because
+    depths from motion must agree with depths from stereo.
     """
     count = len(problem.host)
     size = 6 * len(problem.keyframes.rotations) + 1
@@ -377,7 +378,7 @@ def linearise(problem: BundleProblem) -> NormalEquations:
 
 
 def _part_of(problem: BundleProblem, blocks: LandmarkBlocks, chosen: slice) -> tuple[BundleProblem, LandmarkBlocks]:
-    """Return the problem and the blocks of some landmarks."""
+    """Return the problem and the blocks of the chosen landmarks."""
     return problem.with_landmarks(chosen), LandmarkBlocks(*(array[chosen] for array in blocks))
 
 
@@ -385,18 +386,18 @@ class OffsetEstimate(NamedTuple):
     """Offset of positions in right images, positive to the right."""
 
     px: float  #: Pixels.
-    variance: float  #: Its variance, px^2; infinite if the window does not observe the offset.
+    variance: float  #: Variance of the offset, px^2; infinite if the offset is not observable in the window.
 
 
 class Prior(NamedTuple):
     """Information of the poses that does not come from the landmarks in the window."""
 
     information: FloatArray  #: `(6 K, 6 K)`.
-    information_vector: FloatArray  #: `(6 K,)`, right-hand side at the poses of the linearisation.
+    information_vector: FloatArray  #: `(6 K,)` right-hand side at the poses of the linearisation.
     keyframes: Poses  #: `(K,)` poses of the linearisation.
 
     def rhs(self, keyframes: Poses) -> FloatArray:
-        """Return the right-hand side `(6 K,)` at other poses, with the rotation vector of a small rotation."""
+        """Return the right-hand side `(6 K,)` at other poses; rotations from the linearisation must be small."""
         rotation = keyframes.rotations @ self.keyframes.rotations.transpose(0, 2, 1)
         x = rotation[:, 2, 1] - rotation[:, 1, 2]
         y = rotation[:, 0, 2] - rotation[:, 2, 0]
@@ -412,7 +413,7 @@ class Adjustment(NamedTuple):
     problem: BundleProblem  #: The problem at the estimated poses and landmarks.
     covariance: FloatArray  #: `(N, 3, 3)` of the landmarks, given the poses.
     pose_covariance: FloatArray  #: `(6 K, 6 K)` of all poses, position and rotation about the world's axes.
-    right_offset: OffsetEstimate  #: Offset of right positions beyond what was corrected.
+    right_offset: OffsetEstimate  #: Remaining offset of right positions after earlier corrections.
 
 
 def adjust(problem: BundleProblem, prior: Prior, iterations: int) -> Adjustment:
@@ -444,7 +445,10 @@ def _updated_poses(keyframes: Poses, update: FloatArray) -> Poses:
 def _updated_landmarks(
     problem: BundleProblem, blocks: LandmarkBlocks, to_motions: FloatArray, update: FloatArray
 ) -> FloatArray:
-    """Return the landmarks `(N, 3)` after a step `(6 K,)` of the poses, by back substitution: `C (r - B m)`."""
+    """Return the landmarks `(N, 3)` after a step `(6 K,)` of the poses.
+
+    Back substitution gives their step `C (r - B m)` with the motions m.
+    """
     motions = to_motions[:, :-1, :-1] @ update
     rhs = blocks.rhs - np.einsum("nij,nj->ni", blocks.coupling[:, :, :-1], motions[problem.host])
     step = np.einsum("nij,nj->ni", blocks.covariance, rhs)
@@ -452,10 +456,10 @@ def _updated_landmarks(
 
 
 def _right_offset(system: FloatArray, rhs: FloatArray) -> OffsetEstimate:
-    """Return the offset of right positions in one Gauss-Newton step, by elimination of the poses.
+    """Estimate the offset of right positions by one Gauss-Newton step, with the poses eliminated.
 
-    The prior is not used because it belongs to the offset that was corrected before. Robust weights shorten the step by
-    up to a third; the remainder is estimated after that part has been corrected.
+    The prior is not used, because it was computed with the earlier correction of the offset. Robust weights shorten the
+    step by up to a third. The remainder is estimated after this step has been corrected.
     """
     poses = system[:-1, :-1]
     coupling = system[-1, :-1]

@@ -1,14 +1,14 @@
-"""Online calibration: rotation of the right camera against its calibration, estimated from the images.
+"""Online calibration: rotation error of the right camera, estimated from the images.
 
-A rotation of some hundredths of a degree is the most common error of a rig after a shock or a change of temperature.
+A rotation of a few hundredths of a degree is the most common error of a rig after a shock or a change of temperature.
 
 - Pitch and roll appear in every stereo match as vertical disparity.
-- Yaw changes all depths, hence the length of the path. It is observable only where depths from stereo disagree with
-  depths from motion, in the bundle adjustment, which assumes a constant yaw within a window.
-- A right camera that turns while a window lasts shifts the right images against landmarks of earlier keyframes. Each
-  pair shows that shift to a hundredth of a pixel, and it is followed from pair to pair.
+- Yaw changes all depths and therefore scales the path. The bundle adjustment estimates the yaw from the disagreement of
+  depths from stereo with depths from motion. It assumes a constant yaw within a window.
+- Drift is a rotation of the right camera within a window. It shifts right images relative to the landmarks of earlier
+  keyframes. Each pair shows the shift to a hundredth of a pixel, and the drift is followed from pair to pair.
 
-The calibration is a value: each update returns a new one.
+The calibration is immutable: each update returns a new object.
 """
 
 from __future__ import annotations
@@ -26,78 +26,82 @@ from sfr_loc_map.localisation.frontend.right_camera import RightOffset, RightShi
 # The values were chosen by hand on rendered drives with injected yaw, pitch and drift.
 
 MIN_SHIFTS: Final = 8
-"""Minimum number of consecutive pairs from which a drift is detected. A line through eight shifts leaves six degrees of
-freedom, by which its standard error is known to 29 %."""
+"""Minimum number of consecutive pairs from which a drift is detected. A line fitted to eight shifts has six degrees of
+freedom, so that its standard error is accurate to 29 %."""
 MAX_SHIFTS: Final = 16
 """Maximum number of consecutive pairs from which a drift is detected: 1.6 s at 10 Hz, over which a drift is nearly
 linear."""
 DRIFT_SIGMAS: Final = 5.0
-"""Standard errors of the shift above which the right camera drifts. Chosen by hand: with six degrees of freedom, 5 are
-exceeded by chance in a quarter of a percent of the fits. If larger, a drift biases the depths for longer before it is
-followed; if smaller, noise is followed and adds up."""
+"""Detection threshold of a drift, in standard errors of the shift. Chosen by hand: noise exceeds 5 standard errors in
+0.25 % of the fits with six degrees of freedom. With a larger threshold, a drift biases the depths for longer; with a
+smaller one, noise is followed and accumulates."""
 DRIFT_FLOOR_PX: Final = 0.015
-"""Shift, px, that is not a drift, whatever its standard error. Chosen by hand near the error that all disparities share
-(`ErrorSources.disparity_px`, 0.01 px). If larger, slow drifts are left to the yaw of the windows; if smaller, errors of
-the landmarks are followed."""
+"""Shift, px, that is added to the detection threshold of a drift. Chosen by hand near the common error of all
+disparities (`ErrorSources.disparity_px`, 0.01 px). With a larger value, slow drifts are left to the yaw of the windows;
+with a smaller one, errors of the landmarks are followed."""
 AFTER_DRIFT_PAIRS: Final = 20
-"""Pairs after the last correction in which the right camera is still reported to drift. Chosen by hand, more than a
-drift needs to be detected again (`MAX_SHIFTS`). If smaller, the state alternates within one drift; if larger, good
-pairs stay degraded."""
+"""Number of pairs after the last correction for which the right camera is still reported as drifting. Chosen by hand,
+above the number of pairs that detect a drift (`MAX_SHIFTS`). With fewer pairs, the state alternates during a drift;
+with more, good pairs stay degraded."""
 FOLLOWED_ERROR_RATIO: Final = 0.1
-"""Standard deviation of a followed drift, as a ratio to the drift. Chosen by hand, equal to
-`ErrorSources.followed_attitude_ratio`. If larger, windows correct the yaw more after a drift and poses state larger
-errors; if smaller, an error of the drift stays."""
+"""Ratio of the standard deviation of a followed drift to the drift. Chosen by hand, equal to
+`ErrorSources.followed_attitude_ratio`. With a larger ratio, windows correct the yaw more after a drift, and covariances
+are larger; with a smaller one, an error of the followed drift remains."""
 FIRST_SIGMA_PX: Final = 0.3
-"""Prior standard deviation of the yaw, px: 0.03 degrees at a focal length of 600 px, as after a shock or a change of
+"""Prior standard deviation of the yaw, px. At a focal length of 600 px it is 0.03 deg, as after a shock or a change of
 temperature."""
 YAW_WALK_PX: Final = 0.002
-"""Process noise of the yaw per keyframe, px. Chosen by hand: over a hundred keyframes it adds 0.02 px. If larger, the
-yaw never becomes certain; if smaller, a later change of temperature is followed too slowly."""
+"""Process noise of the yaw per keyframe, px. Chosen by hand: over a hundred keyframes it adds 0.02 px. With a larger
+value, the yaw variance stays large; with a smaller one, a later change of temperature is followed too slowly."""
 DETECTION_SIGMAS: Final = 4.0
-"""Standard deviations above which a yaw is corrected; smaller ones are left alone. A correct calibration is changed by
-chance in one of 16 000 cases (normal errors). If larger, a real yaw scales the path for longer."""
+"""Minimum significance of a yaw that is corrected, in standard deviations. With normal errors, a correct calibration is
+changed by chance in one of 16 000 cases. With a larger value, a real yaw scales the path for longer."""
 MAX_CORRECTION_PX: Final = 0.05
-"""Maximum change of the yaw correction per keyframe, px, because the pose moves with it. Chosen by hand: a sixth of the
-prior standard deviation. If larger, steps of the path are larger; if smaller, the path is scaled for longer."""
+"""Maximum change of the yaw correction per keyframe, px. Each change moves the pose. Chosen by hand: a sixth of the
+prior standard deviation. With a larger value, the path has larger steps; with a smaller one, the path is scaled for
+longer."""
 CORRECTION_GAIN: Final = 0.2
-"""Maximum change as a ratio to the remaining yaw, if that is larger. Chosen by hand, so that three keyframes halve a
-large yaw (0.8^3 = 0.51). Larger and smaller values act as those of `MAX_CORRECTION_PX`."""
+"""Ratio of the maximum change to the remaining yaw, if that change exceeds `MAX_CORRECTION_PX`. Chosen by hand: three
+keyframes halve a large yaw (0.8^3 = 0.51). Larger and smaller values act like those of `MAX_CORRECTION_PX`."""
 UNSETTLED_PX: Final = 0.2
-"""Remaining yaw, px, above which poses are degraded. Chosen by hand below its prior standard deviation. If larger,
-poses with a bent path are published as good; if smaller, more pairs are degraded, although the covariance contains the
-remaining yaw."""
+"""Remaining yaw, px, above which poses are degraded. Chosen by hand below the prior standard deviation of the yaw. With
+a larger value, poses on a bent path are published as good; with a smaller one, more pairs are degraded, although the
+covariance includes the remaining yaw."""
 MIN_MATCHES: Final = 20
 """Minimum number of stereo matches of a keyframe that updates pitch and roll: ten for each unknown."""
 VERTICAL_NOISE_PX: Final = 0.15
-"""Standard deviation of the vertical disparity of a match, px. Chosen by hand above the usual residual of an inlier
-(0.1 px). It is the scale of the robust weight: if larger, wrong matches count more; if smaller, fewer matches count."""
+"""Standard deviation of the vertical disparity of a match, px: the scale of the robust weight. Chosen by hand above the
+usual residual of an inlier (0.1 px). A larger value gives wrong matches more weight; a smaller one leaves fewer
+matches with weight."""
 VERTICAL_ITERATIONS: Final = 5
-"""Iterations of the robust fit of pitch and roll. Chosen by hand. With fewer, wrong matches keep more weight; with
-more, a keyframe takes longer."""
+"""Iterations of the robust fit of pitch and roll. Chosen by hand. With fewer iterations, wrong matches keep more
+weight; with more, a keyframe takes longer."""
 RETENTION: Final = 0.98
-"""Weight that the information on pitch and roll keeps with each keyframe: fifty keyframes count. Chosen by hand. If
-larger, a change of temperature is followed more slowly; if smaller, noise of the matches remains in the correction."""
+"""Factor of the earlier information on pitch and roll at each keyframe. About fifty keyframes contribute. Chosen by
+hand. With a larger factor, a change of temperature is followed more slowly; with a smaller one, noise of the matches
+remains in the correction."""
 VERTICAL_PRIOR: Final = (1e-3, 5e-3)
-"""Information of the prior "no pitch, no roll", in keyframes. Chosen by hand far below one keyframe, so that it decides
-only what no match shows. If larger, small rotations are not corrected completely."""
+"""Prior information of zero pitch and of zero roll, relative to that of one keyframe. Chosen by hand far below 1, so
+that the prior determines only what no match shows. With larger values, small rotations are not corrected completely."""
 LENS_BLOCKS: Final = (4, 6)
-"""Rows and columns of image blocks, each with a mean residual disparity. Chosen by hand: residuals of a lens vary
-smoothly. With more blocks, fewer landmarks determine each; with fewer, the variation within a block is missed."""
+"""Numbers of rows and columns of image blocks, each with a mean residual disparity. Chosen by hand, because the
+residuals of a lens vary smoothly. With more blocks, each has fewer landmarks; with fewer blocks, the variation within a
+block is missed."""
 SIGHTINGS: Final = 8
-"""Pairs in which a landmark is seen with the same error. Chosen by hand. If larger, more of the block means is
-attributed to chance and a lens with errors is missed; if smaller, the lens of a clean drive is given errors."""
-FIRST_LENS_PX: Final = 0.08  #: Prior RMS of the residual disparity of a lens, px. A KITTI car has 0.07 to 0.09 px.
+"""Number of pairs in which a landmark is assumed to be observed with the same error. Chosen by hand. With a larger
+number, lens errors are attributed to chance; with a smaller one, chance is reported as lens errors."""
+FIRST_LENS_PX: Final = 0.08  #: Prior RMS of residual disparities due to lens errors, px. KITTI has 0.07 to 0.09 px.
 LENS_PAIRS: Final = 20
-"""Number of first pairs in which the prior is a lower bound. Chosen by hand: two seconds at 10 Hz. If larger, sheared
-rows at the start are detected later; if smaller, an unknown lens is reported as sheared rows."""
+"""Number of initial pairs in which `FIRST_LENS_PX` is the minimum RMS. Chosen by hand: two seconds at 10 Hz. With more
+pairs, a shear of the rows at the start is detected later; with fewer, lens errors are reported as a shear."""
 
 
 class LensResidual(NamedTuple):
-    """Residual disparities by image block: errors of the lens are constant in time but vary over the image."""
+    """Residual disparities by image block. Lens errors are constant in time but vary over the image."""
 
     sums: FloatArray  #: `(3, blocks)` number, sum and sum of squares of the residual disparities, px.
     pairs: int  #: Number of pairs.
-    rms_px: float  #: RMS of the block means without what they have by chance, px.
+    rms_px: float  #: RMS of the block means after subtraction of the variance due to chance, px.
 
     @classmethod
     def none(cls) -> LensResidual:
@@ -106,7 +110,7 @@ class LensResidual(NamedTuple):
 
     @property
     def likely_px(self) -> float:
-        """RMS of the block means, px; at least the prior in the first pairs."""
+        """RMS of the block means, px; at least `FIRST_LENS_PX` in the first `LENS_PAIRS` pairs."""
         return max(self.rms_px, FIRST_LENS_PX) if self.pairs < LENS_PAIRS else self.rms_px
 
     def with_pair(self, uv: FloatArray, disparity: FloatArray, camera: StereoCamera) -> LensResidual:
@@ -114,7 +118,7 @@ class LensResidual(NamedTuple):
         rows, columns = LENS_BLOCKS
         row = np.int64(uv[:, 1] * rows / (2.0 * camera.cy))
         column = np.int64(uv[:, 0] * columns / (2.0 * camera.cx))
-        row = np.minimum(np.maximum(row, 0), rows - 1)  # faster than `clip` for so few numbers
+        row = np.minimum(np.maximum(row, 0), rows - 1)  # faster than `clip` for short arrays
         column = np.minimum(np.maximum(column, 0), columns - 1)
         block = row * columns + column
         size = rows * columns
@@ -124,7 +128,7 @@ class LensResidual(NamedTuple):
         pairs = self.pairs + 1
         between_blocks = float(np.sum(total**2 / np.maximum(count, 1.0)))
         number = max(float(count.sum()), 1.0)
-        # the block means differ by chance: a landmark has the same error in each pair that shows it
+        # Block means also differ by chance, because a landmark has the same error in each pair that observes it.
         by_chance = (squares.sum() - between_blocks) / number * min(pairs, SIGHTINGS) * np.count_nonzero(count)
         rms_px = float(np.sqrt(max(between_blocks - by_chance, 0.0) / number))
         return LensResidual(np.stack((count, total, squares)), pairs, rms_px)
@@ -135,26 +139,27 @@ class YawEstimate(NamedTuple):
 
     mean_px: float = 0.0
     variance_px2: float = FIRST_SIGMA_PX**2
-    target_px: float = 0.0  #: Yaw to be corrected: the mean where it is significant, else 0.
+    target_px: float = 0.0  #: Yaw to be corrected: the mean if it is significant, else 0.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OnlineCalibration:
-    """Rotation error of the right camera; lengths are pixels.
+    """Rotation error of the right camera. Offsets and shifts are in pixels.
 
-    The yaw correction `offset.u` is the sum of a drift that was followed from pair to pair and of a constant part,
+    The yaw correction `offset.u` is the sum of the drift, which is followed from pair to pair, and a constant part,
     which approaches the estimated yaw in small steps.
     """
 
     camera: StereoCamera
     window_keyframes: int
-    """Consecutive windows share observations: the variance of a window's yaw is inflated by its number of keyframes."""
+    """Number of keyframes of a window. The variance of a window's yaw is multiplied by this number, because consecutive
+    windows share observations."""
     offset: RightOffset = RightOffset()  #: Correction of the right observations.
-    drift_px: float = 0.0  #: Followed drift within `offset.u`.
+    drift_px: float = 0.0  #: Followed drift, as a part of `offset.u`.
     followed_px: float = 0.0  #: Sum of the absolute drifts that were followed.
-    shifts: tuple[float, ...] = ()  #: Shifts of the right images of the last pairs against the landmarks.
+    shifts: tuple[float, ...] = ()  #: Shifts of the last right images relative to the landmarks.
     pairs_since_drift: int = AFTER_DRIFT_PAIRS
-    is_drifting: bool = False  #: Whether the right camera turns, or has just turned.
+    is_drifting: bool = False  #: Whether the right camera has drifted within the last `AFTER_DRIFT_PAIRS` pairs.
     yaw: YawEstimate = YawEstimate()
     lens: LensResidual = field(default_factory=LensResidual.none)
     #: `(2, 2)` information matrix of pitch and roll.
@@ -182,7 +187,7 @@ class OnlineCalibration:
         return not self.is_drifting and abs(self.remaining_px) <= UNSETTLED_PX
 
     def after_restart(self) -> OnlineCalibration:
-        """Forget the shifts of earlier pairs: they belong to other landmarks."""
+        """Discard the shifts of earlier pairs, because they were measured relative to other landmarks."""
         return replace(self, shifts=())
 
     def with_lens_residuals(self, shift: RightShift) -> OnlineCalibration:
@@ -190,10 +195,10 @@ class OnlineCalibration:
         return replace(self, lens=self.lens.with_pair(shift.uv, shift.disparity, self.camera))
 
     def with_shift(self, shift: RightShift) -> tuple[OnlineCalibration, float]:
-        """Follow the shift of the right image of a pair against the landmarks; return the drift, px, or 0.
+        """Add the shift of the right image of a pair relative to the landmarks; return the new drift, px, or 0.
 
-        A line through the shifts of the last pairs gives the present shift and its standard error. A steady drift is
-        therefore not taken for noise, and the shift of a single pair (vibration, cameras out of step) not for a drift.
+        A line fitted to the shifts of the last pairs gives the current shift and its standard error. The fit
+        distinguishes a steady drift from noise and from the shift of a single pair (vibration, unsynchronised cameras).
         """
         if not np.isfinite(shift.variance):
             return self, 0.0
@@ -221,7 +226,7 @@ class OnlineCalibration:
         return followed, drift_px
 
     def with_matches(self, right_uv: FloatArray, vertical_disparity: FloatArray) -> OnlineCalibration:
-        """Update pitch and roll by the stereo matches of a keyframe.
+        """Update pitch and roll with the stereo matches of a keyframe.
 
         The right pixels are `(N, 2)`; the vertical disparities `(N,)` are positive where the right pixel is lower.
         """
@@ -233,11 +238,11 @@ class OnlineCalibration:
         residual = without_yaw - design @ np.array([self.offset.v, self.offset.roll])
         change = np.array([float(np.median(residual)), 0.0])
         prior = np.diag(VERTICAL_PRIOR)
-        for _ in range(VERTICAL_ITERATIONS):  # outliers are judged by this keyframe alone
+        for _ in range(VERTICAL_ITERATIONS):  # robust weights use this keyframe alone
             weight = 1.0 / (1.0 + ((residual - design @ change) / VERTICAL_NOISE_PX) ** 2) / len(residual)
             weighted = (design * weight[:, None]).T
             change = np.linalg.solve(prior + weighted @ design, weighted @ residual)
-        # all keyframes together: matches on one side of the image say little about the other side
+        # All keyframes contribute, because matches on one side of the image hardly constrain the other side.
         information = RETENTION * self.information + weighted @ design
         vector = RETENTION * self.information_vector + weighted @ without_yaw
         v, roll = map(float, np.linalg.solve(information, vector))
@@ -246,7 +251,7 @@ class OnlineCalibration:
         )
 
     def with_window(self, found: OffsetEstimate) -> tuple[OnlineCalibration, float]:
-        """Update the yaw by the remaining offset that an adjusted window shows; return the change of the correction."""
+        """Update the yaw with the remaining offset of an adjusted window; return the change of the correction, px."""
         predicted_px2 = self.yaw.variance_px2 + YAW_WALK_PX**2
         gain = predicted_px2 / (predicted_px2 + found.variance * float(self.window_keyframes))
         before_px = self.corrected_px
@@ -255,9 +260,9 @@ class OnlineCalibration:
         is_significant = abs(mean_px) > DETECTION_SIGMAS * float(np.sqrt(variance_px2))
         yaw = YawEstimate(mean_px, variance_px2, mean_px if is_significant else 0.0)
         remaining_px = yaw.target_px - before_px
-        # an uncorrected yaw dominates the residual disparities
+        # An uncorrected yaw dominates the residual disparities and hides lens errors.
         lens = LensResidual.none() if abs(remaining_px) > UNSETTLED_PX else self.lens
-        # small steps, because the pose moves with each of them
+        # Steps are small, because each of them moves the pose.
         most_px = max(MAX_CORRECTION_PX, CORRECTION_GAIN * abs(remaining_px))
         corrected_px = before_px + float(np.clip(remaining_px, -most_px, most_px))
         offset = self.offset._replace(u=corrected_px + self.drift_px)
@@ -265,7 +270,7 @@ class OnlineCalibration:
 
 
 def _end_of_line(shifts: FloatArray) -> tuple[float, float]:
-    """Fit a line through shifts `(N,)` of consecutive pairs; return its last value and the standard error."""
+    """Fit a line to shifts `(N,)` of consecutive pairs; return its last value and the standard error of that value."""
     count = len(shifts)
     pairs = np.arange(count) - 0.5 * (count - 1)
     power = float(pairs @ pairs)

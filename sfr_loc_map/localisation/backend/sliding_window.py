@@ -1,6 +1,6 @@
 """Sliding window: the keyframes that are adjusted together, their landmarks and observations, and the prior.
 
-A window is a value. Each operation returns a new window; arrays that do not change are shared.
+A window is immutable. Each operation returns a new window, which shares the unchanged arrays.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ from sfr_loc_map.localisation.frontend.pose_solver import LandmarkEstimates, Ste
 from sfr_loc_map.localisation.frontend.pyramid import LEVELS, Pyramid
 from sfr_loc_map.localisation.motion_size import MotionSize, size_between
 
-START_VARIANCE = 1e-10  #: Variance of the first pose, m^2 and rad^2: the first pose is given, not estimated.
+START_VARIANCE = 1e-10  #: Variance of the first pose, m^2 and rad^2. The first pose is an input, not an estimate.
 
 
 class KeyframeMotion(NamedTuple):
-    """Motion between the newest keyframe and the one before."""
+    """Motion from the previous keyframe to the newest one."""
 
     covariance: FloatArray  #: `(6, 6)` of the left camera, position and rotation about the world's axes.
     size: MotionSize
@@ -66,10 +66,10 @@ class SlidingWindow:
     slopes: FloatArray  #: `(N, 2)` change of the inverse depth per pixel, 1/m.
     landmark_covariance: FloatArray  #: `(N, 3, 3)` of the landmarks given the poses, px and 1/m.
     patches: tuple[HostPatches, ...]  #: Patches by keyframe; the large arrays are shared between windows.
-    prior: Prior  #: Information of what has left the window.
+    prior: Prior  #: Information of the keyframes and landmarks that have left the window.
     covariance: FloatArray  #: `(6, 6)` of the newest pose, position and rotation about the world's axes.
-    last_motion: KeyframeMotion | None  #: From the keyframe before to the newest one; None without one before.
-    right_offset: OffsetEstimate  #: Offset of the right observations along the rows that the adjustment found.
+    last_motion: KeyframeMotion | None  #: Motion to the newest keyframe; None with fewer than two keyframes.
+    right_offset: OffsetEstimate  #: Offset of the right observations along the rows, from the last adjustment.
 
     @classmethod
     def empty(cls, camera: StereoCamera, size: int) -> SlidingWindow:
@@ -123,7 +123,7 @@ class SlidingWindow:
         )
 
     def without(self, rows: NDArray[np.intp]) -> SlidingWindow:
-        """Return the window with some landmarks no longer tracked; their observations stay."""
+        """Return the window with some landmarks deactivated. Their observations are kept."""
         active = self.active.copy()
         active[rows] = False
         return replace(self, active=active)
@@ -131,8 +131,8 @@ class SlidingWindow:
     def with_right_shift(self, yaw_px: float) -> SlidingWindow:
         """Return the window with all right observations corrected along the rows for a yaw of the right camera, px.
 
-        Rows (v) are not corrected. A yaw changes them by x y times its pixels, which later observations are corrected
-        for (`RightOffset.at`).
+        The v coordinates are not corrected. The yaw changes them by `x y yaw_px`, and later observations are corrected
+        for this change (`RightOffset.at`).
         """
         camera = self.problem.camera
         observations = self.problem.observations.copy()
@@ -141,9 +141,9 @@ class SlidingWindow:
         return replace(self, problem=self.problem._replace(observations=observations))
 
     def with_keyframe(self, pose: Pose, rows: NDArray[np.intp], observed: StereoObservations) -> SlidingWindow:
-        """Return the window with a further keyframe that observes the landmarks of some rows `(M,)`.
+        """Return the window with a further keyframe that observes the landmarks in given rows `(M,)`.
 
-        The oldest keyframe leaves a full window and is marginalised.
+        If the window is full, its oldest keyframe is marginalised.
         """
         problem = self.problem
         count = len(self.active)
@@ -166,7 +166,7 @@ class SlidingWindow:
         return window._without_oldest() if window.keyframe_count > self.size else window
 
     def _without_oldest(self) -> SlidingWindow:
-        """Return the window without its oldest keyframe and the landmarks that it hosts (marginalised)."""
+        """Return the window without its oldest keyframe and the landmarks that this keyframe hosts (marginalised)."""
         problem = self.problem
         prior = marginalise_oldest(problem, self.prior)
         kept = problem.host > 0
@@ -189,7 +189,7 @@ class SlidingWindow:
         )
 
     def with_landmarks(self, left: Pyramid, new: NewLandmarks) -> SlidingWindow:
-        """Return the window with the landmarks that the newest keyframe hosts; once per keyframe."""
+        """Return the window with the landmarks that the newest keyframe hosts. Call it once per keyframe."""
         problem = self.problem
         count = len(new.uv)
         keyframes = self.keyframe_count
@@ -252,7 +252,7 @@ class LandmarkMap:
 
     @classmethod
     def prepared(cls, window: SlidingWindow) -> LandmarkMap:
-        """Return the map of a window, with all that the next pairs are compared with already copied."""
+        """Return the map of a window with the templates for the next pairs already copied."""
         landmark_map = cls(window)
         for landmarks in (landmark_map.followed, landmark_map.rest):
             _ = landmarks.patches.at(0)
@@ -274,14 +274,14 @@ class LandmarkMap:
 
     @cached_property
     def rest(self) -> Landmarks:
-        """Landmarks that are tracked in a pair that becomes a keyframe, besides those that are followed."""
+        """Landmarks that are tracked only in pairs that become keyframes."""
         return self.landmarks.subset(~self.landmarks.among(self.followed))
 
     @cached_property
     def aligned(self) -> Landmarks:
-        """Landmarks that the first guesses of a pose are aligned with."""
+        """Landmarks used in the alignment of the initial guesses of a pose."""
         return self.followed.thinned(ALIGNED_LANDMARKS)
 
     def without(self, rows: NDArray[np.intp]) -> LandmarkMap:
-        """Return the map without some landmarks; the same map if there are none."""
+        """Return the map without some landmarks, or this map if `rows` is empty."""
         return LandmarkMap(self.window.without(rows)) if len(rows) else self

@@ -1,6 +1,6 @@
-"""Slopes of the local plane in disparity that a single patch shows, by least squares over its pixels.
+"""Slopes of the local disparity plane of a single patch, estimated by least squares over its pixels.
 
-In large images the neighbours of a corner are far: the plane through them is the prior of the plane of the patch.
+In large images the neighbours of a corner are far away. The plane through them is the prior of the plane of the patch.
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ from sfr_loc_map.localisation.frontend.patch_tracking import FINISHED_PX, MIN_TE
 from sfr_loc_map.localisation.small_linalg import copy_row, fill_inverse_4
 
 PRIOR_SIGMA = 0.05
-"""Standard deviation of the slopes of the neighbours' plane, px of disparity per px. 0.015 and 0.03 gave larger errors
-of attitude (measurements/localiser_trials.md)."""
-MIN_SQUARE = 1.0  #: Minimum mean squared residual, grey levels squared: images are quantised to whole grey levels.
+"""Prior standard deviation of the slopes about those of the neighbours' plane, px of disparity per px. Values of 0.015
+and 0.03 gave larger attitude errors (measurements/localiser_trials.md)."""
+MIN_SQUARE = 1.0  #: Minimum mean squared residual, grey levels squared, because images have whole grey levels.
 SLOPE_ITERATIONS = 5
-"""Maximum number of iterations. Chosen by hand. With fewer, patches with large slopes keep an error; with more, patches
-that do not converge take time."""
+"""Maximum number of iterations. Chosen by hand. With fewer iterations, large slopes keep an error; with more, patches
+that do not converge take longer."""
 MAX_SLOPE_SHIFT_PX = 1.0
-"""Maximum shift of a patch, px: one that moves farther has left its texture, and keeps its slopes."""
+"""Maximum shift of a patch, px. A patch that moves farther has lost its texture and keeps its initial slopes."""
 COLUMNS = 5
-"""Columns of the fit of a patch: its grey levels, and their derivatives by the four unknowns."""
+"""Number of columns in the fit of a patch: grey levels, and their derivatives with respect to the four unknowns."""
 
 
 class _Workspace(NamedTuple):
-    """Arrays for one patch after the other. A plane is `(4,)`: centre of the patch in the right image, px, and slopes.
+    """Arrays that are reused for each patch.
 
-    The four unknowns are those of a plane.
+    A plane `(4,)` holds the four unknowns: centre of the patch in the right image, px, and slopes.
     """
 
     pixels: PatchPixels  #: Pixels of the left patch.
-    start: FloatArray  #: Plane of the neighbours.
-    plane: FloatArray  #: Plane of the patch.
-    columns: Patch  #: `(COLUMNS, S * S)` grey levels, and their derivatives by the unknowns.
+    start: FloatArray  #: Initial plane, from the neighbours.
+    plane: FloatArray  #: Estimated plane of the patch.
+    columns: Patch  #: `(COLUMNS, S * S)` grey levels, and their derivatives with respect to the unknowns.
     normal: FloatArray  #: `(4, 4)` normal matrix of the derivatives.
     regularised: FloatArray  #: `(4, 4)` normal matrix with the prior.
     inverse: FloatArray  #: `(4, 4)` inverse of the regularised matrix.
@@ -58,7 +58,7 @@ class _Workspace(NamedTuple):
 def _fill_columns(patch: Patch, work: _Workspace) -> float:
     """Fill grey levels and derivatives; return the power of the grey levels.
 
-    The derivatives have no mean and are orthogonal to the grey levels, because a change of contrast explains the
+    The derivatives have zero mean and are orthogonal to the grey levels, because a change of contrast explains the
     parallel part.
     """
     columns = work.columns
@@ -159,7 +159,7 @@ def _compare(image: FloatImage, plane: tuple[float, float, float, float], power:
 
 @jit_fast_inline
 def _fit(image: FloatImage, power: float, work: _Workspace) -> bool:
-    """Fit the plane of a patch, with that of its neighbours as prior; return whether the plane is plausible."""
+    """Fit the plane of a patch with the neighbours' plane as the prior; return whether the result is plausible."""
     start = work.start
     plane = work.plane
     rhs = work.products
@@ -185,7 +185,7 @@ def _fit(image: FloatImage, power: float, work: _Workspace) -> bool:
             moved_px = max(moved_px, abs(step) * (1 if a < 2 else half))
         shift_px = max(abs(plane[0] - start[0]), abs(plane[1] - start[1]))
         slope = max(abs(plane[2]), abs(plane[3]))
-        if not (shift_px <= MAX_SLOPE_SHIFT_PX and slope <= MAX_SLOPE):  # also NaN
+        if not (shift_px <= MAX_SLOPE_SHIFT_PX and slope <= MAX_SLOPE):  # also for NaN
             return False
         if moved_px < FINISHED_PX:
             break
@@ -194,13 +194,13 @@ def _fit(image: FloatImage, power: float, work: _Workspace) -> bool:
 
 @jit_fast
 def refine_slopes(image: FloatImage, patches: Patch, right: FloatArray, slope: FloatArray) -> FloatArray:
-    """Return the slopes `(N, 2)` that single patches show; a patch that shows none keeps its slopes.
+    """Return the slopes `(N, 2)` fitted to single patches. A patch whose fit fails keeps its initial slopes.
 
     Args:
         image: Right image.
         patches: `(N, 3, S * S)` of the left image, as from `cut_patches`.
         right: `(N, 2)` centres of the patches in the right image; NaN if unknown.
-        slope: `(N, 2)` slopes of the planes of their neighbours.
+        slope: `(N, 2)` initial slopes, from the planes of the neighbours.
     """
     refined = slope.copy()
     size = patches.shape[2]

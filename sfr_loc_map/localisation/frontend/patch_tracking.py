@@ -1,9 +1,9 @@
-"""Tracking of patches: each is warped by its local plane, then its shift is estimated by least squares.
+"""Tracking of patches: each patch is warped by its local plane, then its shift is estimated by least squares.
 
 A patch is warped from its host image by the homography of its plane. Only the remaining shift is estimated, by
 Gauss-Newton on the difference of the two patches, both normalised to the same mean and contrast (Lucas and Kanade
 1981). As in the inverse compositional method (Baker and Matthews 2004, section 3.2), the derivatives are those of the
-template: multiplied by the inverse transpose of the warp's derivative, they are the derivatives in the target.
+template. The inverse transpose of the warp's Jacobian transforms them to the target image.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ from sfr_loc_map.localisation.frontend.patch import (
 from sfr_loc_map.localisation.frontend.plane_warp import LocalWarp, local_warp
 
 MIN_DETERMINANT = 0.05
-"""Minimum determinant of a warp: the area, px^2, that a pixel of the host covers. A patch of 11 x 11 px has then shrunk
-to 2.5 x 2.5 px, which have no texture of their own."""
+"""Minimum determinant of a warp, which is the area, px^2, that a pixel of the host covers in the target. At 0.05, a
+patch of 11 x 11 px has shrunk to 2.5 x 2.5 px, which are too few to show texture."""
 MAX_SPAN_PX = 60.0
-"""Maximum extent of a warped patch, px. Samples are then more than 5 px apart and skip the texture between them."""
+"""Maximum extent of a warped patch, px. At 60 px, samples are 6 px apart and skip the texture between them."""
 MAX_DEPTH_CHANGE = 0.99
 """Maximum relative change of the depth from the centre of a patch to a corner. At 1 the corner reaches the plane of the
 camera, where the homography is infinite."""
 MIN_TEXTURE_RATIO = 1e-6
-"""Minimum determinant of a normal matrix over its squared trace: texture in two directions. Sums of float32 have a
-relative error of 1e-7, which must not be taken for texture."""
+"""Minimum ratio of the determinant of a normal matrix to its squared trace, for texture in two directions. The ratio
+must exceed the relative error of sums in float32, 1e-7."""
 MAX_STEP_PX = 1.5
-"""Maximum step of one iteration, px. The linearisation of the smoothed image holds over about a pixel, and longer steps
-leave the texture that the patch started on."""
+"""Maximum step of one iteration, px. The linearisation of the smoothed image is valid over about one pixel, and longer
+steps leave the texture around the initial position."""
 CONVERGED_PX = 0.03
-"""Maximum last step of a track that has converged, px: a third of the usual residual of an inlier (0.1 px)."""
+"""Maximum last step of a converged track, px. It is a third of the usual residual of an inlier (0.1 px)."""
 FINISHED_PX = 0.01
-"""Step below which no further iteration follows, px. It was 0.004 px: measurements/localiser_trials.md, "Beside other
-methods, and the changes that followed"."""
+"""Step below which the iterations end, px. An earlier value was 0.004 px: measurements/localiser_trials.md, "Beside
+other methods, and the changes that followed"."""
 
 
 class PatchTracks(NamedTuple):
@@ -55,8 +55,8 @@ class PatchTracks(NamedTuple):
     """
 
     uv: FloatArray  #: `(N, 2)` position of the patch centre, pixels.
-    covariance: FloatArray  #: `(N, 3)` uu, uv, vv of the position at a noise of one grey level, px^2.
-    residual: FloatArray  #: `(N,)` RMS, grey levels of the template.
+    covariance: FloatArray  #: `(N, 3)` uu, uv, vv of the position for an image noise of one grey level, px^2.
+    residual: FloatArray  #: `(N,)` RMS of the residual, grey levels of the template.
     correlation: FloatArray  #: `(N,)` normalised cross-correlation with the image.
 
 

@@ -1,8 +1,8 @@
 """Coarse pose of a new pair: all patches are aligned together with one level of the image pyramid.
 
-The pose is estimated directly from the grey levels (sparse image alignment: Forster et al. 2014, section IV-A), so that
-patches of little texture are supported by the others, and a prediction that is wrong by many pixels is corrected on the
-coarsest level. The shape of the patches follows from the initial pose and stays; their positions follow the estimate.
+The pose is estimated directly from the grey levels (sparse image alignment: Forster et al. 2014, section IV-A). Patches
+with little texture are supported by the others, and prediction errors of many pixels are corrected on the coarsest
+level. The shapes of the patches are computed once at the initial pose. Their positions follow the estimated pose.
 """
 
 from __future__ import annotations
@@ -41,26 +41,27 @@ from sfr_loc_map.localisation.frontend.pyramid import ImageLevel
 from sfr_loc_map.localisation.small_linalg import retract, solve
 
 MAX_DETERMINANT = 20.0
-"""Maximum determinant of a warp: the area, px^2, that a pixel of the host covers. A patch of 7 x 7 px then covers 31 x
-31 px, and its samples skip most of the texture there."""
+"""Maximum determinant of a warp, which is the area, px^2, that a pixel of the host covers in the target. At 20, a patch
+of 7 x 7 px covers 31 x 31 px, and its samples skip most of the texture there."""
 MIN_PATCHES = 8
-"""Minimum number of patches in view. Each gives two equations, so that 8 are more than twice what six unknowns need."""
+"""Minimum number of patches in view. Each patch gives two equations, so that 8 patches give more than twice the six
+equations that are required."""
 RESIDUAL_FLOOR = 4.0
-"""Variance, grey levels squared, that is added to the residual variance of a patch: a noise of two grey levels. A patch
-that fits by chance therefore does not dominate."""
+"""Variance added to the residual variance of a patch, grey levels squared: a noise of two grey levels. It prevents a
+patch that fits by chance from dominating."""
 PRIOR_INFORMATION = 1e-6
-"""Added to the diagonal of the normal matrix, which is then positive definite. It is far below the information of one
+"""Value added to the diagonal of the normal matrix to make it positive definite. It is far below the information of one
 patch."""
 ALIGNED_PX = 0.02
-"""Motion of the image, px of the level, below which the poses count as aligned and no further iteration follows. A
-start that differs by 0.02 px moves a figure by 2 % at most (measurements/localiser_trials.md)."""
+"""Image motion of a step, px of the level, below which the iterations end. A change of the initial pose by 0.02 px
+changed the scores by at most 2 % (measurements/localiser_trials.md)."""
 
 
 class PoseAlignment(NamedTuple):
     """Result of an alignment."""
 
-    pose: Pose  #: The pose of the highest correlation among the iterations.
-    correlation: float  #: Mean correlation of the patches at that pose; -1 if too few are in view.
+    pose: Pose  #: Pose with the highest correlation of all iterations.
+    correlation: float  #: Mean correlation of the patches at that pose; -1 if too few patches are in view.
 
 
 class _Patches(NamedTuple):
@@ -68,7 +69,7 @@ class _Patches(NamedTuple):
 
     templates: Templates
     shapes: FloatArray  #: `(N, 4)` derivatives of the warps, xu, xv, yu, yv; 0 behind the camera.
-    #: `(N, 4)` inverse transposes of the shapes, which take derivatives of the grey level to the target.
+    #: `(N, 4)` inverse transposes of the shapes. They transform derivatives of the grey level to the target.
     gradients: FloatArray
     normal: FloatArray  #: `(N, 3)` normal matrix xx, xy, yy in the target; 0 if a patch cannot be aligned.
     pixels: PatchPixels
@@ -84,7 +85,7 @@ class _Match(NamedTuple):
 
 
 class _Point(NamedTuple):
-    """Projection of a patch centre: lengths are multiplied by the inverse depth."""
+    """Projection of a patch centre. Lengths are multiplied by its inverse depth."""
 
     world: Vector  #: Vector from the camera, along the axes of the world.
     depth: float  #: Depth in the camera; 0 behind the camera.
@@ -94,7 +95,7 @@ class _Point(NamedTuple):
 
 @jit_fast_inline
 def _warped(templates: Templates, homographies: FloatArray, uv: FloatArray) -> _Patches:
-    """Return the patches with the warps that homographies `(N, 3, 3)` have at their centres `(N, 2)`."""
+    """Return the patches with the warps of homographies `(N, 3, 3)`, linearised at the patch centres `(N, 2)`."""
     moments = templates.moments
     count = len(uv)
     shapes = np.zeros((count, 4))
@@ -112,7 +113,7 @@ def _warped(templates: Templates, homographies: FloatArray, uv: FloatArray) -> _
         contrast_y = moments[n, 2]
         if power == 0.0 or abs(determinant) < MIN_DETERMINANT or abs(determinant) > MAX_DETERMINANT:
             continue
-        # The gain is not estimated with the pose: the derivatives keep the part that a change of contrast explains.
+        # The gain is not estimated with the pose, so derivatives keep the part that a change of contrast explains.
         xx = moments[n, 3] + contrast_x * contrast_x * power
         xy = moments[n, 4] + contrast_x * contrast_y * power
         yy = moments[n, 5] + contrast_y * contrast_y * power
@@ -176,7 +177,7 @@ def _compare(image: FloatImage, u: float, v: float, patches: _Patches, n: int) -
     difference_grey = gain * products.grey - power
     along_x = gain * products.x + contrast_x * difference_grey
     along_y = gain * products.y + contrast_y * difference_grey
-    # The residual variance that the warp leaves lowers the weight of a patch.
+    # The weight of a patch decreases with its residual variance.
     weight = 1.0 / (RESIDUAL_FLOOR + 2.0 * power * (1.0 - correlation) / pixels.x.size)
     return _Match(b[0] * along_x + b[1] * along_y, b[2] * along_x + b[3] * along_y, weight, correlation)
 
@@ -185,7 +186,7 @@ def _compare(image: FloatImage, u: float, v: float, patches: _Patches, n: int) -
 def _fill_jacobian(
     point: _Point, inverse_depth: float, rotation: FloatArray, camera: StereoCamera, scale: float, jacobian: FloatArray
 ) -> None:
-    """Fill the Jacobian `(2, 6)` of a pixel of the level by position and rotation of the camera (`projection.py`)."""
+    """Fill the Jacobian `(2, 6)` of a pixel of the level with respect to the camera pose (`projection.py`)."""
     for i in range(2):
         focal_per_depth = (camera.fx if i == 0 else camera.fy) / (point.depth * scale)
         s = point.x if i == 0 else point.y
@@ -260,14 +261,14 @@ def align_patches(
 
     Args:
         level: Level of the left image.
-        templates: Templates of the patches, of the same level of their host images.
-        homographies: `(N, 3, 3)` from host pixels to pixels at the initial pose: they give the shapes of the patches.
+        templates: Templates of the patches, from the same level of their host images.
+        homographies: `(N, 3, 3)` from host pixels to pixels at the initial pose, for the shapes of the patches.
         planes: Planes around the host pixels, pixels of full size.
         start: Initial pose of the left camera.
         camera: Camera, pixels of full size.
         iterations: Maximum number of iterations.
     """
-    mean_inverse_depth = 0.0  # numba's mean() makes each start load its compiler's array functions, and scipy.linalg
+    mean_inverse_depth = 0.0  # numba's mean() would load its compiler's array functions and scipy.linalg
     for i in range(len(planes.inverse_depth)):
         mean_inverse_depth += planes.inverse_depth[i] / len(planes.inverse_depth)
     patches = _warped(templates, homographies, planes.uv)
@@ -292,7 +293,7 @@ def align_patches(
                 information[i, j] = information[j, i]
         update = solve(information, rhs)
         position = position.copy()
-        largest_angle = 0.0  # radians, by which a landmark of mean inverse depth moves in the image
+        largest_angle = 0.0  # rad, motion in the image of a landmark at the mean inverse depth
         for i in range(3):
             position[i] += update[i]
             largest_angle = max(largest_angle, abs(update[i]) * mean_inverse_depth, abs(update[3 + i]))

@@ -1,7 +1,8 @@
 """Warp of a local plane from its host image to another image.
 
-Around a host pixel, inverse depth is approximated as linear in the pixel, which is a plane in space. A plane maps
-pixels of the host image to pixels of another image by a homography (Hartley and Zisserman 2004, section 13.1).
+Around a host pixel, inverse depth is approximated as a linear function of the pixel, which corresponds to a plane in
+space. A plane maps pixels of the host image to pixels of another image by a homography (Hartley and Zisserman 2004,
+section 13.1).
 """
 
 from __future__ import annotations
@@ -14,17 +15,17 @@ from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.camera import Pose, Poses, StereoCamera
 from sfr_loc_map.jit import jit_fast, jit_fast_inline
 
-BEHIND = -1e9  #: Pixel coordinate of a point behind the camera.
+BEHIND = -1e9  #: Pixel coordinate assigned to points behind the camera.
 MIN_WARP_DEPTH = 1e-9  #: Depth times inverse depth, no unit, below which a pixel counts as behind the camera.
 
 
 class LocalPlanes(NamedTuple):
-    """The planes around N host pixels; inverse depth is linear in the host pixel."""
+    """Planes around N host pixels. Inverse depth is a linear function of the host pixel."""
 
     hosts: Poses  #: `(N,)` host cameras.
     uv: FloatArray  #: `(N, 2)` host pixels.
     inverse_depth: FloatArray  #: `(N,)` at the host pixels, 1/m.
-    slopes: FloatArray  #: `(N, 2)` derivative of the inverse depth by u and v, 1/m per pixel.
+    slopes: FloatArray  #: `(N, 2)` derivatives of the inverse depth along u and v, 1/m per pixel.
 
 
 class LocalWarp(NamedTuple):
@@ -35,7 +36,7 @@ class LocalWarp(NamedTuple):
 
     x: float  #: Position to which the host pixel is mapped; `BEHIND` behind the camera.
     y: float
-    xu: float  #: Derivatives of x and y by u and v at the host pixel; 0 behind the camera.
+    xu: float  #: Derivatives of x and y with respect to u and v at the host pixel; 0 behind the camera.
     xv: float
     yu: float
     yv: float
@@ -48,9 +49,9 @@ def plane_homographies(target: Pose, planes: LocalPlanes, camera: StereoCamera, 
     """Return the homographies `(N, 3, 3)` of local planes, from host pixels to pixels of one image.
 
     A host pixel of inverse depth `rho(u, v) = offset + slope_u u + slope_v v` is mapped to
-    `K (R K^-1 (u, v, 1) + t rho(u, v))`, with the rotation R and the translation t from the host to the target. The
-    target is the left camera. `offset_x` is the position of the image's camera along its x axis: 0 for the left image,
-    the baseline for the right one, metres.
+    `K (R K^-1 (u, v, 1) + t rho(u, v))`, with the rotation R and the translation t from the host to the target.
+    `target` is the pose of the left camera. `offset_x`, metres, is the position of the image's camera along the x axis
+    of the left camera: 0 for the left image, the baseline for the right image.
     """
     fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
     rotation = target.rotation

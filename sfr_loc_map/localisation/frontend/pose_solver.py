@@ -1,9 +1,9 @@
 """Pose of one stereo pair from landmarks with covariances.
 
 A landmark is a host pixel with an inverse depth (`projection.py`). The residual of landmark n has four rows, u, v in
-the left image and u, v in the right image. Its covariance is `S_n = R_n + J_n P_n J_n^T`, with the tracking noise R_n,
-the covariance P_n of the landmark and the Jacobian J_n by the landmark. To weight by the inverse of S_n is the same as
-to estimate the landmark too and to marginalise it out.
+the left image and u, v in the right image. Its covariance is `S_n = R_n + J_n P_n J_n^T`, where R_n is the tracking
+noise, P_n the covariance of the landmark, and J_n the Jacobian with respect to the landmark. Weighting by the inverse
+of S_n is equivalent to a joint estimate of the landmark that is then marginalised.
 """
 
 from __future__ import annotations
@@ -26,19 +26,20 @@ from sfr_loc_map.localisation.frontend.robust_weights import geman_mcclure_weigh
 from sfr_loc_map.localisation.small_linalg import fill_inverse_4, reorder_to_median, retract, solve
 
 MIN_LANDMARKS = 6
-"""Minimum number of observed landmarks. Two give enough equations; with six, a majority can outvote an outlier."""
+"""Minimum number of observed landmarks. Two landmarks give enough equations; with six, a majority outvotes an
+outlier."""
 UNOBSERVED_VARIANCE = 1e8
-"""Variance of a position that was not observed, px^2: the standard deviation exceeds any image."""
+"""Variance of a position that was not observed, px^2. Its standard deviation, 10 000 px, exceeds any image."""
 SCALE_PER_MEDIAN = 1.5
-"""Scale of the Geman-McClure weight over the median of the squared residuals per degree of freedom. The scale is at
-least 1, which is their expectation. Weaker weights: measurements/localiser_trials.md,
+"""Ratio of the scale of the Geman-McClure weight to the median squared residual per degree of freedom. The scale is at
+least 1, the expectation of that residual. Weaker weights were tried: measurements/localiser_trials.md,
 "What limits it, and what was tried"."""
 FIRST_SCALE_FACTOR = 4.0
-"""Factor on that scale in the first iteration, when the pose is that of the alignment: residuals may be twice as large
-as at the solution."""
+"""Factor of the scale in the first iteration. At the pose of the alignment, residuals may be twice as large as at the
+solution."""
 CONVERGED_STEP = 1e-5
-"""Step of the pose, m and rad, below which no further iteration follows. It was 1e-6: measurements/localiser_trials.md,
-"Beside other methods, and the changes that followed"."""
+"""Step of the pose, m and rad, below which the iterations end. An earlier value was 1e-6:
+measurements/localiser_trials.md, "Beside other methods, and the changes that followed"."""
 
 
 class LandmarkEstimates(NamedTuple):
@@ -62,21 +63,21 @@ class PoseSolution(NamedTuple):
 
     pose: Pose  #: Left camera.
     information: FloatArray  #: `(6, 6)` of position and rotation about the fixed axes of the world.
-    linearised: Linearisation  #: At the pose before the last step.
+    linearised: Linearisation  #: Linearisation at the pose before the last step.
 
 
 class Linearisation(NamedTuple):
     """Residuals of N landmarks with their Jacobians."""
 
     whitening: FloatArray  #: `(N, 4, 4)` inverse covariance of the residuals.
-    jacobians: FloatArray  #: `(N, 4, 6)` by the pose.
+    jacobians: FloatArray  #: `(N, 4, 6)` with respect to the pose.
     residuals: FloatArray  #: `(N, 4)` pixels, 0 where not observed.
     chi2_per_dof: FloatArray  #: `(N,)` squared Mahalanobis residual per degree of freedom; NaN where not used.
 
 
 @jit_fast_ir_inline
 def new_linearisation(count: int) -> Linearisation:
-    """Return a linearisation to be filled."""
+    """Return an empty linearisation."""
     return Linearisation(np.zeros((count, 4, 4)), np.zeros((count, 4, 6)), np.zeros((count, 4)), np.full(count, np.nan))
 
 
@@ -118,7 +119,7 @@ def _linearise(
 ) -> None:
     """Fill the linearisation at a pose; the projection and `covariance` `(4, 4)` are workspaces.
 
-    The whitening is that of the first iteration: it changes little with the pose.
+    The whitening is computed in the first iteration only, because it changes little with the pose.
     """
     hosts = landmarks.hosts
     rays = landmarks.rays
@@ -159,7 +160,7 @@ def _add_normal_equations(
 ) -> None:
     """Add all landmarks to the information `(6, 6)` and the right-hand side `(6,)`.
 
-    A landmark has the Geman-McClure weight of the scale. `weighted` `(4, 6)` is a workspace for `w S^-1 J`.
+    Each landmark has the Geman-McClure weight w for the scale. `weighted` `(4, 6)` is a workspace for `w S^-1 J`.
     """
     chi2_per_dof = linearised.chi2_per_dof
     jacobians = linearised.jacobians
@@ -179,7 +180,7 @@ def _add_normal_equations(
             residual = residuals[n, i]
             for a in range(6):
                 rhs[a] += weighted[i, a] * residual
-        for a in range(6):  # Both halves: with the upper half alone the loop is not vectorised.
+        for a in range(6):  # both halves: a loop over the upper half alone is not vectorised
             p, q, r, s = jacobian[0, a], jacobian[1, a], jacobian[2, a], jacobian[3, a]
             for b in range(6):
                 information[a, b] += p * weighted[0, b] + q * weighted[1, b] + r * weighted[2, b] + s * weighted[3, b]
@@ -191,13 +192,13 @@ def solve_pose(
 ) -> PoseSolution:
     """Estimate the pose of a pair by robust weighted least squares on both images (Gauss-Newton).
 
-    The weights are those of Geman and McClure. Their scale falls to that of the residuals (graduated non-convexity:
-    Yang et al. 2020), so that a prediction beside the solution does not reject the inliers.
+    Landmarks have Geman-McClure weights. Their scale decreases to that of the residuals (graduated non-convexity: Yang
+    et al. 2020), so that an inaccurate prediction does not reject the inliers.
 
     Args:
         start: Initial pose of the left camera.
         landmarks: The N landmarks.
-        observations: Their observations in the pair.
+        observations: Observations of the landmarks in the pair.
         camera: The camera.
         iterations: Maximum number of iterations.
     """

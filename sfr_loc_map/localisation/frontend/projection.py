@@ -1,15 +1,15 @@
 """Projection of a landmark into the images of a stereo pair, with its Jacobians.
 
-A landmark is a pixel (u, v) of its host image with an inverse depth rho (Civera et al. 2008). With its host
-ray `r = K^-1 (u, v, 1)`, the pose `R_wh, p_h` of the host camera and the pose `R_wc, p_c` of the target camera, the
+A landmark is a pixel (u, v) of its host image with an inverse depth rho (Civera et al. 2008). Its host ray is
+`r = K^-1 (u, v, 1)`. The pose of the host camera is `R_wh, p_h`, and the pose of the target camera is `R_wc, p_c`. The
 vector from the target camera to the landmark, multiplied by rho, is
 
     d = R_wh r + rho (p_h - p_c)    along the axes of the world,
     q = R_wc^T d                    along the axes of the target camera.
 
-It is finite for a landmark at infinity. The left pixel is `u = fx q_x / q_z + cx`, `v = fy q_y / q_z + cy`. In the
-right image of baseline b, u is less by `fx b rho / q_z`. A rotation is about the fixed axes of the world:
-`R <- exp([w]x) R`.
+The vector is finite for a landmark at infinity. The left pixel is `u = fx q_x / q_z + cx`, `v = fy q_y / q_z + cy`. In
+the right image, u is smaller by `fx b rho / q_z` with the baseline b. Rotations w are about the fixed axes of the
+world: `R <- exp([w]x) R`.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ class StereoProjection(NamedTuple):
     """A projected landmark with its Jacobians; rows are u, v in the left image, u, v in the right image."""
 
     uv: FloatArray  #: `(4,)` pixels.
-    by_target: FloatArray  #: `(4, 6)` derivative by position and rotation of the target camera.
-    by_landmark: FloatArray  #: `(4, 3)` derivative by host pixel u, v and inverse depth.
+    by_target: FloatArray  #: `(4, 6)` Jacobian with respect to position and rotation of the target camera.
+    by_landmark: FloatArray  #: `(4, 3)` Jacobian with respect to host pixel u, v and inverse depth.
 
 
 class Intrinsics(NamedTuple):
     """Intrinsics of both cameras, in arrays by axis (u, v).
 
-    The compiler may sum in any order, and the order depends on what is read from an array. With the scalars of
-    `StereoCamera` in their place, the results would differ by rounding.
+    The compiler may reorder sums, and the order depends on which values are read from arrays. With the scalars of
+    `StereoCamera` in place of these arrays, results would differ by rounding.
     """
 
     focal: FloatArray  #: `(2,)` focal lengths, pixels.
@@ -61,13 +61,13 @@ def intrinsics(camera: StereoCamera) -> Intrinsics:
 
 @jit_fast_ir_inline
 def new_projection() -> StereoProjection:
-    """Return a projection to be filled."""
+    """Return an empty projection."""
     return StereoProjection(np.zeros(4), np.zeros((4, 6)), np.zeros((4, 3)))
 
 
 @jit_fast_ir_inline
 def rotated_ray(rotation: FloatArray, x: float, y: float) -> Vector:
-    """Return the ray `(x, y, 1)` of a camera of a rotation along the axes of the world."""
+    """Return the ray `(x, y, 1)` of a camera with a given rotation, along the axes of the world."""
     world_x = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2]
     world_y = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2]
     world_z = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2]
@@ -82,9 +82,10 @@ def difference(a: FloatArray, b: FloatArray) -> Vector:
 
 @jit_fast_ir_inline
 def scaled_point(ray: Vector, host_offset: Vector, inverse_depth: float) -> Vector:
-    """Return the vector d from a camera to a landmark, multiplied by the inverse depth, 1/m.
+    """Return the vector d from a camera to a landmark, multiplied by the landmark's inverse depth.
 
-    The ray is the host ray; the host offset is the position of the host camera relative to the camera, metres.
+    The ray is the host ray. The host offset is the position of the host camera relative to the camera, metres. The
+    inverse depth is in 1/m.
     """
     x = ray.x + inverse_depth * host_offset.x
     y = ray.y + inverse_depth * host_offset.y
@@ -101,10 +102,10 @@ def component(rotation: FloatArray, axis: int, vector: Vector) -> float:
 
 @jit_fast_ir_inline
 def gradient(focal_per_depth: float, coordinate: float, image_axis: float, optical_axis: float) -> float:
-    """Return the derivative of a pixel coordinate by the scaled point d along one axis of the world, pixels.
+    """Return the derivative of a pixel coordinate with respect to the scaled point d along one world axis, pixels.
 
-    It is `f / q_z (e - s e_z)` for the normalised coordinate s, with the components along that axis of the world of the
-    camera's axes: e of the coordinate, e_z the optical one.
+    The derivative is `f / q_z (e - s e_z)` for the normalised coordinate s. Along the world axis, e is the component of
+    the camera axis of the coordinate, and e_z is the component of the optical axis.
     """
     return focal_per_depth * (image_axis - coordinate * optical_axis)
 
@@ -117,7 +118,10 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 @jit_fast_ir_inline
 def linearise_in_host(landmark: FloatArray, camera: Intrinsics, out: StereoProjection) -> None:
-    """Project a landmark, `(3,)` u, v, px, and inverse depth, 1/m, into its host pair; `by_target` stays unchanged."""
+    """Project a landmark `(3,)` into its host pair; `by_target` is unchanged.
+
+    The elements of a landmark are u and v, px, and the inverse depth, 1/m.
+    """
     uv = out.uv
     by_landmark = out.by_landmark
     disparity_per_inverse_depth = camera.focal[0] * camera.baseline_m
@@ -139,7 +143,7 @@ def linearise_landmark(
     `K^-1 (u, v, 1)` is `(3,)`, the inverse depth in 1/m.
 
     Returns:
-        Depth in the target camera times the inverse depth; 0, with `out` unchanged, behind the camera.
+        Depth in the target camera times the inverse depth. Behind the camera it is 0, and `out` is unchanged.
     """
     r_wc = target.rotation
     r_wh = hosts.rotations[k]
@@ -170,7 +174,7 @@ def linearise_landmark(
         gx = gradient(focal_per_depth, s, r_wc[0, axis], r_wc[0, 2])
         gy = gradient(focal_per_depth, s, r_wc[1, axis], r_wc[1, 2])
         gz = gradient(focal_per_depth, s, r_wc[2, axis], r_wc[2, 2])
-        # d moves by -rho with the position; rotating the camera by w changes the pixel by (g x d) . w
+        # The derivative of d by the position is -rho; a rotation w of the camera changes the pixel by (g x d) . w.
         by_rotation = cross(Vector(gx, gy, gz), point)
         by_target[i, 0] = -inverse_depth * gx
         by_target[i, 1] = -inverse_depth * gy

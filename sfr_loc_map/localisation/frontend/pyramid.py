@@ -1,4 +1,4 @@
-"""Image pyramids: an image, smoothed, at several scales."""
+"""Image pyramids: a smoothed image at several scales."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
 
 SMOOTHING = cv2.getGaussianKernel(3, 0.5, cv2.CV_32F)
-"""Gaussian kernel of 0.5 px along rows and columns, which reduces the errors of bilinear interpolation. Other widths:
-measurements/localiser_trials.md, "What limits it, and what was tried"."""
+"""Gaussian kernel with a standard deviation of 0.5 px, which reduces the errors of bilinear interpolation. Other widths
+were tried: measurements/localiser_trials.md, "What limits it, and what was tried"."""
 LEVELS = 4
-"""Levels of the pyramid. Level l is 2^l times smaller; its pixels are `u_l = (u + 0.5) / 2^l - 0.5`. Chosen by hand: a
-patch of 7 x 7 px of the last level covers 56 x 56 px of the image. With fewer levels, a prediction that is wrong by
-some ten pixels is not corrected; with more, patches of a small image do not fit into the last level."""
+"""Number of levels. Level l is 2^l times smaller; its pixels are `u_l = (u + 0.5) / 2^l - 0.5`. Chosen by hand: a patch
+of 7 x 7 px of the last level covers 56 x 56 px of the image. With fewer levels, prediction errors of about ten pixels
+are not corrected; with more levels, patches do not fit into the last level of a small image."""
 
 
 class ImageLevel(NamedTuple):
@@ -26,7 +26,7 @@ class ImageLevel(NamedTuple):
 
 
 Pyramid = tuple[ImageLevel, ...]
-"""Level 0 is the smoothed image. A pixel of each next level is the mean of 2 x 2 pixels of the level before."""
+"""Level 0 is the smoothed image. A pixel of each further level is the mean of 2 x 2 pixels of the previous level."""
 
 
 def build_pyramid(image: GreyImage) -> Pyramid:

@@ -1,6 +1,6 @@
-"""Right camera against its calibration: the offset of its image positions, and the shift that a solved pair shows.
+"""Deviation of the right camera from its calibration: offset of right image positions, and shift in a solved pair.
 
-The same step that gives the shift gives a shear of the rows of both images (rolling shutter).
+The Gauss-Newton step that estimates the shift also estimates a shear of the rows of both images (rolling shutter).
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from sfr_loc_map.localisation.frontend.pose_solver import (
 from sfr_loc_map.localisation.frontend.robust_weights import geman_mcclure
 
 SHIFT_SCALE = 4.0
-"""Squared residual per degree of freedom at which a landmark's weight is a quarter (Geman-McClure): at a residual of
-two standard deviations. The pose is known, so that no larger scale is needed."""
+"""Scale of the Geman-McClure weight: the squared residual per degree of freedom at which the weight is a quarter. It
+corresponds to two standard deviations. The pose is already solved, so that a larger scale is not required."""
 MIN_INLIER_WEIGHT = 0.5
-"""Minimum weight of a landmark that agrees with the pose: a residual of 1.3 standard deviations."""
-MIN_SHIFT_LANDMARKS = 9  #: Minimum number of landmarks of the shift and the shear: one for each unknown of the step.
+"""Minimum weight of a landmark that agrees with the pose. It corresponds to a residual of 1.3 standard deviations."""
+MIN_SHIFT_LANDMARKS = 9  #: Minimum number of landmarks with a weight: one for each unknown of the step.
 ENOUGH_LANDMARKS = 300
-"""Approximate number of landmarks that are used. The error that all landmarks of an image have in common is larger than
-that of their mean."""
+"""Approximate number of landmarks used. With 300, the error that all landmarks of an image have in common exceeds the
+random error of their mean."""
 POSE, SHIFT, SHEAR = slice(6), 6, slice(7, 9)
 """Unknowns of the step: pose, shift of the right image, shears of the left and of the right image."""
 UNKNOWNS = 9  #: Number of unknowns of the step.
@@ -49,14 +49,14 @@ class RightOffset(NamedTuple):
 
 
 class RightShift(NamedTuple):
-    """Shift of right positions along the rows at the image centre, as by a yaw of the right camera."""
+    """Shift of right positions along the rows at the image centre, equivalent to a yaw of the right camera."""
 
-    px: float  #: Pixels to the right, beyond the corrections that the landmarks were triangulated with.
-    variance: float  #: Its variance by the landmarks alone, px^2; infinite with too few landmarks.
-    #: Squared Mahalanobis shear of the rows of both images, as by a rolling shutter, per degree of freedom.
+    px: float  #: Shift to the right, px, in addition to the corrections applied when landmarks were triangulated.
+    variance: float  #: Variance of the shift due to the landmarks alone, px^2; infinite with too few landmarks.
+    #: Squared Mahalanobis norm of the shears of both images (rolling shutter), per degree of freedom.
     shear_chi2: float
     uv: FloatArray  #: `(N, 2)` left pixels of the landmarks that agree with the pose.
-    disparity: FloatArray  #: `(N,)` their residual disparities, pixels.
+    disparity: FloatArray  #: `(N,)` residual disparities of these landmarks, pixels.
 
 
 class _StepEquations(NamedTuple):
@@ -71,16 +71,16 @@ def right_shift(
 ) -> RightShift:
     """Estimate the shift of the right image and a shear of both images in a solved pair.
 
-    The depths of the landmarks come from earlier pairs. If the right camera has rotated since, all right positions are
-    shifted by the same amount and the left ones are not, which no motion of the rig explains. One Gauss-Newton step of
-    pose and shift together gives the shift, because the pose of the pair was solved for without one.
+    The depths of the landmarks come from earlier pairs. If the right camera has rotated since then, all right positions
+    are shifted by about the same amount and left positions are not. No motion of the rig explains such a shift. The
+    pose of the pair was solved without a shift, so one joint Gauss-Newton step of pose and shift estimates it.
 
     Args:
         pose: Pose of the left camera in the pair.
         landmarks: The N landmarks.
-        observations: Their observations in the pair; those observed in both images count.
+        observations: Observations of the landmarks in the pair. Landmarks not observed in both images are ignored.
         camera: The camera.
-        lens_px: Standard deviation of disparities due to lens distortion, pixels. It may look like a shear.
+        lens_px: Standard deviation of disparities due to lens errors, pixels. Lens errors may resemble a shear.
     """
     landmarks, observations = _in_both_images(landmarks, observations)
     linearised = solve_pose(pose, landmarks, observations, camera, 1).linearised
@@ -102,7 +102,7 @@ def right_shift(
 def _in_both_images(
     landmarks: LandmarkEstimates, observations: StereoObservations
 ) -> tuple[LandmarkEstimates, StereoObservations]:
-    """Return about `ENOUGH_LANDMARKS` of the landmarks that are observed in both images, with their observations."""
+    """Return the landmarks observed in both images among about `ENOUGH_LANDMARKS` of them, with their observations."""
     count = len(observations.uv)
     chosen = np.arange(0, count, max(1, count // ENOUGH_LANDMARKS))
     in_both = chosen[np.isfinite(observations.uv[chosen, 0] + observations.uv[chosen, 2])]
@@ -119,9 +119,9 @@ def _step_equations(
 ) -> _StepEquations:
     """Return the normal equations of a step, from normalised image coordinates `(N, 2)` of the observations.
 
-    A yaw shifts a right position by `(1 + x^2, x y)` at a shift of one pixel at the centre. A shear shifts the rows of
-    an image along u in proportion to y. On flat ground a shear of both images resembles a sideways motion; stones and
-    the horizon separate the two.
+    A yaw that shifts the image centre by one pixel shifts a right position (x, y) by `(1 + x^2, x y)` pixels. A shear
+    shifts the rows of an image along u in proportion to y. On flat ground, a shear of both images resembles a sideways
+    motion; stones and the horizon distinguish the two.
     """
     x, y = right_xy.T
     jacobian = np.zeros((len(weight), 4, UNKNOWNS))
@@ -135,7 +135,7 @@ def _step_equations(
 
 
 def _shift_of(equations: _StepEquations) -> tuple[float, float]:
-    """Return the shift, px, and its variance, px^2, of a step without shear."""
+    """Return the shift, px, and its variance, px^2, from a step without shears."""
     size = SHIFT + 1
     information = equations.information[:size, :size]
     inverse_row = np.linalg.solve(information, np.eye(size)[SHIFT])
@@ -143,9 +143,10 @@ def _shift_of(equations: _StepEquations) -> tuple[float, float]:
 
 
 def _shear_chi2(equations: _StepEquations, lens_sigma: float) -> float:
-    """Return the squared Mahalanobis norm `s^T C^-1 s / 2` of the shears: at most about 1 without shear.
+    """Return the squared Mahalanobis norm of the shears s per degree of freedom, `s^T C^-1 s / 2`.
 
-    The covariance C is that of the step, plus the variance of a shear that lens distortion may resemble.
+    Without shear, the norm is at most about 1. The covariance C is that of the step plus the variance of a shear that
+    lens errors may resemble.
     """
     covariance = np.linalg.inv(equations.information)
     shears = (covariance @ equations.rhs)[SHEAR]

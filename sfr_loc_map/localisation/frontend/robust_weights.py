@@ -1,9 +1,9 @@
-"""Weight of robust least squares: how much an observation counts, by its squared normalised residual.
+"""Robust least squares: the weight of an observation as a function of its squared normalised residual.
 
-It is the weight of iteratively reweighted least squares that belongs to the Geman-McClure loss, 1 at a residual of 0
-(Zhang 1997, Parameter estimation techniques: a tutorial with application to conic fitting, table 1). The pose, the
-window and the right camera have this weight. Two small fits to data of one keyframe have the Cauchy weight
-`1 / (1 + chi2)` of the same table: the planes of neighbours (`neighbour_slopes`), and pitch and roll
+The weight belongs to the Geman-McClure loss in iteratively reweighted least squares and is scaled to 1 at a residual of
+0 (Zhang 1997, Parameter estimation techniques: a tutorial with application to conic fitting, table 1). The pose solver,
+the bundle adjustment and the shift of the right camera use it. Two small fits to data of one keyframe use the Cauchy
+weight `1 / (1 + chi2)` of the same table: the planes of neighbours (`neighbour_slopes`), and pitch and roll
 (`backend/online_calibration`).
 """
 
@@ -20,10 +20,10 @@ Squares = TypeVar("Squares", float, FloatArray)
 def geman_mcclure(chi2: Squares, scale: float) -> Squares:
     """Return the Geman-McClure weight `1 / (1 + chi2 / scale)^2` of squared residuals.
 
-    The weight is a quarter at `chi2 = scale`. Beyond, it falls with the fourth power of the residual, so that the
-    influence of an outlier vanishes.
+    The weight is a quarter at `chi2 = scale`. For larger residuals, the weight decreases with the fourth power of the
+    residual, so that the influence of an outlier vanishes.
     """
     return 1.0 / (1.0 + chi2 / scale) ** 2
 
 
-geman_mcclure_weight = jit_fast_ir_inline(geman_mcclure)  #: The same within kernels.
+geman_mcclure_weight = jit_fast_ir_inline(geman_mcclure)  #: `geman_mcclure` for use in kernels.

@@ -1,4 +1,4 @@
-"""Search for corners along the rows of the right image, on a small pyramid level: a first disparity of each."""
+"""Initial disparities of corners: a search along the rows of the right image on a coarse pyramid level."""
 
 from __future__ import annotations
 
@@ -14,28 +14,29 @@ from sfr_loc_map.localisation.frontend.pyramid import Pyramid
 from sfr_loc_map.localisation.parallel import in_halves
 
 SEARCH_LEVEL = 1
-"""Pyramid level of the search. It has half of the positions of the image and a quarter of its pixels, and the
-refinement captures the rest of the disparity."""
+"""Pyramid level of the search. It halves the number of disparities and quarters the number of pixels. The refinement
+corrects the remaining error."""
 SEARCH_HALF = 4
-"""Half width of the patches of the search, px of that level. Chosen by hand: 9 x 9 px cover 18 x 18 px of the image. If
-larger, slopes and edges lower the correlation; if smaller, more positions look alike."""
+"""Half width of the patches of the search, px of the level. Chosen by hand: 9 x 9 px of the level cover 18 x 18 px of
+the image. In larger patches, slopes and edges lower the correlation; smaller patches are more ambiguous."""
 MIN_SEARCH_NCC = 0.75
-"""Minimum normalised cross-correlation of the search. Chosen by hand. If larger, landmarks on slopes are lost; if
-smaller, more wrong matches are left to the refinement."""
+"""Minimum normalised cross-correlation of the search. Chosen by hand. A larger value loses landmarks on slopes; a
+smaller one leaves more wrong matches to the refinement."""
 MAX_AMBIGUITY = 0.85
-"""Maximum ratio of best to second-best `1 - correlation` of the search (compare Lowe 2004, section 7.1)."""
+"""Maximum ratio of the best to the second-best `1 - correlation` of the search (compare Lowe 2004, section 7.1)."""
 MIN_PEAK_DISTANCE = 2
-"""Positions beside the best correlation that do not count as a second peak: the width of a peak at this level."""
+"""Distance from the best correlation, px of the level, up to which a correlation belongs to the same peak."""
 
 
 @jit_fast_inline
 def _fill_scores(
     image: FloatImage, template: Patch, power: np.float32, u: int, v: int, sums: Patch, scores: FloatArray
 ) -> None:
-    """Fill the correlations of a template with the patches along a row, the last patch first.
+    """Fill the correlations of a template with the patches along a row, in reverse order.
 
-    The first patch is centred at the pixel (u, v), and their number is that of the scores. A score is -1 without
-    texture. `sums` `(3, P)` is a workspace for the sums over each patch: values, squares, products with the template.
+    The first patch is centred at the pixel (u, v), and there is one patch for each score. The score of a textureless
+    patch is -1. `sums` `(3, P)` is a workspace for the sums over each patch: values, squares, products with the
+    template.
     """
     places = len(scores)
     size = template.size
@@ -70,9 +71,9 @@ def _fill_scores(
 class _Peak(NamedTuple):
     """Maximum of the correlations along a row."""
 
-    position: float  #: Refined by a parabola.
+    position: float  #: Index of the maximum, refined by a parabola.
     score: float
-    second: float  #: Largest score that is more than `MIN_PEAK_DISTANCE` away.
+    second: float  #: Largest score more than `MIN_PEAK_DISTANCE` away from the maximum.
 
 
 @jit_fast_inline
@@ -99,8 +100,8 @@ def _peak(scores: FloatArray) -> _Peak:
 def search_row(image: FloatImage, patches: Patch, uv: FloatArray, max_disparity: int, offset_v: int) -> FloatArray:
     """Search patches `(N, S * S)` around left pixels `(N, 2)` along the rows of the right image.
 
-    Returns `(N, 3)`: the disparity of the best correlation, that correlation, and the second-best one. A row is 0 if
-    the patch has no texture or lies at the border.
+    Returns `(N, 3)`: the disparity of the best correlation, the best correlation, and the correlation of the second
+    peak. A row is 0 if the patch has no texture or is at the border.
     """
     count, size = patches.shape
     height, width = image.shape
@@ -116,7 +117,7 @@ def search_row(image: FloatImage, patches: Patch, uv: FloatArray, max_disparity:
         last = min(max_disparity, u - half)
         if power < MIN_POWER or v < half or v >= height - half or u >= width - half or last < 2:
             continue
-        # All disparities, from `last` down to -1, are compared at once along the row.
+        # All disparities, from `last` down to -1, are compared in one pass along the row.
         _fill_scores(image, template, power, u - last, v, sums, scores[: last + 2])
         peak = _peak(scores[: last + 2])
         found[n, 0] = peak.position - 1.0

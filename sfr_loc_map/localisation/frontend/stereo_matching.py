@@ -1,9 +1,10 @@
-"""Stereo matches of single corners: a search along the row, then least squares with the slopes of the local plane.
+"""Stereo matching of single corners: a search along the row, then least squares with the slopes of the local plane.
 
-1. `row_search` finds a first disparity of each corner on a small pyramid level.
-2. `neighbour_slopes` fits a local plane to the disparities of the neighbours, and the patch, warped by this plane, is
-   tracked from the left to the right image. Both are repeated, because better disparities give better planes.
-3. In large images `patch_slopes` refines the slopes by the patch itself.
+1. `row_search` finds an initial disparity of each corner on a coarse pyramid level.
+2. `neighbour_slopes` fits a local plane to the disparities of the neighbours. The patch is warped by this plane and
+   tracked from the left to the right image. Fit and tracking are repeated, because better disparities give better
+   planes.
+3. In large images `patch_slopes` refines the slopes from the patch itself.
 """
 
 from __future__ import annotations
@@ -24,16 +25,19 @@ from sfr_loc_map.localisation.frontend.row_search import search_corners
 from sfr_loc_map.localisation.parallel import in_halves
 
 REFINEMENTS = 2
-"""Alternations of slopes from disparities and disparities with these slopes. The second one uses disparities to a
-fraction of a pixel, the first one those of the search. Chosen by hand."""
-MAX_SHIFT_PX = 2.5  #: Maximum correction of a disparity of the search, px: a position of the search is two pixels wide.
+"""Number of fits of slopes, each followed by tracking with these slopes. The first fit uses the disparities of the
+search, the second one tracked disparities. Chosen by hand."""
+MAX_SHIFT_PX = 2.5  #: Maximum correction of a disparity of the search, px. One step of the search is 2 px.
 ITERATIONS = 12
-"""Maximum number of Gauss-Newton iterations of a disparity: twice as many as of a track, whose start is better."""
+"""Maximum number of Gauss-Newton iterations of a disparity. It is twice that of a track, which starts closer to the
+solution."""
 MIN_NCC = 0.7
-"""Minimum normalised cross-correlation of a match: more than of a track, because both images are of one moment."""
+"""Minimum normalised cross-correlation of a match. It exceeds that of a track, because both images are taken at the
+same time."""
 MAX_VERTICAL_PX = 1.0
-"""Maximum distance of a match from its row, px: seven times the noise of the vertical disparity of a match."""
-MIN_DISPARITY_PX = -0.5  #: Minimum disparity of a match, pixels: noise makes that of a point at infinity negative.
+"""Maximum difference between the vertical disparities of a match and of the pair, px: seven times the noise of a
+match."""
+MIN_DISPARITY_PX = -0.5  #: Minimum disparity of a match, px. Noise can make the disparity at infinity negative.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +47,7 @@ class StereoMatches:
     uv: FloatArray  #: `(N, 2)` left pixels.
     right: FloatArray  #: `(N, 2)` right pixels.
     covariance: FloatArray  #: `(N, 3)` uu, uv, vv of the right position at a noise of one grey level, px^2.
-    residual: FloatArray  #: `(N,)` RMS, grey levels.
+    residual: FloatArray  #: `(N,)` RMS of the residual, grey levels.
     slope: FloatArray  #: `(N, 2)` slopes of the local planes.
     patches: Templates  #: Templates of the left patches.
 
@@ -59,7 +63,7 @@ def match_corners(
     *,
     own_slopes: bool = False,
 ) -> StereoMatches:
-    """Match corners of the left image, `(N, 2)` whole pixels, in the right one; return those that were matched.
+    """Match corners of the left image, `(N, 2)` whole pixels, with the right image; return the matched corners.
 
     Args:
         left: Left pyramid.
@@ -69,7 +73,7 @@ def match_corners(
         max_disparity: Maximum disparity, pixels.
         offset_v: Vertical disparity of the pair, pixels, positive where the right image is lower.
         right_mask: `(H, W)`; matches where the mask is 0 are rejected. None if nothing is masked.
-        own_slopes: Whether slopes are refined by the patch itself, because its neighbours are far in large images.
+        own_slopes: Whether slopes are refined from the patch itself. In large images its neighbours are too far away.
     """
     uv, disparity = search_corners(left, right, uv, max_disparity, offset_v)
     left_image = left[0].image
@@ -112,7 +116,7 @@ def _refined(
 
 
 def _is_free(mask: NDArray[np.uint8], uv: FloatArray) -> Mask:
-    """Tell which pixels `(N, 2)` a mask leaves free."""
+    """Return which pixels `(N, 2)` are not masked."""
     column, row = np.rint(uv).astype(int).T
     height, width = mask.shape
     return np.asarray(mask[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)] > 0)

@@ -1,9 +1,9 @@
-"""Tracking of landmarks in a stereo pair, and the pose of the pair that follows from them.
+"""Tracking of landmarks in a stereo pair, and the pose of that pair.
 
-1. `align`: one pose for many patches at once, from coarse to fine pyramid levels (direct image alignment, as in
-   Forster et al., SVO, 2017). The result is right to some hundredths of a pixel of the finest level that is aligned.
-2. `observe`: each landmark by itself, in both images, with its patch warped by its local plane (Lucas and Kanade 1981).
-3. `solve`: the pose from all observations, with robust weights (Geman-McClure) and the uncertainty of each landmark.
+1. `align` estimates one pose from many patches, from coarse to fine pyramid levels (direct image alignment, as in
+   Forster et al., SVO, 2017). The pose is accurate to a few hundredths of a pixel of the finest aligned level.
+2. `observe` tracks each landmark in both images with its patch warped by its local plane (Lucas and Kanade 1981).
+3. `solve` estimates the pose from all observations, with Geman-McClure weights and the uncertainty of each landmark.
 """
 
 from __future__ import annotations
@@ -28,40 +28,44 @@ from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.parallel import both
 
 LIMITS = TrackingLimits(max_shift=2.5, iterations=6, min_correlation=0.6)
-"""Limits of a landmark against its projection: px, Gauss-Newton iterations, normalised cross-correlation. Other values:
-measurements/localiser_trials.md, "Limits of a track"."""
+"""Limits of a track: maximum shift from the projection, px, Gauss-Newton iterations, and minimum normalised
+cross-correlation. Other values were tried: measurements/localiser_trials.md, "Limits of a track"."""
 SEARCHED_OFFSET_PX = 0.5
-"""Offset u of the right image, px, above which landmarks are searched at the offset position. A smaller offset is
-within the capture range of the tracker. Offset v and roll are not searched: they must be within it (`LIMITS`)."""
+"""Offset u of the right image, px, above which tracking starts at the offset position. A smaller offset is within the
+capture range of the tracker (`LIMITS`). Offset v and roll must always be within that range."""
 ALIGNED_LEVELS = range(LEVELS - 1, 0, -1)
-"""Levels of the alignment. Level 0 is left to the tracking of each patch, which captures what remains."""
+"""Pyramid levels of the alignment. Level 0 is omitted, because the tracking of single patches corrects the remaining
+error."""
 ALIGNMENT_ITERATIONS = (6, 4)
-"""Gauss-Newton iterations of the alignment on its first level, on each further level, which begins nearer to the
-solution. Chosen by hand. With fewer, a prediction that is far off is not corrected; the time grows with the number."""
+"""Gauss-Newton iterations of the alignment on the first level and on each further level, which starts closer to the
+solution. Chosen by hand. With fewer iterations, large prediction errors are not corrected; more take more time."""
 POSE_ITERATIONS = 10
-"""Maximum number of Gauss-Newton iterations of the pose, which converges in less (`pose_solver.CONVERGED_STEP`)."""
+"""Maximum number of Gauss-Newton iterations of the pose. It usually converges earlier
+(`pose_solver.CONVERGED_STEP`)."""
 INLIER_CHI2_PER_DOF = 9.0  #: Gate of an inlier: squared Mahalanobis residual per degree of freedom (3 sigma).
-MIN_INLIER_RATIO = 0.5  #: Minimum ratio of inliers to landmarks found in a trusted pose: the majority.
+MIN_INLIER_RATIO = 0.5  #: Minimum ratio of inliers to found landmarks for a trusted pose: a majority.
 MIN_FOUND_RATIO = 0.2
-"""Minimum ratio of landmarks found to landmarks searched for in a trusted pose: with fewer, most of the view has
-changed and the rest may be of one object."""
+"""Minimum ratio of found to searched landmarks for a trusted pose. Below 0.2, most of the view has changed, and the
+landmarks found may belong to a single object."""
 SWAPPED_STEREO_FRACTION = 0.6
-"""Minimum fraction of inliers observed in both images if left and right are swapped: most, as in any good pair, and
-twice what makes a pair one-sided (`guards.MIN_STEREO_FRACTION`)."""
+"""Minimum fraction of inliers observed in both images if the left and right images are swapped. It is a majority, and
+twice the limit for one-sided pairs (`guards.MIN_STEREO_FRACTION`)."""
 PIXEL_FLOOR = 0.05
-"""Minimum standard deviation of an observation, px. 0.01 to 0.03 were tried (measurements/localiser_trials.md, "What
-limits it, and what was tried")."""
-RESIDUAL_GAIN = 1.2  #: Variance of the image noise over the squared residual of a patch. Chosen on rendered drives.
+"""Minimum standard deviation of an observation, px. Values from 0.01 to 0.03 were tried
+(measurements/localiser_trials.md, "What limits it, and what was tried")."""
+RESIDUAL_GAIN = 1.2  #: Ratio of the noise variance to the squared residual of a patch. Chosen on rendered drives.
 EDGE_RESIDUALS = (0.5, 4.0)
-"""Least and largest ratio of a residual to the median. The minimum standard deviation of an edge is multiplied by its
-square, from 0.25 to 16 (measurements/localiser_trials.md, "Images of a megapixel: the sun and the edges of stones")."""
-MIN_RESIDUAL = 1e-6  #: Minimum median residual, grey levels, by which a residual is divided.
+"""Minimum and maximum ratio of a residual to the median residual. `PIXEL_FLOOR` is multiplied by the square of the
+ratio, 0.25 to 16, in images from `EDGE_FOCAL_PX` on (measurements/localiser_trials.md, "Images of a megapixel: the sun
+and the edges of stones")."""
+MIN_RESIDUAL = 1e-6  #: Minimum of the median residual, grey levels. It prevents a division by zero.
 EDGE_FOCAL_PX = 600.0
-"""Focal length, px, from which edges of stones limit a pose rather than image noise. Seen from another position, an
-edge is another point of the stone, which biases the rotation. Landmarks with a large residual get a larger floor."""
+"""Focal length, px, from which edges of stones limit the pose more than image noise. The visible edge of a stone is a
+different point of the stone from each position, which biases the rotation. Landmarks with a large residual therefore
+have a larger minimum standard deviation."""
 MIN_TEXTURE = 1.0
-"""Minimum standard deviation of the coarsest pyramid level of a textured image, grey levels. Noise of 8 grey levels,
-averaged over 8 x 8 px, has 1."""
+"""Minimum standard deviation of the coarsest pyramid level of a textured image, grey levels. Image noise of 8 grey
+levels has a standard deviation of 1 after averaging over 8 x 8 px."""
 
 
 class StereoFrame(NamedTuple):
@@ -74,7 +78,7 @@ class StereoFrame(NamedTuple):
 
     @classmethod
     def of(cls, pair: StereoPair) -> StereoFrame:
-        """Build the pyramids of a pair, each image in a thread of its own."""
+        """Build the pyramids of a pair, each image in its own thread."""
         left, right = both(build_pyramid, (pair.left,), (pair.right,))
         return cls(pair.stamp_ns, pair.left, left, right)
 
@@ -85,15 +89,15 @@ class StereoFrame(NamedTuple):
 
 
 def is_textured(image: Pyramid) -> bool:
-    """Return whether an image has texture; a black, white or blinded image has none."""
+    """Return whether an image has texture; a black, white or overexposed image has none."""
     return float(np.std(image[-1].image)) > MIN_TEXTURE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracks:
-    """Observations of M landmarks in a stereo pair, and the pose that follows from them.
+    """Observations of M landmarks in a stereo pair, and the pose estimated from them.
 
-    Information, residuals and inliers are those of the last linearisation, at the pose before the last step.
+    Information, residuals and inliers belong to the last linearisation, at the pose before the last step.
     """
 
     pose: Pose  #: Left camera in the world.
@@ -104,7 +108,7 @@ class Tracks:
     chi2_per_dof: FloatArray  #: `(M,)` squared Mahalanobis residual per degree of freedom; NaN if not found.
     inliers: Mask  #: `(M,)` landmarks whose residual passes the gate.
     inlier_count: int  #: Number of inliers.
-    is_trusted: bool  #: Whether enough landmarks were found, and enough of these agree on the pose.
+    is_trusted: bool  #: Whether enough landmarks were found, and enough of the found landmarks are inliers.
 
     @property
     def observed(self) -> StereoObservations:
@@ -118,7 +122,7 @@ class Tracks:
 
     @property
     def stereo_fraction(self) -> float:
-        """Inliers observed in both images over those observed in the image with more inliers."""
+        """Ratio of the inliers observed in both images to the inliers observed in the image with more inliers."""
         in_left = self.inliers & np.isfinite(self.observations[:, 0])
         in_right = self.inliers & np.isfinite(self.observations[:, 2])
         most = max(int(np.count_nonzero(in_left)), int(np.count_nonzero(in_right)), 1)
@@ -131,19 +135,19 @@ class Tracks:
 
 
 class Tracker:
-    """Tracks landmarks in stereo pairs. It keeps no state between calls."""
+    """Tracker of landmarks in stereo pairs, without state between calls."""
 
     def __init__(self, min_tracked: int, camera: StereoCamera) -> None:
-        """A pose is trusted from `min_tracked` inliers on."""
+        """A trusted pose requires at least `min_tracked` inliers."""
         self._min_tracked = min_tracked
         self._camera = camera
 
     def align(
         self, left: Pyramid, landmarks: Landmarks, guesses: Sequence[Pose], levels: Sequence[int] = ALIGNED_LEVELS
     ) -> Pose:
-        """Return the pose, to some hundredths of a pixel of the last level.
+        """Return the pose, accurate to a few hundredths of a pixel of the last level.
 
-        The alignment continues from the initial guess that fits the first level best.
+        After the first level, the alignment continues from the guess with the highest correlation.
         """
         iterations, next_iterations = ALIGNMENT_ITERATIONS
         planes = landmarks.planes
@@ -160,7 +164,7 @@ class Tracker:
         return guesses[0]
 
     def observe(self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightOffset) -> StereoObservations:
-        """Search for landmarks near their projections from a pose that is right to about two pixels.
+        """Track landmarks from their projections at a pose that is accurate to about two pixels.
 
         The offset of the right camera is subtracted from the right observations.
         """
@@ -171,7 +175,7 @@ class Tracker:
         if abs(offset.u) > SEARCHED_OFFSET_PX:
             in_right[:, 0] += offset.u * in_right[:, 2]
         left, right = both(
-            track_patches,  # one kernel and nothing else: a thread that needs the interpreter's lock is put to sleep
+            track_patches,  # only one kernel: a thread that waits for the interpreter lock is put to sleep
             (frame.left[0].image, templates, planes.uv, in_left, LIMITS),
             (frame.right[0].image, templates, planes.uv, in_right, LIMITS),
         )
@@ -184,7 +188,7 @@ class Tracker:
         return StereoObservations(uv, variance)
 
     def solve(self, landmarks: Landmarks, observed: StereoObservations, start: Pose) -> Tracks:
-        """Return the pose that follows from observations of landmarks."""
+        """Estimate the pose from observations of landmarks."""
         solution = solve_pose(start, landmarks.estimates, observed, self._camera, POSE_ITERATIONS)
         chi2_per_dof = solution.linearised.chi2_per_dof
         inliers = chi2_per_dof < INLIER_CHI2_PER_DOF  # False for NaN
@@ -208,11 +212,11 @@ class Tracker:
         )
 
     def refine(self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightOffset) -> Tracks:
-        """Observe landmarks from a pose that is right to about two pixels, and solve for the pose."""
+        """Observe landmarks from a pose that is accurate to about two pixels, and solve for the pose."""
         return self.solve(landmarks, self.observe(frame, landmarks, start, offset), start)
 
     def refine_from_afar(self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightOffset) -> Tracks:
-        """Refine a pose that is right to some pixels."""
+        """Refine a pose with an error of several pixels, after an alignment on level 0."""
         return self.refine(frame, landmarks, self.align(frame.left, landmarks, [start], (0,)), offset)
 
     def complete(
@@ -224,7 +228,7 @@ class Tracker:
         rest: Landmarks,
         offset: RightOffset,
     ) -> Tracks:
-        """Solve for the pose by all landmarks: those of a mask were tracked, and the rest is observed now."""
+        """Solve for the pose with all landmarks. Those in `was_tracked` keep their observations; `rest` is observed."""
         of_rest = self.observe(frame, rest, tracks.pose, offset)
         still_there = tracks.landmarks.among(landmarks)
         uv = np.empty((len(landmarks.rows), 4))
@@ -238,7 +242,7 @@ class Tracker:
     def fits_swapped(self, frame: StereoFrame, tracks: Tracks, offset: RightOffset) -> bool:
         """Return whether the landmarks fit well if left and right image are swapped.
 
-        The image that shows more inliers was then taken by the other camera, a baseline beside.
+        If they fit, the image with more inliers was taken by the other camera, which is one baseline away.
         """
         rotation, position = tracks.pose
         baseline = rotation[:, 0] * self._camera.baseline_m
@@ -249,9 +253,9 @@ class Tracker:
     def position_variance(self, covariance: FloatArray, residual: FloatArray) -> FloatArray:
         """Return the variances `(N, 3)` uu, uv, vv of tracked positions, px^2.
 
-        The covariance `(N, 3)` is for a noise of one grey level; the residual `(N,)` is the RMS of the patch, grey
-        levels, NaN if it was not found. A residual below the median is replaced by the median, because it may be small
-        by chance.
+        The covariance `(N, 3)` is for an image noise of one grey level. The residual `(N,)` is the RMS of the patch,
+        grey levels, or NaN if the patch was not found. A residual below the median may be small by chance and is
+        replaced by the median.
         """
         found = residual[~np.isnan(residual)]
         typical = median(found) if len(found) else 1.0
