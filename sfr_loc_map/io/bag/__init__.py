@@ -1,1 +1,1 @@
-"""ROS 1 and ROS 2 bags: storage, messages, frames and topics, read as a drive or as messages, and written."""
+"""Reading and writing of ROS 1 and ROS 2 bags: storage, messages, topics and frames."""

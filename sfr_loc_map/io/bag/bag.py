@@ -1,4 +1,4 @@
-"""Bags of ROS 2 (sqlite3 and mcap) and of ROS 1, read as a stream and opened for each pass: topics, messages, poses."""
+"""Topics, messages and poses of ROS 2 (sqlite3, mcap) and ROS 1 bags, read as a stream; each pass reopens the files."""
 
 from __future__ import annotations
 
@@ -49,11 +49,11 @@ from sfr_loc_map.topics import COMPRESSED_END, RECTIFIED, configuration_topic, n
 
 TYPESTORE = get_typestore(Stores.ROS2_JAZZY)
 TOPICS_READ = tuple(name.strip("/") for name in names(read=True))
-"""Names of the topics that are read from a bag, within any one namespace."""
+"""Names of the topics that are read from a bag, in any namespace."""
 STAMPED = {IMAGE, COMPRESSED, CAMERA_INFO, POSE, ODOMETRY, POINTS, DISPARITY}
 """Types whose first field is a header."""
 HEADER_FIRST = STAMPED | {POSE_WITH_COVARIANCE, POINT, TRANSFORM, FIX, JOINTS}
-"""Types whose header takes the time of recording, if the bag is read by it."""
+"""Types whose header stamp is replaced by the time of recording if the bag is read by times of recording."""
 
 _log = logging.getLogger(__name__)
 
@@ -68,23 +68,23 @@ class Topic:
 
 
 class Bag:
-    """A bag, and its `topics` by name; `unfinished` where its recording broke off: what was written whole is read."""
+    """A bag; `topics` maps names to types. An `unfinished` bag was not closed and is read up to its last record."""
 
     def __init__(self, path: Path, remap: Mapping[str, str] | None = None, stamps: str = "header") -> None:
-        """Read the topics of a folder or file (.mcap, .db3, .bag of ROS 1); `remap`: new names by those in the bag.
+        """Read the topics of a folder or file (.mcap, .db3, .bag of ROS 1); `remap`: new names by name in the bag.
 
-        `stamps`: "header", or "record" for messages whose headers get the time at which they were recorded.
+        `stamps`: "header", or "record" to replace the stamps of headers by the times of recording.
         """
         self.path = path
         self._by_record = stamps == "record"
         self._files = reader_paths(path)
         self.unfinished = any(is_unfinished(file) for file in self._files if file.is_file())
         if self.unfinished:
-            _log.warning(f"bag '{path}' was not finished: it is read up to its last whole part")
+            _log.warning(f"bag '{path}' was not closed: it is read up to its last complete record")
         with self._reading() as readers:
             connections = readable([c for reader in readers for c in reader.connections])
             self.topics: dict[str, str] = {c.topic: c.msgtype for c in connections}
-            if not all(isinstance(text, str) for pair in self.topics.items() for text in pair):  # in a database
+            if not all(isinstance(text, str) for pair in self.topics.items() for text in pair):  # as sqlite permits
                 raise TypeError("the name or the type of a topic is not text")
             self.counts = {name: sum(c.msgcount for c in connections if c.topic == name) for name in self.topics}
         if not any(self.counts.values()):
@@ -98,12 +98,12 @@ class Bag:
         return other
 
     def matches(self, name: str) -> list[str]:
-        """Return the names in the bag of the topics that a relative name may stand for, within any one namespace."""
+        """Return the names in the bag of the topics that match a relative name, in any namespace."""
         exact = [topic for topic, new in self._names.items() if new == name]
         return exact or [topic for topic, new in self._names.items() if new.endswith("/" + name)]
 
     def find(self, name: str, *msgtypes: str) -> Topic | None:
-        """Return the topic of a relative name in any one namespace, or None; `COMPRESSED`: `name/compressed` too."""
+        """Return the topic of a relative name, or None; with `COMPRESSED`, `name/compressed` is accepted too."""
         found = self.matches(name)
         if not found and COMPRESSED in msgtypes:
             found = self.matches(f"{name}{COMPRESSED_END}")
@@ -111,22 +111,23 @@ class Bag:
             return None
         if len(found) > 1:
             several = ", ".join(found)
-            raise InputError(f"bag '{self.path}' has several topics '{name}': {several}; choose one by --remap")
+            raise InputError(f"bag '{self.path}' has several topics '{name}': {several}; choose one with --remap")
         msgtype = self.topics[found[0]]
         if msgtypes and msgtype not in msgtypes:
             raise InputError(
-                f"topic '{found[0]}' of bag '{self.path}' is {msgtype}: {' or '.join(msgtypes)} is required as '{name}'"
+                f"topic '{found[0]}' of bag '{self.path}' is {msgtype}: {' or '.join(msgtypes)} is required "
+                f"for '{name}'"
             )
         return Topic(f"{name}{COMPRESSED_END}" if msgtype == COMPRESSED else name, found[0], msgtype)
 
     def raw_messages(self, names: Collection[str]) -> Iterator[tuple[str, str, int, bytes]]:
-        """Yield relative name, type, stamp and bytes on topics that are there; images also as `.../compressed`."""
+        """Yield relative name, type, stamp and bytes of the messages of all topics found; images may be compressed."""
         found = [self.find(name, *((IMAGE, COMPRESSED) if name.endswith(RECTIFIED) else ())) for name in names]
         for topic, stamp_ns, raw in self.stream([topic for topic in found if topic is not None]):
             yield topic.name, topic.msgtype, stamp_ns, raw
 
     def stream(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, int, bytes]]:
-        """Yield topic, stamp (the header's, else that of recording), ns, and CDR bytes in the order of recording."""
+        """Yield topic, stamp (of the header, else of recording, ns) and CDR bytes in the order of recording."""
         by_name = {topic.bag_name: topic for topic in topics}
         with self._reading() as readers:
             wanted = [(reader, [c for c in reader.connections if c.topic in by_name]) for reader in readers]
@@ -144,12 +145,12 @@ class Bag:
                 )
 
     def messages(self, topics: Collection[Topic]) -> Iterator[tuple[Topic, int, Any]]:
-        """Yield the messages of topics, deserialised; otherwise as `stream`."""
+        """Yield topic, stamp (as in `stream`) and deserialised message in the order of recording."""
         for topic, stamp_ns, raw in self.stream(topics):
             yield topic, stamp_ns, self.deserialise(topic, raw)
 
     def deserialise(self, topic: Topic, raw: bytes) -> Any:  # noqa: ANN401 - the type depends on the topic
-        """Return the message in its bytes."""
+        """Return the deserialised message."""
         try:
             return TYPESTORE.deserialize_cdr(raw, topic.msgtype)
         except Exception as error:
@@ -174,17 +175,17 @@ class Bag:
         for old, new in wanted.items():
             if old not in names.values():
                 near = _near(old, sorted(self.topics))
-                raise InputError(f"bag '{self.path}' has no topic '{old}' to remap as '{new}': {near}")
+                raise InputError(f"bag '{self.path}' has no topic '{old}' to remap to '{new}': {near}")
             if not any(f"/{new}".endswith(f"/{name}") for name in TOPICS_READ):
                 raise ConfigError(
-                    f"'--remap {old}:={new}': no topic is read as '{new}', so that '{old}' would be left out of "
-                    f"'{self.path}': {_near(new, TOPICS_READ)}"
+                    f"'--remap {old}:={new}': no topic is read as '{new}', so '{old}' of "
+                    f"'{self.path}' would be ignored: {_near(new, TOPICS_READ)}"
                 )
         return {topic: wanted.get(name, name) for topic, name in names.items()}
 
     @contextmanager
     def _reading(self) -> Iterator[list[BagReader]]:
-        """Open the files; whatever readers raise for broken data (KeyError, errors of sqlite, ...) is one error."""
+        """Open the files; any exception that corrupt data causes (KeyError, sqlite3.Error, ...) becomes InputError."""
         try:
             with ExitStack() as stack:
                 readers = [reader_of(file) for file in self._files]
@@ -204,7 +205,7 @@ class Bag:
 
 
 def restamped(raw: bytes, stamp_ns: int) -> bytes:
-    """Return a message that begins with a header with another stamp, in CDR (XTypes 1.3, 7.4)."""
+    """Return a CDR message, which begins with a header, with another header stamp (XTypes 1.3, 7.4)."""
     order = "<" if raw[1] & 1 else ">"
     return raw[:4] + struct.pack(f"{order}iI", *divmod(stamp_ns, NS_PER_S)) + raw[12:]
 
@@ -220,15 +221,15 @@ def _line(error: Exception) -> str:
 
 
 def pose_of(position: Any, orientation: Any) -> Transform:  # noqa: ANN401 - of a message of any library
-    """Return the rigid motion of a translation (or position) and a quaternion of a message."""
+    """Return the transform of a position (or translation) and a quaternion of a message."""
     quat = orientation
     return Transform.from_quat((position.x, position.y, position.z), (quat.x, quat.y, quat.z, quat.w))
 
 
 def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
-    """Read poses with covariances `(N, 6, 6)` (m^2, rad^2), of odometry for one, in the order of recording.
+    """Read the poses and covariances `(N, 6, 6)` (m^2, rad^2) of a topic in the order of recording.
 
-    Invalid poses among others are skipped, as the monitor does; a warning reports how many.
+    Invalid poses among valid ones are skipped, as in the monitor, and a warning reports their number.
     """
     rows, covariances = [], []
     for _, _, message in bag.messages([topic]):
@@ -238,7 +239,7 @@ def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
     turned = plausible_quats(values[:, 3:]) | (not values[:, 3:].any())
     good = np.flatnonzero(plausible_positions(values[:, :3]) & turned)
     if 0 < len(good) < len(rows):
-        _log.warning(f"{where}: {len(rows) - len(good)} of {len(rows)} poses are none (numbers, rotation): left out")
+        _log.warning(f"{where}: {len(rows) - len(good)} of {len(rows)} poses skipped: invalid position or quaternion")
         rows, covariances = [rows[k] for k in good], [covariances[k] for k in good]
     with refusing(where, "record it again"):
         trajectory = trajectory_of(rows)
@@ -246,7 +247,7 @@ def read_odometry(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
 
 
 def read_trajectory(bag: Bag, name: str) -> Trajectory | None:
-    """Read the poses of an odometry topic by its relative name, within any one namespace; None if there are none."""
+    """Read the poses of an odometry topic by its relative name, in any namespace; None if there are no poses."""
     topic = bag.find(name, ODOMETRY)
     if topic is None:
         return None
@@ -256,7 +257,7 @@ def read_trajectory(bag: Bag, name: str) -> Trajectory | None:
 
 
 def read_frame_tree(bag: Bag) -> FrameTree:
-    """Return the frames that `/tf_static` joins; none where it is not there."""
+    """Return the tree of the frames in `/tf_static`; empty if the bag does not have this topic."""
     frames, topic = FrameTree(), bag.find("tf_static", TF)
     for _, _, message in () if topic is None else bag.messages([topic]):
         for item in message.transforms:
@@ -267,7 +268,7 @@ def read_frame_tree(bag: Bag) -> FrameTree:
 
 
 def read_extrinsics(bag: Bag, camera_frame: str, baseline_m: float, base_frame: str = "") -> RigInBody | None:
-    """Return the pose of the rig by /tf_static, else by a recorded localisation node's parameters, or None."""
+    """Return the pose of the rig from /tf_static, else from the parameters of a recorded localisation node, or None."""
     if (found := rig_in_body(read_frame_tree(bag), camera_frame, baseline_m, base_frame)) is not None:
         return RigInBody(found.T_rb_sb, f"/tf_static, {found.text}")
     configuration = configuration_topic(Task.LOCALISATION)
@@ -277,7 +278,7 @@ def read_extrinsics(bag: Bag, camera_frame: str, baseline_m: float, base_frame: 
     message = bag.first([Topic(configuration, found_in[0], STRING)]).get(configuration)
     if message is None:
         return None
-    with refusing(f"'{found_in[0]}' of bag '{bag.path}': T_rb_locsb cannot be read", "leave the topic out"):
+    with refusing(f"'{found_in[0]}' of bag '{bag.path}': T_rb_locsb cannot be read", "omit the topic"):
         values = parse_json(message.data)
         if not isinstance(values, dict):
             raise TypeError("an object is required")

@@ -1,4 +1,4 @@
-"""How the messages of a bag are written: those of ROS 2 (CDR) and of ROS 1 are read, all others are skipped."""
+"""Encodings of the messages of a bag: ROS 2 (CDR) and ROS 1 are read, all others are skipped."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from rosbags.typesys import Stores, get_typestore
 from sfr_loc_map.errors import InputError
 
 CDR, ROS1 = "cdr", "ros1"
-OLD_TYPES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}  #: Older names of types of ROS 1 that are read.
+OLD_TYPES = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}  #: Present names of ROS 1 types by their former names.
 _ROS2 = get_typestore(Stores.ROS2_JAZZY)
 
 
 def is_ros1(connection: Connection) -> bool:
-    """Return whether the messages of a connection of a ROS 2 bag are those of ROS 1."""
+    """Return whether the messages of a connection of a ROS 2 bag have the ROS 1 encoding."""
     return _encoding(connection) == ROS1
 
 
@@ -25,7 +25,7 @@ def cdr_of_ros1(data: bytes, msgtype: str) -> bytes:
 
 
 def readable(connections: Sequence[Connection]) -> list[Connection]:
-    """Return the connections whose messages are of ROS 2 or ROS 1; InputError if all are written in another way."""
+    """Return the connections with messages of ROS 2 or ROS 1; InputError if all connections have other encodings."""
     found = [_of_ros2(each) for each in connections if _encoding(each) in (CDR, ROS1, "")]
     if connections and not found:
         written = ", ".join(sorted({_encoding(each) for each in connections}))

@@ -1,4 +1,4 @@
-"""The files of a bag: how it is detected and whether they are whole, without the library of the bags."""
+"""Detection of bags and of unfinished files, without importing rosbags."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from sfr_loc_map.inputs import check_regular, read_text, refusing
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
 ROS1_MAGIC = b"#ROSBAG"
-ROS1_SUFFIXES = (".bag", ".active")  #: Endings of files: finished ones, and those of a recorder that was killed.
+ROS1_SUFFIXES = (".bag", ".active")  #: Endings of finished files, and of the files of a recorder that was killed.
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 
 
@@ -23,12 +23,12 @@ def is_bag(path: Path) -> bool:
 
 
 def is_ros1_bag(path: Path) -> bool:
-    """Return whether a path is a file of a ROS 1 bag, by its first bytes; an empty file by its ending."""
+    """Return whether a path is a ROS 1 bag by its ending and its first bytes; an empty file is one by its ending."""
     return path.suffix in ROS1_SUFFIXES and path.is_file() and _ends(path, len(ROS1_MAGIC))[0] in (ROS1_MAGIC, b"")
 
 
 def _ends(path: Path, count: int) -> tuple[bytes | None, bytes]:
-    """Return the first and the last bytes of a file; None where it cannot be read."""
+    """Return the first and the last bytes of a file; `(None, b"")` if it cannot be read."""
     try:
         with path.open("rb") as stream:
             first = stream.read(count)
@@ -39,7 +39,7 @@ def _ends(path: Path, count: int) -> tuple[bytes | None, bytes]:
 
 
 def reader_paths(path: Path) -> list[Path]:
-    """Return what readers shall open: the folder, or the storage files where metadata.yaml is missing."""
+    """Return the paths to open: the folder, or its storage files if rosbags would reject the folder."""
     if not path.exists():
         raise InputError(f"there is no bag '{path}': give its folder or its .mcap, .db3 or .bag file")
     files = [path]
@@ -53,7 +53,7 @@ def reader_paths(path: Path) -> list[Path]:
     if not path.is_dir() or (metadata.exists() and not (files and _is_mixed(metadata))):
         return [path]
     if not files:
-        raise InputError(f"folder '{path}' is not a bag: neither metadata.yaml nor a .mcap or .db3 file is in it")
+        raise InputError(f"folder '{path}' is not a bag: it contains neither metadata.yaml nor a .mcap or .db3 file")
     return files
 
 
@@ -64,7 +64,7 @@ def _by_number(file: Path) -> list[tuple[int, str]]:
 
 
 def _is_mixed(metadata: Path) -> bool:
-    """Return whether a bag has topics other than of ROS 2, for which the library refuses the folder, not the files."""
+    """Return whether a bag has encodings other than ROS 2, for which rosbags rejects the folder but not the files."""
     with refusing(f"bag '{metadata.parent}' cannot be read", "it is corrupt or truncated: record or copy it again"):
         text = read_text(metadata)
     formats = re.findall(r"^ *serialization_format: *[\"']?(\w*)", text, re.MULTILINE)
@@ -72,6 +72,6 @@ def _is_mixed(metadata: Path) -> bool:
 
 
 def is_unfinished(path: Path) -> bool:
-    """Return whether a file is mcap that was not closed."""
+    """Return whether a file is an MCAP file that was not closed."""
     first, last = _ends(path, len(MCAP_MAGIC))
     return first == MCAP_MAGIC and (last != MCAP_MAGIC or path.stat().st_size == len(MCAP_MAGIC))

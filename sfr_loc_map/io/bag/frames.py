@@ -1,4 +1,4 @@
-"""Frames as series of poses, by /tf and /tf_static of a bag or of a graph."""
+"""Frames as series of poses, from /tf and /tf_static of a bag or of a ROS graph."""
 
 from __future__ import annotations
 
@@ -14,42 +14,42 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import stamp_of
 from sfr_loc_map.message_types import TF
 
-MAX_CHAINS = 1000  #: Most chains of frames that are followed at a time.
+MAX_CHAINS = 1000  #: Maximum number of frame chains that are searched at the same time.
 PoseRow = tuple[int, tuple[float, ...]]  #: Stamp, ns, and x, y, z, qx, qy, qz, qw.
 
 
 @dataclass(slots=True)
 class Frame:
-    """A frame in its parent."""
+    """A frame and its poses in its parent."""
 
     parent: str
     is_static: bool
     rows: list[PoseRow] = field(default_factory=list)
-    other_parents: tuple[str, ...] = ()  #: Further parents of the frame, if it is unknown which one counts.
+    other_parents: tuple[str, ...] = ()  #: Further parents of the frame, if the choice of the parent is ambiguous.
 
     @property
     def poses(self) -> Trajectory:
-        """Its poses in the parent; the last one if it is static. GeometryError if one is invalid."""
+        """The poses in the parent; only the last one if the frame is static. GeometryError if a pose is invalid."""
         return trajectory_of(self.rows[-1 if self.is_static else 0 :])
 
 
 class FrameSeries:
-    """The frames of transforms that come one by one, each in every parent that it has."""
+    """Collects frames from single transforms, separately for each parent of a frame."""
 
     def __init__(self) -> None:
         self._by_child: dict[str, dict[str, Frame]] = {}
 
     def frame_of(self, item: Any, *, is_static: bool) -> Frame:  # noqa: ANN401 - a TransformStamped of any library
-        """Return the frame that a transform is about, in the parent of this transform."""
+        """Return the child frame of a transform in the parent of this transform."""
         parent = item.header.frame_id.strip("/")
         by_parent = self._by_child.setdefault(item.child_frame_id.strip("/"), {})
         return by_parent.setdefault(parent, Frame(parent, is_static))
 
     def chosen(self, child: str = "", parent: str = "") -> dict[str, Frame]:
-        """Return the frames that have a parent, by their names without a slash at the ends.
+        """Return the frames that have a parent, by name without leading or trailing slashes.
 
-        Transforms of one frame in several parents are never mixed: those on the way from `child` up to `parent` are
-        taken, else the first parent, and `Frame.other_parents` has the others.
+        Transforms of a frame to several parents are never mixed. On the chain from `child` up to `parent` the parent
+        in the chain is used. Elsewhere the first parent is used, and `Frame.other_parents` has the others.
         """
         way = _way(self._by_child, child, parent) if parent else {}
         frames = {}
@@ -73,7 +73,7 @@ def read_frames(bag: Any, child: str = "", parent: str = "") -> dict[str, Frame]
 
 
 def _way(series: Mapping[str, Mapping[str, Frame]], child: str, parent: str) -> dict[str, str]:
-    """Return the parent of each frame on the shortest chain from a frame up to one above it; empty without one."""
+    """Return the parent of each frame on the shortest chain from `child` up to `parent`; empty without a chain."""
     chains: list[dict[str, str]] = [{}]
     tips = [child]
     while tips:
@@ -89,24 +89,24 @@ def _way(series: Mapping[str, Mapping[str, Frame]], child: str, parent: str) -> 
 
 
 def chain_above(frames: Mapping[str, Frame], name: str, end: str = "") -> list[str]:
-    """Return a frame and those above it that have a parent, up to `end` or the root.
+    """Return a frame and its ancestors, without `end`, the ancestors of `end`, and the root.
 
-    ValueError if one of them has several parents, among which nothing chooses.
+    ValueError if the parent of a frame in this chain is ambiguous.
     """
     chain: list[str] = []
     while name in frames and name != end and len(chain) <= len(frames):
         chain.append(name)
         if others := frames[name].other_parents:
             parents = " and ".join(sorted((frames[name].parent, *others)))
-            raise ValueError(f"frame '{name}' has the parents {parents}, which are never mixed")
+            raise ValueError(f"frame '{name}' has the parents {parents}, but one parent is required")
         name = frames[name].parent
     return chain
 
 
 def chain_poses(frames: Mapping[str, Frame], chain: Sequence[str], stamps_of: str) -> Trajectory:
-    """Return the poses of the first frame of a chain in the parent of the last one.
+    """Return the poses of the first frame of a chain in the parent of the last frame.
 
-    They are at the stamps of the moving frame `stamps_of` within the time of all moving frames of the chain.
+    The stamps are those of the moving frame `stamps_of` in the time interval that all moving frames cover.
     """
     series = {name: frames[name].poses for name in chain}
     stamps = series[stamps_of].stamps_ns
@@ -130,6 +130,6 @@ def pose_row(message: Any, pose: Any) -> PoseRow:  # noqa: ANN401 - messages
 
 
 def trajectory_of(rows: list[PoseRow]) -> Trajectory:
-    """Return the poses of rows; GeometryError if one is invalid."""
+    """Return the poses in rows as a trajectory; GeometryError if a pose is invalid."""
     values = np.array([row for _, row in rows], np.float64).reshape(-1, 7)
     return Trajectory(np.array([stamp for stamp, _ in rows], np.int64), values[:, :3].copy(), values[:, 3:].copy())

@@ -1,7 +1,7 @@
-"""Reads MCAP files (mcap.dev/spec), whatever their profile, with bounds on what is unpacked at the same time.
+"""Reads MCAP files (mcap.dev/spec) of any profile, and limits the data that are decompressed at the same time.
 
 A complete file is read by the index in its summary. A file without an index, or one that was not closed, is read
-record by record. The records of a file that was not closed end where the last complete one ends.
+record by record. `RecoveringMcapFile` reads a file that was not closed up to its last complete record.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ DEFINITIONS = {
     "ros2idl": MessageDefinitionFormat.IDL,
     "omgidl": MessageDefinitionFormat.IDL,
 }
-"""Formats of the definitions of types, by the encoding of a schema. Others (protobuf, JSON) are not of ROS."""
+"""Formats of type definitions by schema encoding. Other encodings (protobuf, JSON) are not those of ROS."""
 
 
 class Chunk(NamedTuple):
@@ -54,8 +54,8 @@ class Chunk(NamedTuple):
 
     start_ns: int  #: Time of its first message.
     end_ns: int  #: Time of its last message.
-    offset: int  #: Where its record begins in the file.
-    size: int  #: Bytes of its content.
+    offset: int  #: Offset of its record in the file, bytes.
+    size: int  #: Size of its decompressed content, bytes.
     channels: frozenset[int]  #: Channels of its messages; empty if unknown.
 
 
@@ -64,8 +64,8 @@ class LooseMessage(NamedTuple):
 
     time_ns: int
     channel: int
-    offset: int  #: Where its data begin in the file.
-    size: int
+    offset: int  #: Offset of its data in the file, bytes.
+    size: int  #: Size of its data, bytes.
 
 
 class McapFile:
@@ -74,7 +74,7 @@ class McapFile:
     recovers = False  #: Whether a file that was not closed is read up to its last complete record.
 
     def __init__(self, path: Path) -> None:
-        """Take the file that `open` opens."""
+        """Set the path of the file that `open` opens."""
         self.path = Path(str(path))
         self.connections: list[Connection] = []
         self.metadata = NO_MESSAGES
@@ -83,7 +83,7 @@ class McapFile:
         self._loose: list[LooseMessage] = []
 
     def open(self) -> None:
-        """Read the index, or the file if it has none; ReaderError if it is not MCAP, or broken."""
+        """Read the index, or the complete file if it has no index; ReaderError if it is not MCAP or is corrupt."""
         self._file = self.path.open("rb")
         try:
             contents = self._contents(self._file)
@@ -128,7 +128,7 @@ class McapFile:
             yield connection, time_ns, cdr_of_ros1(data, connection.msgtype) if is_ros1(connection) else data
 
     def _in_chunks(self, wanted: Collection[int], low: int, high: int) -> Iterator[tuple[int, int, bytes]]:
-        """Yield time, channel and data of the messages in chunks that hold any that are wanted, in order of time."""
+        """Yield time, channel and data of the wanted channels' messages inside chunks, in order of time."""
         assert self._file
         pending: list[tuple[int, int, int, bytes]] = []
         count = 0
@@ -162,7 +162,7 @@ class McapFile:
             raise ReaderError("it does not begin as an MCAP file")
         head = _record_head(file, size)
         if head is None or head[0] != HEADER:
-            raise ReaderError("it ends within its first record, or begins with another one than the header")
+            raise ReaderError("its first record is incomplete or is not the header")
         start = head[1] + head[2]
         if self.recovers and is_unfinished(self.path):
             return _scanned(file, start, size, is_cut_off=True)
@@ -179,10 +179,10 @@ class RecoveringMcapFile(McapFile):
 
 
 class _Contents:
-    """What a file holds, as it is found record by record."""
+    """The contents of a file, which are collected record by record."""
 
     def __init__(self) -> None:
-        self.definitions: dict[int, tuple[str, MessageDefinition]] = {}  # name and definition of a type by schema
+        self.definitions: dict[int, tuple[str, MessageDefinition]] = {}  # type name and definition by schema
         self.connections: dict[int, Connection] = {}
         self.chunks: list[Chunk] = []
         self.loose: list[LooseMessage] = []
@@ -191,7 +191,7 @@ class _Contents:
         self.end_ns = 0
 
     def define(self, opcode: int, content: bytes) -> None:
-        """Take the content of a record that defines a schema or a channel; others are ignored."""
+        """Add the schema or the channel that a record defines; other records are ignored."""
         if opcode == SCHEMA:
             fields = _Fields(content)
             schema, name, encoding = fields.number("<H"), fields.text(), fields.text()
@@ -220,7 +220,7 @@ class _Contents:
 
 
 def _summary_start(file: BinaryIO, start: int, end: int) -> int:
-    """Return where the summary begins, 0 without one; `start` and `end` are those of all records but the footer."""
+    """Return the offset of the summary, 0 without a summary; the records before the footer are in `start` to `end`."""
     if end < start:
         raise ReaderError("it is too short for the footer of an MCAP file")
     file.seek(end)
@@ -229,12 +229,12 @@ def _summary_start(file: BinaryIO, start: int, end: int) -> int:
         raise ReaderError("it does not end with the footer of an MCAP file")
     (summary_start,) = struct.unpack_from("<Q", footer, RECORD_HEAD.size)
     if summary_start and not start <= summary_start <= end:
-        raise ReaderError(f"its footer places the summary at byte {summary_start}: it is from {start} to {end}")
+        raise ReaderError(f"its footer places the summary at byte {summary_start}: {start} to {end} is required")
     return int(summary_start)
 
 
 def _summary(file: BinaryIO, start: int, end: int) -> _Contents | None:
-    """Return the contents of the file by its summary; None if the summary is not complete."""
+    """Return the contents of the file from its summary; None if the summary is incomplete."""
     contents = _Contents()
     chunk_count = message_count = schema_count = channel_count = -1
     for opcode, content in _records(_at(file, start, end - start)):
@@ -259,8 +259,8 @@ def _chunk_of_index(content: bytes) -> Chunk:
     start_ns, end_ns, offset, _ = (fields.number("<Q") for _ in range(4))
     channels = frozenset(channel for channel, _ in struct.iter_unpack("<HQ", fields.sized()))
     fields.number("<Q")  # length of the message indexes
-    fields.text()  # compression, which the chunk itself names
-    fields.number("<Q")  # compressed size, likewise
+    fields.text()  # compression, which the chunk repeats
+    fields.number("<Q")  # compressed size, which the chunk repeats
     return Chunk(start_ns, end_ns, offset, fields.number("<Q"), channels)
 
 
@@ -268,7 +268,7 @@ def _chunk_of_index(content: bytes) -> Chunk:
 
 
 def _scanned(file: BinaryIO, start: int, end: int, *, is_cut_off: bool) -> _Contents:
-    """Return what the records from `start` to `end` hold; if the file is cut off, up to the last complete one."""
+    """Return the contents of the records from `start` to `end`, or to the last complete one if the file is cut off."""
     contents = _Contents()
     offset = start
     while offset < end:
@@ -277,7 +277,7 @@ def _scanned(file: BinaryIO, start: int, end: int, *, is_cut_off: bool) -> _Cont
         if head is None or head[0] == 0:
             if is_cut_off:
                 break
-            raise ReaderError(f"the record at byte {offset} is not complete")
+            raise ReaderError(f"the record at byte {offset} is incomplete")
         opcode, begin, size = head
         if opcode in (FOOTER, DATA_END):
             break
@@ -291,7 +291,7 @@ def _scanned(file: BinaryIO, start: int, end: int, *, is_cut_off: bool) -> _Cont
         elif opcode == CHUNK:
             try:
                 unpacked = _chunk_content(file, offset)
-            except Exception:  # whatever a decompressor raises for broken data
+            except Exception:  # decompressors raise various exceptions for corrupt data
                 if is_cut_off:
                     break
                 raise
@@ -303,7 +303,7 @@ def _scanned(file: BinaryIO, start: int, end: int, *, is_cut_off: bool) -> _Cont
 
 
 def _scanned_chunk(contents: _Contents, offset: int, unpacked: bytes) -> Chunk:
-    """Return a chunk by its records, which are counted."""
+    """Add the records of a chunk to the contents, and return the chunk."""
     times: list[int] = []
     channels: set[int] = set()
     for opcode, content in _records(unpacked):
@@ -321,7 +321,7 @@ def _scanned_chunk(contents: _Contents, offset: int, unpacked: bytes) -> Chunk:
 
 
 class _Fields:
-    """The fields of a record, one after the other."""
+    """Reads the fields of a record one after the other."""
 
     def __init__(self, content: bytes) -> None:
         self._content = content
@@ -338,7 +338,7 @@ class _Fields:
         return int(value)
 
     def sized(self) -> bytes:
-        """Return bytes after their length."""
+        """Return the bytes of a field that begins with its length."""
         size = self.number("<I")
         data = self._content[self._place : self._place + size]
         if len(data) < size:
@@ -351,7 +351,7 @@ class _Fields:
 
 
 def _record_head(file: BinaryIO, end: int) -> tuple[int, int, int] | None:
-    """Return opcode, place and size of the content of the record at the present place; None if it is not complete."""
+    """Return opcode, content offset and content size of the record at the file position; None if it is incomplete."""
     head = file.read(RECORD_HEAD.size)
     if len(head) < RECORD_HEAD.size:
         return None
@@ -375,7 +375,7 @@ def _records(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def _messages_in(content: bytes, wanted: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
-    """Yield time, channel and data of the messages of a chunk that are of the channels that are wanted."""
+    """Yield time, channel and data of the wanted channels' messages in a chunk."""
     for opcode, record in _records(content):
         if opcode == MESSAGE:
             channel, _, time_ns, _ = MESSAGE_HEAD.unpack_from(record)
@@ -384,7 +384,7 @@ def _messages_in(content: bytes, wanted: Collection[int]) -> Iterator[tuple[int,
 
 
 def _chunk_content(file: BinaryIO, offset: int) -> bytes:
-    """Return the records of the chunk at a place of a file; ReaderError or ValueError if it is broken or too large."""
+    """Return the decompressed chunk at an offset of a file; ReaderError or ValueError if it is corrupt or too large."""
     size = file.seek(0, 2)
     file.seek(offset)
     head = _record_head(file, size)
@@ -407,14 +407,14 @@ def _chunk_content(file: BinaryIO, offset: int) -> bytes:
     else:
         raise ReaderError(f"chunks compressed by '{compression}' cannot be read: zstd, lz4 or none is required")
     if len(content) != unpacked_size:
-        raise ReaderError(f"the chunk at byte {offset} holds {len(content)} bytes and announces {unpacked_size}")
+        raise ReaderError(f"the chunk at byte {offset} contains {len(content)} bytes but declares {unpacked_size}")
     if checksum and crc32(content) != checksum:
         raise ReaderError(f"the checksum of the chunk at byte {offset} is wrong")
     return content
 
 
 def _check_overlaps(chunks: Collection[Chunk]) -> None:
-    """Raise ReaderError if chunks that are unpacked at the same time, because their times overlap, are too large."""
+    """Raise ReaderError if chunks that overlap in time, and so are held at the same time, are too large in total."""
     edges = [(chunk.start_ns, chunk.size) for chunk in chunks]
     edges += [(chunk.end_ns, -chunk.size) for chunk in chunks]
     limit = max([2 * expansion_limit(0), *(chunk.size for chunk in chunks)])
@@ -422,11 +422,11 @@ def _check_overlaps(chunks: Collection[Chunk]) -> None:
     for _, size in sorted(edges):
         at_once += size
         if at_once > limit:
-            raise ReaderError(f"chunks of more than {limit} bytes overlap in time")
+            raise ReaderError(f"chunks that overlap in time exceed {limit} bytes in total")
 
 
 def _qos(metadata: bytes) -> list[Any]:
-    """Return the quality of service that a channel was offered with, empty if its metadata do not say."""
+    """Return the offered QoS profiles of a channel; empty if its metadata have none."""
     fields = _Fields(metadata)
     found: dict[str, str] = {}
     while fields.is_left:

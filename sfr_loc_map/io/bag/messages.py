@@ -1,4 +1,4 @@
-"""The messages of a bag, made from the values of the suite (names and frames: see docs/conventions)."""
+"""Conversion of the suite's values to ROS messages for bags (names and frames: docs/conventions.md)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FLOAT32 = 7  #: Code of a 32-bit float in sensor_msgs/PointField.
 _T = TYPESTORE.types
 
 
-def header(stamp_ns: int, frame: str) -> Any:  # noqa: ANN401 - types of the bag's library are made at run time
+def header(stamp_ns: int, frame: str) -> Any:  # noqa: ANN401 - rosbags creates the types at run time
     """Return a std_msgs/Header."""
     if not 0 <= stamp_ns < 2**31 * NS_PER_S:
         raise OutputError(f"stamp {stamp_ns} ns does not fit a ROS message: 0 to 2^31 seconds are allowed")
@@ -74,10 +74,10 @@ def odometry(stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> Any:
 
 
 def points(stamp_ns: int, truth: NDArray[np.float32], grid_m: float | None) -> Any:  # noqa: ANN401
-    """Return `(H, W, 3)` points in LM, NaN where none, as PointCloud2, in multiples of `grid_m`, 2^n, unless None."""
+    """Return `(H, W, 3)` points in LM (NaN: no point) as PointCloud2, rounded to `grid_m`, a power of two, if given."""
     if grid_m is not None:
         if not (grid_m > 0 and math.frexp(grid_m)[0] == 0.5):
-            raise OutputError(f"truth grid is {grid_m} m: a power of two is required, as 0.0009765625")
+            raise OutputError(f"truth grid is {grid_m} m: a power of two is required, such as 0.0009765625")
         truth = (np.round(truth.astype(np.float64) / grid_m) * grid_m).astype(np.float32)
     height, width, _ = truth.shape
     fields = [_T["sensor_msgs/msg/PointField"](name, 4 * i, FLOAT32, 1) for i, name in enumerate("xyz")]
@@ -86,7 +86,7 @@ def points(stamp_ns: int, truth: NDArray[np.float32], grid_m: float | None) -> A
 
 
 def static_transforms(stamp_ns: int, rig: StereoRig) -> Any:  # noqa: ANN401
-    """Return the tf2_msgs/TFMessage rb -> locsb -> the two optical frames; the first only if it is known."""
+    """Return the TFMessage locsb -> both optical frames, and rb -> locsb if the extrinsics are known."""
     left = rig.T_sb_left
     right = Transform(left.rotation, -left.translation)
     edges = [("locsb", "loc_left_optical", left), ("locsb", "loc_right_optical", right)]

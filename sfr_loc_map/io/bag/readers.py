@@ -1,7 +1,7 @@
-"""The readers of bags: those of the library rosbags with bounds, and one of our own for MCAP files.
+"""The readers of bags: those of rosbags with limits on decompressed sizes, and the suite's own for MCAP files.
 
-Whatever is compressed is bounded before it is unpacked. Messages of ROS 1 (format 2.0) are given as CDR, without the
-sequence number of their headers.
+Decompressed sizes are checked before or during decompression. Messages of ROS 1 (format 2.0) are returned as CDR,
+without the sequence number of their headers.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from sfr_loc_map.io.bag.unpacking import check_zstd_file, unpack_bz2, unpack_lz4
 
 METADATA = "rosbag2_bagfile_information"
 BOUNDED = {decompressors["bz2"]: unpack_bz2, decompressors["lz4"]: unpack_lz4}
-"""What unpacks a chunk of ROS 1, by what the library would take, which has no bounds."""
+"""Decompressors of ROS 1 chunks with a size limit, by those of rosbags, which have no limit."""
 _ROS1 = get_typestore(Stores.ROS1_NOETIC)
 
 
 class _BoundedDirectoryReader(DirectoryReader):
-    """Reads the folder of a bag: its metadata and compressed parts are bounded."""
+    """Reads the folder of a bag with limits on its metadata and its compressed files."""
 
     STORAGE_PLUGINS = MappingProxyType({**DirectoryReader.STORAGE_PLUGINS, "mcap": McapFile})
     _messages_compressed = False
@@ -48,7 +48,7 @@ class _BoundedDirectoryReader(DirectoryReader):
         mode = str(information.get("compression_mode", "")).lower()
         for name in information["relative_file_paths"]:
             file = path / PurePath(str(name)).name
-            if file.exists():  # the library names those that are missing
+            if file.exists():  # rosbags reports missing files
                 check_regular(file)
                 if mode == "file":
                     check_zstd_file(file)
@@ -81,7 +81,7 @@ class Ros1Reader(rosbag1.Reader):
         self.connections = [c._replace(msgtype=OLD_TYPES.get(c.msgtype, c.msgtype)) for c in self.connections]
 
     def read_chunk_info(self) -> ChunkInfo:
-        """Read the place of a chunk; a chunk that is listed twice would be read twice."""
+        """Read the offset of a chunk; a chunk that is listed twice is rejected."""
         info = super().read_chunk_info()
         if info.pos in self._places:
             raise Ros1Error(f"the chunk at byte {info.pos} is listed twice.")
@@ -89,7 +89,7 @@ class Ros1Reader(rosbag1.Reader):
         return info
 
     def read_chunk(self) -> Chunk:
-        """Read the head of a chunk, which is unpacked with bounds."""
+        """Read the head of a chunk, and select a decompressor with a size limit."""
         chunk = super().read_chunk()
         return chunk._replace(decompressor=BOUNDED.get(chunk.decompressor, chunk.decompressor))
 
@@ -100,14 +100,14 @@ class Ros1Reader(rosbag1.Reader):
         wanted = {each.id: each for each in connections or self.connections}
         for each in wanted.values():
             if not _has_known_fields(each):
-                raise Ros1Error(f"{each.msgtype} of '{each.topic}' has other fields than that of ROS Noetic.")
+                raise Ros1Error(f"{each.msgtype} of '{each.topic}' has other fields than in ROS Noetic.")
         for each, time_ns, data in super().messages(connections, start, stop):
             connection = wanted[each.id]
             yield connection, time_ns, cdr_of_ros1(data, connection.msgtype)
 
 
 def _has_known_fields(connection: Connection) -> bool:
-    """Return whether the messages are laid out as in ROS Noetic; rosbags-convert names fields as ROS 2 does, `k`."""
+    """Return whether the fields are those of ROS Noetic, ignoring case: rosbags-convert writes `k` instead of `K`."""
     msgtype = connection.msgtype
     if msgtype not in _ROS1.fielddefs:
         return True
@@ -117,7 +117,7 @@ def _has_known_fields(connection: Connection) -> bool:
     return all(_fields(item) == _fields(_ROS1.fielddefs.get(name, ([], []))) for name, item in given.items())
 
 
-def _fields(definition: Any) -> list[tuple[str, Any]]:  # noqa: ANN401 - a definition of the library
+def _fields(definition: Any) -> list[tuple[str, Any]]:  # noqa: ANN401 - a type definition of rosbags
     return [(name.lower(), kind) for name, kind in definition[1]]
 
 
@@ -125,5 +125,5 @@ BagReader: TypeAlias = Ros2Reader | Ros1Reader
 
 
 def reader_of(file: Path) -> BagReader:
-    """Return what reads a file or folder of `files.reader_paths`."""
+    """Return the reader of a file or folder of `files.reader_paths`."""
     return Ros1Reader(file) if is_ros1_bag(file) else Ros2Reader(file)

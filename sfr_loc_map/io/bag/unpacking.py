@@ -1,4 +1,4 @@
-"""Decompression with bounds: data of another program cannot take any amount of memory."""
+"""Decompression with size limits, so that malformed data cannot exhaust the memory."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ else:
 
 
 def unpack(data: bytes, new: Callable[[], Any], size: int | None = None) -> bytes:
-    """Return what compressed frames hold; `new` makes a decompressor of one, `size` is how many bytes are announced."""
+    """Decompress frames. `new` creates a decompressor for one frame; `size` is the declared size, bytes, if any."""
     most = expansion_limit(len(data))
-    if size is not None and size > most:  # before memory is taken
-        raise ValueError(f"compressed data of {len(data)} bytes claims to contain {size}: up to {most} are read")
+    if size is not None and size > most:  # before memory is allocated
+        raise ValueError(f"compressed data of {len(data)} bytes declares {size} bytes of content: limit {most}")
     limit = most if size is None else size
     parts: list[bytes] = []
     total = 0
@@ -32,7 +32,7 @@ def unpack(data: bytes, new: Callable[[], Any], size: int | None = None) -> byte
         parts.append(bytes(decompressor.decompress(rest, max_length=limit - total + 1)))
         total += len(parts[-1])
         if total > limit:
-            raise ValueError(f"compressed data of {len(data)} bytes holds more than {limit}")
+            raise ValueError(f"compressed data of {len(data)} bytes exceeds {limit} bytes when decompressed")
         if not decompressor.eof:
             raise ValueError("compressed data ends within a frame")
         rest = decompressor.unused_data
@@ -40,26 +40,26 @@ def unpack(data: bytes, new: Callable[[], Any], size: int | None = None) -> byte
 
 
 def unpack_bz2(data: bytes) -> bytes:
-    """Return what bzip2 frames hold."""
+    """Decompress bzip2 frames."""
     return unpack(data, bz2.BZ2Decompressor)
 
 
 def unpack_lz4(data: bytes, size: int | None = None) -> bytes:
-    """Return what LZ4 frames hold."""
+    """Decompress LZ4 frames."""
     return unpack(data, LZ4FrameDecompressor, size)
 
 
 def unpack_zstd(data: bytes, size: int | None = None) -> bytes:
-    """Return what Zstandard frames hold."""
+    """Decompress Zstandard frames."""
     return unpack(data, zstd.ZstdDecompressor, size)
 
 
 def check_zstd_file(path: Path) -> None:
-    """Check how much a Zstandard file holds, without keeping it."""
+    """Raise ValueError if the decompressed size of a Zstandard file exceeds the limit."""
     limit = expansion_limit(path.stat().st_size)
     total = 0
     with path.open("rb") as raw, zstd.open(raw, "rb") as stream:
         while part := stream.read(2**20):
             total += len(part)
             if total > limit:
-                raise ValueError(f"'{path.name}' holds more than {limit} bytes once decompressed")
+                raise ValueError(f"'{path.name}' exceeds {limit} bytes when decompressed")

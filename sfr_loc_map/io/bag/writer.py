@@ -1,8 +1,7 @@
-"""Writes ROS 2 bags: a drive and mapping pairs as a stream, or messages as they come.
+"""Writes ROS 2 bags: a drive and mapping pairs as a stream, or messages as they arrive.
 
-A recording (`BagRecorder`, mcap) may end by a crash: after each chunk the file gets an end record, which the next chunk
-overwrites, so that any reader takes what is there. What a crash of the host may cost is bounded by writing to the disk
-each second.
+A recording (`BagRecorder`, mcap) stays readable after a crash. Each chunk is followed by an end record, which the next
+chunk overwrites. The file is synchronised with the disk once per second, which limits the loss if the host crashes.
 """
 
 from __future__ import annotations
@@ -35,19 +34,19 @@ from sfr_loc_map.topics import COMPRESSED_END, NAV_POSE, RECTIFIED, TRUE_POINTS,
 Storage = Literal["mcap", "sqlite3"]
 STORAGE_BY_SUFFIX: dict[str, Storage] = {".mcap": "mcap", ".bag": "mcap", ".db3": "sqlite3"}
 """Storage of a bag by the ending of its name; other names are data set folders."""
-CHUNK_BYTES = 8 * 2**20  #: Size at which a recording ends a chunk.
-SYNC_S = 1.0  #: Longest time between two writings of a recording to the disk, s.
+CHUNK_BYTES = 8 * 2**20  #: Size at which a recording ends a chunk, bytes.
+SYNC_S = 1.0  #: Period at which a recording is synchronised with the disk, s.
 _DATA_END = RECORD_HEAD.pack(DATA_END, CHECKSUM_BYTES) + bytes(CHECKSUM_BYTES)
 _FOOTER = RECORD_HEAD.pack(FOOTER, FOOTER_BYTES) + bytes(FOOTER_BYTES)
 END = _DATA_END + _FOOTER + MCAP_MAGIC  #: End of a file without an index.
-NO_TIME = QosTime(0, 0)  #: A duration of a profile that is not limited.
+NO_TIME = QosTime(0, 0)  #: Unlimited duration in a QoS profile.
 _KEPT = (QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL)
 LATCHED = Qos(*_KEPT, NO_TIME, NO_TIME, QosLiveliness.AUTOMATIC, NO_TIME, False)
-"""Profile of `/tf_static`: reliable, the last one is kept for late listeners."""
+"""QoS profile of `/tf_static`: reliable; late subscribers receive the last message."""
 
 
 class CheckedMcapWriter(McapWriter):
-    """Gives each chunk the CRC-32 that the format has room for, so that readers notice flipped bytes."""
+    """Writes the optional CRC-32 of each chunk, so that readers detect corrupt bytes."""
 
     def close_chunk(self) -> None:
         """End the chunk."""
@@ -67,7 +66,7 @@ class CheckedWriter(Writer):
 
 
 class BagWriter:
-    """A bag that is being written; a context manager. What was written counts only if the block ends well."""
+    """Context manager that writes a bag. The bag is complete only if the block ends without an exception."""
 
     def __init__(
         self,
@@ -78,9 +77,9 @@ class BagWriter:
         zstd: bool = False,
         truth_grid_m: float | None = None,
     ) -> None:
-        """Prepare a bag in a folder that must not exist; exact unless a JPEG quality, 1 to 100, or a grid is given.
+        """Prepare a bag in a folder that must not exist. `jpeg_quality`: 1 to 100, or None for raw images.
 
-        True points of mapping pairs are rounded to multiples of the grid, a power of two, so that they compress well.
+        True points are rounded to multiples of `truth_grid_m`, a power of two, so that they compress well.
         """
         if zstd and storage != "mcap":
             raise OutputError("only mcap bags can be compressed by chunks: name the output *.mcap or omit zstd")
@@ -99,20 +98,20 @@ class BagWriter:
             self._writer.open()
         return self
 
-    def __exit__(self, *raised: Any) -> None:  # noqa: ANN401 - handed on
+    def __exit__(self, *raised: Any) -> None:  # noqa: ANN401 - passed on
         with _database_errors():
             self._writer.__exit__(*raised)
 
     def write_loc_rig(self, rig: StereoRig) -> None:
-        """Set the rig of the localisation cameras; comes before their first pair."""
+        """Set the rig of the localisation cameras; required before their first pair."""
         self._rigs[Task.LOCALISATION] = rig
 
     def write_nav_rig(self, rig: StereoRig) -> None:
-        """Set the rig of the navigation cameras; comes before their first pair."""
+        """Set the rig of the navigation cameras; required before their first pair."""
         self._rigs[Task.MAPPING] = rig
 
     def write_loc_pair(self, pair: StereoPair) -> None:
-        """Write a pair of the drive, with its camera_info, and `/tf_static` before the first."""
+        """Write a pair of the drive with its camera_info; `/tf_static` is written before the first pair."""
         if "/tf_static" not in self._connections:
             transforms = messages.static_transforms(pair.stamp_ns, self._rigs[Task.LOCALISATION])
             self._write("/tf_static", pair.stamp_ns, transforms, (LATCHED,))
@@ -154,7 +153,7 @@ class BagWriter:
 
 @contextmanager
 def _database_errors() -> Iterator[None]:
-    """Turn an error of sqlite about a disk into an error of the system, as mcap files raise."""
+    """Convert errors of sqlite3 to OSError, which writers of mcap files raise."""
     try:
         yield
     except sqlite3.Error as error:
@@ -162,7 +161,7 @@ def _database_errors() -> Iterator[None]:
 
 
 class _Part(BytesIO):
-    """What is to be written at an offset of the file; positions count from the start of the file."""
+    """A buffer that is written at an offset of the file; positions count from the start of the file."""
 
     def __init__(self, begin: int) -> None:
         super().__init__()
@@ -175,11 +174,11 @@ class _Part(BytesIO):
         return super().seek(offset - self._begin, whence) + self._begin
 
     def close(self) -> None:
-        """Keep what is to be written; the memory is freed with the object."""
+        """Keep the data, which are written later; the memory is freed with the object."""
 
 
 class _SafeMcapWriter(CheckedMcapWriter):
-    """Writes chunk and end in one go; when the disk is full the file keeps what it had."""
+    """Writes a chunk and the end record together; if the disk is full, the file keeps its previous content."""
 
     bio: Any
 
@@ -214,7 +213,7 @@ class _SafeMcapWriter(CheckedMcapWriter):
         self._file.close()
 
     def abort(self) -> None:
-        """Leave the file as it is: it has an end."""
+        """Close the file without an index; its end record makes it readable."""
         self._file.close()
 
     def _put(self, data: bytes) -> None:
@@ -234,10 +233,10 @@ class _SafeWriter(Writer):
 
 
 class BagRecorder:
-    """A bag that messages are added to as they come; a context manager. What was flushed stays, however it ends."""
+    """Context manager that records messages to a bag as they arrive. Flushed messages are kept after a crash."""
 
     def __init__(self, path: Path, *, zstd: bool = False) -> None:
-        """Prepare a bag in a folder that must not exist, its chunks compressed or not."""
+        """Prepare a bag in a folder that must not exist; `zstd` compresses its chunks."""
         if path.exists():
             raise OutputError(f"cannot record to '{path}': it exists; choose another name")
         self.path = path
@@ -258,7 +257,7 @@ class BagRecorder:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Close the bag; after an error it stays as it is, which any reader can read."""
+        """Close the bag; after an exception it has no index, but remains readable."""
         self._stop.set()
         self._syncing.join()
         if kind is not None:
@@ -272,20 +271,20 @@ class BagRecorder:
                 raise
 
     def add_topic(self, name: str, msgtype: str, definition: str, type_hash: str, offers: Sequence[Qos]) -> Any:  # noqa: ANN401
-        """Add a topic and return what `write` takes; `definition`: the types' text as mcap has it, or empty."""
+        """Add a topic and return its handle for `write`; `definition`: type definition as in mcap files, or empty."""
         return self._writer.add_connection(
             name, msgtype, msgdef=definition, rihs01=type_hash, offered_qos_profiles=offers
         )
 
     def write(self, topic: Any, received_ns: int, raw: bytes) -> None:  # noqa: ANN401
         """Add a serialised message."""
-        self._last_ns = max(self._last_ns, received_ns)  # files without an index are read in the order of time
+        self._last_ns = max(self._last_ns, received_ns)  # times do not decrease: the order of files without an index
         with self._reporting():
             self._writer.write(topic, self._last_ns, raw)
         self.count += 1
 
     def flush(self) -> None:
-        """Make what was added readable for others."""
+        """Make the added messages readable for other processes."""
         with self._reporting():
             self._writer.storage.flush()
 
@@ -296,11 +295,11 @@ class BagRecorder:
 
     @contextmanager
     def _reporting(self) -> Iterator[None]:
-        """Turn an error of the disk into one that reports what was recorded."""
+        """Convert a disk error to an OutputError with the number of recorded messages."""
         try:
             yield
         except OSError as error:
             raise OutputError(
-                f"recording to '{self.path}' stopped after {self.count} messages: {error.strerror}; all but the last "
-                f"second was written; free some space and continue under another name"
+                f"recording to '{self.path}' stopped after {self.count} messages: {error.strerror}; at most the last "
+                f"second is missing; free disk space and record under another name"
             ) from error

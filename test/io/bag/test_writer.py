@@ -83,7 +83,7 @@ def test_when_the_disk_is_full_all_that_was_flushed_stays(path: Path, file_limit
                 bag.flush()
                 flushed = number + 1
 
-    with pytest.raises(OutputError, match=f"{path}' stopped after [0-9]+ messages: File too large; all but"):
+    with pytest.raises(OutputError, match=f"{path}' stopped after [0-9]+ messages: File too large; at most"):
         fill()
     bag.__exit__(OutputError, OutputError(), None)
     limit_files(resource.RLIM_INFINITY)
