@@ -1,1 +1,1 @@
-"""Text tables of numbers, and the trajectories that are written as such tables."""
+"""Text tables of numbers, and trajectories in such tables."""

@@ -1,11 +1,11 @@
-"""Which columns of a text table are stamps, positions and attitudes, and in which units.
+"""Detection of the columns of stamps, positions and attitudes in a text table, and of their units.
 
-A header that names columns decides, with or without a comment sign. Without a header the layout is the one of
-`LAYOUTS` that all rows fit: number of columns, unit quaternions, orthonormal rotations, stamps that increase. If
-several layouts fit, or none, the message names them; `--columns` and `truth.columns` say which one it is:
+A header that names columns determines the layout, with or without a comment sign. Without a header, the layout is the
+only one in `LAYOUTS` that the rows fit: number of columns, unit quaternions, orthonormal rotations, increasing stamps.
+If several layouts fit, or none, the error message lists them; `--columns` or `truth.columns` then names the columns:
 
-    t=Time[s],x=East[mm],y=North[mm],z=Height[mm]      columns by their names in the header, or by number: t=#1[ns]
-    t[ns],x,y,z,qw,qx,qy,qz                            columns in their order; _ leaves a column out
+    t=Time[s],x=East[mm],y=North[mm],z=Height[mm]      columns by name in the header, or by number: t=#1[ns]
+    t[ns],x,y,z,qw,qx,qy,qz                            columns in order; _ skips a column
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ STAMP, SECONDS, NANOSECONDS, FRAME = "t", "sec", "nsec", "frame"
 POSITION = ("x", "y", "z")
 QUATERNION = ("qx", "qy", "qz", "qw")
 MATRIX = tuple(f"m{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3, 4))
-DOWN = "down"  #: A height that is positive below; z is its opposite.
+DOWN = "down"  #: A height that is positive downwards; z is its negative.
 SKIPPED = "_"
 NAMES: dict[str, tuple[str, ...]] = {
     STAMP: ("headerstamp", "timestamp", "stamp", "time", "t", "utime", "unixtime", "timestamps"),
@@ -50,11 +50,11 @@ NAMES |= {
     f"q{axis}": (f"q{axis}", f"quat{axis}", f"quaternion{axis}", f"orientation{axis}", f"rotation{axis}", f"qrs{axis}")
     for axis in "xyzw"
 }
-"""Names of columns in small letters without `_`, `.`, `-` and spaces; the first of several that a header has counts."""
-NANOSECOND_DIGITS = 9  #: Decimals of a stamp that is in seconds with whole nanoseconds.
-EARLIEST_CLOCK_S = 3e8  #: A clock of 1979 and later; smaller stamps count from the start of a program.
-LATEST_CLOCK_S = 4.62e9  #: 146 years from 1970, the range of stamps; larger ones are in a smaller unit.
-LONGEST_STEP_S = 1000.0  #: Longest step between poses of a file whose stamps are seconds.
+"""Names of columns in lower case without `_`, `.`, `-` and spaces; earlier names take precedence."""
+NANOSECOND_DIGITS = 9  #: Decimals of a stamp in seconds with nanosecond resolution.
+EARLIEST_CLOCK_S = 3e8  #: Stamps of clocks are in 1979 or later; smaller stamps count from the start of a program.
+LATEST_CLOCK_S = 4.62e9  #: 146 years after 1970, the limit of stamps; larger numbers have a smaller unit.
+LONGEST_STEP_S = 1000.0  #: Longest step between poses, s, of a file with stamps in seconds.
 METRES = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}
 TIMES = {"s": NS_PER_S, "sec": NS_PER_S, "secs": NS_PER_S, "seconds": NS_PER_S}
 TIMES |= {"ms": 1_000_000, "msec": 1_000_000, "us": 1_000, "usec": 1_000, "ns": 1, "nsec": 1, "nanoseconds": 1}
@@ -63,7 +63,7 @@ COVARIANCES = {
     "Pr": ("attitude", ("11", "12", "13", "22", "23", "33")),
     "Pt": ("position", ("11", "12", "13", "22", "23", "33")),
 }
-"""Columns of covariances by OpenVINS, upper triangles (docs.openvins.com, "Filesystem format"): rad^2 and m^2."""
+"""Covariance columns of OpenVINS: upper triangles in rad^2 and m^2 (docs.openvins.com, "Filesystem format")."""
 COVARIANCE_KEYS = tuple(f"{prefix}{index}" for prefix, (_, indices) in COVARIANCES.items() for index in indices)
 _UNIT = re.compile(
     r"^[#%/\s]*(.*?)\s*(?:\[([^\[\]]*)\]|\((\w*)\)|_(m|cm|mm|km|s|sec|ms|msec|us|usec|ns|nsec|utc))?$", re.IGNORECASE
@@ -75,13 +75,13 @@ _PREFIXES = ("field", "poseposepose", "posepose", "pose", "transform")
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How lines are written that have no header."""
+    """A layout of lines without a header."""
 
-    name: str  #: As messages name it.
-    keys: tuple[str, ...]  #: What each column holds, of the first ones.
-    separator: str = ""  #: Needed separator: "," or " "; empty for any.
-    widths: tuple[int, ...] = ()  #: Numbers of columns; empty: as many as keys, or more.
-    unit: str = ""  #: Unit of the stamps; empty: by their magnitude.
+    name: str  #: Name in messages.
+    keys: tuple[str, ...]  #: Content of the first columns.
+    separator: str = ""  #: Required separator: "," or " "; empty: any.
+    widths: tuple[int, ...] = ()  #: Allowed numbers of columns; empty: at least the number of keys.
+    unit: str = ""  #: Unit of the stamps; empty: inferred from their magnitude.
 
 
 _POSE = (*POSITION, *QUATERNION)
@@ -98,34 +98,34 @@ LAYOUTS = (
     Layout("MulRan (t and 3 x 4 matrix)", (STAMP, *MATRIX), "", (13,)),
     Layout("t x y z", (STAMP, *POSITION), "", (4,)),
 )
-"""Every layout without a header that is read; docs/formats.md has the same table."""
-HEAD_LINES = 5000  #: Lines from which the layout is detected; later rows that do not fit it are broken.
-MAX_FRAME = 1e7  #: Whole numbers below are numbers of frames, above are stamps.
-FIT = 0.9  #: Fraction of rows that fit a layout; broken rows may be among them.
-#: Fraction of fitting rows from which a layout is accepted if no other fits better, so that broken rows can be named.
+"""All supported layouts without a header; docs/formats.md has the same table."""
+HEAD_LINES = 5000  #: Number of lines from which the layout is detected. Later rows that do not fit are invalid.
+MAX_FRAME = 1e7  #: Integers below are frame numbers; larger integers are stamps.
+FIT = 0.9  #: Minimum fraction of rows that must fit a layout; the others are invalid rows.
+#: Minimum fraction if no layout reaches `FIT`, so that error messages can name the invalid rows.
 HALF_FIT = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class PoseColumns:
-    """Which columns are read, and as what."""
+    """The columns that are read, and their content."""
 
-    name: str  #: Layout, as messages name it.
+    name: str  #: Name of the layout in messages.
     separator: str | None  #: None: spaces.
     places: Mapping[str, int]  #: Column of each key, from 0.
-    units: Mapping[str, str]  #: Unit of each key, where the header or `--columns` gives one.
+    units: Mapping[str, str]  #: Unit of each key, if the header or `--columns` gives a unit.
     width: int  #: Number of columns.
-    skip: int = 0  #: Lines before the first row, where they are not comments.
+    skip: int = 0  #: Number of lines before the first row.
     by_header: bool = False  #: Whether a header or `--columns` names the columns.
     ignored: tuple[str, ...] = ()  #: Names of columns that are not read.
-    inferred: str = ""  #: Unit of the stamps by their magnitude, where nothing else gives one.
+    inferred: str = ""  #: Unit of the stamps if it was inferred from their magnitude.
 
     def __contains__(self, key: str) -> bool:
         return key in self.places
 
     @property
     def is_tum(self) -> bool:
-        """Whether the columns are those of TUM in their order, which has seconds."""
+        """Whether the columns are those of TUM in order, whose stamps are in seconds."""
         order = (STAMP, *POSITION, *QUATERNION)
         in_order = all(self.places.get(key) == place for place, key in enumerate(order))
         return in_order and self.separator in (None, "\t")
@@ -147,28 +147,28 @@ class PoseColumns:
 
     @property
     def stamp_key(self) -> str | None:
-        """The column of the stamp or of the number of the frame; None if lines are in order alone."""
+        """The column of the stamp or of the frame number; None if lines have neither."""
         return next((key for key in (STAMP, SECONDS, FRAME) if key in self.places), None)
 
     @property
     def has_covariance(self) -> bool:
-        """Whether columns give a whole covariance."""
+        """Whether the columns contain a complete covariance."""
         return all(key in self.places for key in COVARIANCE_KEYS)
 
     @property
     def value_keys(self) -> list[str]:
-        """The columns of numbers, besides the stamp."""
+        """The columns of numbers other than the stamp."""
         poses = MATRIX if self.is_matrix else (*self.position_keys, *(key for key in QUATERNION if key in self.places))
         covariances = COVARIANCE_KEYS if self.has_covariance else ()
         return [*poses, *((NANOSECONDS,) if NANOSECONDS in self.places else ()), *covariances]
 
     @property
     def scales(self) -> list[float]:
-        """Metres in a unit of each column of the position."""
+        """Factors that convert the columns of the position to metres."""
         return [METRES[self.units.get(key, "")] * (-1.0 if key == DOWN else 1.0) for key in self.position_keys]
 
     def stamp(self) -> Callable[[str], int]:
-        """Return what makes nanoseconds of a stamp, of the number of a frame, or of whole seconds."""
+        """Return the function that converts the text of a stamp to nanoseconds."""
         unit = self.units.get(STAMP, "s")
         if unit == UTC_UNIT:
             return parse_utc
@@ -179,15 +179,15 @@ class PoseColumns:
 
 
 def pose_columns(lines: Sequence[str], name: str, columns: str, option: str) -> PoseColumns:
-    """Return which columns are read of a table that begins with these lines.
+    """Return the columns of a table that begins with these lines.
 
-    `columns` is what the user gives, `option` its name in messages. InputError, in one line, if neither a
-    header nor a unique layout gives the columns.
+    `columns` is given by the user and may be empty; `option` names it in messages. InputError if neither a header nor
+    a unique layout determines the columns.
     """
     lines = lines[:HEAD_LINES]
     first, separator = _first_row(lines)
     if first < 0:
-        raise InputError(f"{name} has no pose: at least one line with one is required")
+        raise InputError(f"{name} has no pose: at least one line with a pose is required")
     rows = _numbers(lines[first:], separator)
     width = max((len(cells) for cells in rows), default=0) or len(split_cells(lines[first], separator))
     if columns:
@@ -203,7 +203,7 @@ def pose_columns(lines: Sequence[str], name: str, columns: str, option: str) -> 
 
 
 def _first_row(lines: Sequence[str]) -> tuple[int, str | None]:
-    """Return the number of the first line that is a row of numbers, -1 without one, and what separates its cells."""
+    """Return the index of the first row of numbers, -1 if there is none, and the separator of its cells."""
     for number, line in enumerate(lines):
         text = line.strip()
         if not text or text[0] in "#%" or text.startswith("//"):
@@ -259,7 +259,7 @@ def split_unit(cell: str) -> tuple[str, str]:
 
 
 def key_of(cell: str) -> tuple[str, int] | None:
-    """Return what a column of this name holds, and the rank of the name among those of it; None if unknown."""
+    """Return the content of a column by its name, and the precedence of the name; None if the name is unknown."""
     title = split_unit(cell)[0]
     word = re.sub(r"[^a-z0-9]", "", title.lower())
     words = [word]
@@ -285,7 +285,7 @@ def header_cells(line: str, separator: str | None, width: int) -> list[str]:
 
 
 def _by_header(before: Sequence[str], separator: str | None, rows: Sequence[Sequence[str]]) -> PoseColumns | None:
-    """Return the columns named by the header, the last line before the rows with enough names; None without one."""
+    """Return the columns named by the header: the last line before the rows with enough names; None without header."""
     width = max((len(cells) for cells in rows), default=0)
     for line in reversed(before):
         cells = _aligned(header_cells(line, separator, width), rows, width)
@@ -299,8 +299,8 @@ def _by_header(before: Sequence[str], separator: str | None, rows: Sequence[Sequ
 def _aligned(cells: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> list[str]:
     """Return the names of a header, one for each column of the rows.
 
-    A label before the names (`format: t x y z`) is ignored. Names beyond the last column are of values that this
-    file does not have. Rows may begin with a number of the row that the header does not name (`write.table` of R).
+    A label before the names (`format: t x y z`) is ignored, as are names beyond the last column. Rows may begin with
+    a row number that the header does not name (`write.table` of R).
     """
     names = list(cells)
     if len(names) > 1 and names[0].endswith(":"):
@@ -331,7 +331,7 @@ def _of_header(
         places[STAMP], units[STAMP] = places.pop(SECONDS), "s"
     if {SECONDS, NANOSECONDS} <= places.keys():
         places.pop(STAMP, None)
-    if not all(key in places for key in QUATERNION) or DOWN in places:  # attitudes in NED are of another body, too
+    if not all(key in places for key in QUATERNION) or DOWN in places:  # attitudes in NED are of another body
         places = {key: place for key, place in places.items() if key not in QUATERNION}
     units = {key: unit for key, unit in units.items() if key in places and unit}
     ignored = tuple(cell for place, cell in enumerate(cells) if place not in places.values())
@@ -339,7 +339,7 @@ def _of_header(
 
 
 def _by_user(before: Sequence[str], name: str, columns: str, separator: str | None, width: int) -> PoseColumns:
-    """Return the columns that the user names: `NAME=HEADER[UNIT]` each, or `NAME[UNIT]` in the order of columns."""
+    """Return the columns that the user names as `NAME=HEADER[UNIT]`, or as `NAME[UNIT]` in the order of columns."""
     items = [item.strip() for item in columns.split(",") if item.strip()]
     header = max((header_cells(line, separator, width) for line in before), key=len, default=[])
     ordered = not any("=" in item for item in items)
@@ -358,8 +358,8 @@ def _by_user(before: Sequence[str], name: str, columns: str, separator: str | No
         if key not in known or place is None or place >= max(width, len(header)):
             shown = ", ".join(header) or f"{width} columns without a header"
             raise InputError(
-                f"{name}: no column for '{item}': NAME is of t, sec, nsec, x, y, z, qx, qy, qz, qw and HEADER a name "
-                f"or #NUMBER of a column, found {shown[:200]}"
+                f"{name}: no column for '{item}': NAME is t, sec, nsec, x, y, z, qx, qy, qz or qw, and HEADER is the "
+                f"name or #NUMBER of a column; found {shown[:200]}"
             )
         places[key] = place
         units[key] = unit
@@ -370,7 +370,7 @@ def _by_user(before: Sequence[str], name: str, columns: str, separator: str | No
 
 
 def _column(text: str, header: Sequence[str]) -> tuple[int | None, str]:
-    """Return the place and the unit of a column that a user names, by number, by its whole name or without the unit."""
+    """Return the index and the unit of a column that the user names by number, full name, or name without unit."""
     title, unit = split_unit(text)
     if re.fullmatch(r"#?[0-9]{1,4}", text.partition("[")[0].strip()) and (text.startswith("#") or not header):
         return int(text.partition("[")[0].strip(" #")) - 1, text.partition("[")[2].strip("] ").lower()
@@ -379,7 +379,7 @@ def _column(text: str, header: Sequence[str]) -> tuple[int | None, str]:
     if wanted in plain:
         return plain.index(wanted), split_unit(header[plain.index(wanted)])[1]
     own, _, given = text.rpartition("[")
-    if own and re.sub(r"[\s#%]", "", own).lower() in plain:  # a unit in place of the one of the header
+    if own and re.sub(r"[\s#%]", "", own).lower() in plain:  # the unit replaces that of the header
         return plain.index(re.sub(r"[\s#%]", "", own).lower()), given.strip("] ").lower()
     titles = [re.sub(r"\s", "", split_unit(cell)[0]).lower() for cell in header]
     short = re.sub(r"\s", "", title).lower()
@@ -406,16 +406,16 @@ def _by_layout(
     share = {layout: _fit(layout, table, width, comma) for layout in LAYOUTS}
     fitting = [layout for layout, fraction in share.items() if fraction >= FIT]
     fitting = fitting or [layout for layout, fraction in share.items() if fraction >= HALF_FIT]
-    if len(fitting) > 1:  # rows of a matrix near the identity have unit length by chance
+    if len(fitting) > 1:  # rows of matrices near the identity look like unit quaternions
         fitting = [layout for layout in fitting if MATRIX[0] in layout.keys] or fitting
     if len(fitting) != 1:
         shown = lines[first].strip()[:60]
         if fitting:
             names = " or ".join(layout.name for layout in fitting)
-            problem = f"has {width} columns and no header, which can be {names}"
+            problem = f"has {width} columns and no header; possible layouts are {names}"
         else:
             names = "; ".join(layout.name for layout in LAYOUTS)
-            problem = f"has {width} columns and no header, which fit none of: {names}"
+            problem = f"has {width} columns and no header, and fits no layout of: {names}"
         advice = option.replace("COLUMNS", "t[s],x,y,z,qx,qy,qz,qw")
         raise InputError(f"{name} {problem} (line {first + 1}: '{shown}'): name the columns: {advice}")
     layout = fitting[0]
@@ -424,7 +424,7 @@ def _by_layout(
     if stated is not None and "qw" in places and stated.is_scalar_first != (places["qw"] < places["qx"]):
         order = "first" if stated.is_scalar_first else "last"
         columns = "t[s],x,y,z,qw,qx,qy,qz" if stated.is_scalar_first else "t[s],x,y,z,qx,qy,qz,qw"
-        problem = f"line {stated.line} says that the scalar of quaternions is {order}, unlike {layout.name}"
+        problem = f"line {stated.line} states that quaternions have the scalar {order}, unlike {layout.name}"
         raise InputError(f"{name} {problem}: name the columns: {option.replace('COLUMNS', columns)}")
     extra = tuple(f"#{number + 1}" for number in range(len(layout.keys), width))
     units = {STAMP: layout.unit} if layout.unit and STAMP in places else {}
@@ -437,7 +437,7 @@ class _StatedOrder(NamedTuple):
 
 
 def _stated_order(comments: Sequence[str]) -> _StatedOrder | None:
-    """Return which order of quaternions the last comment before the rows names that names one."""
+    """Return the order of quaternions that the last comment with such a statement gives; None without one."""
     for number, comment in reversed([*enumerate(comments, 1)]):
         for pattern, is_scalar_first in ((_SCALAR_FIRST_TEXT, True), (_SCALAR_LAST_TEXT, False)):
             if pattern.search(comment):
@@ -446,7 +446,7 @@ def _stated_order(comments: Sequence[str]) -> _StatedOrder | None:
 
 
 def _unknown_header(before: Sequence[str]) -> int | None:
-    """Return the number of the first line before the rows that is text and no comment, None without one."""
+    """Return the index of the first line before the rows that is neither empty nor a comment; None without one."""
     texts = (number for number, line in enumerate(before) if line.strip() and line.strip()[0] not in "#%/")
     return next(texts, None)
 
@@ -461,7 +461,7 @@ def _table(rows: Sequence[Sequence[str]], width: int) -> FloatArray:
 
 
 def _fit(layout: Layout, table: FloatArray, width: int, comma: str) -> float:
-    """Return which fraction of the rows can be of a layout."""
+    """Return the fraction of rows that fit a layout."""
     keys = layout.keys
     if (layout.separator and layout.separator != comma) or width < len(keys):
         return 0.0
@@ -501,7 +501,7 @@ def _fit(layout: Layout, table: FloatArray, width: int, comma: str) -> float:
 
 
 def _check(found: PoseColumns, name: str, before: Sequence[str], option: str) -> None:
-    """Check that what a pose needs is there, in units that are known."""
+    """Check that the required columns of a pose exist and have known units."""
     needed = ((STAMP, SECONDS, FRAME), ("x",), ("y",), ("z", DOWN))
     missing = [] if found.is_matrix else [keys[0] for keys in needed if not any(key in found for key in keys)]
     known = {STAMP: (*TIMES, UTC_UNIT, ""), **dict.fromkeys((*POSITION, DOWN), tuple(METRES))}
@@ -513,7 +513,7 @@ def _check(found: PoseColumns, name: str, before: Sequence[str], option: str) ->
 
 
 def _no_names(name: str, before: Sequence[str], number: int, option: str, problem: str = "") -> str:
-    """Return the message for a header that does not name stamps and positions, with the header's own names."""
+    """Return the error message for a header that does not name stamps and positions; it quotes the header's names."""
     header = before[number].strip() if before else ""
     cells = header_cells(header, _separator(header), 4)
     found = _named(cells)
@@ -523,13 +523,13 @@ def _no_names(name: str, before: Sequence[str], number: int, option: str, proble
     own = [cells[found[key]] if key in found else "HEADER" for key in needed]
     example = ",".join(f"{key}={cell}" for key, cell in zip(needed, own, strict=True))
     return (
-        f"{name} line {number + 1} is '{header[:80]}': the header has no names and units of t, x, y, z that are known "
+        f"{name} line {number + 1} is '{header[:80]}': the header has no known names and units for t, x, y, z "
         f"({problem}): name the columns: {option.replace('COLUMNS', example)}"
     )
 
 
 def _with_time_unit(found: PoseColumns, rows: Sequence[Sequence[str]], name: str, option: str) -> PoseColumns:
-    """Return the columns with the unit of the stamps: as given, else by their magnitude."""
+    """Return the columns with the unit of the stamps, which is inferred from their magnitude if it is not given."""
     if STAMP not in found or found.units.get(STAMP):
         return found
     texts = [cells[found.places[STAMP]] for cells in rows if len(cells) > found.places[STAMP]]
@@ -538,17 +538,17 @@ def _with_time_unit(found: PoseColumns, rows: Sequence[Sequence[str]], name: str
     unit = time_unit(texts, is_seconds=found.is_tum)
     if not unit:
         raise InputError(
-            f"{name}: stamps as {', '.join(texts[:3])} fit two units: name the unit: "
+            f"{name}: the unit of the stamps {', '.join(texts[:3])} is ambiguous: name the unit: "
             f"{option.replace('COLUMNS', 't=...[s], [ms], [us] or [ns], and x, y, z')}"
         )
     return replace(found, units={**found.units, STAMP: unit}, inferred="" if unit == "s" else unit)
 
 
 def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
-    """Return the unit of stamps by their magnitude, empty if two units are possible.
+    """Return the unit of stamps, inferred from their magnitude; empty if several units are possible.
 
-    Stamps of a clock are of 1970 to 2116 in one unit alone. Others have decimals in seconds, or steps that are those
-    of a sensor (1 ms to 10 s) in one unit alone. `is_seconds`: the layout itself is of seconds, if they are possible.
+    Stamps of a clock are between 1979 and 2116 in only one unit. Other stamps are in seconds if they have decimals,
+    or in the only unit with steps of a sensor (1 ms to 10 s). `is_seconds`: the layout prescribes seconds.
     """
     numbers = np.array([_float(text) for text in texts])
     numbers = numbers[np.isfinite(numbers)]
@@ -563,9 +563,9 @@ def time_unit(texts: Sequence[str], *, is_seconds: bool) -> str:
         return "s"
     steps = np.abs(np.diff(numbers))
     step = float(np.median(steps)) if len(steps) > 1 else 0.0
-    ranges = ((10.0, "s"), (1e4, ""), (1e6, "us"), (1e7, ""), (np.inf, "ns"))  # largest step, unit if it is certain
+    ranges = ((10.0, "s"), (1e4, ""), (1e6, "us"), (1e7, ""), (np.inf, "ns"))  # largest step, unit if unambiguous
     unit = next(unit for high, unit in ranges if step <= high)
-    if unit == "s" and not is_seconds and magnitude < EARLIEST_CLOCK_S:  # or milliseconds
+    if unit == "s" and not is_seconds and magnitude < EARLIEST_CLOCK_S:  # the unit may also be milliseconds
         return ""
     return unit or ("s" if is_seconds and step <= LONGEST_STEP_S else "")
 

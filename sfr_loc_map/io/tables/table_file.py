@@ -1,4 +1,4 @@
-"""Tables of columns of one length, in files: Parquet or CSV."""
+"""Writes tables to Parquet or CSV files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sfr_loc_map.errors import MissingExtraError
 
 
 def save_table(path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
-    """Write columns of one length as a table, parquet or csv; numbers of a csv read back to the same bits."""
+    """Write columns of equal length as a table, Parquet or CSV; numbers in a CSV are exact when read back."""
     with atomic_path(path) as temporary:
         if path.suffix == ".csv":
             with temporary.open("w", encoding="utf-8", newline="") as stream:
@@ -27,6 +27,6 @@ def save_table(path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
             import pyarrow.parquet
         except ImportError as error:
             raise MissingExtraError(
-                f"'{path}' needs pyarrow: pip install 'sfr_loc_map[suite]', or name a .csv"
+                f"'{path}' needs pyarrow: pip install 'sfr_loc_map[suite]', or choose a name ending in .csv"
             ) from error
         pyarrow.parquet.write_table(pyarrow.table(dict(columns)), temporary)

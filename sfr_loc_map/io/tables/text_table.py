@@ -1,8 +1,8 @@
-"""Numbers and tables of text files, read strictly, and the stamps in them, exact to the nanosecond.
+"""Strict reading of numbers and tables in text files, with stamps exact to the nanosecond.
 
-Python's own conversions take more than files mean: underscores, digits of other scripts, `nan` and `infinity`,
-integers of any length. Stamps go to and from integer nanoseconds by integer arithmetic, never through a floating-point
-number. A table is read in blocks; what is wrong in one is looked for, line by line, only once that has failed.
+Python's own conversions accept more than is valid in files: underscores, digits of other scripts, `nan` and
+`infinity`, integers of any length. Stamps are converted to and from integer nanoseconds by integer arithmetic, never
+by floating-point numbers. A table is read in blocks; only a block that fails is read line by line to find the errors.
 """
 
 from __future__ import annotations
@@ -27,29 +27,29 @@ from sfr_loc_map.inputs import NS_PER_S, read_table_text
 MAX_NUMBER_LENGTH = 400
 STAMP_LENGTH = 64
 UNIT_WORDS = {1: "nanoseconds", 1_000: "microseconds", 1_000_000: "milliseconds", NS_PER_S: "seconds"}
-STAMP_LIMIT = 2**62  #: 146 years from 1970: differences of stamps have 64 bits, too.
+STAMP_LIMIT = 2**62  #: 146 years from 1970, ns; differences of two stamps fit 64 bits.
 BOM = b"\xef\xbb\xbf"
-COMMENTS = b"#%"  #: A line that begins with one of these is a comment.
-NO_VALUE = ("", "nan", "null", "none", "-")  #: Cells of a target that was not observed, in small letters.
-MAX_BROKEN = 0.1  #: Largest fraction of the lines of a table that are omitted because they cannot be read.
+COMMENTS = b"#%"  #: First characters of comment lines.
+NO_VALUE = ("", "nan", "null", "none", "-")  #: Cells without a value (target not observed), in lower case.
+MAX_BROKEN = 0.1  #: Largest fraction of invalid lines that are skipped.
 _WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
 _COUNT = re.compile(r"[0-9]{1,12}")
 _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?")
 
 
 def parse_stamp_ns(text: str) -> int:
-    """Return whole nanoseconds; spaces around them are allowed."""
+    """Return integer nanoseconds; surrounding spaces are allowed."""
     if _WHOLE.fullmatch(text.strip(" \t")) and -STAMP_LIMIT <= int(text) < STAMP_LIMIT:
         return int(text)
-    raise ValueError(f"stamp '{text[:40]}' is not whole nanoseconds, up to 146 years from 1970")
+    raise ValueError(f"stamp '{text[:40]}' is not an integer number of nanoseconds up to 146 years from 1970")
 
 
 def parse_seconds(text: str) -> int:
-    """Return the nanoseconds of decimal seconds, exactly; beyond nine decimals to the nearest (half to even)."""
+    """Return decimal seconds as nanoseconds, exactly; more than nine decimals are rounded half to even."""
     word = text.strip(" \t")
     whole, _, fraction = word.partition(".")
     if 0 < len(whole) <= 10 and len(fraction) <= 9 and (whole + fraction).isdecimal() and word.isascii():
-        stamp = int(whole) * NS_PER_S + int(fraction.ljust(9, "0"))  # the form that nearly all have
+        stamp = int(whole) * NS_PER_S + int(fraction.ljust(9, "0"))  # fast path for the common form
         if stamp < STAMP_LIMIT:
             return stamp
     elif _is_decimal(word):
@@ -62,7 +62,7 @@ def parse_seconds(text: str) -> int:
 
 
 def parse_decimal(text: str, unit_ns: int) -> int:
-    """Return the nanoseconds of a decimal number of some unit, exactly; `unit_ns` is the unit in nanoseconds."""
+    """Return the nanoseconds of a decimal number in a unit of `unit_ns` nanoseconds, rounded half to even."""
     word = text.strip(" \t").replace(",", ".")
     if _is_decimal(word):
         with suppress(InvalidOperation):
@@ -73,7 +73,7 @@ def parse_decimal(text: str, unit_ns: int) -> int:
 
 
 def parse_nanoseconds(text: str) -> int:
-    """Return nanoseconds of a text that may have decimals or an exponent: `1700000000000000000.000`."""
+    """Return the nanoseconds in a text that may have decimals or an exponent: `1700000000000000000.000`."""
     try:
         return parse_stamp_ns(text)
     except ValueError:
@@ -94,14 +94,14 @@ def seconds_text(stamp_ns: int) -> str:
 
 
 def parse_count(text: str) -> int:
-    """Return a number of things, as a header gives it."""
+    """Return a count in a header."""
     if not _COUNT.fullmatch(text):
         raise ValueError(f"'{text[:40]}' is not a number of points, bytes or values")
     return int(text)
 
 
 def parse_number(text: str) -> float:
-    """Return a finite decimal number; spaces around it are allowed."""
+    """Return a finite decimal number; surrounding spaces are allowed."""
     word = text.strip(" \t")
     value = float(word) if _is_decimal(word) else math.nan
     if not math.isfinite(value):
@@ -110,52 +110,52 @@ def parse_number(text: str) -> float:
 
 
 def check_order(stamps_ns: ArrayLike, name: str, *, strict: bool) -> None:
-    """Check that stamps do not go backwards (strict: that they grow)."""
+    """Check that stamps do not decrease; `strict`: that they increase."""
     stamps = np.asarray(stamps_ns, dtype=np.int64)
     wrong = np.diff(stamps) < (1 if strict else 0)
     if wrong.any():
         first = int(np.argmax(wrong))
-        word = "does not come after" if strict else "goes back behind"
+        word = "is not later than" if strict else "is earlier than"
         raise InputError(
             f"{name}: stamp {stamps[first + 1]} (entry {first + 2}) {word} {stamps[first]}: stamps must be in order"
         )
 
 
 def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file that are not empty and no comment (`#`)."""
+    """Return the lines of a text file that are neither empty nor a comment (`#`)."""
     lines = read_table_text(path).splitlines()
     return [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
-    """Rows of a text."""
+    """The rows of a text table."""
 
     name: str  #: Name of the text, for messages.
-    lines: IntArray  #: `(N,)` number of the line of each row, from 1.
+    lines: IntArray  #: `(N,)` line number of each row, from 1.
     stamps_ns: IntArray  #: `(N,)` nanoseconds; empty without a column of stamps.
     values: FloatArray  #: `(N, K)` finite numbers.
-    missing: int = 0  #: Rows without a value or with NaN in a column that is read: the target was not observed.
-    broken: tuple[str, ...] = ()  #: What is wrong with each row that cannot be read, with the number of its line.
+    missing: int = 0  #: Number of skipped rows without a value in a column that is read.
+    broken: tuple[str, ...] = ()  #: The error in each invalid row, with its line number.
 
     def without(self, good: Mask, problems: Sequence[str]) -> Table:
-        """Return the good rows; `problems` has the reason for each of the others."""
+        """Return the good rows; `problems` has the error in each of the other rows."""
         stamps_ns = self.stamps_ns[good] if len(self.stamps_ns) else self.stamps_ns
         kept = replace(self, lines=self.lines[good], stamps_ns=stamps_ns, values=self.values[good])
         return replace(kept, broken=(*self.broken, *problems))
 
     def checked(self) -> Table:
-        """Return the table; InputError if too large a fraction of its rows is broken (`MAX_BROKEN`)."""
+        """Return the table; InputError if the fraction of invalid rows exceeds `MAX_BROKEN`."""
         count = len(self.broken)
         rows = len(self.lines) + count
         if count > MAX_BROKEN * rows:
-            several = f" ({count} of {rows} lines are broken)" if count > 1 else ""
+            several = f" ({count} of {rows} lines are invalid)" if count > 1 else ""
             raise InputError(f"{self.name} {self.broken[0]}; correct or remove the line{several}")
         return self
 
     @property
     def left_out(self) -> str:
-        """Which rows are omitted, in words; empty without any."""
+        """Description of the skipped rows; empty if no row was skipped."""
         parts = [f"{self.missing} lines without values skipped"] if self.missing else []
         if self.broken:
             parts.append(f"{len(self.broken)} invalid lines skipped, the first: {self.broken[0]}")
@@ -174,12 +174,12 @@ def parse_table(
     skip: int = 0,
     tolerant: bool = False,
 ) -> Table:
-    """Return the stamps and numbers of a text without empty lines, comments and `skip` lines of a header.
+    """Return the stamps and numbers of a text; empty lines, comments and the first `skip` lines are ignored.
 
-    The text comes in blocks of whole lines. `places` are the columns that are read, from 0, the first of them for
-    `stamp` if given, which makes nanoseconds of a text; `more`: lines may have more columns than the last of them.
-    Spaces separate without a `separator`. `name` and `form` (what a line holds) are for messages. `tolerant`: rows
-    that cannot be read are omitted and counted, up to `MAX_BROKEN` of them (`Table.checked`).
+    The text is given in blocks of complete lines. `places` are the columns to read, from 0. If `stamp` is given, it
+    converts the first of these columns to nanoseconds. `more`: lines may have further columns. Without a `separator`
+    spaces separate. Messages name the text `name` and the content of a line `form`. `tolerant`: up to a fraction
+    `MAX_BROKEN` of invalid rows is skipped and counted.
     """
     reader = _RowReader(form, tuple(places), stamp, separator, more, tolerant)
     columns = len(places) - (stamp is not None)
@@ -203,7 +203,7 @@ def parse_table(
             values = np.array([row[1] for _, row in good], np.float64).reshape(-1, columns)
         lines = np.array(chosen, np.int64) + number + 1
         for column, part in ((table.lines, lines), (table.stamps_ns, stamps_ns), (table.values, values)):
-            end = len(column)  # it grows where it is: parts that are joined at last take twice the memory
+            end = len(column)  # in place: concatenating all parts takes twice the memory
             column.resize((end + len(part), *column.shape[1:]), refcheck=False)
             column[end:] = part
         number += len(texts)
@@ -212,7 +212,7 @@ def parse_table(
 
 @dataclass(frozen=True, slots=True)
 class _RowReader:
-    """Reads the cells of rows; of many rows at once by numpy, which refuses all if it refuses one."""
+    """Reads the cells of rows, either many rows by numpy, which fails if a single row is invalid, or one row."""
 
     form: str
     places: tuple[int, ...]
@@ -222,11 +222,11 @@ class _RowReader:
     tolerant: bool
 
     def all_at_once(self, rows: list[bytes]) -> tuple[IntArray, FloatArray]:
-        """Return stamps and numbers of rows; ValueError or IndexError if one is not of numbers alone."""
+        """Return stamps and numbers of rows; ValueError or IndexError if a row does not consist of numbers."""
         columns = len(self.places) - (self.stamp is not None)
         if not rows:
             return np.zeros(0, np.int64), np.zeros((0, columns))
-        used = list(self.places) if self.more else None  # without them numpy refuses rows of unequal length
+        used = list(self.places) if self.more else None  # None: numpy rejects rows of unequal length
         stamps_ns = np.zeros(0, np.int64)
         if self.stamp:
             kinds = [("stamp", f"S{STAMP_LENGTH}"), ("values", np.float64, (columns,))]
@@ -235,13 +235,13 @@ class _RowReader:
         else:
             values = np.loadtxt(rows, np.float64, None, self.separator, usecols=used, ndmin=2, encoding="ascii")
         if values.shape[1] != columns:
-            raise ValueError("columns that nobody needs")
+            raise ValueError("a row has additional columns")
         if not np.isfinite(values).all():
-            raise ValueError("a number that is not finite")
+            raise ValueError("a number is not finite")
         return stamps_ns, values
 
     def one(self, row: bytes, line: int) -> tuple[int, list[float]] | str | None:
-        """Return the stamp and numbers of a row, what is wrong with the row, or None if a value is missing."""
+        """Return the stamp and numbers of a row, or the error in the row, or None if a value is missing."""
         cells = split_cells(row.decode("utf-8", "replace"), self.separator)
         width = max(self.places) + 1
         if len(cells) < width or (len(cells) > width and not self.more):
@@ -251,7 +251,7 @@ class _RowReader:
             return None
         texts = [cells[place] for place in self.places]
         try:
-            if self.separator not in (None, ","):  # decimal commas, where something else separates
+            if self.separator not in (None, ","):  # decimal commas, if the separator is not a comma
                 texts = [text.replace(",", ".") for text in texts]
             stamp_ns = self.stamp(texts.pop(0)) if self.stamp else 0
             return stamp_ns, [parse_number(text) for text in texts]
@@ -260,14 +260,14 @@ class _RowReader:
 
 
 def split_cells(text: str, separator: str | None) -> list[str]:
-    """Return the cells of a line without spaces and quotes around them; None: spaces separate."""
+    """Return the cells of a line without surrounding spaces and quotes; separator None: spaces."""
     if separator is None:
         return [cell.strip('"') for cell in text.split()]
     return [cell.strip() for cell in next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])]
 
 
 def _stamps_of(texts: NDArray[np.bytes_], stamp: Callable[[str], int]) -> IntArray:
-    """Return the nanoseconds of stamps; all at once where they have as many digits each before the point."""
+    """Return the nanoseconds of stamps; vectorised if all have the same number of digits before the point."""
     chars = np.ascontiguousarray(texts).view(np.uint8).reshape(len(texts), STAMP_LENGTH)
     point = int(stamp is parse_seconds)
     places = texts[0].find(b".") if point else len(texts[0]) - 9

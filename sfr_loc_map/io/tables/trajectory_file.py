@@ -1,16 +1,16 @@
-"""Trajectories as files; which format one has follows from its content.
+"""Trajectory files; the format is detected from the content.
 
-| format | is |
+| format | content |
 |---|---|
 | `csv` | header `stamp_ns,rbOriginPos_m_Ds_{x,y,z},att_q_DsToRb_{1..4}`, scalar last |
 | `tum` | `t x y z qx qy qz qw`, t in seconds, orientation as in ROS messages |
 | `kitti` | twelve numbers a line, the first three rows of a pose matrix, no stamps (Geiger et al. 2012) |
-| `euroc` | csv with nanoseconds and quaternions scalar first (Burri et al. 2016); what follows them is omitted |
-| `columns` | csv of a total station or a motion capture: a header names its columns and their units |
+| `euroc` | csv with nanoseconds and quaternions scalar first (Burri et al. 2016); further columns are ignored |
+| `columns` | csv of a total station or a motion capture system; a header names the columns and their units |
 
-`att_q_DsToRb` turns components in DS into components in RB: the conjugate of the orientation in ROS messages. KITTI
-has poses of the left camera in its first frame: x right, y down, z forward; here both frames get the axes of the suite
-(x forward, y left, z up), so that a heading is one. That changes neither an absolute nor a relative pose error.
+`att_q_DsToRb` converts components in DS to components in RB: the conjugate of the orientation in ROS messages. KITTI
+has poses of the left camera in its first frame, with x right, y down, z forward. Both frames are rotated to the axes of
+the suite (x forward, y left, z up), so that yaw is the heading. The rotation does not change pose errors.
 """
 
 from __future__ import annotations
@@ -50,14 +50,14 @@ TUM_HEADER = "# t x y z qx qy qz qw"
 EUROC_HEADER = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
 KITTI_COLUMNS = 12
 CONJUGATED = np.array([-1.0, -1.0, -1.0, 1.0])
-"""What makes orientations as in ROS messages of `att_q_DsToRb`, and back."""
+"""Signs that conjugate a quaternion: `att_q_DsToRb` to the orientation in ROS messages, and back."""
 TUM_SUFFIXES = (".txt", ".tum")
 KITTI_SUFFIX, EUROC_SUFFIX = ".kitti", ".euroc.csv"
-FILE_SUFFIXES = (".csv", *TUM_SUFFIXES, KITTI_SUFFIX)  #: Endings of names of trajectory files.
+FILE_SUFFIXES = (".csv", *TUM_SUFFIXES, KITTI_SUFFIX)  #: File name endings of trajectories.
 
 
 class TrajectoryFormat(StrEnum):
-    """How a trajectory file is written."""
+    """The formats of trajectory files."""
 
     CSV = "csv"
     TUM = "tum"
@@ -68,16 +68,16 @@ class TrajectoryFormat(StrEnum):
 
 
 ANNOUNCED = (TrajectoryFormat.KITTI, TrajectoryFormat.EUROC, TrajectoryFormat.COLUMNS, TrajectoryFormat.MATRIX)
-"""Formats that a command announces."""
-CONFIGURED = "configured truth"  #: A truth that `truth.source` names, also for commands without --columns.
-MOST_NAMED = 8  #: Columns that a message names.
+"""Formats that commands report when they detect them."""
+CONFIGURED = "configured truth"  #: `side` of a truth named by `truth.source`; commands without --columns use this, too.
+MOST_NAMED = 8  #: Maximum number of columns that a message lists.
 WORDS = {
     TrajectoryFormat.CSV: "csv of the suite",
     TrajectoryFormat.TUM: "TUM",
     TrajectoryFormat.KITTI: "KITTI poses of the left camera, turned to x forward, y left, z up",
     TrajectoryFormat.EUROC: "EuRoC csv",
     TrajectoryFormat.COLUMNS: "columns by their names",
-    TrajectoryFormat.MATRIX: "3 x 4 matrices with stamps or numbers of frames",
+    TrajectoryFormat.MATRIX: "3 x 4 matrices with stamps or frame numbers",
 }
 
 
@@ -85,24 +85,24 @@ WORDS = {
 class LoadedTrajectory:
     """A trajectory as read."""
 
-    path: Path  #: Its file.
-    trajectory: Trajectory  #: The poses.
-    format: TrajectoryFormat = TrajectoryFormat.CSV  #: How it was written.
-    stamps: str = ""  #: Where its stamps come from, in words, where the file does not have them.
-    by_index: bool = False  #: Whether the stamps are only the numbers of the lines.
-    columns: PoseColumns | None = None  #: Which columns were read; None for the csv of the suite.
-    left_out: str = ""  #: Which rows are omitted, in words.
-    covariance: FloatArray | None = None  #: `(N, 6, 6)` in ROS order, where the file has it (m^2, rad^2).
+    path: Path
+    trajectory: Trajectory
+    format: TrajectoryFormat = TrajectoryFormat.CSV
+    stamps: str = ""  #: Origin of the stamps for messages, if the file itself has none.
+    by_index: bool = False  #: Whether the stamps are only line numbers.
+    columns: PoseColumns | None = None  #: The columns that were read; None for the csv of the suite.
+    left_out: str = ""  #: Description of the skipped rows.
+    covariance: FloatArray | None = None  #: `(N, 6, 6)` in ROS order (m^2, rad^2), if the file has it.
 
     @property
     def text(self) -> str:
-        """What was detected, in one line."""
+        """The detected format and content, in one line."""
         kind = "poses" if self.trajectory.has_attitude else "positions"
         parts = [WORDS[self.format], f"{len(self.trajectory)} {kind}"]
         parts += [f"stamps: {self.stamps}"] if self.stamps else []
         if self.columns is not None:
             unit = self.columns.inferred
-            parts += [f"stamps are {unit} by their magnitude"] if unit else []
+            parts += [f"unit of the stamps, inferred from their magnitude: {unit}"] if unit else []
             parts += ["covariances read"] if self.covariance is not None else []
             ignored = [name for name in self.columns.ignored if name]
             more = f" and {len(ignored) - MOST_NAMED} more" if len(ignored) > MOST_NAMED else ""
@@ -112,13 +112,13 @@ class LoadedTrajectory:
 
     @property
     def is_announced(self) -> bool:
-        """Whether a command reports what was detected: all but the usual forms of the csv of the suite and of TUM."""
+        """Whether commands report the detection: always, except for the default forms of the suite's csv and of TUM."""
         columns = self.columns
         unusual = columns is not None and bool(columns.inferred or columns.ignored)
         return self.format in ANNOUNCED or bool(self.left_out) or unusual
 
     def with_stamps_of(self, other: LoadedTrajectory) -> LoadedTrajectory:
-        """Return poses that have no stamps of their own with those of another trajectory, one by one."""
+        """Return the trajectory; if it has no stamps, with the stamps of another trajectory, pose by pose."""
         if not self.by_index or other.by_index:
             return self
         count, others = len(self.trajectory), len(other.trajectory)
@@ -132,10 +132,10 @@ class LoadedTrajectory:
 
 
 def read_trajectory_file(path: Path, columns: str = "", side: str = "") -> LoadedTrajectory:
-    """Read a trajectory; the format is that of its header, else of the layout that all rows fit (`pose_columns`).
+    """Read a trajectory; the format is given by its header, else by the layout that the rows fit (`pose_columns`).
 
-    Stamps come as they are, in any order. `columns` names the columns where the file does not; `side`: "estimate" or
-    "truth" or `CONFIGURED`, for messages that say how `columns` is given.
+    Stamps may be in any order. `columns` names the columns if the file does not. `side` is "estimate", "truth" or
+    `CONFIGURED`, for messages that say how to give `columns`.
     """
     path = Path(path)
     name = f"'{path}'"
@@ -187,9 +187,9 @@ def _read_columns(path: Path, blocks: Iterable[bytes], name: str, found: PoseCol
 
 
 def _of_matrices(rows: FloatArray, *, is_optical: bool) -> tuple[FloatArray, FloatArray]:
-    """Return positions and quaternions of 3 x 4 matrices `(N, 12)`, NaN for what is not a rotation.
+    """Return positions and quaternions of 3 x 4 matrices `(N, 12)`; a quaternion is NaN if its matrix is no rotation.
 
-    Optical axes (x right, y down, z forward) become those of the suite, of both frames.
+    `is_optical`: both frames are rotated from optical axes (x right, y down, z forward) to those of the suite.
     """
     matrices = rows.reshape(-1, 3, 4)
     rotations, positions = matrices[:, :, :3], matrices[:, :, 3]
@@ -203,24 +203,24 @@ def _of_matrices(rows: FloatArray, *, is_optical: bool) -> tuple[FloatArray, Flo
 
 
 def _stamps_of_frames(path: Path, numbers: IntArray, count: int) -> tuple[IntArray, str, bool]:
-    """Return the stamps of numbered poses by a file of seconds; without one the numbers themselves, 1 s apart.
+    """Return the stamps of numbered poses from a file of seconds, or 1 s apart if there is no such file.
 
-    `count` is the number of lines of poses, which the file of seconds must have if the poses are not numbered.
+    `count` is the number of lines with poses. The file of seconds must have as many lines if frames are consecutive.
     """
     benchmark = path.parent.parent / "sequences" / path.stem / "times.txt"
     files = (times_beside(path), path.with_name("times.txt"), benchmark)
     times = next((file for file in files if file.is_file() and file != path), None)
     if times is None:
-        return numbers.astype(np.int64) * NS_PER_S, "numbers of the lines, 1 s apart", True
+        return numbers.astype(np.int64) * NS_PER_S, "line numbers, 1 s apart", True
     is_numbered = len(numbers) > 0 and int(numbers[-1]) + 1 != len(numbers)
     stamps_ns = read_times(times, None if is_numbered else count)
     if is_numbered and int(numbers.max()) >= len(stamps_ns):
-        raise InputError(f"'{times}' has {len(stamps_ns)} times, none for the frame {int(numbers.max())} of a pose")
+        raise InputError(f"'{times}' has {len(stamps_ns)} times, but a pose has frame {int(numbers.max())}")
     return stamps_ns[numbers], str(times), False
 
 
 def _covariance(values: Mapping[str, FloatArray]) -> FloatArray:
-    """Return covariances `(N, 6, 6)` in ROS order (position, attitude) of columns of upper triangles."""
+    """Return covariances `(N, 6, 6)` in ROS order (position, attitude) from the columns of upper triangles."""
     covariance = np.zeros((len(next(iter(values.values()))), 6, 6))
     for prefix, (part, indices) in COVARIANCES.items():
         start = 0 if part == "position" else 3
@@ -250,7 +250,7 @@ def _loaded(
     by_index: bool = False,
     covariance: FloatArray | None = None,
 ) -> LoadedTrajectory:
-    """Return the poses of rows x, y, z, quaternion; rows without a pose are omitted and counted."""
+    """Return the poses of rows x, y, z, quaternion; rows without a valid pose are skipped and counted."""
     positions, quats = table.values[:, :3].copy(), table.values[:, 3:] * (1.0 if signs is None else signs)
     near = plausible_positions(positions)
     turned = plausible_quats(quats) | (not np.nan_to_num(quats).any() and not np.isnan(quats).any())
@@ -259,25 +259,25 @@ def _loaded(
     for row in np.flatnonzero(~good).tolist():
         problem = f"the quaternion {quats[row].tolist()} is not a rotation: a unit quaternion is required"
         if np.isnan(quats[row]).any():
-            problem = "this is no rotation and position"
+            problem = "the matrix is not a pose: an orthonormal rotation is required"
         if not near[row]:
-            problem = f"the position is absurd: numbers up to {MAX_POSITION_M:g} are allowed, in metres"
+            problem = f"the position is implausible: up to {MAX_POSITION_M:g} m are allowed"
         problems.append(f"line {table.lines[row]}: {problem}")
     kept = table.without(good, problems).checked()
     if not len(kept.lines):
-        raise InputError(f"{table.name} has no pose: at least one line with one is required")
+        raise InputError(f"{table.name} has no pose: at least one line with a pose is required")
     trajectory = Trajectory(kept.stamps_ns, positions[good], quats[good])
     covariance = None if covariance is None else covariance[good]
     return LoadedTrajectory(path, trajectory, kind, stamps, by_index, columns, kept.left_out, covariance)
 
 
 def times_beside(path: Path) -> Path:
-    """Return the name under which stamps are written beside KITTI poses."""
+    """Return the path of the file of stamps beside KITTI poses."""
     return path.with_name(f"{path.stem}.times.txt")
 
 
 def read_times(path: Path, count: int | None = None) -> IntArray:
-    """Return the stamps of a file of seconds `(N,)`, ns."""
+    """Return the stamps in a file of seconds, `(N,)` ns."""
     blocks = read_table(path, "give the seconds of each pose")
     table = parse_table(blocks, f"'{path}'", "seconds", (0,), stamp=parse_seconds)
     if count not in (None, len(table.lines)):
@@ -286,7 +286,7 @@ def read_times(path: Path, count: int | None = None) -> IntArray:
 
 
 def format_of_name(path: Path) -> TrajectoryFormat | None:
-    """Return the format in which a file of this name is written, None if that is no trajectory file."""
+    """Return the format of a trajectory file with this name; None if the name is not that of a trajectory file."""
     if path.name.endswith(EUROC_SUFFIX):
         return TrajectoryFormat.EUROC
     kinds = {KITTI_SUFFIX: TrajectoryFormat.KITTI, ".csv": TrajectoryFormat.CSV}
@@ -299,9 +299,9 @@ def files_written(path: Path) -> tuple[Path, ...]:
 
 
 def save_trajectory(path: Path, trajectory: Trajectory, kind: TrajectoryFormat | None = None) -> None:
-    """Write a trajectory, exact to the last bit; KITTI poses with their stamps beside them as `NAME.times.txt`.
+    """Write a trajectory with exact numbers; the stamps of KITTI poses are written to `NAME.times.txt`.
 
-    Without a `kind` the name gives it (.txt and .tum, .kitti, .euroc.csv, otherwise csv).
+    The default `kind` depends on the name: .txt and .tum, .kitti, .euroc.csv, otherwise csv.
     """
     path = Path(path)
     kind = kind or format_of_name(path) or TrajectoryFormat.CSV
@@ -312,7 +312,7 @@ def save_trajectory(path: Path, trajectory: Trajectory, kind: TrajectoryFormat |
 
 
 def trajectory_text(trajectory: Trajectory, kind: TrajectoryFormat = TrajectoryFormat.CSV) -> str:
-    """Return a trajectory as the text of a file; that of KITTI is without the stamps."""
+    """Return a trajectory as the text of a file; the KITTI format has no stamps."""
     if kind is TrajectoryFormat.KITTI:
         rotations = OPTICAL_IN_BODY.T @ matrix_from_quat(trajectory.quats_xyzw) @ OPTICAL_IN_BODY
         matrices = np.concatenate((rotations, (trajectory.positions @ OPTICAL_IN_BODY)[:, :, None]), axis=2)

@@ -229,7 +229,7 @@ def test_a_comment_that_names_another_order_of_quaternions_is_asked_about(
     words = ["score", *(files if side == "estimate" else files[::-1]), "--condition", "distance=2"]
     refused = sfr(*words)
     assert refused.code == 2
-    assert "line 1 says that the scalar of quaternions is first" in refused.err
+    assert "line 1 states that quaternions have the scalar first" in refused.err
     columns = "t[s],x,y,z,qw,qx,qy,qz"
     assert f"--columns '{side}:{columns}'" in refused.err
     done = sfr(*words, "--columns", f"{side}:{columns}", "--json", "-")
