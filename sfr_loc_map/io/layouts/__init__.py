@@ -1,1 +1,1 @@
-"""Sources of stereo pairs, a module for each layout (a bag is one), and what several layouts share."""
+"""Sources of stereo pairs: one module for each layout, including bags, and the parts that layouts share."""

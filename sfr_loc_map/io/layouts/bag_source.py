@@ -1,4 +1,4 @@
-"""The drive and mapping pairs of a bag: a first pass reads stamps, a second one joins what has equal ones."""
+"""The drive and mapping pairs of a bag: a first pass reads the stamps, a second pass joins the messages of pairs."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, 
 from sfr_loc_map.topics import NAV_POSE, RAW, RECTIFIED, TRUE_POINTS, TRUE_POSES
 
 LOOK_AHEAD = 32
-"""Most stamps whose messages are waited for at a time: bounds the memory whatever the order in the bag."""
+"""Maximum number of incomplete pairs at a time, which limits the memory for any order of messages in the bag."""
 
 _log = logging.getLogger(__name__)
 
 
 class _BagPairs:
-    """The pairs of the cameras of a task, and what their topics and the configuration say of it."""
+    """The pairs of the cameras of a task, read by the topics of the bag and the configuration."""
 
     task: Task
-    mounted_by = ""  #: What in the bag gives the pose of the rig on the rover; empty if nothing does.
+    mounted_by = ""  #: Origin, in the bag, of the pose of the rig on the rover; empty if the bag has no such pose.
 
     def __init__(self, bag: Bag, config: SourceConfig) -> None:
         rig, of_drive = self.task.rig, self.task is Task.LOCALISATION
@@ -91,14 +91,14 @@ class _BagPairs:
 
     @property
     def stamps_ns(self) -> tuple[int, ...]:
-        """Stamps of the pairs, those of the left images, in their order."""
+        """Stamps of the pairs in ascending order; the stamp of a pair is that of its left image."""
         return tuple(self._pairs)
 
     def __len__(self) -> int:
         return len(self._pairs)
 
     def parts(self) -> dict[int, dict[str, int]]:
-        """Return the stamps of the messages of each pair by topic, without the true points."""
+        """Return the stamps of the images of each pair by topic."""
         images = {topic.name for topic in self._sides}
         return {
             stamp: {name: of_part for name, of_part in parts.items() if name in images}
@@ -107,7 +107,7 @@ class _BagPairs:
 
     @cached_property
     def _pairs(self) -> dict[int, dict[str, int]]:
-        """The stamp of each whole pair, in order, and those of its messages by topic; reads stamps only."""
+        """The stamps of the messages of each complete pair by topic, by the pair's stamp; only stamps are read."""
         stamps: dict[str, list[int]] = {topic.name: [] for topic in self._topics}
         for topic, stamp_ns, _ in self._bag.stream(self._topics):
             stamps[topic.name].append(stamp_ns)
@@ -115,7 +115,7 @@ class _BagPairs:
             if len(stamps[topic.name]) > 1 and not any(stamps[topic.name]):
                 raise InputError(
                     f"bag '{self._bag.path}', '{topic.bag_name}': all stamps of the headers are 0: set sync.stamps to "
-                    "record in sfr.yaml, which takes the times of recording"
+                    "record in sfr.yaml to use the times of recording"
                 )
             check_order(stamps[topic.name], f"bag '{self._bag.path}', '{topic.bag_name}'", strict=True)
         left, right = (stamps[self._sides[at].name] for at in (0, -1))
@@ -130,7 +130,7 @@ class _BagPairs:
         return pairs
 
     def joined(self) -> Iterator[tuple[StereoPair, Mapping[str, bytes]]]:
-        """Yield each whole pair and its raw messages by topic, in the order of stamps."""
+        """Yield each complete pair and its raw messages by topic, in the order of stamps."""
         pair_of = {part: stamp for stamp, parts in self._pairs.items() for part in parts.items()}
         order, waiting = iter(self._pairs), dict[int, dict[str, bytes]]()
         stamp = next(order, None)
@@ -145,7 +145,7 @@ class _BagPairs:
                 stamp = next(order, None)
             if len(waiting) > LOOK_AHEAD:
                 raise InputError(
-                    f"bag '{self._bag.path}': messages of {self._rig_name} stamp {stamp} lie more than {LOOK_AHEAD} "
+                    f"bag '{self._bag.path}': messages of {self._rig_name} stamp {stamp} are more than {LOOK_AHEAD} "
                     f"pairs apart; sort the bag by time"
                 )
 
@@ -157,19 +157,19 @@ class _BagPairs:
             check_size(image, self.rig, f"bag '{self._bag.path}', '{topic.bag_name}': image of stamp {stamp_ns}")
         return StereoPair(stamp_ns, *(self._rectifier.rectify(left, right) if self._rectifier else (left, right)))
 
-    def _decoded(self, topic: Topic, message: Any) -> Samples:  # noqa: ANN401 - made at run time
+    def _decoded(self, topic: Topic, message: Any) -> Samples:  # noqa: ANN401 - types of rosbags
         try:
             return samples_of(message)
         except InputError as error:
             raise InputError(f"bag '{self._bag.path}', '{topic.bag_name}': {error}") from error
 
     def _halves(self, image: GreyImage) -> list[GreyImage]:
-        """Return the left and the right image that one holds; of a camera of its own, the image alone."""
+        """Return the left and right half of a joint image; without a joint layout, the image itself."""
         axis = {"": None, "side_by_side": 1, "top_bottom": 0}[self._layout]
         if axis is None:
             return [image]
         if image.shape[axis] % 2:
-            raise InputError(f"bag '{self._bag.path}': images {image.shape} do not halve as {self._layout} says")
+            raise InputError(f"bag '{self._bag.path}': images {image.shape} cannot be halved as {self._layout}")
         return [np.ascontiguousarray(half) for half in np.split(image, 2, axis)]
 
 
@@ -180,7 +180,7 @@ class BagLocSequence(_BagPairs):
 
     @cached_property
     def ground_truth(self) -> Trajectory | None:
-        """True poses as configured, else on `ground_truth/odometry`, or None; read at the first use."""
+        """True poses as configured, else from `ground_truth/odometry`, or None; read at the first use."""
         return resolve_truth(self._bag.path, self._own_truth, self._config.truth, self._config.remap)
 
     def _own_truth(self) -> Trajectory | None:
@@ -215,7 +215,7 @@ class BagNavSequence(_BagPairs):
         topic = _require(bag, NAV_POSE, POSE)
         for _, stamp_ns, message in bag.messages([topic]):
             where = f"bag '{bag.path}', '{topic.bag_name}', stamp {stamp_ns}"
-            with refusing(where, "correct or leave out the pair"):
+            with refusing(where, "correct or remove the pair"):
                 self._poses[stamp_ns] = pose_of(message.pose.position, message.pose.orientation)
 
     def _poses_of_pairs(self) -> dict[int, int]:
@@ -223,7 +223,7 @@ class BagNavSequence(_BagPairs):
         return match_stamps(self.stamps_ns, sorted(self._poses), self._tolerance_ns)
 
     def parts(self) -> dict[int, dict[str, int]]:
-        """Return the stamps of the messages of each pair that has a pose by topic, without the true points."""
+        """Return the stamps of the images and the pose by topic, for each pair that has a pose."""
         pose_of_pair = self._poses_of_pairs()
         return {
             stamp: {**images, NAV_POSE: pose_of_pair[stamp]}
@@ -232,12 +232,12 @@ class BagNavSequence(_BagPairs):
         }
 
     def pairs(self) -> Iterator[PosedStereoPair]:
-        """Yield the pairs in the order of stamps, with truth where `ground_truth/points` has their stamp."""
+        """Yield the pairs in the order of stamps, with truth if `ground_truth/points` has their stamp."""
         pose_of_pair = self._poses_of_pairs()
         for pair, raw in self.joined():
             if pair.stamp_ns not in pose_of_pair:
                 raise InputError(
-                    f"bag '{self._bag.path}': no message on 'nav/pose' has the stamp {pair.stamp_ns} of a pair"
+                    f"bag '{self._bag.path}': no message on 'nav/pose' for the pair of stamp {pair.stamp_ns}"
                 )
             truth = None
             if self._points and self._points.name in raw:
@@ -269,7 +269,7 @@ def open_bag(path: Path, config: SourceConfig | None = None) -> Source:
 
 
 def image_name(bag: Bag, rig: str) -> str | None:
-    """Return the last part of the names of a rig's images: rectified ones before raw ones, None without any."""
+    """Return the last part of the names of a rig's image topics: rectified ones, else raw ones; None without images."""
     for name in (RECTIFIED, RAW):
         if any(bag.find(f"{rig}/{side}/{name}", IMAGE, COMPRESSED) for side in SIDES):
             return name
@@ -280,7 +280,7 @@ def _require(bag: Bag, name: str, *msgtypes: str) -> Topic:
     topic = bag.find(name, *msgtypes)
     if topic is None:
         raise InputError(
-            f"bag '{bag.path}' has no topic '{name}': it has {', '.join(sorted(bag.topics))}; record it, or name it by "
-            f"--remap old:=new"
+            f"bag '{bag.path}' has no topic '{name}': it has {', '.join(sorted(bag.topics))}; record it, or name it "
+            f"with --remap old:=new"
         )
     return topic

@@ -1,9 +1,9 @@
-"""Stereo pairs for a target board in one file (`*.sfrp`), little-endian; `examples/c_candidate/harness.c` reads it.
+"""One file (`*.sfrp`) of stereo pairs for a target board, little-endian; `examples/c_candidate/harness.c` reads it.
 
-The file is `SFRPAIRS`, then uint32 version and number of sections. A section is the drive (task 1) or the pairs of one
-map (task 2): uint32 task, uint32 number of pairs, int32 width and height, then float64 fx, fy, cx, cy, baseline_m,
-T_rb_left (12), T_navsb_left (12), and the first pose of RB in DS (position, quaternion x y z w). A pair is int64
-stamp_ns, of a map float64 T_lm_navsb (12), the left and the right image, a byte a pixel.
+The file begins with `SFRPAIRS`, uint32 version and uint32 number of sections. A section is the drive (task 1) or the
+pairs of one map (task 2): uint32 task, uint32 number of pairs, int32 width and height, then float64 fx, fy, cx, cy,
+baseline_m, T_rb_left (12), T_sb_left (12), and the first pose of RB in DS (position, quaternion x y z w). A pair is
+int64 stamp_ns, for a map float64 T_lm_navsb (12), and the left and the right image with one byte per pixel.
 """
 
 from __future__ import annotations

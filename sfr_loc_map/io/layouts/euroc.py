@@ -4,8 +4,8 @@
     mav0/cam1/...                                 right camera
     mav0/state_groundtruth_estimate0/data.csv     optional: timestamp [ns], p_xyz [m], q_wxyz, ... of B in the world
 
-Images are rectified here, unless they are already. RB is the body frame B, DS the world frame of the truth, whose rate
-is kept. B of written ones is SB where the rig's pose on the rover is unknown, and the truth is omitted then.
+The reader rectifies the images unless they are rectified. RB is the body frame B, and DS is the world frame of the
+truth, whose rate is kept. If the pose of the rig on the rover is unknown, the writer sets B to SB and omits the truth.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from sfr_loc_map.io.truth.config import TrackedPoses
 
 CAMERAS = ("cam0", "cam1")
 TRUTH = "state_groundtruth_estimate0"
-TRUTHS = (TRUTH, "mocap0", "vicon0", "gt0", "leica0")  #: The best first: TUM-VI has mocap0, EuRoC vicon0 or leica0.
+TRUTHS = (TRUTH, "mocap0", "vicon0", "gt0", "leica0")  #: By preference: TUM-VI has mocap0, EuRoC vicon0, leica0.
 LIST_HEADER = "#timestamp [ns],filename"
 _log = logging.getLogger(__name__)
 
 
 def is_euroc(path: Path) -> bool:
-    """Return whether a path looks like an EuRoC sequence: the folder `mav0` or the one that holds it."""
+    """Return whether a path looks like an EuRoC sequence: the folder `mav0` or its parent."""
     return (path / "mav0" / "cam0").is_dir() or (path / "cam0" / "sensor.yaml").exists()
 
 
@@ -56,7 +56,7 @@ def open_euroc(path: Path, config: SourceConfig) -> Source:
 
 
 def _load_truth(folder: Path) -> Trajectory | None:
-    """Return the truth of the first of `TRUTHS` that is there; a tracker's is of its marker, by T_BS."""
+    """Return the first truth of `TRUTHS` found; poses of a tracker are those of its marker, which T_BS mounts on B."""
     file = next((file for name in TRUTHS if (file := folder / name / "data.csv").is_file()), None)
     if file is None:
         return None
@@ -87,12 +87,12 @@ def _load_list(path: Path) -> dict[int, Path]:
 
 
 class EurocWriter(TableWriter):
-    """A sequence that is being written; a context manager. The layout has no mapping pairs: they are omitted."""
+    """Context manager that writes a sequence. Mapping pairs are omitted because the layout does not support them."""
 
     _has_body = True
 
     def write_loc_rig(self, rig: StereoRig) -> None:
-        """Write the two cameras; comes before the first pair and the truth."""
+        """Write the calibration of both cameras; required before the first pair and the truth."""
         self._has_body = rig.T_rb_sb is not None
         T_body_left = rig.T_rb_left if self._has_body else rig.T_sb_left
         T_left_right = Transform(np.eye(3), np.array([rig.baseline_m, 0.0, 0.0]))
@@ -117,7 +117,7 @@ class EurocWriter(TableWriter):
 
     def _finish(self) -> None:
         if self._truth and not self._has_body:
-            _log.warning("the truth is left out: the pose of the cameras on the rover (T_rb_locsb) is not known")
+            _log.warning("the truth is omitted: the pose of the cameras on the rover (T_rb_locsb) is unknown")
         elif self._truth:
             folder = self._path / "mav0" / TRUTH
             folder.mkdir()

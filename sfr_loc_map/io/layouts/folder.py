@@ -4,7 +4,7 @@
     pairs.csv           stamp_ns,left,right[,navsbOriginPos_m_Lm_{x,y,z},att_q_LmToNavsb_{1..4}[,truth]]
     left/*.png right/*.png truth/*.npy groundtruth.csv
 
-A folder with both tasks holds the two as `loc/` and `nav/`.
+A folder with both tasks has such a folder for each task: `loc/` and `nav/`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ NAV_COLUMNS = (
 TRUTH_COLUMN = "truth"
 HEADERS = (LOC_COLUMNS, NAV_COLUMNS, (*NAV_COLUMNS, TRUTH_COLUMN))
 FILES = tuple(f"{part}/{name}" for part in (".", "loc", "nav") for name in ("pairs.csv", "rig.json"))
-"""Files that identify a data set folder; any of them does."""
+"""Files any of which identifies a data set folder."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +48,7 @@ class FolderNavSequence(ImageFiles):
     """The mapping pairs of a data set folder (`sequence.NavSequence`)."""
 
     def pairs(self) -> Iterator[PosedStereoPair]:
-        """Yield the pairs, one in memory at a time."""
+        """Yield the pairs, with one pair in memory at a time."""
         depth = self.sample_depth()
         for entry in self.entries:
             if entry.T_lm_navsb is None:
@@ -68,13 +68,13 @@ class _Part:
 
     folder: Path
     rig: StereoRig
-    has_poses: bool  #: Whether its header is that of mapping pairs.
+    has_poses: bool  #: Whether the header of pairs.csv is that of mapping pairs.
     pairs: list[ImagePair]
-    missing_ns: tuple[int, ...]  #: Stamps of the pairs that are listed without their images.
+    missing_ns: tuple[int, ...]  #: Stamps of pairs that are listed but have no images.
 
 
 def open_folder(path: Path) -> Source:
-    """Open a data set folder: of either task, or of both as `loc/` and `nav/`."""
+    """Open a data set folder of one task, or of both tasks in `loc/` and `nav/`."""
     if (path / "pairs.csv").exists() or (path / "rig.json").exists():
         part = _read_part(path)
         loc, nav = (None, part) if part.has_poses else (part, None)
@@ -111,7 +111,7 @@ def _read_part(folder: Path) -> _Part:
 
 
 def _parse_pair(table: Path, number: int, row: Mapping[str, str]) -> ImagePair:
-    """Return the pair in a line of pairs.csv, which is given by the names of its columns."""
+    """Return the pair in a line of pairs.csv; `row` has the cells by column name."""
     T_lm_navsb = None
     with refusing(f"'{table}' line {number}", "correct or leave out the pair"):
         stamp_ns = parse_stamp_ns(row["stamp_ns"])
@@ -119,19 +119,19 @@ def _parse_pair(table: Path, number: int, row: Mapping[str, str]) -> ImagePair:
             numbers = [parse_number(row[name]) for name in NAV_COLUMNS[len(LOC_COLUMNS) :]]
             T_lm_navsb = Transform.from_origin_and_attitude(numbers[:3], numbers[3:])
     points = table.parent / row[TRUTH_COLUMN] if row.get(TRUTH_COLUMN) else None
-    if points is not None and not points.is_file():  # reported at once, not after an hour of work
-        raise InputError(f"'{table}' names a missing truth: {points}; restore it, or omit its name")
+    if points is not None and not points.is_file():  # reported before the pairs are processed
+        raise InputError(f"'{table}' names a missing truth: {points}; restore the file or remove its name")
     return ImagePair(stamp_ns, table.parent / row["left"], table.parent / row["right"], T_lm_navsb, points)
 
 
 def _read_truth(folder: Path) -> Trajectory | None:
-    """Return the poses of groundtruth.csv, None without the file."""
+    """Return the poses of groundtruth.csv; None without this file."""
     file = folder / "groundtruth.csv"
     if not file.exists():
         return None
     loaded = read_trajectory_file(file)
     if loaded.format is not TrajectoryFormat.CSV:
-        raise InputError(f"'{file}' line 1 is not '{CSV_HEADER}': the truth of a data set folder needs it")
+        raise InputError(f"'{file}' line 1 is not '{CSV_HEADER}': the truth of a data set folder requires this header")
     check_order(loaded.trajectory.stamps_ns, f"'{file}'", strict=False)
     return loaded.trajectory
 
@@ -147,21 +147,21 @@ def _load_point_image(path: Path, rig: StereoRig) -> NDArray[np.float32]:
 
 
 def image_names(index: int) -> list[str]:
-    """Return the files of the images of a pair, left and right."""
+    """Return the file names of the left and right image of a pair."""
     return [f"{side}/{index:06d}.png" for side in SIDES]
 
 
 def pair_row(stamp_ns: int, index: int, T_lm_navsb: Transform | None = None, truth: str = "") -> list[str]:
-    """Return a row of pairs.csv: `LOC_COLUMNS`, or `NAV_COLUMNS` and `TRUTH_COLUMN` of a pair with its pose."""
+    """Return a row of pairs.csv: `LOC_COLUMNS`, or with a pose `NAV_COLUMNS` and `TRUTH_COLUMN`."""
     row = [str(stamp_ns), *image_names(index)]
     if T_lm_navsb is None:
         return row
-    attitude = quat_conjugate(T_lm_navsb.file_quat_xyzw)  # att_q_LmToNavsb, see docs/conventions
+    attitude = quat_conjugate(T_lm_navsb.file_quat_xyzw)  # att_q_LmToNavsb: docs/conventions.md
     return [*row, *map(repr, (*T_lm_navsb.translation.tolist(), *attitude.tolist())), truth]
 
 
 def pairs_lines(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return the header of pairs.csv and its lines, without the column of the truth if no pair has one."""
+    """Return the header and the lines of pairs.csv; the column of the truth is omitted if no pair has a truth."""
     header: tuple[str, ...] = LOC_COLUMNS
     if rows and len(rows[0]) > len(LOC_COLUMNS):
         header = (*NAV_COLUMNS, TRUTH_COLUMN) if any(row[-1] for row in rows) else NAV_COLUMNS
@@ -169,7 +169,7 @@ def pairs_lines(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 class FolderWriter(TableWriter):
-    """A data set folder that is being written, as a stream; with both tasks in `loc/` and `nav/`. A context manager."""
+    """Context manager that writes a data set folder as a stream; two tasks are written to `loc/` and `nav/`."""
 
     def __init__(self, path: Path, *, loc: bool, nav: bool) -> None:
         super().__init__(path)
@@ -185,11 +185,11 @@ class FolderWriter(TableWriter):
             save_trajectory(self._path / self._loc / "groundtruth.csv", self._true_poses)
 
     def write_loc_rig(self, rig: StereoRig) -> None:
-        """Write the rig of the localisation cameras; comes before their first pair."""
+        """Write the rig of the localisation cameras; required before their first pair."""
         self._start(self._loc, rig)
 
     def write_nav_rig(self, rig: StereoRig) -> None:
-        """Write the rig of the navigation cameras; comes before their first pair."""
+        """Write the rig of the navigation cameras; required before their first pair."""
         self._start(self._nav, rig)
 
     def write_loc_pair(self, pair: StereoPair) -> None:

@@ -1,4 +1,4 @@
-"""Poses of the mapping cameras in the rover's frame, for bags without nav/pose: by /tf, or by the joints of a head."""
+"""Poses of the mapping cameras in RB for bags without nav/pose: from /tf, or from the joint angles of the head."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from sfr_loc_map.io.source_config import FramesConfig
 from sfr_loc_map.io.tables.text_table import check_order
 from sfr_loc_map.message_types import JOINTS
 
-RECORD = "record it from before the first pair to after the last, at least once a second"
+RECORD = "record it from before the first pair until after the last pair, at 1 Hz or more"
 
 
 def head_poses(
     bag: Bag, camera_frame: str, baseline_m: float, stamps_ns: Sequence[int], frames: FramesConfig
 ) -> list[Transform]:
-    """Return `T_rb_navsb` at each stamp, by the transforms from the rover to the left camera, else by joints.
+    """Return `T_rb_navsb` at each stamp from the transforms between rover and left camera, else from joint angles.
 
-    InputError where the bag has neither, or not about each stamp.
+    InputError if the bag has neither, or does not cover each stamp.
     """
     stamps = np.array(stamps_ns, np.int64)
     with refusing(f"bag '{bag.path}'", "record it again"):
@@ -37,7 +37,7 @@ def head_poses(
 
 
 def _by_tf(bag: Bag, camera_frame: str, baseline_m: float, stamps_ns: IntArray, base: str) -> list[Transform] | None:
-    """Return the poses by /tf and /tf_static; None where they do not join rover and camera."""
+    """Return the poses from /tf and /tf_static; None if these do not connect rover and camera."""
     where, frames = f"bag '{bag.path}'", read_frames(bag)
     ends = (NAVSB_FRAME, camera_frame.strip("/"), *([base] if base else BASE_FRAMES))
     ends = tuple(name for name in frames if name in ends or name.rpartition("/")[2] in ends)
@@ -57,7 +57,7 @@ def _by_tf(bag: Bag, camera_frame: str, baseline_m: float, stamps_ns: IntArray, 
         if rig is None or rig.text != whole_rig.text:
             by = "unknown" if rig is None else f"from {rig.text}"
             raise InputError(
-                f"{where}: the pose of the cameras is from {whole_rig.text} on /tf, at stamp {stamp} {by}: {RECORD}"
+                f"{where}: the pose of the cameras is from {whole_rig.text} on /tf, but at stamp {stamp} {by}: {RECORD}"
             )
     return [rig.T_rb_sb for rig in rigs if rig is not None]
 
@@ -65,17 +65,17 @@ def _by_tf(bag: Bag, camera_frame: str, baseline_m: float, stamps_ns: IntArray, 
 def _by_joints(bag: Bag, camera_frame: str, stamps_ns: IntArray, config: FramesConfig) -> list[Transform]:
     where, angles = f"bag '{bag.path}'", dict[str, list[tuple[int, float]]]()
     for _, _, message in bag.messages([Topic(n, n, kind) for n, kind in bag.topics.items() if kind == JOINTS]):
-        for name, angle in zip(message.name, message.position.tolist(), strict=False):  # some give speeds alone
+        for name, angle in zip(message.name, message.position.tolist(), strict=False):  # some have no position
             angles.setdefault(name, []).append((stamp_of(message), angle))
     turns = []
     for kind, wanted in (("pan", config.pan_joint), ("tilt", config.tilt_joint)):
         found = [name for name in angles if (name == wanted if wanted else kind in name.lower())]
-        found = [name for name in found if kind in re.split("[^a-z]+", name.lower())] or found  # not of a solar panel
+        found = [name for name in found if kind in re.split("[^a-z]+", name.lower())] or found  # 'panel' contains 'pan'
         if len(found) != 1:
             raise InputError(
-                f"{where} has no transforms from the rover to '{camera_frame}', and not exactly one of the "
-                f"joints {', '.join(sorted(angles)) or '(none)'} is '{wanted or kind}': record /tf, nav/pose or "
-                f"sensor_msgs/JointState, or set frames.base, frames.pan_joint, frames.tilt_joint"
+                f"{where} has no transforms from the rover to '{camera_frame}', and {len(found)} joints match "
+                f"'{wanted or kind}' among {', '.join(sorted(angles)) or '(none)'}: one is required; record /tf, "
+                f"nav/pose or sensor_msgs/JointState, or set frames.base, frames.pan_joint, frames.tilt_joint"
             )
         known, values = (np.array(column) for column in zip(*angles[found[0]], strict=True))
         check_order(known, f"{where}, joint '{found[0]}'", strict=False)
@@ -85,7 +85,7 @@ def _by_joints(bag: Bag, camera_frame: str, stamps_ns: IntArray, config: FramesC
     place, turn = config.head_to_navsb_m, config.head_to_navsb_quat_xyzw
     if not any((*place, *turn)):
         raise InputError(
-            f"{where}: joints move the cameras: give their position on the head, "
+            f"{where}: joints move the cameras: give the position of the cameras on the head, "
             "--set 'frames.head_to_navsb_m=[X, Y, Z]'"
         )
     with refusing("frames.head_to_navsb_m, frames.head_to_navsb_quat_xyzw", "correct them"):

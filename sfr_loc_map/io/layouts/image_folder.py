@@ -1,6 +1,6 @@
-"""A folder of images as a camera wrote them, with a calibration beside: two folders, files named by their time.
+"""A folder with two folders of images that are named by their time, and a separate calibration.
 
-left/1700000000123456789.png    right/1700000000123456789.png     or cam0/ and cam1/, in any unit of time
+left/1700000000123456789.png    right/1700000000123456789.png     or cam0/ and cam1/; any unit of time
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ def is_image_folder(path: Path) -> bool:
 
 
 def open_image_folder(path: Path, config: SourceConfig) -> Source:
-    """Open a folder of images by the calibration that the configuration names."""
+    """Open a folder of images with the calibration that the configuration names."""
     folders = _sides(path)
     if folders is None:
         raise InputError(f"'{path}' has no folders of left and right images")
     if not config.calibration.file:
         raise InputError(
-            f"'{path}' has images in {folders[0].name}/ and {folders[1].name}/ and no calibration: sfr init DIR --from "
+            f"'{path}' has images in {folders[0].name}/ and {folders[1].name}/ but no calibration: sfr init DIR --from "
             f"'{path}' --calibration FILE (Kalibr, OpenCV, ROS, COLMAP, EuRoC, ORB-SLAM or rig.json)"
         )
     left, right = (_by_stamp(folder) for folder in folders)
@@ -50,7 +50,7 @@ def open_image_folder(path: Path, config: SourceConfig) -> Source:
 
 
 def _sides(path: Path) -> tuple[Path, Path] | None:
-    """Return the folders of left and right images, None where they are not there."""
+    """Return the folders of left and right images; None if there are no such folders."""
     if not path.is_dir():
         return None
     folders = {item.name.lower(): item for item in path.iterdir() if item.is_dir()}
@@ -68,7 +68,7 @@ def _images(folder: Path) -> list[Path]:
 
 
 def _by_stamp(folder: Path) -> dict[int, Path]:
-    """Return the images of a folder by their stamps, ns, which their names are."""
+    """Return the images of a folder by stamp, ns, which is given by the file name."""
     files = _images(folder)
     wrong = [file.name for file in files if not file.stem.replace(".", "", 1).isdecimal()]
     stems = sorted((file.stem for file in files), key=lambda stem: (len(stem.partition(".")[0]), stem))
@@ -76,7 +76,7 @@ def _by_stamp(folder: Path) -> dict[int, Path]:
     if not unit:
         shown = wrong[0] if wrong else ", ".join(stems[:3])
         raise InputError(
-            f"images of '{folder}' are named {shown}: names that are stamps of one unit (s, ms, us, ns) are required; "
-            "rename them, or make a pairs.csv and rig.json (docs/formats.md)"
+            f"images of '{folder}' are named {shown}: stamps in one unit (s, ms, us, ns) are required as names; "
+            "rename them, or write a pairs.csv and rig.json (docs/formats.md)"
         )
     return {parse_decimal(file.stem, TIMES[unit]): file for file in files}

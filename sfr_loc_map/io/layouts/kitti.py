@@ -2,10 +2,10 @@
 
     image_0/000000.png  image_1/000000.png   rectified images, left and right (or image_2, image_3: colour)
     calib.txt           P0: ... P3: ...      projection matrices of the rectified cameras, in the frame of camera 0
-    times.txt           seconds, one a line
-    poses.txt           optional; also found as ../../poses/NAME.txt: 3 x 4 matrices of camera 0 in its first frame
+    times.txt           one time per line, s
+    poses.txt           optional (or ../../poses/NAME.txt): 3 x 4 matrices of camera 0 in its first frame
 
-RB is the stereo bench frame SB itself, and DS is RB at the first pose: x forward, y left, z up.
+RB is the frame SB of the stereo rig, and DS is RB at the first pose: x forward, y left, z up.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from sfr_loc_map.io.sequence import Source, SourceFormat
 from sfr_loc_map.io.tables.text_table import parse_number, parse_table, read_lines, seconds_text
 from sfr_loc_map.io.tables.trajectory_file import read_times
 
-CAMERAS = ((0, 1), (2, 3))  #: Numbers of the left and right cameras that are looked for: grey, colour.
+CAMERAS = ((0, 1), (2, 3))  #: Numbers of the left and right cameras, in the order of preference: grey, colour.
 _log = logging.getLogger(__name__)
 
 
@@ -45,7 +45,7 @@ def open_kitti(path: Path) -> Source:
     times, calibration = path / "times.txt", path / "calib.txt"
     stamps = read_times(times).tolist()
     if not stamps:
-        raise InputError(f"'{times}' has no times: a line for each pair is required")
+        raise InputError(f"'{times}' has no times: one line for each pair is required")
     entries = [
         ImagePair(stamp, path / f"image_{left}" / f"{i:06d}.png", path / f"image_{right}" / f"{i:06d}.png")
         for i, stamp in enumerate(stamps)
@@ -71,18 +71,18 @@ def open_kitti(path: Path) -> Source:
 
 
 def _pose_files(path: Path) -> list[Path]:
-    """Return where the poses of a sequence may be, the first place before the second."""
+    """Return the possible files of the poses of a sequence, in the order of preference."""
     return [path / "poses.txt", path.parent.parent / "poses" / f"{path.resolve().name}.txt"]
 
 
 def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) -> Trajectory | None:
-    """Return the poses of RB by those of camera 0, along whose x the left camera used is at `offset_m`."""
+    """Return the poses of RB from those of camera 0; the left camera is at x = `offset_m` in camera 0."""
     file = next((file for file in _pose_files(path) if file.is_file()), None)
     if file is None:
         return None
     rows = parse_table(read_table(file), f"'{file}'", "the first three rows of a pose matrix", range(12)).values
     if len(rows) != len(stamps):
-        raise InputError(f"'{file}' has {len(rows)} poses for {len(stamps)} times: one for each is required")
+        raise InputError(f"'{file}' has {len(rows)} poses for {len(stamps)} times: one pose for each time is required")
     T_cam0_left = Transform(np.eye(3), np.array([offset_m, 0.0, 0.0]))
     with refusing(f"'{file}'"):
         matrices = [Transform.from_matrix(row.reshape(3, 4)) for row in rows]
@@ -92,7 +92,7 @@ def _load_poses(path: Path, stamps: list[int], rig: StereoRig, offset_m: float) 
 
 
 class KittiWriter(TableWriter):
-    """A sequence that is being written; a context manager. The layout has no mapping pairs: they are omitted."""
+    """Context manager that writes a sequence. Mapping pairs are omitted because the layout does not support them."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
@@ -108,7 +108,7 @@ class KittiWriter(TableWriter):
     def write_loc_pair(self, pair: StereoPair) -> None:
         """Write a pair of the drive."""
         if pair.stamp_ns < 0:
-            raise OutputError(f"stamp {pair.stamp_ns} ns is negative: the times of KITTI begin at 0")
+            raise OutputError(f"stamp {pair.stamp_ns} ns is negative: KITTI requires times from 0")
         for name, image in (("image_0", pair.left), ("image_1", pair.right)):
             (self._path / name).mkdir(exist_ok=True)
             (self._path / name / f"{len(self._stamps_ns):06d}.png").write_bytes(encode_png(image))
@@ -116,16 +116,16 @@ class KittiWriter(TableWriter):
         self.append("times.txt", seconds_text(pair.stamp_ns))
 
     def _finish(self) -> None:
-        """Write the pose at each image: that of its stamp, else between neighbours at most 1 s apart."""
+        """Write the pose at each image: the true pose of its stamp, or interpolated between poses at most 1 s apart."""
         rig = self._rig
         if rig is None or not self._truth:
             return
         if rig.T_rb_sb is None:
-            _log.warning("poses.txt is left out: the pose of the cameras on the rover (T_rb_locsb) is not known")
+            _log.warning("poses.txt is omitted: the pose of the cameras on the rover (T_rb_locsb) is unknown")
             return
         truth, stamps = self._true_poses, np.array(self._stamps_ns, np.int64)
         if not covered(truth.stamps_ns, stamps).all():
-            _log.warning("poses.txt is left out: the truth does not cover every image")
+            _log.warning("poses.txt is omitted: the truth does not cover every image")
             return
         places_and_turns = zip(*sampled(truth, stamps), strict=True)
         poses = [Transform.from_quat(place, turn) @ rig.T_rb_left for place, turn in places_and_turns]

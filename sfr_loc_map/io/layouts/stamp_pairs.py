@@ -1,4 +1,4 @@
-"""Left and right images that belong together by their stamps, for all sources whose layout does not state the pairs."""
+"""Pairs left and right images by their stamps, for all sources whose layout does not list the pairs."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _log = logging.getLogger(__name__)
 
 
 def stereo_pairs(left_ns: Sequence[int], right_ns: Sequence[int], sync: SyncConfig, where: str) -> dict[int, int]:
-    """Return the stamp of the right image by that of the left one; both increase.
+    """Return the stamp of the right image by the stamp of the left image; both inputs must increase.
 
-    Pairs whose stamps differ and images without the other side are reported. InputError if there is no pair.
+    Pairs with different stamps and images without a partner are reported. InputError if there is no pair.
     """
     tolerance_ns, offset_ns = round(sync.stamp_tolerance_s * NS_PER_S), round(sync.right_offset_s * NS_PER_S)
     matched = match_stamps(left_ns, [stamp + offset_ns for stamp in right_ns], tolerance_ns)
@@ -26,7 +26,7 @@ def stereo_pairs(left_ns: Sequence[int], right_ns: Sequence[int], sync: SyncConf
     if not matched:
         raise InputError(
             f"{where}: none of {len(left_ns)} left and {len(right_ns)} right images have stamps within {within}: "
-            f"record both from one trigger, or set sync.stamp_tolerance_s or sync.right_offset_s in sfr.yaml"
+            f"trigger both cameras together, or set sync.stamp_tolerance_s or sync.right_offset_s in sfr.yaml"
         )
     if differences := [abs(right - left) for left, right in matched.items() if right != left]:
         typical, largest = (f"{value / NS_PER_MS:.3g}" for value in (median_low(differences), max(differences)))
@@ -35,5 +35,5 @@ def stereo_pairs(left_ns: Sequence[int], right_ns: Sequence[int], sync: SyncConf
             f"at most by {largest} ms: matched within {within}"
         )
     if single := len(left_ns) + len(right_ns) - 2 * len(matched):
-        _log.warning(f"{where}: {single} images without the other side skipped")
+        _log.warning(f"{where}: {single} images without a partner skipped")
     return {left: right - offset_ns for left, right in matched.items()}

@@ -1,4 +1,4 @@
-"""What writers of layouts share: a folder whose tables grow line by line, and which takes its truth at the end."""
+"""The common part of layout writers: tables are written line by line, the truth at the end."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 
 
 class TableWriter:
-    """A folder of images and tables that is being written; a context manager. Tables grow line by line."""
+    """Context manager that writes a folder of images and tables. Tables are written line by line."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -31,13 +31,13 @@ class TableWriter:
             stream.close()
 
     def write_nav_rig(self, rig: StereoRig) -> None:
-        """Leave out the rig of mapping pairs: most layouts have none."""
+        """Ignore the rig of mapping pairs, which most layouts do not support."""
 
     def write_nav_pair(self, nav: PosedStereoPair) -> None:
-        """Leave out a mapping pair."""
+        """Ignore a mapping pair."""
 
     def write_truth(self, stamp_ns: int, position: FloatArray, quat_xyzw: FloatArray) -> None:
-        """Take one true pose of RB in DS, which is written at the end."""
+        """Add a true pose of RB in DS; the truth is written at the end."""
         self._truth.append((stamp_ns, position, quat_xyzw))
 
     @property
@@ -46,10 +46,10 @@ class TableWriter:
         return Trajectory(stamps_ns, positions, quats)
 
     def _finish(self) -> None:
-        """Write what is known only at the end."""
+        """Write the files that require all data."""
 
     def append(self, name: str, row: str, header: str = "") -> None:
-        """Write a row of the table of a name in the folder, after its header if it is the first."""
+        """Append a row to the table `name` in the folder; the first row is preceded by the header."""
         path = self._path / name
         if path not in self._tables:
             path.parent.mkdir(exist_ok=True)

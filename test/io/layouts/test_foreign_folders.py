@@ -84,7 +84,7 @@ def test_images_that_are_not_named_by_a_time_are_refused(tmp_path: Path, sfr: Sf
     (tmp_path / "sfr.yaml").write_text("calibration: {file: c.yaml}\n")
     done = sfr("info", tmp_path / "drive")
     assert done.code == 1
-    assert "frame_a.png: names that are stamps" in " ".join(done.out.split())
+    assert "frame_a.png: stamps in one unit" in " ".join(done.out.split())
 
 
 def test_a_configuration_of_a_bag_is_not_one_of_a_folder_beside_it(tmp_path: Path, sfr: Sfr) -> None:

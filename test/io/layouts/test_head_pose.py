@@ -111,7 +111,7 @@ REFUSED: dict[str, tuple[Callable[[], Recording], FramesConfig, str]] = {
     "a place not given": (
         lambda: joints_at(0, 900),
         FramesConfig(),
-        "give their position on the head, --set 'frames.head_to",
+        "give the position of the cameras on the head, --set 'frames.head_to",
     ),
     "a turn that is none": (
         lambda: joints_at(0, 900),
@@ -121,16 +121,20 @@ REFUSED: dict[str, tuple[Callable[[], Recording], FramesConfig, str]] = {
     "no joint of the head": (
         lambda: joints_at(0, 900, wheel=0.1),
         PLACE,
-        "no transforms from the rover to 'pancam_left_optical', and not exactly one of the joints wheel is 'pan'",
+        "no transforms from the rover to 'pancam_left_optical', and 0 joints match 'pan' among wheel",
     ),
     "two that pan": (
         lambda: joints_at(0, 900, a_pan=0.1, b_pan=1.0, tilt=0.0),
         PLACE,
-        "not exactly one of the joints a_pan, b_pan, tilt is",
+        "2 joints match 'pan' among a_pan, b_pan, tilt",
     ),
-    "a name that is not there": (lambda: joints_at(0, 900), FramesConfig(tilt_joint="neck"), "is 'neck'"),
+    "a name that is not there": (lambda: joints_at(0, 900), FramesConfig(tilt_joint="neck"), "0 joints match 'neck'"),
     "an angle that is none": (lambda: joints_at(0, 900, pan=np.nan, tilt=0.0), PLACE, "not finite"),
-    "after the frames": (lambda: frames_at(0, 400), PLACE, "base_link to pancam_left_optical on /tf, at stamp .* unk"),
+    "after the frames": (
+        lambda: frames_at(0, 400),
+        PLACE,
+        "base_link to pancam_left_optical on /tf, but at stamp .* unk",
+    ),
     "frames of another rover": (
         lambda: frames_at(0, 900),
         FramesConfig(base="rb"),
