@@ -1,1 +1,1 @@
-"""Calibrations of a stereo pair that other programs wrote."""
+"""Calibrations of a stereo pair, of the suite and of other programs."""

@@ -8,7 +8,7 @@
     COLMAP       cameras.txt and rig_config.json
     rig.json     of the suite
 
-The second of two files is found by its name (`PARTNERS`). A folder may be given that holds one calibration.
+If a calibration has two files, the second is found by its name (`PARTNERS`). A folder with one calibration is accepted.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ from sfr_loc_map.io.calibration.rig_file import read_rig
 
 ENDINGS = (".yaml", ".yml", ".xml", ".json", ".txt")
 PARTNERS = (("left", "right"), ("cam0", "cam1"), ("intrinsics", "extrinsics"), ("cameras.txt", "rig_config.json"))
-"""Words by which the names of two files of one calibration, or of their folders, differ."""
-LARGEST_BASELINE_M = 5.0  #: A longer one is in millimetres.
+"""Words in which the names of the two files of a calibration, or of their folders, differ."""
+LARGEST_BASELINE_M = 5.0  #: Largest baseline, m; larger numbers are in millimetres.
 ONE_FOCAL = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 TWO_FOCALS = ("PINHOLE", "OPENCV", "FULL_OPENCV", "OPENCV_FISHEYE")
-"""Models of COLMAP by their number of focal lengths; the principal point and coefficients in OpenCV's order follow."""
+"""Models of COLMAP by number of focal lengths; principal point and distortion in OpenCV's order follow."""
 Cameras = tuple[RawCamera, RawCamera]
 
 
@@ -53,21 +53,21 @@ class Calibration:
     """The calibration of a stereo pair."""
 
     infos: tuple[Any, Any]  #: Left and right, with the fields of a sensor_msgs/CameraInfo.
-    is_rectified: bool  #: The images are rectified already, and `infos` those of a rectified pair.
-    T_rb_sb: Transform | None  #: Pose of the pair in RB, where the file has it.
-    text: str  #: What was read, for messages: `Kalibr 'camchain.yaml', cam0 and cam1`.
+    is_rectified: bool  #: Whether the images are rectified; `infos` are then those of a rectified pair.
+    T_rb_sb: Transform | None  #: Pose of the rig in RB, if the file has it.
+    text: str  #: Description for messages: `Kalibr 'camchain.yaml', cam0 and cam1`.
 
     def rig(self, name: str) -> tuple[StereoRig, StereoRectifier | None]:
-        """Return the rectified rig (`loc` or `nav`), and what rectifies its images; None if that is the identity."""
+        """Return the rectified rig (`loc` or `nav`) and its rectifier; None if the images are rectified."""
         if self.is_rectified:
             return rig_of_rectified(self.infos, name)
         return rectified_rig(self.infos, name)
 
 
 def read_calibration(path: Path, size: tuple[int, int] | None = None) -> Calibration:
-    """Read a file or a folder; `size`: width and height of the images that it is for, where they are known.
+    """Read a calibration from a file or a folder; `size`: width and height of the images, if known.
 
-    InputError, in one line, if it is not a calibration, is broken, is not a pair side by side, or is for other images.
+    InputError if it is not a calibration, is corrupt, is not of a side-by-side pair, or is of another image size.
     """
     where, T_rb_sb = f"calibration '{path}'", None
     with naming(path), refusing(where):
@@ -94,7 +94,7 @@ def read_calibration(path: Path, size: tuple[int, int] | None = None) -> Calibra
             of_rig = msgspec.convert(rigs[0]["cameras"], list[dict[str, Any]])
             (left, right), text = _colmap(min(file.absolute(), other), of_rig)
         else:
-            found = ", ".join(sorted(keys)[:8]) or "none of their names"
+            found = ", ".join(sorted(keys)[:8]) or "none of these names"
             raise InputError(
                 f"{where}: a file of Kalibr (cam0, cam1), EuRoC, ORB-SLAM, OpenCV (M1, D1, M2, D2, R, T), ROS "
                 f"(camera_matrix, projection_matrix), COLMAP (cameras.txt and rig_config.json) or a rig.json is "
@@ -102,7 +102,7 @@ def read_calibration(path: Path, size: tuple[int, int] | None = None) -> Calibra
             )
     if len(sizes := {left.size, right.size, size or left.size}) > 1:
         found = " and ".join(f"{width} x {height}" for width, height in sorted(sizes))
-        raise InputError(f"{where} and the images are of {found} pixels: calibrate both cameras at that size")
+        raise InputError(f"{where} and the images differ in size, {found} px: calibrate both cameras at the image size")
     rig = rig_from_projections(np.array(left.p), np.array(right.p), left.size, where)
     if rig.baseline_m > LARGEST_BASELINE_M:
         raise InputError(f"{where}: the baseline is {rig.baseline_m:g} m: give it in metres")
@@ -110,18 +110,18 @@ def read_calibration(path: Path, size: tuple[int, int] | None = None) -> Calibra
 
 
 def _only_file(folder: Path) -> Path:
-    """Return the file that is the calibration of a folder, or the first of two that are."""
+    """Return the only calibration file in a folder, or the first file if the calibration has two."""
     files = [*folder.absolute().glob("*.*"), *folder.absolute().glob("*/*.*")]
     files = sorted(file for file in files if file.suffix.lower() in ENDINGS)
     found = [file for file in files if (other := _partner(file)) and file < other] or files
     if len(found) != 1:
         names = ", ".join(str(file.relative_to(folder.absolute())) for file in found[:8]) or "none"
-        raise InputError(f"calibration '{folder}': one is required in a folder, it has {names}; name the file")
+        raise InputError(f"calibration '{folder}': one calibration is required, it has {names}; name the file")
     return found[0]
 
 
 def _partner(file: Path) -> Path | None:
-    """Return the other file of two that are one calibration."""
+    """Return the second file of the calibration to which a file belongs; None if there is no second file."""
     file, places = file.absolute(), []
     for one, other in (*PARTNERS, *(pair[::-1] for pair in PARTNERS)):
         places.append(file.with_name(file.name.replace(one, other)))
@@ -130,11 +130,11 @@ def _partner(file: Path) -> Path | None:
 
 
 def _content(file: Path) -> Any:  # noqa: ANN401 - any YAML or JSON
-    """Return the content of YAML, JSON or OpenCV's XML; names on top are in small letters without underscores."""
+    """Return the content of YAML, JSON or OpenCV's XML; top-level names are in lower case without underscores."""
     text = read_text(file).strip()
     if text.startswith("<"):
         if "<!" in text.replace("<!--", ""):
-            raise ValueError("XML with declarations of its own is not read")
+            raise ValueError("XML with declarations is not supported")
         root = ET.fromstring(text)
         content = {item.tag: {part.tag: part.text for part in item} if len(item) else item.text for item in root}
     else:  # JSON is YAML, except for tabs
@@ -150,7 +150,7 @@ def parse_opencv_yaml(text: str) -> Any:  # noqa: ANN401 - any YAML
 
 
 def _numbers(content: Mapping[str, Any], *names: str) -> tuple[float, ...]:
-    """Return the numbers of a matrix, row by row, under the first of its names that is there; ValueError without."""
+    """Return the numbers of a matrix, row by row, by the first of `names` in the content; ValueError without it."""
     name = next((name for name in names if name in content), None)
     if name is None:
         raise ValueError(f"it has no {' or '.join(names)}")
@@ -159,7 +159,7 @@ def _numbers(content: Mapping[str, Any], *names: str) -> tuple[float, ...]:
 
 
 def _size(content: Mapping[str, Any]) -> tuple[int, int]:
-    """Return the width and height of the images, of a file or `given`; ValueError without."""
+    """Return the width and height of the images, in the file or `given`; ValueError if unknown."""
     names = ("imagesize", "imagewidth", "width", "imageheight", "height", "given")
     found = [number for name in names if name in content for number in _numbers(content, name)]
     if len(found) < 2:
@@ -182,7 +182,7 @@ class _KalibrCamera(msgspec.Struct):
     T_imu_cam: list[list[float]] | None = None
 
     def pose_in_imu(self) -> Transform | None:
-        """Return the pose of the camera in the IMU, None where the file does not give it."""
+        """Return the pose of the camera in the IMU; None if the file does not give it."""
         if self.T_imu_cam is not None:
             return _matrix(self.T_imu_cam)
         return None if self.T_cam_imu is None else _matrix(self.T_cam_imu).inverse()
@@ -193,7 +193,7 @@ def _matrix(rows: list[list[float]]) -> Transform:
 
 
 def _pose_of_right(one: _KalibrCamera, other: _KalibrCamera) -> Transform:
-    """Return the pose of cam1 in cam0: by T_cn_cnm1 of cam1, else by the poses of both in the IMU."""
+    """Return the pose of cam1 in cam0 from T_cn_cnm1 of cam1, else from the poses of both cameras in the IMU."""
     if other.T_cn_cnm1 is not None:
         return _matrix(other.T_cn_cnm1).inverse()
     in_imu, other_in_imu = one.pose_in_imu(), other.pose_in_imu()
@@ -204,7 +204,7 @@ def _pose_of_right(one: _KalibrCamera, other: _KalibrCamera) -> Transform:
 
 def _kalibr(file: Path, content: dict[str, Any]) -> tuple[Cameras, str]:
     if "cam1" not in content:
-        raise ValueError("it has cam0 alone, but a stereo pair needs cam0 and cam1")
+        raise ValueError("it has only cam0: a stereo pair needs cam0 and cam1")
     one, other = (msgspec.convert(content.get(name), _KalibrCamera, strict=False) for name in ("cam0", "cam1"))
     T_cam0_cam1 = _pose_of_right(one, other)
     cameras = []
@@ -232,7 +232,7 @@ def read_sensor_yaml(path: Path) -> CalibratedCamera:
     """Read the sensor.yaml of an EuRoC camera."""
     with refusing(f"'{path}' is not a sensor.yaml of an EuRoC camera"):
         content = parse_opencv_yaml(read_text(path))
-        camera = msgspec.convert(content, _SensorYaml, strict=False)  # YAML takes 1e-5 for a text
+        camera = msgspec.convert(content, _SensorYaml, strict=False)  # YAML reads 1e-5 as text
         pose = Transform.from_matrix(np.array(camera.T_BS.data).reshape(4, 4))
         d = camera.distortion_coefficients or (0.0,) * 4
         lens = _lens(d, camera.distortion_model.startswith("equi"))
@@ -242,7 +242,7 @@ def read_sensor_yaml(path: Path) -> CalibratedCamera:
 def _euroc(file: Path, other: Path | None) -> tuple[Cameras, str]:
     if other is None:
         raise InputError(
-            f"calibration '{file}' has one camera: add that of the other beside it, named as cam0 and cam1"
+            f"calibration '{file}' has one camera: add the file of the other camera beside it, named as cam0 and cam1"
         )
     files = sorted((file.absolute(), other))
     cameras = [read_sensor_yaml(path) for path in files]
@@ -250,10 +250,10 @@ def _euroc(file: Path, other: Path | None) -> tuple[Cameras, str]:
 
 
 def _orbslam(file: Path, content: Mapping[str, Any], size: tuple[int, int] | None) -> tuple[Cameras, str]:
-    """Read the settings of ORB-SLAM: raw images by LEFT.K, RIGHT.K, ... or by two cameras, else rectified images.
+    """Read the settings of ORB-SLAM: LEFT.K, RIGHT.K, ... or two cameras for raw images, one camera for rectified ones.
 
-    Two raw cameras are Camera1, Camera2 and Stereo.T_c1_c2, in older files Camera, Camera2 and Tlr. One camera with
-    Camera.bf or Stereo.b is that of rectified images, which have no distortion.
+    Two raw cameras are given by Camera1, Camera2 and Stereo.T_c1_c2, in older files by Camera, Camera2 and Tlr. One
+    camera with Camera.bf or Stereo.b is that of rectified images without distortion.
     """
     text = f"ORB-SLAM '{file.name}'"
     if "left.k" in content:
@@ -279,8 +279,8 @@ def _orbslam(file: Path, content: Mapping[str, Any], size: tuple[int, int] | Non
         return rectified_cameras(text, *cameras), f"{text}, {first.capitalize()} and Camera2"
     if fisheye or any(float(content.get(f"{first}.{item}", 0.0)) for item in names):
         raise ValueError(
-            f"{first.capitalize()} has a distortion and there is no Camera2: it is of one raw camera, not of a stereo "
-            "pair; give the calibration of both cameras"
+            f"{first.capitalize()} has a distortion but there is no Camera2: the settings are of one raw camera, not "
+            "of a stereo pair; give the calibration of both cameras"
         )
     fx, fy, cx, cy = (_one(content, f"{first}.{item}") for item in ("fx", "fy", "cx", "cy"))
     baseline = content.get("stereo.b")
@@ -299,7 +299,7 @@ def _one(content: Mapping[str, Any], name: str) -> float:
 
 
 def _side_by_side(name: str, cameras: list[CalibratedCamera], names: list[str]) -> tuple[Cameras, str]:
-    """Return the pair of two cameras, whose geometry gives which is the left one."""
+    """Return the pair of two cameras; their poses determine which camera is the left one."""
     if (cameras[0].T_body_cam.inverse() @ cameras[1].T_body_cam).translation[0] < 0:
         cameras, names = cameras[::-1], names[::-1]
     return rectified_cameras(name, *cameras), f"{name}, {names[0]} and {names[1]}"
@@ -308,7 +308,7 @@ def _side_by_side(name: str, cameras: list[CalibratedCamera], names: list[str]) 
 def _ros(file: Path, other: Path | None) -> tuple[Cameras, str]:
     if other is None:
         raise InputError(
-            f"calibration '{file}' has one camera: add that of the other beside it, named as left and right"
+            f"calibration '{file}' has one camera: add the file of the other camera beside it, named as left and right"
         )
     found = []
     for path in (file, other):
@@ -349,13 +349,13 @@ def _colmap(file: Path, of_rig: list[dict[str, Any]]) -> tuple[Cameras, str]:
     for row, camera in zip((rows[0], rows[-1]), of_rig, strict=True):
         lens = str(camera.get("camera_model_name", row[1]))
         if lens not in ONE_FOCAL + TWO_FOCALS:
-            raise ValueError(f"lens {lens} is none of {', '.join(ONE_FOCAL + TWO_FOCALS)}")
+            raise ValueError(f"camera model {lens} is not supported; supported are {', '.join(ONE_FOCAL + TWO_FOCALS)}")
         fx, *rest = map(float, camera.get("camera_params", row[4:]))
         fy, cx, cy, *d = (fx, *rest) if lens in ONE_FOCAL else rest
         d += [0.0] * (4 - len(d))
         w, x, y, z = camera.get("cam_from_rig_rotation", (1, 0, 0, 0))
         T_cam_rig = Transform.from_quat(camera.get("cam_from_rig_translation", (0, 0, 0)), (x, y, z, w))
-        intrinsics = (fx, fy, cx - 0.5, cy - 0.5)  # the centre of the first pixel is (0.5, 0.5) there
+        intrinsics = (fx, fy, cx - 0.5, cy - 0.5)  # the centre of COLMAP's first pixel is (0.5, 0.5)
         size, model = (int(row[2]), int(row[3])), _lens(d, "FISHEYE" in lens)
         found.append(CalibratedCamera(size, intrinsics, tuple(d), T_cam_rig.inverse(), model))
         names.append(str(camera.get("image_prefix", f"camera {row[0]}")))

@@ -1,4 +1,4 @@
-"""The rig.json of the suite: a rectified stereo pair and its pose on the rover, read and written."""
+"""Reading and writing of rig.json: a rectified stereo pair and its pose on the rover."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class _RigFile(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def read_rig(file: Path) -> StereoRig:
-    """Read a rig.json; InputError if it cannot be that of a rig."""
+    """Read a rig.json; InputError if the rig is invalid."""
     with refusing(f"cannot read '{file}'", "a data set folder needs its rig.json"):
         found = msgspec.json.decode(read_bytes(file, MAX_TEXT_BYTES).removeprefix(BOM), type=_RigFile)
     with refusing(f"'{file}'"):
@@ -39,13 +39,13 @@ def read_rig(file: Path) -> StereoRig:
             raise GeometryError(f"k is {list(found.k)}: [fx, 0, cx, 0, fy, cy, 0, 0, 1] is required")
         pose = found.T_rb_locsb
         T_rb_sb = None if pose is None else Transform.from_quat(pose.translation_m, pose.quat_xyzw)
-        # as it comes out of camera_info messages: a rig from a file and one from topics are equal to the last digit
+        # computed as from camera_info messages, so that a rig from a file and from topics is bit-identical
         baseline_m = baseline_from_projection(fx, -(fx * found.baseline_m)) if fx else found.baseline_m
         return StereoRig(found.width, found.height, fx, fy, cx, cy, baseline_m, T_rb_sb)
 
 
 def rig_json(rig: StereoRig) -> str:
-    """Return the text of the rig.json that `open_folder` reads as this rig."""
+    """Return the text of the rig.json of a rig."""
     content: dict[str, Any] = {
         "width": rig.width,
         "height": rig.height,

@@ -1,4 +1,4 @@
-"""NPY arrays and NPZ archives of numbers; numpy's readers take objects as well, and allocate what a header claims."""
+"""NPY arrays and NPZ archives of numbers. numpy's readers also accept objects, and trust the sizes in headers."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-MAX_HEADER = 1024  #: Bytes of a header; those of arrays of numbers have some 120.
+MAX_HEADER = 1024  #: Largest header, bytes; numpy writes about 120 for an array of numbers.
 MIN_UNPACKED, MAX_RATIO = 16_000_000, 20
-"""The members that are read may have so many bytes, or so many times those of the archive."""
+"""Limit of the decompressed members: this number of bytes, or this multiple of the size of the archive."""
 _BROKEN_ARCHIVE = (
     *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, OSError, EOFError),
     *(NotImplementedError, RuntimeError),  # an unknown compression, a password
@@ -24,16 +24,16 @@ _BROKEN_ARCHIVE = (
 
 
 def parse_npy(data: bytes, fields: Collection[str] = ()) -> NDArray[Any]:
-    """Return the array of an NPY file (version 1 or 2): truth values, whole or floating-point numbers, any shape.
+    """Return the array of an NPY file (version 1 or 2): booleans, integers or floating-point numbers of any shape.
 
-    With `fields` it is a list of records of numbers that have at least these fields.
+    With `fields`, a list of numeric records with at least these fields is required.
     """
     stream = io.BytesIO(data)
     try:
         first = np.lib.format.read_magic(stream) == (1, 0)
         read = np.lib.format.read_array_header_1_0 if first else np.lib.format.read_array_header_2_0
         shape, fortran, dtype = read(stream, max_header_size=MAX_HEADER)
-    except Exception as error:  # whatever Python's tokenizer raises for a broken header
+    except Exception as error:  # corrupt headers cause various exceptions
         raise ValueError("it is not an NPY array, or its header is corrupt") from error
     names = dtype.names or ()
     if not set(fields) <= set(names) or (fields and len(shape) != 1):
@@ -42,22 +42,22 @@ def parse_npy(data: bytes, fields: Collection[str] = ()) -> NDArray[Any]:
     if any(part.kind not in "biuf" or part.itemsize > 8 for part in parts):
         raise ValueError(f"its elements are {str(dtype)[:40]}: real numbers are required")
     if not all(type(n) is int and n >= 0 for n in shape):
-        raise ValueError("its header is corrupt: the shape must be whole numbers")
+        raise ValueError("its header is corrupt: the shape must consist of integers")
     count, begin = math.prod(shape), stream.tell()
     if len(data) - begin < count * dtype.itemsize:
-        raise ValueError(f"it claims {shape} numbers of {dtype}, but {len(data) - begin} bytes are there")
+        raise ValueError(f"it declares {shape} numbers of {dtype}, but contains {len(data) - begin} bytes")
     return np.frombuffer(data, dtype, count, begin).reshape(shape, order="F" if fortran else "C").copy()
 
 
 def parse_npz(data: bytes, names: Collection[str]) -> dict[str, NDArray[Any]]:
-    """Return some members of an NPZ archive by name; others are left alone, missing ones are omitted."""
+    """Return the named members of an NPZ archive; missing members are omitted."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             infos = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             wanted = {name: infos[name] for name in names if name in infos}
             unpacked = sum(info.file_size for info in wanted.values())
             if unpacked > max(MIN_UNPACKED, MAX_RATIO * len(data)):
-                raise ValueError(f"its {len(data)} bytes claim to unpack to {unpacked}")
+                raise ValueError(f"its {len(data)} bytes declare {unpacked} decompressed bytes, more than allowed")
             members = {name: archive.read(info) for name, info in wanted.items()}
     except _BROKEN_ARCHIVE as error:
         raise ValueError(f"it is not a complete NPZ archive ({error})") from error

@@ -1,7 +1,7 @@
 """Point clouds as files: PLY, PCD and NPZ.
 
-Written are all fields of `FIELD_TYPES` in their types: PLY and PCD binary little endian, NPZ one array a field. Read
-are any order and any number type of the fields, text and binary, and clouds of other programs with x, y, z alone.
+The writers write all fields of `FIELD_TYPES` in their types: PLY and PCD in little-endian binary, NPZ with one array
+per field. The readers accept any order and number type of the fields, text and binary, and clouds with only x, y, z.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from sfr_loc_map.io.clouds.array_file import parse_npz
 from sfr_loc_map.io.tables.text_table import parse_count
 
 _log = logging.getLogger(__name__)
-Columns = dict[str, NDArray[Any]]  # values of each field, one a point
+Columns = dict[str, NDArray[Any]]  # values of each field, one per point
 Grid = tuple[int, int] | None  # width and height of an organised cloud
 PIXEL_FIELDS = ("u", "v", "pair")
 FUSED, PAIR_STAMPS = "fused", "pair_stamps_ns"
-"""Names in a file of properties of the cloud: comments `sfr fused true`, `sfr pair_stamps_ns 1 2 3`, members of NPZ."""
-MAX_PAIR_STAMPS = 256  #: As many pairs as the points' `pair` can name.
-MAX_COUNT = 4096  #: Most values of one field of a point of PCD: descriptors have some hundreds.
+"""Names of properties of a cloud: comments `sfr fused true` and `sfr pair_stamps_ns 1 2 3`, or members of NPZ."""
+MAX_PAIR_STAMPS = 256  #: Number of pairs that the field `pair` of points can distinguish.
+MAX_COUNT = 4096  #: Maximum number of values in one PCD field of a point; descriptors have several hundred.
 PCD_TYPES = {"I1", "I2", "I4", "I8", "U1", "U2", "U4", "U8", "F4", "F8"}
 PLY_TYPES = {
     name: kind
@@ -50,35 +50,35 @@ PLY_ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadedCloud:
-    """A cloud as read, points with a coordinate that is not finite omitted."""
+    """A cloud as read, without points that have a coordinate that is not finite."""
 
     xyz: FloatArray
     """`(N, 3)` float64, metres."""
     cloud: PointCloud | None
-    """The same points; None where the file does not say pixel and pair. Sigma or intensity that it lacks are NaN."""
+    """The same points; None if the file has no pixels and pairs. Missing sigma or intensity is NaN."""
     grid: Grid = None
     """Width and height of an organised cloud whose pixels follow from the order of its points; None for others."""
     not_finite: int = 0
-    """Points with a coordinate that is not finite, which are omitted."""
+    """Number of omitted points that have a coordinate that is not finite; 0 for an organised cloud."""
 
     def of_images(self, width: int, height: int, name: str) -> LoadedCloud:
-        """Return the cloud for images of a size: the order of the points gives pixels of images of that size alone."""
+        """Return the cloud for images of a size; pixels from the order of the points are kept only for this size."""
         if self.grid is None or self.grid == (width, height):
             return self
         columns, rows = self.grid
         _log.warning(
-            f"{name} is organised as {columns} x {rows}, the images are {width} x {height}: its order does not give "
-            "pixels, points are scored by their distance to the nearest true point"
+            f"{name} is organised as {columns} x {rows}, but the images are {width} x {height}: the order of its "
+            "points does not give pixels, so points are scored by their distance to the nearest true point"
         )
         return replace(self, cloud=None, grid=None)
 
 
 def load_cloud(path: Path) -> LoadedCloud:
-    """Read a cloud, its format by the name's ending (`SUFFIXES`)."""
+    """Read a cloud; the format is given by the ending of the name (`SUFFIXES`)."""
     names = ", ".join(SUFFIXES)
     suffix = path.suffix.lower()
     if suffix not in _FORMATS:
-        raise InputError(f"cloud '{path}' ends in '{path.suffix}': {names} are read")
+        raise InputError(f"cloud '{path}' ends in '{path.suffix}': {names} are supported")
     with refusing(f"cannot read cloud '{path}'", f"give a file {names}"):
         data = read_bytes(path, MAX_CLOUD_BYTES)
     with refusing(f"cloud '{path}' cannot be read", "write it again"):
@@ -92,13 +92,13 @@ def load_cloud(path: Path) -> LoadedCloud:
     if missing:
         found = ", ".join(columns) or "none"
         raise InputError(f"cloud '{path}' has no field {', '.join(missing)}: it has {found}")
-    with np.errstate(invalid="ignore"):  # a NaN that signals is one like the others
+    with np.errstate(invalid="ignore"):  # signalling NaN
         xyz = np.column_stack([np.asarray(columns[name], np.float64) for name in "xyz"])
     finite = np.isfinite(xyz).all(axis=1)
-    not_finite = 0 if grid is not None else int(np.count_nonzero(~finite))  # an organised cloud has a place for each
+    not_finite = 0 if grid is not None else int(np.count_nonzero(~finite))  # they are normal in organised clouds
     farthest = float(np.abs(xyz[finite]).max(initial=0.0))
     if farthest > MAX_POSITION_M:
-        raise InputError(f"cloud '{path}' has a coordinate of {farthest:g} m: up to {MAX_POSITION_M:g} m are read")
+        raise InputError(f"cloud '{path}' has a coordinate of {farthest:g} m: up to {MAX_POSITION_M:g} m are allowed")
     if not all(name in columns for name in PIXEL_FIELDS):
         return LoadedCloud(xyz[finite], None, not_finite=not_finite)
     points = np.zeros(int(finite.sum()), PointCloud.dtype())
@@ -107,14 +107,14 @@ def load_cloud(path: Path) -> LoadedCloud:
         if name in PIXEL_FIELDS and len(values):
             limit = np.iinfo(np.dtype(kind)).max
             if not (np.all(values >= 0) and np.all(values <= limit) and np.all(values == np.floor(values))):
-                raise InputError(f"cloud '{path}': field {name} must hold whole numbers from 0 to {limit}")
-        with np.errstate(invalid="ignore", over="ignore"):  # what is too large for the type becomes infinite
+                raise InputError(f"cloud '{path}': field {name} must contain integers from 0 to {limit}")
+        with np.errstate(invalid="ignore", over="ignore"):  # values that exceed the type become infinite
             points[name] = values
     return LoadedCloud(xyz[finite], PointCloud.from_structured(points, fused, pair_stamps_ns), grid, not_finite)
 
 
 def _with_pixels(columns: Columns, comments: list[str], width: int, height: int) -> tuple[Columns, list[str]]:
-    """Return the fields with u and v by the order of the points of an organised cloud, which is not fused."""
+    """Return the fields with u and v from the order of the points of an organised cloud, which is not fused."""
     points = width * height
     v, u = np.divmod(np.arange(points), width)
     columns = {**columns, "u": u, "v": v, "pair": columns.get("pair", np.zeros(points))}
@@ -124,7 +124,7 @@ def _with_pixels(columns: Columns, comments: list[str], width: int, height: int)
 
 
 def save_cloud(path: Path, cloud: PointCloud) -> None:
-    """Write a cloud; the format is that of the name's ending (`SUFFIXES`)."""
+    """Write a cloud; the format is given by the ending of the name (`SUFFIXES`)."""
     if path.suffix.lower() not in _FORMATS:
         raise OutputError(f"cannot write cloud '{path}': its name must end in one of {', '.join(SUFFIXES)}")
     content = _FORMATS[path.suffix.lower()][1](cloud)
@@ -133,7 +133,7 @@ def save_cloud(path: Path, cloud: PointCloud) -> None:
 
 
 def save_points(path: Path, xyz: FloatArray) -> None:
-    """Write points `(N, 3)` alone, without pixels, as .npz."""
+    """Write points `(N, 3)` without pixels as .npz."""
     with atomic_path(path) as temporary:
         np.savez(temporary, x=xyz[:, 0], y=xyz[:, 1], z=xyz[:, 2])
 
@@ -146,24 +146,24 @@ def _comments(cloud: PointCloud) -> list[str]:
 
 
 def _stated(comments: Iterable[str]) -> tuple[bool | None, tuple[int, ...] | None]:
-    """Return whether a cloud is fused and the stamps of its pairs, None for what the comments do not say."""
+    """Return whether a cloud is fused, and the stamps of its pairs, by its comments; None if not stated."""
     stated: dict[str, str] = {}
     for text in comments:
         sign, name, value = (*text.split(" ", 2), "", "")[:3]
         if sign == "sfr" and stated.setdefault(name, value.strip()) != value.strip():
-            raise ValueError(f"its comments 'sfr {name}' differ")
+            raise ValueError(f"its comments 'sfr {name}' contradict each other")
     fused, stamps = stated.get(FUSED), stated.get(PAIR_STAMPS)
     if fused not in (None, "true", "false"):
         raise ValueError(f"'sfr {FUSED} {fused[:40]}' must end in true or false")
     words = (stamps or "").split()
     whole = all(word.isascii() and word.isdecimal() and len(word) < 20 and int(word) < 2**63 for word in words)
     if len(words) > MAX_PAIR_STAMPS or not whole:
-        raise ValueError(f"'sfr {PAIR_STAMPS}' must list whole nanoseconds")
+        raise ValueError(f"'sfr {PAIR_STAMPS}' must list integer nanoseconds")
     return None if fused is None else fused == "true", None if stamps is None else tuple(map(int, words))
 
 
 def _columns(body: bytes, dtype: np.dtype[Any], count: int, *, is_text: bool) -> Columns:
-    """Return the scalar fields of `count` records, as bytes or as text with one record a line."""
+    """Return the scalar fields of `count` records in binary, or in text with one record per line."""
     names = dtype.names or ()
     if not is_text:
         if len(body) < count * dtype.itemsize:
@@ -171,7 +171,7 @@ def _columns(body: bytes, dtype: np.dtype[Any], count: int, *, is_text: bool) ->
         records = np.frombuffer(body, dtype, count)
         return {name: records[name] for name in names if dtype[name].shape == ()}
     widths = [int(np.prod(dtype[name].shape)) for name in names]
-    if len(body) + 1 < 2 * count * sum(widths):  # each number has a digit and an end
+    if len(body) + 1 < 2 * count * sum(widths):  # each number has a digit and a separator
         raise ValueError(f"{len(body)} bytes of text found where {count} points of {sum(widths)} numbers are required")
     table = _number_table(body, count, sum(widths))
     starts = np.cumsum([0, *widths])
@@ -189,7 +189,7 @@ def _ply_bytes(cloud: PointCloud) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class _Property:
-    """A property of an element of PLY: numpy's type of its values, and of the length where it is a list."""
+    """A property of a PLY element: numpy's type of its values and, if it is a list, of its length."""
 
     name: str
     kind: str
@@ -240,7 +240,7 @@ def _ply_elements(header: list[list[str]], order: str) -> list[tuple[str, int, l
 
 
 def _ply_records(data: bytes, position: int, count: int, properties: list[_Property]) -> tuple[Columns, int]:
-    """Return the scalar properties of an element and where the element ends."""
+    """Return the scalar properties of an element, and the offset of the element's end."""
     lists = [item for item in properties if item.length_kind]
     lengths = [_first_lengths(data, position, properties)] if lists and count else [{}]
     dtype = np.dtype([field for item in properties for field in item.one(lengths[0].get(item.name, 0))])
@@ -276,12 +276,12 @@ def _length(data: bytes, position: int, item: _Property) -> int:
         raise ValueError("its data is truncated within a list")
     length = int(np.frombuffer(data, item.length_kind, 1, position)[0])
     if not 0 <= length <= len(data):
-        raise ValueError(f"a list '{item.name}' of {length} values")
+        raise ValueError(f"a list '{item.name}' has {length} values, which exceeds the file")
     return length
 
 
 def _ply_uneven(data: bytes, position: int, count: int, properties: list[_Property]) -> tuple[Columns, int]:
-    """Return the scalar properties of records whose lists have lengths of their own."""
+    """Return the scalar properties of records whose lists vary in length."""
     columns = {item.name: np.zeros(count, item.kind) for item in properties if not item.length_kind}
     for row in range(count):
         for item in properties:
@@ -299,7 +299,7 @@ def _ply_uneven(data: bytes, position: int, count: int, properties: list[_Proper
 
 
 def _ply_text(data: bytes, position: int, count: int, properties: list[_Property]) -> tuple[Columns, int]:
-    """Return the scalar properties of an element written as text, a line for each record, and where it ends."""
+    """Return the scalar properties of an element in text, with one line per record, and the offset of its end."""
     if count * 2 > len(data) - position + 1:
         raise ValueError(f"{len(data) - position} bytes of text found where {count} lines are required")
     rows: list[bytes] = []
@@ -329,7 +329,7 @@ def _ply_text(data: bytes, position: int, count: int, properties: list[_Property
 
 
 def _number_table(body: bytes, count: int, width: int) -> FloatArray:
-    """Return `count` lines of `width` numbers; NaN as Windows writes it, too."""
+    """Return `count` lines of `width` numbers; NaN may be in the notation of Windows."""
     if not count or not width:
         return np.zeros((count, width))
     lines = b"\n".join(line for line in body.splitlines() if line.partition(b"#")[0].strip())  # numpy warns of them
@@ -359,7 +359,7 @@ def _pcd_bytes(cloud: PointCloud) -> bytes:
 
 
 def _read_pcd(data: bytes) -> tuple[Columns, list[str], Grid]:
-    """Return the fields of a PCD file, and the size of an organised one."""
+    """Return the fields and comments of a PCD file, and the size if the cloud is organised."""
     head: dict[str, list[str]] = {}
     comments: list[str] = []
     position = 0
@@ -379,7 +379,7 @@ def _read_pcd(data: bytes) -> tuple[Columns, list[str], Grid]:
     width, height = parse_count(head["WIDTH"][0]), parse_count(head["HEIGHT"][0])
     points = width * height
     if "POINTS" in head and parse_count(head["POINTS"][0]) != points:
-        raise ValueError(f"it has POINTS {head['POINTS'][0]} where WIDTH and HEIGHT say {points}")
+        raise ValueError(f"it has POINTS {head['POINTS'][0]} where WIDTH and HEIGHT give {points}")
     fields, names = [], head["FIELDS"]
     layout = zip(names, head["TYPE"], head["SIZE"], head.get("COUNT", ["1"] * len(names)), strict=True)
     for i, (name, kind, size, count) in enumerate(layout):
@@ -401,7 +401,7 @@ def _uncompressed(body: bytes, dtype: np.dtype[Any], count: int) -> Columns:
     size, whole = (int(number) for number in np.frombuffer(body[:8].ljust(8, b"\0"), "<u4"))
     if size > len(body) - 8 or whole != count * dtype.itemsize or whole > expansion_limit(size):
         raise ValueError(f"{len(body)} compressed bytes found for {count} points of {dtype.itemsize} bytes")
-    from sfr_loc_map.io.clouds.lzf import decompress_lzf  # compiled code is loaded for such files alone
+    from sfr_loc_map.io.clouds.lzf import decompress_lzf  # compiled code is loaded only for such files
 
     raw = np.zeros(whole, np.uint8)
     if decompress_lzf(np.frombuffer(body, np.uint8, size, 8), raw) != whole:
@@ -442,5 +442,5 @@ _FORMATS: dict[str, tuple[Callable[[bytes], tuple[Columns, list[str], Grid]], Ca
     ".pcd": (_read_pcd, _pcd_bytes),
     ".npz": (_read_npz, _npz_bytes),
 }
-"""What reads and what writes a cloud, by the ending of the file."""
+"""Reader and writer of clouds by the ending of the file name."""
 SUFFIXES = tuple(_FORMATS)

@@ -1,6 +1,6 @@
-"""Grids as GeoTIFF: one Float32 band a layer, with names and units, in a local frame without a place on Earth.
+"""Grids as GeoTIFF: one Float32 band per layer, with names and units, in a local frame without georeference.
 
-The first row of the file has the largest y, as programs for maps expect; what is unknown is NaN, declared as nodata.
+The first row of the file has the largest y, as GIS programs expect. Unknown values are NaN, which is the nodata value.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _LOCAL_CRS = 'LOCAL_CS["lm",LOCAL_DATUM["lm",0],UNIT["metre",1],AXIS["x",EAST],A
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Band:
-    """A layer of a grid: values `(R, C)`, rows along y, columns along x, NaN where not known."""
+    """A layer of a grid: values `(R, C)`, rows along y, columns along x, NaN if unknown."""
 
     name: str
     unit: str
@@ -30,7 +30,7 @@ class Band:
 
 
 def save_geotiff(path: Path, bands: Sequence[Band], origin_m: tuple[float, float], cell_m: float) -> None:
-    """Write a grid of layers of one shape; `origin_m`: the outer corner of cell (0, 0), which has the least x and y."""
+    """Write layers of equal shape; `origin_m`: the outer corner of cell (0, 0), which has the smallest x and y."""
     rasterio = load_rasterio()
     rows, columns = bands[0].values.shape
     profile = {
@@ -43,7 +43,7 @@ def save_geotiff(path: Path, bands: Sequence[Band], origin_m: tuple[float, float
         "crs": rasterio.crs.CRS.from_wkt(_LOCAL_CRS),
         "transform": rasterio.Affine(cell_m, 0.0, origin_m[0], 0.0, -cell_m, origin_m[1] + rows * cell_m),
         "compress": "deflate",
-        "predictor": 3,  # of floating-point numbers
+        "predictor": 3,  # for floating-point numbers
         "BIGTIFF": "IF_SAFER",
     }
     with rasterio.io.MemoryFile() as memory:
@@ -57,7 +57,7 @@ def save_geotiff(path: Path, bands: Sequence[Band], origin_m: tuple[float, float
 
 
 def load_rasterio() -> Any:  # noqa: ANN401 - a module without types
-    """Return the module, or raise a `MissingExtraError`."""
+    """Return the module rasterio; MissingExtraError if it is not installed."""
     try:
         import rasterio  # type: ignore[import-untyped]
         import rasterio.crs  # type: ignore[import-untyped]

@@ -1,7 +1,8 @@
-"""LZF, by which the Point Cloud Library compresses PCD files: literal runs and copies of what was written before.
+"""LZF decompression of PCD files of the Point Cloud Library: literal runs and copies of earlier output.
 
-The format is that of LibLZF (Marc Lehmann, 2000 to 2008). A control byte below 32 is followed by that many literals and
-one more. Others are a copy: length in the three upper bits (7: one more byte adds to it), distance in 13 bits.
+The format is that of LibLZF (Marc Lehmann, 2000 to 2008). A control byte c below 32 is followed by c + 1 literals. Any
+other control byte begins a copy: its upper three bits are the length minus 2 (if they are 7, the next byte is added),
+and the lower five bits with the next byte are the distance minus 1.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from sfr_loc_map.jit import jit
 
 @jit
 def decompress_lzf(data: NDArray[np.uint8], out: NDArray[np.uint8]) -> int:
-    """Decompress all data into `out`; return the number of bytes, -1 if the data is broken or larger than `out`."""
+    """Decompress all data into `out`; return the number of bytes, -1 if the data is corrupt or larger than `out`."""
     at, end = 0, 0
     while at < len(data):
         control = int(data[at])
@@ -41,7 +42,7 @@ def decompress_lzf(data: NDArray[np.uint8], out: NDArray[np.uint8]) -> int:
         length += 2
         if start < 0 or end + length > len(out):
             return -1
-        for k in range(length):  # the copy may overlap what it writes
+        for k in range(length):  # source and destination may overlap
             out[end + k] = out[start + k]
         end += length
     return end

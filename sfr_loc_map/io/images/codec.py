@@ -1,4 +1,4 @@
-"""Images as 8-bit grey arrays, from files and from messages, of a bag or a ROS node; the true points of a pair."""
+"""Decoding of images in files and ROS messages to 8-bit grey arrays, and of the true points of a pair."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sfr_loc_map.inputs import MAX_IMAGE_BYTES, read_bytes, refusing, stamp_of
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 JPEG_MAGIC = b"\xff\xd8"
-FORMATS = "PNG, JPEG, PGM or PPM"  #: Formats that are read: those whose size is known before they are decoded.
+FORMATS = "PNG, JPEG, PGM or PPM"  #: Supported formats; their size is known before decoding.
 _PNM = re.compile(rb"P[2356](?:\s+|\s*#[^\n]*\n)+(\d{1,9})(?:\s+|\s*#[^\n]*\n)+(\d{1,9})\s")
 BAYER = {
     "rggb": cv2.COLOR_BayerBG2GRAY,
@@ -30,14 +30,14 @@ BAYER = {
     "gbrg": cv2.COLOR_BayerGR2GRAY,
     "grbg": cv2.COLOR_BayerGB2GRAY,
 }
-"""Mosaics by their first four pixels; OpenCV names them by the second pixels of the second and third row."""
+"""Mosaics by their first four pixels; OpenCV names a mosaic by the second and third pixel of the second row."""
 _MOSAIC = re.compile(
     r"\s*bayer_?(rggb|bggr|gbrg|grbg|rg|bg|gb|gr)_?(?:8|10|12|14|16)\s*(?:;\s*\w*\s*(?:compressed)?\s*)?"
 )
-FIRST_TWO = {"rg": "rggb", "bg": "bggr", "gb": "gbrg", "gr": "grbg"}  #: Mosaics as GenICam names them: BayerRG8.
+FIRST_TWO = {"rg": "rggb", "bg": "bggr", "gb": "gbrg", "gr": "grbg"}  #: Mosaics by GenICam name (BayerRG8).
 LUMA = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
-"""Encodings of a luma and half a colour a pixel: which of the two samples is the luma."""
-PLANAR = ("nv12", "nv21", "nv24")  #: Encodings whose first plane is the luma, a byte a pixel.
+"""Index of the luma in encodings with two samples per pixel, luma and chroma."""
+PLANAR = ("nv12", "nv21", "nv24")  #: Encodings whose first plane is the luma, one byte per pixel.
 ENCODINGS: dict[str, tuple[type[np.generic], int]] = {
     **dict.fromkeys(("mono8", "8UC1"), (np.uint8, 1)),
     **dict.fromkeys(("mono16", "16UC1"), (np.uint16, 1)),
@@ -50,9 +50,9 @@ ENCODINGS: dict[str, tuple[type[np.generic], int]] = {
     **dict.fromkeys(LUMA, (np.uint8, 2)),
     **dict.fromkeys(PLANAR, (np.uint8, 1)),
 }
-"""Encodings of sensor_msgs/Image that are read: type of a sample and samples per pixel."""
-MAX_DECODED_BYTES = 2**27  #: Largest image that is decoded: 8192 x 8192 in 8-bit grey twice, 5792 x 5792 in colour.
-SAMPLE_BITS = (8, 10, 12, 14, 16)  #: Depths of sensors whose samples are sent as numbers of 16 bits.
+"""Supported encodings of sensor_msgs/Image: type of a sample and samples per pixel."""
+MAX_DECODED_BYTES = 2**27  #: Largest decoded image, bytes: 8192 x 8192 in 16-bit grey, 5792 x 5792 in colour.
+SAMPLE_BITS = (8, 10, 12, 14, 16)  #: Bit depths of sensors whose samples are sent as 16-bit numbers.
 CODECS = (
     (r"RIFF....WEBP", "WebP"),
     (r"....ftyp(?:avif|avis)", "AVIF"),
@@ -67,28 +67,28 @@ CODECS = (
     (r"\0\0\0?\x01", "H.264"),
     (r"\x12\0\x0a", "AV1"),
 )
-"""Beginnings of the data of codecs that are not read, and their names."""
+"""Patterns of the first bytes of unsupported codecs, and the names of the codecs."""
 _CODECS = tuple((re.compile(pattern.encode("latin-1"), re.DOTALL), name) for pattern, name in CODECS)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """An image as a sensor or a file has it, of 8 or 16 bits."""
+    """An image as provided by a sensor or a file, with 8 or 16 bits per sample."""
 
     pixels: NDArray[Any]  #: `(H, W)` or `(H, W, 3 | 4)`, uint8 or uint16.
-    order: Literal["bgr", "rgb"] = "bgr"  #: Of the colours.
+    order: Literal["bgr", "rgb"] = "bgr"  #: Order of the colours.
     mosaic: str = ""  #: First four pixels of a Bayer mosaic, empty for none.
 
     @property
     def bits(self) -> int:
-        """The smallest of `SAMPLE_BITS` that holds every sample; 0 for samples of 8 bits."""
+        """The smallest of `SAMPLE_BITS` that holds every sample; 0 for 8-bit samples."""
         if self.pixels.dtype != np.uint16:
             return 0
         largest = int(self.pixels[..., :3].max(initial=0) if self.pixels.ndim == 3 else self.pixels.max(initial=0))
         return next(bits for bits in SAMPLE_BITS if largest < 2**bits)
 
     def grey(self, bits: int = 16) -> GreyImage:
-        """Return the image as 8-bit grey; `bits` is the depth of samples of 16 bits."""
+        """Return the image as 8-bit grey; `bits` is the bit depth of 16-bit samples."""
         pixels = self.pixels
         if self.mosaic:
             pixels = np.asarray(cv2.cvtColor(pixels, BAYER[self.mosaic]))
@@ -96,33 +96,33 @@ class Samples:
 
 
 class SampleDepth:
-    """Depth of the 16-bit samples of a pair of cameras: the smallest usual one that holds every sample so far.
+    """Bit depth of the 16-bit samples of a stereo camera: the smallest of `SAMPLE_BITS` that holds all samples so far.
 
-    Sensors of 10, 12 or 14 bits use the lower part of the range of 16 bits (mono16). Both images of a pair have one
-    depth, which only grows, so that the brightness of a pixel does not change from pair to pair.
+    Sensors of 10, 12 or 14 bits use the lower part of the 16-bit range (mono16). Both images of a pair have the same
+    depth. The depth never decreases, so that the brightness scale does not change from pair to pair.
     """
 
     def __init__(self, say: Callable[[str], object], name: str, bits: int = 0) -> None:
-        """`say` is called with the depth of the images of a name when it is found; `bits` fixes it, unless 0."""
+        """`say` reports the depth of the images of `name` when it is detected; `bits` fixes the depth unless 0."""
         self.bits = bits
         self._say, self._name, self._is_given = say, name, bits > 0
 
     def grey(self, *images: Samples) -> list[GreyImage]:
-        """Return images of one moment as 8-bit grey."""
+        """Return the images of a pair as 8-bit grey."""
         found = max(image.bits for image in images)
         if found > self.bits and not self._is_given:
             self.bits = found
             if found < SAMPLE_BITS[-1]:
                 self._say(
-                    f"images of '{self._name}' have samples of 16 bits, of which {found} are used: 0 to {2**found - 1}"
+                    f"images of '{self._name}' have 16-bit samples, of which {found} bits are used: 0 to {2**found - 1}"
                 )
         return [image.grey(self.bits or SAMPLE_BITS[-1]) for image in images]
 
 
 def grey8(image: NDArray[Any], order: Literal["bgr", "rgb"] = "bgr", bits: int = 16) -> GreyImage:
-    """Return an image `(H, W)` or `(H, W, 3 | 4)` of 8 or 16 bits as 8-bit grey: luma after ITU-R BT.601, no alpha.
+    """Return an image `(H, W)` or `(H, W, 3 | 4)` of 8 or 16 bits as 8-bit grey: luma of ITU-R BT.601, no alpha.
 
-    `bits` is the depth of samples of 16 bits: its largest number becomes 255.
+    `bits` is the bit depth of 16-bit samples, whose largest value becomes 255.
     """
     if image.dtype == np.uint16:
         image = cv2.convertScaleAbs(image, alpha=255 / (2**bits - 1))
@@ -150,11 +150,11 @@ def read_samples(path: Path) -> Samples:
 
 
 def decoded(raw: bytes) -> Samples:
-    """Decode PNG, JPEG, PGM or PPM; PNG checksums are verified, broken JPEG streams refused."""
+    """Decode PNG, JPEG, PGM or PPM; PNG checksums are verified, and corrupt JPEG data are rejected."""
     size = claimed_size(raw)
     if size is None:
         codec = codec_of(raw)
-        found = f"it is {codec}, which is not read" if codec else "its data is corrupt or of another format"
+        found = f"it is {codec}, which is not supported" if codec else "its data is corrupt or of another format"
         raise InputError(f"{found}; {FORMATS} is required: restore or convert it")
     try:
         check_image_size(*size, "it")
@@ -162,14 +162,14 @@ def decoded(raw: bytes) -> Samples:
         raise InputError(str(error)) from error
     if size[0] * size[1] * _decoded_pixel_bytes(raw) > MAX_DECODED_BYTES:
         raise InputError(
-            f"it is {size[0]} x {size[1]} in colour or 16 bits: up to {MAX_DECODED_BYTES} bytes are decoded"
+            f"it is {size[0]} x {size[1]} in colour or 16 bits: up to {MAX_DECODED_BYTES} decoded bytes are allowed"
         )
     if raw.startswith(JPEG_MAGIC):
-        with refusing("its JPEG data is broken", "restore the original"):
+        with refusing("its JPEG data is corrupt", "restore the original"):
             return Samples(np.ascontiguousarray(simplejpeg.decode_jpeg(raw, "GRAY", strict=True)[:, :, 0]))
     if raw.startswith(PNG_MAGIC):
         raw = _critical_chunks(raw)
-    level = cv2.utils.logging.setLogLevel(0)  # what the library reports of a broken image goes into the error
+    level = cv2.utils.logging.setLogLevel(0)  # errors of corrupt images are reported by exceptions
     try:
         image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
@@ -182,12 +182,12 @@ def decoded(raw: bytes) -> Samples:
 
 
 def codec_of(data: bytes) -> str:
-    """Return the name of the codec of data that is not read; empty if it is unknown."""
+    """Return the name of an unsupported codec by its data; empty if the codec is unknown."""
     return next((name for pattern, name in _CODECS if pattern.match(data[:16])), "")
 
 
 def claimed_size(data: bytes) -> tuple[int, int] | None:
-    """Return width and height that an image file claims; None where it is of no format that is read."""
+    """Return the width and height in the header of an image file; None if the format is not supported."""
     if data.startswith(PNG_MAGIC):  # the IHDR chunk comes first (ISO/IEC 15948, 11.2.2)
         return struct.unpack(">II", data[16:24]) if len(data) >= 24 else None
     if data.startswith(JPEG_MAGIC):
@@ -202,7 +202,7 @@ def claimed_size(data: bytes) -> tuple[int, int] | None:
 
 def _decoded_pixel_bytes(data: bytes) -> int:
     if data.startswith(PNG_MAGIC):
-        return (2 if data[24:25] == b"\x10" else 1) * (1 if data[25:26] == b"\0" else 4)  # depth, kind of colour
+        return (2 if data[24:25] == b"\x10" else 1) * (1 if data[25:26] == b"\0" else 4)  # bit depth, colour type
     return 1 if data.startswith((JPEG_MAGIC, b"P2", b"P5")) else 4  # 8-bit grey, rarely 16 bits
 
 
@@ -238,8 +238,8 @@ def samples_of(message: Any) -> Samples:  # noqa: ANN401 - a message of any libr
 def _samples_of_compressed(message: Any) -> Samples:  # noqa: ANN401 - a sensor_msgs/CompressedImage
     """Return the image of a sensor_msgs/CompressedImage (JPEG or PNG).
 
-    `format` is `bayer_rggb8; png compressed` where the compressed image is the mosaic of the sensor; with a colour
-    behind it (`...; jpeg compressed bgr8`) the mosaic was made an image before.
+    If `format` is `bayer_rggb8; png compressed`, the compressed image is the mosaic of the sensor. If a colour encoding
+    follows (`...; jpeg compressed bgr8`), the mosaic was converted before the compression.
     """
     form = str(getattr(message, "format", "")).lower()
     mosaic = _MOSAIC.fullmatch(form)
@@ -254,7 +254,7 @@ def _samples_of_compressed(message: Any) -> Samples:  # noqa: ANN401 - a sensor_
             return _mosaic(image.pixels, FIRST_TWO.get(mosaic[1], mosaic[1]), "it")
         if "bayer" in form and not form.partition("compressed")[2].strip():
             raise InputError(
-                f"its format '{form[:40]}' is a Bayer mosaic of unknown order: name the order, bayer_rggb8"
+                f"its format '{form[:40]}' is a Bayer mosaic of unknown order: name the order, such as bayer_rggb8"
             )
         return image
     except InputError as error:
@@ -262,14 +262,14 @@ def _samples_of_compressed(message: Any) -> Samples:  # noqa: ANN401 - a sensor_
 
 
 def unread_codec(message: Any) -> str:  # noqa: ANN401 - a sensor_msgs/CompressedImage
-    """Describe the data of a sensor_msgs/CompressedImage that is neither PNG nor JPEG; the end of a message."""
+    """Return the end of a message about a sensor_msgs/CompressedImage that is neither PNG nor JPEG."""
     said = str(getattr(message, "format", ""))[:40]
     named = f" (format '{said}')" if said else ""
     data = bytes(message.data[:16])
     if not data:
         return f"it has no data{named}"
     codec = codec_of(data)
-    return f"it is {codec}{named}, which is not read" if codec else f"it is neither PNG nor JPEG{named}"
+    return f"it is {codec}{named}, which is not supported" if codec else f"it is neither PNG nor JPEG{named}"
 
 
 def _mosaic(image: NDArray[Any], order: str, name: str) -> Samples:
@@ -298,7 +298,7 @@ def encode_jpeg(image: GreyImage, quality: int) -> bytes:
 
 
 def _critical_chunks(raw: bytes) -> bytes:
-    """Verify a PNG's chunks (ISO/IEC 15948, 5.3), return its critical ones: others may unpack to anything."""
+    """Verify a PNG's chunks (ISO/IEC 15948, 5.3), and return the critical ones; others may decompress to any size."""
     offset, kind, kept = len(PNG_MAGIC), b"", [PNG_MAGIC]
     while kind != b"IEND":
         head = raw[offset : offset + 8]
@@ -334,8 +334,8 @@ def points_image(message: Any, size: tuple[int, int]) -> NDArray[np.float32]:  #
 
 
 def checked_points(points: NDArray[np.floating], name: str) -> NDArray[np.float32]:
-    """Return true points as float32, NaN where a number is not finite."""
-    with np.errstate(invalid="ignore", over="ignore"):  # a NaN that signals; what is too large for float32
+    """Return true points as float32; numbers that are not finite become NaN."""
+    with np.errstate(invalid="ignore", over="ignore"):  # signalling NaN, float32 overflow
         points = np.array(points, np.float32)
     known = np.isfinite(points)
     points[~known] = np.nan

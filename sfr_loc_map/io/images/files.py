@@ -1,4 +1,4 @@
-"""Stereo pairs whose images are files that are listed in advance."""
+"""Stereo pairs from a list of image files."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from sfr_loc_map.io.images.codec import SampleDepth, read_samples
 from sfr_loc_map.io.tables.text_table import check_order
 
 _log = logging.getLogger(__name__)
-NAMED_FILES = 3  #: Missing files that a message names.
+NAMED_FILES = 3  #: Maximum number of missing files in a message.
 
 
 @dataclass(frozen=True, slots=True)
 class ImagePair:
-    """The files of one pair; a mapping pair has a pose, and the file of its true points where there is one."""
+    """The files of one pair; a mapping pair also has a pose and may have a file of true points."""
 
     stamp_ns: int
     left: Path
@@ -31,7 +31,7 @@ class ImagePair:
 
 
 def whole_pairs(entries: Sequence[ImagePair], name: str) -> tuple[list[ImagePair], tuple[int, ...]]:
-    """Return the pairs that have both images, and the stamps of the others, which one line warns of."""
+    """Return the pairs that have both images, and the stamps of the other pairs, which are reported in a warning."""
     check_order([entry.stamp_ns for entry in entries], name, strict=True)
     missing = [file for entry in entries for file in (entry.left, entry.right) if not file.is_file()]
     if not missing:
@@ -51,7 +51,7 @@ def check_size(image: GreyImage, rig: StereoRig, name: str) -> None:
     """Check that an image has the rig's size."""
     if image.shape != (rig.height, rig.width):
         found = f"{image.shape[1]} x {image.shape[0]}"
-        raise InputError(f"{name} is {found}: its rig says {rig.width} x {rig.height}; both images need the rig's size")
+        raise InputError(f"{name} is {found}: both images need the rig's size, {rig.width} x {rig.height}")
 
 
 def read_pair(entry: ImagePair, rig: StereoRig, depth: SampleDepth) -> StereoPair:
@@ -66,16 +66,16 @@ def read_pair(entry: ImagePair, rig: StereoRig, depth: SampleDepth) -> StereoPai
 class ImageFiles:
     """Pairs of image files."""
 
-    rig: StereoRig  #: Rig of the images once they are rectified.
+    rig: StereoRig  #: Rig of the rectified images.
     entries: Sequence[ImagePair]  #: The files, in the order of stamps; all have the rig's size.
 
     @property
     def stamps_ns(self) -> tuple[int, ...]:
-        """Stamps of the pairs, in their order."""
+        """Stamps of the pairs, ns, in ascending order."""
         return tuple(entry.stamp_ns for entry in self.entries)
 
     def sample_depth(self) -> SampleDepth:
-        """Return what finds the depth of the samples of the images in a pass through them."""
+        """Return a new detector of the bit depth, for one pass through the images."""
         return SampleDepth(_log.warning, str(self.entries[0].left.parent.parent) if self.entries else "")
 
     def __len__(self) -> int:
@@ -87,11 +87,11 @@ class ImageFileSequence(ImageFiles):
     """A drive of image files (`sequence.LocSequence`)."""
 
     ground_truth: Trajectory | None = None  #: True poses of RB in DS, or None.
-    #: Makes the rectified images of those read: left, right; None where they are rectified.
+    #: Rectifies the left and right image; None if the files are rectified.
     rectify: Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]] | None = None
 
     def pairs(self) -> Iterator[StereoPair]:
-        """Yield the pairs, one in memory at a time."""
+        """Yield the pairs, with one pair in memory at a time."""
         depth = self.sample_depth()
         for entry in self.entries:
             pair = read_pair(entry, self.rig, depth)

@@ -153,9 +153,9 @@ SETTINGS = {
     "  data: [1,0,0,0.11, 0,1,0,0, 0,0,1,0]\n",
 }
 MONOCULAR = {
-    "distorted": (SETTINGS["camera.bf"] + "Camera.k1: 0.26\n", "Camera has a distortion and there is no Camera2"),
+    "distorted": (SETTINGS["camera.bf"] + "Camera.k1: 0.26\n", "Camera has a distortion but there is no Camera2"),
     "fisheye": ('Camera.type: "KannalaBrandt8"\n' + SETTINGS["camera.bf"], "there is no Camera2"),
-    "Kalibr": (kalibr("TUM-VI", ""), "it has cam0 alone, but a stereo pair needs cam0 and cam1"),
+    "Kalibr": (kalibr("TUM-VI", ""), "it has only cam0: a stereo pair needs cam0 and cam1"),
 }
 
 
