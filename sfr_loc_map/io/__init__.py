@@ -1,6 +1,6 @@
-"""Readers and writers of all formats, and how a configuration says that a source is read.
+"""Readers and writers of all formats, and the configuration of how a source is read.
 
-Invalid user input raises `InputError`, `OutputError` or `ConfigError` with one line; readers add the name of the file.
+Invalid user input raises `InputError`, `OutputError` or `ConfigError` with a message of one line that names the file.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Any source as a stream to a ROS 2 bag or a data set folder, of ours or of another layout."""
+"""Conversion of any source to a ROS 2 bag, or to a folder in the layout of the suite or of another data set."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sfr_loc_map.io.tables.trajectory_file import format_of_name, save_trajector
 
 SourceWriter = BagWriter | FolderWriter | KittiWriter | EurocWriter
 Event = tuple[int, bool, Callable[..., None], tuple[Any, ...]]
-"""Stamp, whether it is a pair, what writes it, and of what."""
+"""Stamp (ns), whether the event is a pair, and the function that writes the event with its arguments."""
 
 
 class Layout(StrEnum):
@@ -34,11 +34,11 @@ class Layout(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ConvertOptions:
-    """How a bag is written; folders are always exact."""
+    """Options of bags; folders are always written exactly."""
 
-    jpeg_quality: int | None = None  # images as JPEG, 1 to 100; None: raw, exact
+    jpeg_quality: int | None = None  # JPEG quality of images, 1 to 100; None: raw and exact
     zstd: bool = False  # chunks are compressed (mcap only)
-    truth_grid_m: float | None = None  # rounding of true points, a power of two; None: exact
+    truth_grid_m: float | None = None  # true points are rounded to multiples of this power of two, m; None: exact
     layout: Layout | None = None  # of another data set; None: a bag, or a data set folder of the suite
 
 
@@ -50,15 +50,15 @@ def convert(
 ) -> int:
     """Write a source as a ROS 2 bag (*.mcap, *.db3, *.bag) or as a data set folder, and return the number of pairs.
 
-    The output, absent or an empty folder before, takes its name only when it is whole. A layout of another data set
-    takes the drive alone. `progress` is called with the number of pairs written so far.
+    The output path must not exist or must be an empty folder; the output appears there only when it is complete.
+    The layout of another data set holds only the drive. `progress` is called with the number of pairs written so far.
     """
     destination = Path(destination)
     if destination.exists() and not destination.is_dir():
         raise OutputError(f"cannot write '{destination}': a file exists there; remove it or choose another name")
     if options.layout is not None:
         if source.loc is None:
-            raise OutputError(f"'{source.path}' has no drive: the layout of {options.layout} holds nothing else")
+            raise OutputError(f"'{source.path}' has no drive: the layout of {options.layout} holds only a drive")
         source = replace(source, nav=None)
     count = 0
     with atomic_path(destination) as temporary, _writer(temporary, source, options) as writer:
@@ -70,9 +70,9 @@ def convert(
 
 
 def convert_trajectory(trajectory: Trajectory, destination: Path) -> int:
-    """Write a trajectory, and return the number of poses: csv, TUM, KITTI or EuRoC by the ending, or a bag or a folder.
+    """Write a trajectory as csv, TUM, KITTI, EuRoC, bag or folder, by the ending, and return the number of poses.
 
-    The topic of a bag is `ground_truth/odometry`.
+    In a bag the topic is `ground_truth/odometry`.
     """
     destination = Path(destination)
     if format_of_name(destination) is not None:
@@ -97,7 +97,7 @@ def _writer(path: Path, source: Source, options: ConvertOptions) -> AbstractCont
     if storage is not None:
         raise OutputError(f"'{path.name}' is the name of a bag: '--to {layout}' writes a folder")
     if replace(options, layout=None) != EXACT:
-        raise OutputError(f"'{path.name}' is a data set folder, which is exact: JPEG, zstd and grid are for bags")
+        raise OutputError(f"'{path.name}' is a data set folder, which is exact: JPEG, zstd and grid apply only to bags")
     if layout is Layout.KITTI:
         return KittiWriter(path)
     if layout is Layout.EUROC:

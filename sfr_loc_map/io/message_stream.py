@@ -1,7 +1,7 @@
 """A source as a stream of serialised messages in the order of their publication.
 
-Messages of a bag that is played as recorded are passed on byte by byte. Those of other sources are those of a bag that
-is written, but camera_info and true points come before the images, because nodes that start to listen need them first.
+The messages of a bag that is played as recorded are passed on unchanged. Other sources give the messages that
+`BagWriter` writes, but camera_info and true points precede the images, because subscribers need both first.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from sfr_loc_map.topics import COMPRESSED_END, NAV_POSE, RECTIFIED, TRUE_POINTS,
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A message to be published: relative name of the suite, type, stamp of the header, serialised (CDR)."""
+    """A message to be published: relative topic name in the suite, type, header stamp, and serialised data (CDR)."""
 
     topic: str
     msgtype: str
@@ -34,12 +34,12 @@ class Message:
 
     @property
     def rig(self) -> str:
-        """Stereo rig whose clock it follows: `loc` or `nav`."""
+        """Stereo rig whose clock stamps the message: `loc` or `nav`."""
         return "nav" if self.topic.startswith("nav/") or self.topic == TRUE_POINTS else "loc"
 
 
 def topics_of(source: Source) -> dict[str, str]:
-    """Return the topics that `messages_of` publishes: types by relative name; camera_info first."""
+    """Return the types of the topics that `messages_of` yields, by relative name; camera_info comes first."""
     rigs = [name for name, part in (("loc", source.loc), ("nav", source.nav)) if part is not None]
     cameras = [f"{rig}/{side}" for rig in rigs for side in SIDES]
     topics = {f"{camera}/camera_info": CAMERA_INFO for camera in cameras}
@@ -57,10 +57,10 @@ def topics_of(source: Source) -> dict[str, str]:
 
 
 def parts_of_pairs(source: Source) -> dict[tuple[str, int], tuple[str, int]]:
-    """Return rig (`loc` or `nav`) and stamp of the pair that a message belongs to, by its topic and stamp.
+    """Return the rig (`loc` or `nav`) and the stamp of the pair that contains a message, by its topic and stamp.
 
-    These are the images and mapping poses of the pairs as the source has paired them. Topics of compressed images are
-    named without `/compressed`.
+    The messages are the images and mapping poses, paired as in the source. Topics of compressed images are named
+    without `/compressed`.
     """
     found = {}
     for rig, part in (("loc", source.loc), ("nav", source.nav)):
@@ -79,7 +79,7 @@ def parts_of_pairs(source: Source) -> dict[tuple[str, int], tuple[str, int]]:
 
 
 def messages_of(source: Source) -> Iterator[Message]:
-    """Yield the messages of a source; camera_info of both rigs comes first."""
+    """Yield the messages of a source. Those of a recorded bag begin with the first camera_info of each camera."""
     if source.recorded is not None:
         bag = Bag(*source.recorded)
         names = [name.removesuffix(COMPRESSED_END) for name in topics_of(source)]
@@ -119,15 +119,15 @@ def _pair_messages(name: str, rig: StereoRig, pair: StereoPair) -> Iterator[Mess
         yield _message(f"{name}/{side}/{RECTIFIED}", stamp_ns, image)
 
 
-def _message(topic: str, stamp_ns: int, message: Any) -> Message:  # noqa: ANN401 - types are made at run time
+def _message(topic: str, stamp_ns: int, message: Any) -> Message:  # noqa: ANN401 - types of rosbags
     raw = bytes(TYPESTORE.serialize_cdr(message, message.__msgtype__))
     return Message(topic, message.__msgtype__, stamp_ns, raw)
 
 
 def between(messages: Iterator[Message], begin_s: float, end_s: float) -> Iterator[Message]:
-    """Yield the messages from one position to another, in seconds after the first message of each rig.
+    """Yield the messages between two positions. A position is the time after the first message of a rig, s.
 
-    The first camera_info of each camera stays, whatever its stamp.
+    The first camera_info of each camera is always kept.
     """
     first: dict[str, int] = {}
     infos: set[str] = set()
@@ -141,14 +141,14 @@ def between(messages: Iterator[Message], begin_s: float, end_s: float) -> Iterat
 
 
 def end_of(source: Source) -> float:
-    """Return the position of the last pair of a source, seconds after the first message of its rig."""
+    """Return the position of the last pair of a source: time after the first message of its rig, s."""
     parts = [part for part in (source.loc, source.nav) if part is not None and len(part)]
     return max([0.0, *((part.stamps_ns[-1] - begin_of(source, part)) / NS_PER_S for part in parts)])
 
 
 def begin_of(source: Source, part: LocSequence | NavSequence) -> int:
-    """Return the stamp of the first message of a rig, from which positions count: of a pair, or of the truth."""
-    if source.recorded is not None:  # a camera_info comes first
+    """Return the stamp, ns, of the first pair or true pose of a rig. Positions count from this stamp."""
+    if source.recorded is not None:  # its first message is a camera_info
         rig = "loc" if part is source.loc else "nav"
         return next(message.stamp_ns for message in messages_of(source) if message.rig == rig)
     truth, first = getattr(part, "ground_truth", None), int(part.stamps_ns[0])

@@ -1,4 +1,4 @@
-"""Every format that can be read, by name, and the detection of the format of a path."""
+"""The readers of all formats, and the detection of the format of a path."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ Opener = Callable[[Path, SourceConfig], Source]
 
 
 def _open_bag(path: Path, config: SourceConfig) -> Source:
-    from sfr_loc_map.io.layouts.bag_source import open_bag  # the library of the bags is loaded for a bag only
+    from sfr_loc_map.io.layouts.bag_source import open_bag  # rosbags is imported only for bags
 
     return open_bag(path, config)
 
 
 def _configured(open_files: Opener) -> Opener:
-    """Return what opens a source of files with the extrinsics and the truth that a configuration gives."""
+    """Return an opener that also applies the extrinsics and the truth of the configuration."""
 
     def open_configured(path: Path, config: SourceConfig) -> Source:
         source = open_files(path, config)
@@ -57,31 +57,31 @@ READERS: dict[SourceFormat, tuple[Callable[[Path], bool], Opener]] = {
     SourceFormat.EUROC: (is_euroc, _configured(open_euroc)),
     SourceFormat.IMAGES: (is_image_folder, _configured(open_image_folder)),
 }
-"""The test of each format and its opener, in the order of trying; a folder with rig.json or pairs.csv is `sfr`.
+"""Detector and opener of each format, in the order of detection; a folder with rig.json or pairs.csv is `sfr`.
 
 Formats of trajectories are in `trajectory_file.py`, those of clouds in `cloud_file.py`.
 """
 
 
-STATED_PAIRS = (SourceFormat.FOLDER, SourceFormat.KITTI)  #: Formats that state which images are a pair.
+STATED_PAIRS = (SourceFormat.FOLDER, SourceFormat.KITTI)  #: Formats whose files list the stereo pairs.
 
 
 def open_source(path: Path, config: SourceConfig | None = None) -> Source:
-    """Open a source of any format by a configuration, else by the one beside it; each pass opens its files."""
+    """Open a source of any format by a configuration, by default the one beside it. Each pass reopens the files."""
     path = Path(path)
     name = format_of(path)
     config = source_config(path) if config is None else config
     if name in STATED_PAIRS and config.sync != SyncConfig():
-        _log.warning(f"'{path}': sync.* is ignored, because the files state which images are a pair")
+        _log.warning(f"'{path}': sync.* is ignored because the files list the stereo pairs")
     source = READERS[name][1](path, config)
     named = Path(config.truth.source)
-    if config.truth.source and named.exists():  # else it is a topic of the bag
+    if config.truth.source and named.exists():  # otherwise a topic of the bag
         source = replace(source, truth_files=(*source.truth_files, named))
     return replace(source, configuration=config.path)
 
 
 def format_of(path: Path) -> SourceFormat:
-    """Return the format of a source; InputError, in one line, if it is of none, or not there."""
+    """Return the format of a source; InputError if the path does not exist or has no supported format."""
     if not path.exists():
         raise InputError(f"there is no '{path}': give a data set folder, a ROS bag, or a sequence of another data set")
     if path.is_file():
@@ -92,17 +92,17 @@ def format_of(path: Path) -> SourceFormat:
             return name
     found = ", ".join(sorted(item.name for item in path.iterdir())[:6]) or "nothing" if path.is_dir() else "a file"
     raise InputError(
-        f"'{path}' has no supported format: sought pairs.csv, loc/, nav/ (data set folder), metadata.yaml, "
+        f"'{path}' has no supported format: looked for pairs.csv, loc/, nav/ (data set folder), metadata.yaml, "
         f"*.mcap, *.db3 (ROS 2 bag), *.bag (ROS 1 bag), image_0/ or image_2/ and calib.txt (KITTI), mav0/ (EuRoC), "
         f"left/ and right/ with images (and --calibration FILE); found {found}; "
-        f"give the folder that holds them"
+        f"give the folder that contains such files"
     )
 
 
 def read_truth(place: Path, config: TruthConfig | None = None, remap: Mapping[str, str] | None = None) -> Truth:
-    """Read the truth that belongs to a source (bag, folder, file of poses), or to which its configuration refers.
+    """Read the truth of a source (bag, folder or pose file), or the truth that its configuration names.
 
-    InputError, in one line, if there is none.
+    InputError if there is no truth.
     """
     if place.is_file() or is_bag(place) or (config is not None and config.source):
         return truth_of_file(place, config or AS_THE_SOURCE_HAS_IT, remap)

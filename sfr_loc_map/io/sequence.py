@@ -1,4 +1,4 @@
-"""What every source offers, whatever its format."""
+"""The interface of a source, which is independent of its format."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from sfr_loc_map.inputs import IMAGE_ENDINGS
 
 
 class LocSequence(Protocol):
-    """Stereo pairs for localisation, read as a stream, in the order of their stamps."""
+    """Stereo pairs for localisation, read as a stream in the order of their stamps."""
 
     @property
     def stamps_ns(self) -> Sequence[int]:
-        """Stamps of the pairs; no image is read for them."""
+        """Stamps of the pairs, ns; they are known without reading images."""
 
     @property
     def rig(self) -> StereoRig:
-        """Rig of the localisation cameras, with `T_rb_sb` where the source has it."""
+        """Rig of the localisation cameras, with `T_rb_sb` if the source has it."""
 
     @property
     def ground_truth(self) -> Trajectory | None:
@@ -37,7 +37,7 @@ class LocSequence(Protocol):
         """Return the number of pairs."""
 
     def pairs(self) -> Iterator[StereoPair]:
-        """Yield the pairs; each call starts from the first and keeps at most a few pairs in memory."""
+        """Yield the pairs as a stream; each call starts from the first pair."""
 
 
 class NavSequence(Protocol):
@@ -45,7 +45,7 @@ class NavSequence(Protocol):
 
     @property
     def stamps_ns(self) -> Sequence[int]:
-        """Stamps of the pairs; no image is read for them."""
+        """Stamps of the pairs, ns; they are known without reading images."""
 
     @property
     def rig(self) -> StereoRig:
@@ -55,11 +55,11 @@ class NavSequence(Protocol):
         """Return the number of pairs."""
 
     def pairs(self) -> Iterator[PosedStereoPair]:
-        """Yield the pairs, with truth where the source has it; each call starts from the first."""
+        """Yield the pairs, with truth if the source has it; each call starts from the first pair."""
 
 
 class SourceFormat(StrEnum):
-    """The layout of a source, as it is shown to users; of a bag also whether its messages are used as recorded."""
+    """The layout of a source as shown to users; for a bag also whether its messages are used as recorded."""
 
     FOLDER = "sfr"
     BAG = "bag"
@@ -71,29 +71,29 @@ class SourceFormat(StrEnum):
 
 
 class RecordedBag(NamedTuple):
-    """The bag of a source whose messages are played as they were recorded."""
+    """A bag whose messages are played as recorded."""
 
     path: Path
-    remap: Mapping[str, str]  #: Names of the suite by those in the bag.
+    remap: Mapping[str, str]  #: Names in the suite by name in the bag.
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Source(Shown):
-    """An opened data set folder, bag or sequence: `loc` is its drive, `nav` its mapping pairs, None if it has none."""
+    """An opened data set folder, bag or sequence: `loc` is its drive and `nav` its mapping pairs, None if absent."""
 
     path: Path
     format: SourceFormat  #: Shown to users. The processing does not depend on it.
     loc: LocSequence | None
     nav: NavSequence | None
-    missing_loc_ns: tuple[int, ...] = ()  #: Stamps of localisation pairs that are listed without their images.
-    missing_nav_ns: tuple[int, ...] = ()  #: Stamps of mapping pairs that are listed without their images.
-    configuration: Path | None = None  #: Configuration by which it is read.
-    truth_files: tuple[Path, ...] = ()  #: Files and bags with the truth beside `path`, of a layout or configuration.
-    recorded: RecordedBag | None = None  #: The bag that holds just these pairs, None for all other sources.
+    missing_loc_ns: tuple[int, ...] = ()  #: Stamps of localisation pairs that are listed but have no images.
+    missing_nav_ns: tuple[int, ...] = ()  #: Stamps of mapping pairs that are listed but have no images.
+    configuration: Path | None = None  #: File of the configuration that the source is read with.
+    truth_files: tuple[Path, ...] = ()  #: Files and bags with the truth besides `path`, by the layout or configuration.
+    recorded: RecordedBag | None = None  #: The bag, if its messages are used as recorded; None for all other sources.
 
     @property
     def left_out(self) -> int:
-        """Number of pairs that are listed without their images."""
+        """Number of pairs that are listed but have no images."""
         return len(self.missing_loc_ns) + len(self.missing_nav_ns)
 
     def expected_loc_ns(self) -> IntArray:
@@ -107,7 +107,7 @@ class Source(Shown):
         return np.union1d(np.array(stamps_ns, np.int64), np.array(self.missing_nav_ns, np.int64))
 
     def truth_paths(self) -> tuple[Path, ...]:
-        """Return every path that may hold the truth. A method under test can read none of them.
+        """Return every path that may hold the truth. A method under test has no access to these paths.
 
         The paths are the source itself, the targets of its symbolic links except images, and its truth files.
         """
@@ -117,12 +117,12 @@ class Source(Shown):
 
     @property
     def truth(self) -> Trajectory | None:
-        """True poses of RB in DS, None if the source has none."""
+        """True poses of RB in DS; None without truth."""
         found = None if self.loc is None else self.loc.ground_truth
         return found if found is not None and len(found) else None
 
     def pairs(self) -> Iterator[StereoPair | PosedStereoPair]:
-        """Yield the pairs of the drive one by one, in grey; without a drive those for mapping, with their poses."""
+        """Yield the pairs of the drive as grey images. Without a drive, yield the mapping pairs with their poses."""
         found = self.loc if self.loc is not None else self.nav
         return iter(()) if found is None else found.pairs()
 

@@ -1,4 +1,4 @@
-"""How a source is read, as the sections of `sfr.yaml` before `localisation` say; docs/configuration.md."""
+"""How a source is read: the sections of `sfr.yaml` before `localisation` (docs/configuration.md)."""
 
 from __future__ import annotations
 
@@ -16,37 +16,37 @@ from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.truth.config import TruthConfig
 
 NAME = "sfr.yaml"
-TOPIC = re.compile(r"(/[A-Za-z_]\w*)+")  #: A name on a graph; that of a file has an ending.
+TOPIC = re.compile(r"(/[A-Za-z_]\w*)+")  #: The name of a topic. File names do not match because they have an ending.
 
 
 @dataclass(frozen=True, slots=True)
 class FramesConfig:
-    """The frames of a rover, and the joints of its head [3.2.6]."""
+    """The frames of a rover and the joints of its head [3.2.6]."""
 
     base: str = param(
         "", doc="Frame of the rover; empty: the first of rb, base_link, base_footprint, base, body, chassis."
     )
-    pan_joint: str = param("", doc="Joint that turns the head to the left; empty: the one whose name has 'pan'.")
-    tilt_joint: str = param("", doc="Joint that tilts the head down; empty: the one whose name has 'tilt'.")
+    pan_joint: str = param("", doc="Pan joint of the head, positive to the left; empty: the joint named '*pan*'.")
+    tilt_joint: str = param("", doc="Tilt joint of the head, positive down; empty: the joint named '*tilt*'.")
     head_to_navsb_m: tuple[float, ...] = param(
         (0.0, 0.0, 0.0), unit="m", doc="Position of NAVSB in the head that the joints move.", low=-10.0, high=10.0
     )
     head_to_navsb_quat_xyzw: tuple[float, ...] = param(
-        (0.0, 0.0, 0.0, 0.0), doc="Orientation of NAVSB in the head; all zero: as the head.", low=-1.01, high=1.01
+        (0.0, 0.0, 0.0, 0.0), doc="Orientation of NAVSB in the head; all zero: that of the head.", low=-1.01, high=1.01
     )
 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationConfig:
-    """The calibration of the localisation cameras where the source has none, and what their images are."""
+    """The calibration of the localisation cameras, if the source has none, and the layout of their images."""
 
-    file: str = param("", doc="Calibration by Kalibr, OpenCV, ROS or COLMAP, or a rig.json; empty: as the source says.")
+    file: str = param("", doc="Calibration by Kalibr, OpenCV, ROS or COLMAP, or a rig.json; empty: that of the source.")
     baseline_m: float = param(
-        0.0, unit="m", doc="Distance of the cameras, where P[3] of camera_info is 0; 0: as P says.", low=0.0, high=100.0
+        0.0, unit="m", doc="Baseline, if P[3] of camera_info is 0; 0: the baseline is given by P.", low=0.0, high=100.0
     )
     stereo_layout: str = param(
         "",
-        doc="Both images in one, on loc/left/image_rect or image_raw: the left one first; empty: each for itself.",
+        doc="Layout of a joint image, left first, on loc/left/image_rect or image_raw; empty: separate images.",
         choices=("", "side_by_side", "top_bottom"),
     )
 
@@ -69,7 +69,7 @@ class ExtrinsicsConfig:
     )
 
     def transform(self, name: str = "extrinsics") -> Transform | None:
-        """Return `T_rb_locsb`, None where it is not given; `name` is that of the section or parameter, for errors."""
+        """Return `T_rb_locsb`, None if it is not given; error messages name the section or parameter `name`."""
         if len(self.translation_m) != 3 or len(self.quat_xyzw) != 4:
             raise ConfigError(f"{name} needs translation_m [x, y, z] and quat_xyzw [x, y, z, w]")
         if not any(self.quat_xyzw):
@@ -84,31 +84,31 @@ class ExtrinsicsConfig:
 
 @dataclass(frozen=True, slots=True)
 class SyncConfig:
-    """Which left and right images are of one moment."""
+    """How left and right images are paired by their stamps."""
 
     stamp_tolerance_s: float = param(
         STAMP_TOLERANCE_S,
         unit="s",
-        doc="Largest difference between the stamps of left and right, always below half a period; 0: equal.",
+        doc="Largest difference between the stamps of left and right, always below half a period. 0: equal stamps.",
         low=0.0,
         high=0.5,
     )
     stamps: str = param(
         "header",
-        doc="Stamps of the messages of a bag: of their headers, or the times of recording.",
+        doc="Stamps of the messages of a bag: those of the headers, or the times of recording.",
         choices=("header", "record"),
     )
     right_offset_s: float = param(
-        0.0, unit="s", doc="Added to the stamps of the right images, whose clock differs.", low=-1e4, high=1e4
+        0.0, unit="s", doc="Offset added to the stamps of the right images.", low=-1e4, high=1e4
     )
 
 
 @dataclass(frozen=True, slots=True)
 class SourceConfig:
-    """How a source is read; a value that is not given is taken from the topics and files of the source."""
+    """How a source is read; missing values are taken from the topics and files of the source."""
 
-    path: Path | None = None  #: File that it was read from.
-    remap: Mapping[str, str] = field(default_factory=dict)  #: Names of the suite by the names in the bag (`topics`).
+    path: Path | None = None  #: File of the configuration.
+    remap: Mapping[str, str] = field(default_factory=dict)  #: Names in the suite by name in the bag (section `topics`).
     frames: FramesConfig = field(default_factory=FramesConfig)
     calibration: CalibrationConfig = CalibrationConfig()
     extrinsics: ExtrinsicsConfig = ExtrinsicsConfig()
@@ -127,13 +127,13 @@ class SourceConfig:
 
     @property
     def topics(self) -> dict[str, str]:
-        """Topics of a graph by their names in the suite; that of the truth is ground_truth/odometry."""
+        """Topics of a ROS graph by name in the suite; the name of the truth is ground_truth/odometry."""
         truth = {"ground_truth/odometry": self.truth.source} if TOPIC.fullmatch(self.truth.source) else {}
         return {name: topic for topic, name in self.remap.items()} | truth
 
     @classmethod
     def of(cls, sections: Mapping[str, Any], path: Path | None = None) -> SourceConfig:
-        """Build it from the sections of a configuration; names of files are relative to the folder of its file."""
+        """Build the configuration from its sections; file names are relative to the folder of `path`."""
         origin, folder = str(path or "settings"), Path() if path is None else path.parent
         types, topics = get_type_hints(cls), sections.get("topics") or {}
         if wrong := [name for name, topic in topics.items() if not isinstance(topic, str) or not topic]:
@@ -151,24 +151,24 @@ class SourceConfig:
         return config
 
 
-AS_IT_IS = SourceConfig()  #: A source is read as its own topics and files say.
+AS_IT_IS = SourceConfig()  #: A source is read by its own topics and files.
 
 
 def config_beside(source: Path) -> Path | None:
-    """Return the `sfr.yaml` in the folder of a source, or in its parent folder; None without one."""
+    """Return the `sfr.yaml` in the folder of a source or in its parent folder; None if there is no such file."""
     places = (source, source.parent) if source.is_dir() else (source.parent,)
     found = next((place / NAME for place in places if (place / NAME).is_file()), None)
     if found is not None and found.parent != source and not is_bag(source) and _is_of_bag(found):
-        return None  # of a bag beside the source
+        return None  # it belongs to a bag beside the source
     return found
 
 
 def _is_of_bag(path: Path) -> bool:
-    """Return whether a configuration names topics, which files do not have."""
+    """Return whether a configuration names topics, which only bags have."""
     try:
         config = SourceConfig.of(read_sections(path), path)
     except SfrError:
-        return False  # whoever reads it reports what is wrong
+        return False  # reported when the configuration is read
     return bool(config.remap) or bool(TOPIC.fullmatch(config.truth.source))
 
 
@@ -178,9 +178,9 @@ def changed_sections(
     calibration: Path | None = None,
     remap: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
-    """Return the sections of a configuration with other values, given as `SECTION.KEY` or `SECTION`.
+    """Return the sections of a configuration with changed values, whose keys are `SECTION.KEY` or `SECTION`.
 
-    Files are named from the working directory. ConfigError if there is no such section.
+    File names are relative to the working directory. ConfigError if a section is unknown.
     """
     changed = {name: dict(section) if isinstance(section, Mapping) else section for name, section in sections.items()}
     given = dict(values)
@@ -202,7 +202,7 @@ def changed_sections(
 
 
 def source_config(source: Path, path: Path | None = None, remap: Mapping[str, str] | None = None) -> SourceConfig:
-    """Return how a source is read: by a configuration file, else the one beside it; `remap` has more topics."""
+    """Return the configuration in a file, by default the one beside the source; `remap` adds or replaces topics."""
     path = path or config_beside(source)
     config = AS_IT_IS if path is None else SourceConfig.of(read_sections(path), path)
     if not remap:

@@ -1,1 +1,1 @@
-"""True poses: where they are read from, what they are of, and which of them can be true."""
+"""True poses: their origin, the body to which they refer, and checks of their plausibility."""

@@ -1,8 +1,8 @@
-"""What a truth is of and where it is, as the section `truth` of a configuration says; docs/formats.md, "Truth".
+"""The section `truth` of a configuration: origin and tracked body of the truth (docs/formats.md, "Truth").
 
-A tracker follows a body of its own, a prism or an antenna, on a clock of its own: `TrackedBody.applied` is the one
-place where poses of that body become poses of RB. Positions without attitude stay those of the body, and the score
-takes the estimate there.
+A tracker measures its own body, such as a prism or an antenna, with its own clock. Only `TrackedBody.applied` converts
+poses of this body to poses of RB. Positions without attitude remain those of the body; the score then evaluates the
+estimate at the body.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from sfr_loc_map.io.truth.pose_checks import possible_truth
 
 NO_LEVER = (0.0, 0.0, 0.0)
 NO_TURN = (0.0, 0.0, 0.0, 1.0)
-PLACE_SETTINGS = ("truth.source", "truth.frame")  #: Where the truth is to be found.
+PLACE_SETTINGS = ("truth.source", "truth.frame")  #: Settings of the origin of the truth.
 
 
 @dataclass(frozen=True, slots=True)
 class TrackedBody:
-    """What the poses of a truth are of, and how good they are."""
+    """The body that a truth tracks, and the accuracy of the truth."""
 
     lever_arm_m: tuple[float, ...] = param(
         NO_LEVER, unit="m", doc="Position of the tracked body (prism, antenna, marker) in RB.", low=-100.0, high=100.0
@@ -60,19 +60,19 @@ class TrackedBody:
 
     def __post_init__(self) -> None:
         if len(self.lever_arm_m) != 3 or len(self.lever_quat_xyzw) != 4:
-            raise ConfigError("truth.lever_arm_m is x, y, z and truth.lever_quat_xyzw x, y, z, w")
+            raise ConfigError("truth.lever_arm_m needs [x, y, z] and truth.lever_quat_xyzw needs [x, y, z, w]")
         if abs(float(np.linalg.norm(self.lever_quat_xyzw)) - 1.0) > 1e-2:
             raise ConfigError(f"truth.lever_quat_xyzw is {self.lever_quat_xyzw}: a unit quaternion is required")
 
     @property
     def has_lever(self) -> bool:
-        """Whether the tracked body has a pose in RB of its own."""
+        """Whether the pose of the tracked body in RB is not the identity."""
         return (self.lever_arm_m, self.lever_quat_xyzw) != (NO_LEVER, NO_TURN)
 
     def applied(self, poses: Trajectory, variances: FloatArray | None = None, read_from: str = "") -> Truth:
-        """Return poses of the tracked body as the truth of RB; `variances`: `(N, 6)`, NaN or 0 where not known.
+        """Return poses of the tracked body as the truth of RB; `variances`: `(N, 6)`, NaN or 0: unknown.
 
-        The poses are as recorded: those of a `Truth` would be moved a second time.
+        The poses must be as recorded; a `Truth` is already converted.
         """
         assert not isinstance(poses, Truth)
         if variances is None:
@@ -106,17 +106,17 @@ class TrackedBody:
 
     @property
     def declared(self) -> tuple[str, ...]:
-        """The settings `truth.NAME=VALUE` that change poses, without those that say where the truth is."""
+        """The settings `truth.NAME=VALUE` that change poses, without those of the origin of the truth."""
         values = changed(self, "truth.").items()
         return tuple(f"{name}={value}" for name, value in values if name not in PLACE_SETTINGS)
 
 
-RB_ITSELF = TrackedBody()  #: The truth is of RB, as exact as its messages say.
+RB_ITSELF = TrackedBody()  #: The tracked body is RB; the accuracy is that in the messages.
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class TrackedPoses(Trajectory):
-    """Poses of a tracked body as a source has them, with the place of the body that the source states."""
+    """Recorded poses of a tracked body, with the pose of the body in RB that the source gives."""
 
     T_rb_body: Transform = field(default_factory=Transform.identity)
     read_from: str = ""  #: File that the poses were read from.
@@ -124,7 +124,7 @@ class TrackedPoses(Trajectory):
 
 @dataclass(frozen=True, slots=True)
 class LiveTruth(TrackedBody):
-    """What the truth of a graph is of, and whether it is on /tf."""
+    """The tracked body of a truth on a ROS graph, and its frame on /tf."""
 
     frame: str = param(
         "",
@@ -135,22 +135,22 @@ class LiveTruth(TrackedBody):
 
 @dataclass(frozen=True, slots=True)
 class TruthConfig(LiveTruth):
-    """Where the truth is and what it is of."""
+    """The origin of the truth, and its tracked body."""
 
-    source: str = param("", doc="Topic of the bag, or file, with the truth; empty: as the source has it.")
+    source: str = param("", doc="Topic of the bag, or file, with the truth; empty: the truth of the source itself.")
     stamps: str = param(
         "header",
-        doc="Stamps of the messages of a bag: of their headers, or the times of recording.",
+        doc="Stamps of the messages of a bag: those of the headers, or the times of recording.",
         choices=("header", "record"),
     )
     columns: str = param(
         "",
-        doc="Columns of a text table where its header does not say: NAME=HEADER[UNIT] with commas between, of t, x, y, "
-        "z, qx, qy, qz, qw (sec and nsec in place of t), or NAME[UNIT] in the order of the columns, _ for others.",
+        doc="Columns of a text table without a known header: NAME=HEADER[UNIT], separated by commas, where NAME is t "
+        "(or sec and nsec), x, y, z, qx, qy, qz or qw; or NAME[UNIT] in the order of the columns, with _ for others.",
     )
 
     def at(self, T_rb_body: Transform) -> TruthConfig:
-        """Return the configuration with the place of the body that a source states, unless it has one of its own."""
+        """Return the configuration with the source's pose of the tracked body, unless a pose is configured."""
         if self.has_lever:
             return self
         lever_arm_m, lever_quat_xyzw = (tuple(part.tolist()) for part in (T_rb_body.translation, T_rb_body.quat_xyzw))
@@ -158,9 +158,9 @@ class TruthConfig(LiveTruth):
 
 
 def sigma_of(variances: FloatArray) -> float:
-    """Return the standard deviation along an axis of messages with variances `(N, 3)`, their median; 0: not known."""
+    """Return the median standard deviation per axis of messages with variances `(N, 3)`; 0: unknown."""
     known = variances[(variances > 0.0).all(axis=1) & (variances < LOST_VARIANCE).all(axis=1)]
     return float(np.sqrt(np.median(known.mean(axis=1)))) if len(known) else 0.0
 
 
-AS_THE_SOURCE_HAS_IT = TruthConfig()  #: The source's own truth, of RB itself.
+AS_THE_SOURCE_HAS_IT = TruthConfig()  #: The truth of the source itself, which tracks RB.

@@ -1,4 +1,4 @@
-"""True poses of the messages of one topic, live or of a bag: one reader for each type of message."""
+"""True poses from the messages of a topic, live or in a bag, with one reader for each message type."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from sfr_loc_map.topics import TRUE_POSES
 NO_FIX = -1  #: `NavSatStatus.STATUS_NO_FIX`.
 UNKNOWN = (np.nan,) * 6
 TrueRow = tuple[int, tuple[float, ...], tuple[float, ...]]
-"""Stamp (ns); position (m) and quaternion (x, y, z, w; zeros without an attitude); variances (m^2, rad^2; NaN where
+"""Stamp (ns); position (m) and quaternion (x, y, z, w; zeros without an attitude); variances (m^2, rad^2; NaN:
 unknown)."""
 
 
 class TruePoses:
-    """Makes true poses of the messages of one topic; `invalid` counts fixes without a position.
+    """Converts the messages of a topic to true poses; `invalid` counts fixes without a position.
 
-    A fix without an altitude has the variance of what is unknown in z.
+    The variance in z of a fix without altitude is that of an unknown component.
     """
 
     def __init__(self, msgtype: str, where: str = TRUE_POSES) -> None:
-        """Read messages of one of `TRUTH_TYPES`; positions of fixes are east, north, up of the first one.
+        """Read messages of a type in `TRUTH_TYPES`; positions of fixes are east, north, up from the first fix.
 
         `where` names the topic in errors.
         """
@@ -39,7 +39,7 @@ class TruePoses:
         self._rows = TRUTH_TYPES[msgtype]
 
     def rows(self, message: Any) -> list[TrueRow]:  # noqa: ANN401 - a message of any library
-        """Return the true poses of a message: one, several new ones of a path, none of a fix without a position."""
+        """Return the true poses of a message: one pose, the new poses of a path, or none for an invalid fix."""
         return list(self._rows(self, message))
 
     def _with_covariance(self, message: Any) -> Iterator[TrueRow]:  # noqa: ANN401
@@ -51,15 +51,15 @@ class TruePoses:
         yield stamp_ns, pose, UNKNOWN
 
     def _path(self, message: Any) -> Iterator[TrueRow]:  # noqa: ANN401
-        """Yield the poses after the last pose of the message before: each path repeats the poses before.
+        """Yield the poses after the end of the previous path, because each path repeats the earlier poses.
 
-        A path that ends a second or more before the last one is of a new run.
+        A path that ends at least 1 s before the end of the previous path belongs to a new run.
         """
         if not message.poses:
             return
         first_ns, last_ns = stamp_of(message.poses[0]), stamp_of(message.poses[-1])
         if len(message.poses) > 1 and not last_ns > first_ns:
-            raise InputError(f"{self._where}: all poses of a path have one stamp: give each pose its own stamp")
+            raise InputError(f"{self._where}: all poses of a path have the same stamp: give each pose its own stamp")
         known_ns = self._path_end_ns
         if known_ns is not None and jumped_back(known_ns, last_ns):
             known_ns = None
@@ -74,8 +74,8 @@ class TruePoses:
         yield stamp_of(message), (point.x, point.y, point.z, 0.0, 0.0, 0.0, 0.0), UNKNOWN
 
     def _fix(self, message: Any) -> Iterator[TrueRow]:  # noqa: ANN401
-        """Yield the position of a fix; a receiver without one may write 0, 0 or NaN with the status of a fix."""
-        if message.status.status == NO_FIX:  # an unknown status (-2) is that of drivers which do not set it
+        """Yield the position of a fix. A receiver without a fix may send 0, 0 or NaN with the status of a fix."""
+        if message.status.status == NO_FIX:  # status -2 (unknown) is accepted: some drivers never set it
             return
         if not _is_place(message.latitude, message.longitude):
             self.invalid += 1
@@ -102,9 +102,9 @@ TRUTH_TYPES: Mapping[str, Callable[[TruePoses, Any], Iterator[TrueRow]]] = {
     POINT: TruePoses._point,
     FIX: TruePoses._fix,
 }
-"""Types of messages that true poses are read from, live and of a bag, and how; of one body the best type is first."""
+"""Readers of true poses by message type, live and in bags; if one body has several types, the first is preferred."""
 
 
 def _is_place(latitude: float, longitude: float) -> bool:
-    """Return whether angles can be those of a fix; 0, 0 is the placeholder of a receiver."""
+    """Return whether latitude and longitude are those of a fix; 0, 0 is a placeholder of receivers."""
     return abs(latitude) <= 90.0 and abs(longitude) <= 360.0 and (latitude, longitude) != (0.0, 0.0)

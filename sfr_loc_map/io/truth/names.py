@@ -1,4 +1,4 @@
-"""What the name of a topic, frame or file says of a truth: a tracker's, another one's, or the rover's own estimate."""
+"""Classification of topics, frames and files by name: truth of a tracker, other truth, or estimate of the rover."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def words(*alternatives: str) -> re.Pattern[str]:
 
 
 def plain_name(name: str) -> str:
-    """Return a name in small letters with underscores between its words, without the end of compressed images."""
+    """Return a name in lower case with underscores between its words, without the ending of compressed images."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower().removesuffix(COMPRESSED_END)
 
 
@@ -27,19 +27,19 @@ TRUTH_WORDS = (
     words("rtk"),
     re.compile("fix .*/NavSatFix"),
 )
-"""Patterns of the name and the type of a topic with a truth, the surest one first."""
+"""Patterns of the name and the type of a topic with a truth, the most reliable pattern first."""
 NO_TRUTH = words("estimated?", "fused", "filtered", "origin", "set_?point", "slam", "vi?o")
 OWN = words("wheels?", "encoders?", "odom(?:etry)?", "visual", "zed_node", "goal", "initial_?pose")
-"""Of topics with estimates or goals of the rover itself, unless one of TRUTH_WORDS is in the name."""
+"""Names of topics with estimates or goals of the rover itself, unless a pattern of TRUTH_WORDS matches."""
 
 
 def is_tracker(name: str) -> bool:
-    """Return whether a topic, frame or file is named after a system that tracks a body of its own."""
+    """Return whether a topic, frame or file is named after a tracking system."""
     return TRACKERS.search(plain_name(name)) is not None
 
 
 def is_own(name: str) -> bool:
-    """Return whether a topic is named after an estimate of the rover itself, as wheel odometry: no truth."""
+    """Return whether a topic is named after an estimate of the rover itself, such as wheel odometry."""
     text = plain_name(name)
     is_truth = any(pattern.search(text) for pattern in TRUTH_WORDS)
     return NO_TRUTH.search(text) is not None or (OWN.search(text) is not None and not is_truth)

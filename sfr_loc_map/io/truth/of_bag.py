@@ -25,7 +25,7 @@ _log = logging.getLogger(__name__)
 
 
 def truth_of_bag(bag: Bag, config: TruthConfig = AS_THE_SOURCE_HAS_IT) -> Truth:
-    """Read the truth of an opened bag; InputError if it has none."""
+    """Read the truth of an opened bag; InputError if the bag has no truth."""
     if config.frame:
         return config.applied(_tf_poses(bag, config.frame), None, f"{bag.path}, frame {config.frame} on /tf")
     if config.stamps == "record":
@@ -33,14 +33,14 @@ def truth_of_bag(bag: Bag, config: TruthConfig = AS_THE_SOURCE_HAS_IT) -> Truth:
     topic = bag.find(config.source.strip("/") or TRUE_POSES, *TRUTH_TYPES)
     if topic is None:
         text = f"bag '{bag.path}' has no true poses on '{TRUE_POSES}'"
-        raise InputError(f"{text}: name their topic by --set truth.source=TOPIC{could_be_truth(bag)}")
+        raise InputError(f"{text}: name their topic with --set truth.source=TOPIC{could_be_truth(bag)}")
     with refusing(f"'{topic.bag_name}' of bag '{bag.path}'", "record it again"):
         poses, variances = _topic_poses(bag, topic)
     if not len(poses):
         raise InputError(f"'{topic.bag_name}' of bag '{bag.path}' has no true pose: record it again")
     if len(poses) > 1 and not poses.stamps_ns.any():
         raise InputError(
-            f"'{topic.bag_name}' of bag '{bag.path}': all stamps of its headers are 0: --set truth.stamps=record takes "
+            f"'{topic.bag_name}' of bag '{bag.path}': all stamps of its headers are 0: --set truth.stamps=record uses "
             "the times of recording"
         )
     check_order(poses.stamps_ns, f"'{topic.bag_name}' of bag '{bag.path}'", strict=False)
@@ -49,9 +49,9 @@ def truth_of_bag(bag: Bag, config: TruthConfig = AS_THE_SOURCE_HAS_IT) -> Truth:
 
 
 def could_be_truth(bag: Bag) -> str:
-    """Name the topics whose type is one of true poses, without those of what the rover thinks; the end of a message."""
+    """Return the end of a message: the topics with a type of true poses, without estimates of the rover itself."""
     found = sorted(name for name, kind in bag.topics.items() if kind in TRUTH_TYPES and not is_own(name))
-    return f"; these could be: {', '.join(found)}" if found else ""
+    return f"; possible topics: {', '.join(found)}" if found else ""
 
 
 def _topic_poses(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
@@ -61,19 +61,19 @@ def _topic_poses(bag: Bag, topic: Topic) -> tuple[Trajectory, FloatArray]:
         return poses, np.diagonal(covariances, axis1=1, axis2=2)
     where = f"'{topic.bag_name}' of bag '{bag.path}'"
     messages: Iterable[Any] = (message for _, _, message in bag.messages([topic]))
-    if topic.msgtype == PATH:  # the last path holds the poses of the messages before, and may have corrected them
+    if topic.msgtype == PATH:  # the last path contains all earlier poses, possibly corrected
         messages = _last_message(bag, topic)
     reader = TruePoses(topic.msgtype, where)
     rows = [row for message in messages for row in reader.rows(message)]
     if reader.invalid:
-        text = f"{reader.invalid} fixes at 0, 0 or without numbers are ignored, {len(rows)} are used"
+        text = f"{reader.invalid} fixes at 0, 0 or with NaN are ignored, {len(rows)} are used"
         _log.warning(f"truth {where}: {text}")
     poses = trajectory_of([(stamp_ns, pose) for stamp_ns, pose, _ in rows])
     return poses, np.reshape([variances for _, _, variances in rows], (-1, 6))
 
 
 def _last_message(bag: Bag, topic: Topic) -> list[Any]:
-    """Return the last message of a topic, which alone is deserialised; empty without a message."""
+    """Return the last message of a topic, or an empty list; only the last message is deserialised."""
     last = None
     for _, _, raw in bag.stream([topic]):
         last = raw
@@ -81,10 +81,10 @@ def _last_message(bag: Bag, topic: Topic) -> list[Any]:
 
 
 def _tf_poses(bag: Bag, frame: str) -> Trajectory:
-    """Return the poses of a frame in the root of its tree, or in a parent (`PARENT:CHILD`), of /tf and /tf_static."""
+    """Return the poses of a frame on /tf and /tf_static, in the root of its tree or in a parent (`PARENT:CHILD`)."""
     parent, _, child = (name.strip("/") for name in frame.rpartition(":"))
     frames = read_frames(bag, child, parent)
-    with refusing(f"/tf of bag '{bag.path}'", "choose one by truth.frame=PARENT:CHILD"):
+    with refusing(f"/tf of bag '{bag.path}'", "choose one with truth.frame=PARENT:CHILD"):
         chain = chain_above(frames, child, parent)
     moving = [name for name in chain if not frames[name].is_static]
     if not moving or (parent and frames[chain[-1]].parent != parent):

@@ -1,8 +1,8 @@
-"""Checks of trajectories that were read: stray stamps, positions that no speed explains, constant components.
+"""Plausibility checks of trajectories: stray stamps, unreachable positions, constant components.
 
-They apply to every file and topic. A pose that cannot be true is ignored and counted. An attitude that never changes
-along a path that turns is the placeholder of a position tracker (GNSS, prism), so that only positions are kept. A
-height that never changes, or a roll and pitch of zero, along such a path are placeholders of a planar source.
+The checks apply to every file and topic. An implausible pose is ignored and counted. An attitude that never changes
+along a path that turns is the placeholder of a position tracker (GNSS, prism); only the positions are then kept. A
+height that never changes, or zero roll and pitch, along such a path are placeholders of a planar source.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from sfr_loc_map.inputs import LOST_VARIANCE, NS_PER_S
 _log = logging.getLogger(__name__)
 
 MAX_SPEED_M_PER_S = 100.0  #: Largest speed of a vehicle with cameras; cars, trains and racing drones are slower.
-MIN_JUMP_M = 1.0  #: Smaller jumps, metres, may be the noise of a position at two stamps that nearly coincide.
-JUMPS_PER_STEP = 20.0  #: A jump exceeds the median step of the path by this factor: rovers pause and accelerate.
-MIN_STAMPS = 3  #: Stamps of which one can be stray: of two, neither is.
-MIN_POSITIONS = 4  #: Positions of which one can be a jump.
-MAX_STRAY = 0.1  #: Largest fraction of poses that are ignored as stray; more of them are the path itself.
-STRAY_S = 86_400.0  #: A stamp is stray if it is a day or more from the median stamp, s, and twice the drive's duration.
-SAME_ATTITUDE = 1e-6  #: Largest change of a component of a quaternion that never changes; files round to 1e-6.
-HELD_ATTITUDE = 5e-4  #: The same of a placeholder with rounding or noise: 0.06 deg, below the motion of any vehicle.
-PLACES = 50  #: Places along the extent of a path; a rover that stands, with noise, is at few of them.
+MIN_JUMP_M = 1.0  #: Smallest jump, m. Smaller ones may be position noise at two nearly equal stamps.
+JUMPS_PER_STEP = 20.0  #: Smallest ratio of a jump to the median step of the path: rovers pause and accelerate.
+MIN_STAMPS = 3  #: Smallest number of stamps for the detection of stray stamps.
+MIN_POSITIONS = 4  #: Smallest number of positions for the detection of jumps.
+MAX_STRAY = 0.1  #: Largest fraction of poses that are ignored as stray; a larger fraction is kept.
+STRAY_S = 86_400.0  #: A stray stamp is more than a day, s, and twice the drive's duration from the median stamp.
+SAME_ATTITUDE = 1e-6  #: Largest quaternion component x or y if roll and pitch are zero; files round to 1e-6.
+HELD_ATTITUDE = 5e-4  #: Largest change of a component of a constant quaternion: 0.06 deg, less than any vehicle.
+PLACES = 50  #: Cells along the extent of a path; a stationary rover with position noise occupies few cells.
 TURN_DEG = 20.0  #: A path turns if the lines along two of its parts differ by more than this, deg.
-PARTS = 12  #: Parts of equal length by which a path is compared: long enough that noise of positions hardly turns them.
-SAME_HEIGHT_M = 1e-6  #: Largest change of a height that never changes, m; a floor that was measured varies by more.
-SHORTEST_M = 0.5  #: A shorter path, metres, may be noise alone.
+PARTS = 12  #: Number of parts of equal length of a path; position noise hardly rotates such long parts.
+SAME_HEIGHT_M = 1e-6  #: Largest range of a constant height, m; the measured height of a flat floor varies more.
+SHORTEST_M = 0.5  #: Shortest path, m. A shorter path may consist of noise.
 
 
 def stray_stamps(stamps_ns: IntArray) -> Mask:
-    """Return which stamps `(N,)` cannot be of this recording: 0 among stamps of a clock, or days from the others."""
+    """Return which stamps `(N,)` are stray: 0 among stamps of a clock, or days apart from the others."""
     if len(stamps_ns) < MIN_STAMPS:
         return np.zeros(len(stamps_ns), np.bool_)
     middle = int(np.partition(stamps_ns, len(stamps_ns) // 2)[len(stamps_ns) // 2])
@@ -46,10 +46,10 @@ def stray_stamps(stamps_ns: IntArray) -> Mask:
 
 
 def jumping_positions(stamps_ns: IntArray, positions: FloatArray) -> Mask:
-    """Return which positions `(N, 3)` cannot be reached from the others; none if they are more than `MAX_STRAY`.
+    """Return which positions `(N, 3)` are unreachable; none if their fraction exceeds `MAX_STRAY`.
 
-    A position is reachable if the last reachable one is within `MAX_SPEED_M_PER_S`. The search starts, forwards and
-    backwards in time, from the position that is nearest to the median of all.
+    A position is reachable if a vehicle with `MAX_SPEED_M_PER_S` can travel there from the last reachable position. The
+    search runs forwards and backwards in time from the position nearest to the median position.
     """
     count = len(positions)
     none = np.zeros(count, np.bool_)
@@ -76,15 +76,15 @@ def jumping_positions(stamps_ns: IntArray, positions: FloatArray) -> Mask:
 
 
 def has_constant_attitude(poses: Trajectory) -> bool:
-    """Return whether the attitudes at nearly all places are the same although the path turns.
+    """Return whether the attitude is the same at nearly all positions although the path turns.
 
-    One pose counts for each place, because a rover that stands keeps its attitude.
+    Each cell of the path counts once, because a stationary rover keeps its attitude.
     """
     if len(poses) < 3 or not poses.has_attitude:
         return False
     quats = poses.quats_xyzw[first_at_each_place(poses.positions)]
     largest = int(np.argmax(np.abs(quats[len(quats) // 2])))
-    upright = quats * np.where(quats[:, largest] < 0.0, -1.0, 1.0)[:, None]  # both signs are one attitude
+    upright = quats * np.where(quats[:, largest] < 0.0, -1.0, 1.0)[:, None]  # q and -q are the same attitude
     is_held: Mask = np.all(np.abs(upright - np.median(upright, axis=0)) <= HELD_ATTITUDE, axis=1)
     return bool(is_held.mean() >= 1.0 - MAX_STRAY) and path_turns(poses.positions)
 
@@ -124,11 +124,11 @@ def path_turns(positions: FloatArray) -> bool:
         return False
     cosines = np.abs(lines @ lines.T)
     turned = np.degrees(np.arccos(np.clip(cosines, 0.0, 1.0)))
-    return bool(np.sort(turned, axis=None)[-4] > TURN_DEG)  # the largest pair, twice, may be of one noisy part
+    return bool(np.sort(turned, axis=None)[-4] > TURN_DEG)  # second largest: the largest may be due to one noisy part
 
 
 def possible_poses(poses: Trajectory) -> tuple[Mask, tuple[str, ...]]:
-    """Return which poses can be true, and one finding for each kind of those that cannot."""
+    """Return which poses are plausible, and one finding for each kind of implausible poses."""
     kept = ~stray_stamps(poses.stamps_ns)
     findings = []
     if not kept.all():
@@ -143,7 +143,7 @@ def possible_poses(poses: Trajectory) -> tuple[Mask, tuple[str, ...]]:
 
 
 def rows_of(poses: Trajectory, kept: Mask) -> Trajectory:
-    """Return the poses of a mask `(N,)`."""
+    """Return the poses that a mask `(N,)` selects."""
     parts = {name: getattr(poses, name)[kept] for name in ("stamps_ns", "positions", "quats_xyzw")}
     return replace(poses, **parts)
 
@@ -159,10 +159,10 @@ def possible_truth(
     unknown: str = "auto",
     variances: FloatArray | None = None,
 ) -> tuple[Mask, Trajectory]:
-    """Return which poses of a truth can be true, and these poses; what is wrong with the others is reported.
+    """Return which poses of a truth are plausible, and these poses; warnings report the others.
 
-    An attitude that never changes along a path that turns is invalid. Positions alone are then kept, unless `attitude`
-    is yes. If height or tilt is unknown, the poses are a `Truth` that says so.
+    An attitude that never changes along a path that turns is invalid. Only the positions are then kept, unless
+    `attitude` is yes. If height or tilt is unknown, the result is a `Truth` with this information.
     """
     if not len(poses):
         return np.zeros(0, np.bool_), poses
@@ -174,7 +174,7 @@ def possible_truth(
     poses = poses if kept.all() else rows_of(poses, kept)
     if attitude == "auto" and has_constant_attitude(poses):
         poses = replace(poses, quats_xyzw=np.zeros_like(poses.quats_xyzw))
-        same = "all poses have the same attitude although the path turns: positions alone are used"
+        same = "all poses have the same attitude although the path turns: only positions are used"
         findings = (*findings, f"{same} (truth.attitude=yes keeps the attitudes)")
     has_height, has_tilt = unknown in ("none", "tilt"), unknown in ("none", "height")
     if unknown == "auto":
@@ -183,7 +183,7 @@ def possible_truth(
         has_tilt = not poses.has_attitude or not (no_tilt or has_no_tilt(poses))
         names = [name for name, is_known in (("height", has_height), ("roll and pitch", has_tilt)) if not is_known]
         if names:
-            text = f"unknown are {', '.join(names)} (constant along a path that turns, or marked by variances)"
+            text = f"unknown components: {', '.join(names)} (constant along a path that turns, or marked by variances)"
             findings = (*findings, f"{text}: they are not judged; set truth.unknown=none to judge them")
     for text in findings:
         _log.warning(f"truth {read_from}: {text}")

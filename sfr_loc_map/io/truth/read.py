@@ -1,4 +1,4 @@
-"""The truth of a source: what its configuration names (a topic, a bag, a file of poses), else its own."""
+"""The truth of a source: the topic, bag or pose file that its configuration names, else the source's own truth."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def resolve_truth(
     config: TruthConfig = AS_THE_SOURCE_HAS_IT,
     remap: Mapping[str, str] | None = None,
 ) -> Trajectory | None:
-    """Return the truth of a source of any format: what the configuration names, else its own; None without either.
+    """Return the truth of a source: the truth that the configuration names, else the source's own; None without either.
 
-    `own` reads the true poses that the source itself has, None if it has none. A `Truth` was read by the configuration
-    already, as that of a bag is.
+    `own` reads the true poses of the source itself, or returns None. A `Truth` from `own` is returned unchanged,
+    because the configuration was already applied.
     """
     if config.source:
         return truth_of_file(place, config, remap)
@@ -42,11 +42,11 @@ def truth_of_file(
 ) -> Truth:
     """Read the truth of a bag or a file of poses, or of the topic, bag or file that the configuration names.
 
-    InputError, in one line, if there is none.
+    InputError if there is no truth.
     """
     side = "truth"
     if is_bag(place):
-        from sfr_loc_map.io.bag.bag import Bag  # the library of the bags is loaded for a bag only
+        from sfr_loc_map.io.bag.bag import Bag  # rosbags is imported only for bags
         from sfr_loc_map.io.truth.of_bag import truth_of_bag
 
         bag = Bag(place, remap)
@@ -55,7 +55,7 @@ def truth_of_file(
     if config.source:
         file = Path(config.source)
         if not file.exists():
-            raise InputError(f"truth '{file}' is neither a file nor a topic of '{place}': give one of both")
+            raise InputError(f"truth '{file}' is neither a file nor a topic of '{place}': give a file or a topic")
         if is_bag(file):
             return truth_of_file(file, replace(config, source=""))
         place, side = file, CONFIGURED

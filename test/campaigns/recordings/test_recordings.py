@@ -107,5 +107,5 @@ def test_a_recording_is_read_as_proposed_and_not_without(drive: Drive, tmp_path:
             turn = heads[0].inverse() @ read_pose
             assert np.allclose(turn.matrix, (drive.nav[0].T_lm_navsb.inverse() @ item.T_lm_navsb).matrix, atol=1e-6)
     if name not in ("plain", "truth_file"):
-        with pytest.raises(InputError, match=r"sfr info|sfr init|record both"):
+        with pytest.raises(InputError, match=r"sfr info|sfr init|trigger both"):
             open_source(made.source, SourceConfig())
