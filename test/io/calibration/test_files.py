@@ -236,7 +236,7 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "many millimetres": (lambda folder: kalibr(folder, moved(-120.0, 0, 0)), "120"),
     "swapped sides": (lambda folder: opencv("xml")(folder, moved(0.12, 0, 0)), "swapped, or"),
     "one above the other": (lambda folder: kalibr(folder, moved(0, -0.12, 0)), "one above the other"),
-    "images of another size": (edited(kalibr, ("200", "640"), ("160", "480")), "differ in size, 200 x 160 and 640 x 480 px"),
+    "images of another size": (edited(kalibr, ("200", "640"), ("160", "480")), "differ in size, 200 x 160 and 640"),
     "one camera of ROS": (without("left/ost.yaml", ros), "has one camera: add the file of the other camera beside it"),
     "no size of ROS": (without("cameras.txt", colmap), "(cam0, cam1), EuRoC, ORB-SLAM, OpenCV (M1"),
     "an unknown lens of COLMAP": (
