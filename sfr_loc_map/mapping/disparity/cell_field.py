@@ -1,7 +1,7 @@
-"""The disparity field on cells of 2 x 2 pixels: made from an initial disparity, and evaluated at pixels.
+"""The disparity field on cells of 2 x 2 pixels, computed from an initial disparity and interpolated at pixels.
 
-Images of any size are padded, so that their cells can be grouped to the coarsest grid of the refinement. Fields on
-cells `(h, w)` are those of the padded image, disparities `(H, W)` those of the image itself.
+Images are padded, so that their cells can be grouped up to the coarsest grid of the refinement. Fields on cells `(h,
+w)` cover the padded image, and disparities `(H, W)` cover the original image.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
 
 LEVELS = 3  #: Grids of the refinement: cells of 2, 4 and 8 pixels. Images are padded to a multiple of the largest cell.
 MEAN_RADIUS_CELLS = 3
-"""Half side of the window of the edge-preserving mean, cells: a window of 14 pixels averages the noise of the matcher,
-which has steps of 1/16 or 1/8 pixel."""
+"""Half the side of the window of the edge-preserving mean, cells. A window of 14 pixels averages the noise of the
+matcher, which has steps of 1/16 or 1/8 pixel."""
 MEAN_TOLERANCES_PX = (F(1.5), F(0.7))
-"""Cells that differ by less are averaged, pixels, in the first and the second mean. The first tolerance exceeds the
-matcher's noise in noisy images, the second keeps edges that the first mean has revealed. The optimum of the second one
-is flat (measurements/mapper_trials.md)."""
+"""Tolerances of the first and the second mean, pixels: cells that differ by less are averaged. The first tolerance
+exceeds the matcher's noise in noisy images. The second tolerance preserves edges that the first mean reveals, and its
+optimum is flat (measurements/mapper_trials.md)."""
 NEAR_TAP = F(0.5625)  #: Bilinear weight `(3/4)^2` of a cell at its pixels, a quarter of a cell from its centre.
 SIDE_TAP = F(0.1875)  #: Bilinear weight `3/4 1/4` of the neighbours along the row and along the column.
 CORNER_TAP = F(0.0625)  #: Bilinear weight `(1/4)^2` of the diagonal neighbour.
@@ -37,9 +37,9 @@ def padded(image: FloatImage) -> FloatImage:
 
 
 def cells_from_disparity(disparity_px: FloatImage) -> FloatImage:
-    """Return the initial field on cells, defined everywhere, of a disparity `(H, W)` that is NaN where unmatched.
+    """Return the initial field on cells, defined everywhere, from a disparity `(H, W)` that is NaN where unmatched.
 
-    Cells without a disparity are extended from beside them, and each surface is averaged.
+    Cells without a disparity take the disparity of the farther neighbour along the row, and each surface is averaged.
     """
     cells = _extended_from_farther(_cells_from_pixels(padded(disparity_px)))
     for tolerance_px in MEAN_TOLERANCES_PX:
@@ -78,9 +78,9 @@ def _cells_from_pixels(disparity: FloatImage) -> FloatImage:
 
 @jit_rows
 def _extended_from_farther(cells: FloatImage) -> FloatImage:
-    """Return the cells, of which those without a disparity have that of the farther neighbour along the row.
+    """Return the cells, where missing disparities are those of the farther neighbour along the row.
 
-    Most of them are occluded in the right image, and the occluded surface is the farther one.
+    Most cells without a disparity are occluded in the right image, and the occluded surface is the farther one.
     """
     rows, cols = cells.shape
     out = cells.copy()
@@ -98,7 +98,7 @@ def _extended_from_farther(cells: FloatImage) -> FloatImage:
             value = last
             if end < cols and not value <= cells[i, end]:  # also if no cell is known on the left: `last` is NaN
                 value = cells[i, end]
-            if np.isnan(value):  # the row is unknown
+            if np.isnan(value):  # no cell of the row is known
                 value = F(0.0)
             for k in range(j, end):
                 out[i, k] = value
@@ -116,7 +116,7 @@ def _edge_preserving_mean(cells: FloatImage, radius: int, tolerance: np.float32)
         count = np.zeros(cols, F)
         for y in range(max(0, i - radius), min(rows, i + radius + 1)):
             for dx in range(-radius, radius + 1):
-                # The columns are the innermost loop, over slices that start at 0, so that it runs on the vector units.
+                # The innermost loop is over columns of slices that start at 0, so that the compiler vectorises it.
                 first = max(0, -dx)
                 last = min(cols, cols - dx)
                 neighbours = cells[y, first + dx : last + dx]
@@ -141,7 +141,7 @@ def _same_surface(value: np.float32, centre: np.float32) -> np.float32:
 
 @jit_rows_inline
 def _between(centre: np.float32, along: np.float32, across: np.float32, corner: np.float32) -> np.float32:
-    """Return the field a quarter of a cell from a centre, towards two of its neighbours and the corner between."""
+    """Return the field a quarter of a cell from a centre, towards two of its neighbours and their common corner."""
     sides = _same_surface(across, centre) + _same_surface(along, centre)
     return NEAR_TAP * centre + SIDE_TAP * sides + CORNER_TAP * _same_surface(corner, centre)
 

@@ -1,7 +1,7 @@
 """The linear solve of the refinement: data term and smoothness term together, by conjugate gradients.
 
 The change s of a field d solves `(H + A' W A) s = b - A' W A d`, with H the information of the data term, b its
-information vector, and `A' W A` the operator of the smoothness (`smoothness`). The solver is that of Shewchuk (1994),
+information vector, and `A' W A` the operator of the smoothness (`smoothness`). The solver follows Shewchuk (1994),
 section B3, with a diagonal preconditioner. Its arrays (`SolverState`) are written in place.
 """
 
@@ -23,15 +23,15 @@ from sfr_loc_map.mapping.disparity.smoothness import (
 )
 
 MAX_SOLVED_STEP_PX = F(1.0)
-"""Largest change of a field in one solve, pixels: the linearisation holds within about a pixel."""
-MIN_PARALLEL_CELLS = 100_000  #: Smaller grids are solved by one thread: to wake another one takes 0.1 ms.
-SUMMED_ROWS = 4  #: Rows that are summed in one loop, each in its order: a single sum waits for its own result.
+"""Largest change of a field in one solve, pixels: the linearisation is valid within about one pixel."""
+MIN_PARALLEL_CELLS = 100_000  #: Smaller grids are solved by one thread, because waking a thread takes 0.1 ms.
+SUMMED_ROWS = 4  #: Rows that are summed in one loop: a single sum would wait for its previous addition.
 
 
 class SolverState(NamedTuple):
     """Arrays of conjugate gradients, `(h, w)` float32 each; the kernels below write to them.
 
-    Between iterations `direction` and `previous_direction` change places, so that no array is copied.
+    Between iterations `direction` and `previous_direction` are swapped, so that no array is copied.
     """
 
     step: FloatImage  #: Solution after the iterations so far.
@@ -50,10 +50,10 @@ def conjugate_gradient_step(
 ) -> FloatImage:
     """Return the change of a field on one grid `(h, w)`, pixels, at most `MAX_SOLVED_STEP_PX`.
 
-    It is the solution of `(diag(information) + A' W A) s = information_vector - A' W A field` after a number of
-    preconditioned conjugate gradient iterations, in the notation of Shewchuk (1994), section B3: direction d, residual
-    r, preconditioner M, `delta = r' M r`, `alpha = delta / d' q` with q the matrix times d, and `beta` the ratio of
-    successive deltas.
+    The change s solves `(diag(information) + A' W A) s = information_vector - A' W A field` approximately, by a fixed
+    number of preconditioned conjugate gradient iterations. The notation is that of Shewchuk (1994), section B3:
+    direction d, residual r, preconditioner M, `delta = r' M r`, `alpha = delta / d' q` with q the matrix times d, and
+    `beta` the ratio of successive deltas.
     """
     with on_one_thread(field.size < MIN_PARALLEL_CELLS):
         preconditioner = inverse_diagonal(information, weights)
@@ -84,7 +84,7 @@ def _ordered_sum(sums: FloatArray) -> float:
 
 @jit_rows_inline
 def _write_sums(a: FloatImage, b: FloatImage, sums: FloatArray) -> None:
-    """Write the sum of each row of `a b`, products and sums in float32."""
+    """Write the sum of the products `a b` over each row, computed in float32."""
     rows, cols = a.shape
     for i in range(0, rows - SUMMED_ROWS + 1, SUMMED_ROWS):
         s0 = F(0.0)
@@ -130,8 +130,8 @@ def _update_direction(
 ) -> float:
     """Write the direction `d = M r + beta d_previous` and its product q with the system's matrix; return `d' q`.
 
-    Both are written block by block, so that the direction is in the cache when it is multiplied. The product of a block
-    requires two more rows of the direction on either side, which both blocks compute.
+    Direction and product are written block by block, so that the direction is in the cache when it is multiplied. The
+    product of a block requires two more rows of the direction on either side, which adjacent blocks compute twice.
     """
     rows, cols = information.shape
     residual = state.residual

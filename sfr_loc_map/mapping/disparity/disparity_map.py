@@ -1,7 +1,8 @@
 """The disparity map of a stereo pair, which the stages of `Mapper.process` take and return.
 
-As estimated, all valid disparities are measured. `fill_holes` makes more of them valid, whose disparities are those of
-the surfaces beside them. `without_roll` changes disparities, and `within_range` makes the smallest ones invalid.
+In the map that `estimate_disparity` returns, all valid disparities are measured. `fill_holes` makes more pixels valid
+by extrapolating adjacent surfaces. `without_roll` changes disparities, and `within_range` makes the smallest
+disparities invalid.
 """
 
 from __future__ import annotations
@@ -16,14 +17,14 @@ from sfr_loc_map.mapping.disparity.saturation import Saturation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisparityMap:
-    """Disparities of the left image with their uncertainty, and the images that they were estimated from."""
+    """Disparities of the left image with their uncertainty, and the images from which they were estimated."""
 
-    #: `(H, W)` float32, pixels, defined at every pixel. Where the status is invalid, it only continues the initial
-    #: disparities around it smoothly. It fits the right image, unless `without_roll` has changed it.
+    #: `(H, W)` float32, pixels, defined at every pixel. At invalid pixels the value is only a smooth continuation of
+    #: the disparities around them. The disparities fit the right image unless `without_roll` has changed them.
     px: FloatImage
     sigma_px: FloatImage  #: `(H, W)` float32, standard deviation of a valid disparity, pixels.
     status: StatusImage  #: `(H, W)` uint8, measured, filled, or the reason why the disparity is invalid.
-    initial_px: FloatImage  #: `(H, W)` float32, disparities of the semi-global matching, pixels; NaN where it has none.
+    initial_px: FloatImage  #: `(H, W)` float32, disparities of the semi-global matching, pixels; NaN if unmatched.
     left: FloatImage  #: `(H, W)` float32, left image, grey levels.
     right: FloatImage  #: `(H, W)` float32, right image after its correction, grey levels.
     correction: RightImageCorrection  #: The deviations that were removed from the right image.
@@ -34,5 +35,5 @@ class DisparityMap:
 
     @property
     def valid(self) -> Mask:
-        """Which pixels `(H, W)` have a disparity, measured or filled."""
+        """Mask `(H, W)` of the pixels with a measured or filled disparity."""
         return is_valid(self.status)

@@ -1,24 +1,24 @@
-"""From a stereo pair to its disparity map, before invalid pixels are filled.
+"""Estimation of the disparity map of a stereo pair, before invalid pixels are filled.
 
 The steps of `estimate_disparity`, with their modules in `disparity` and their results:
 
 1. `semi_global_matching` (`semi_global_matching`, `exposure`) -> disparity `(H, W)`, NaN at unmatched pixels: initial
-   disparity by semi-global matching (Hirschmueller 2008), in wide images at half their width.
+   disparity by semi-global matching (Hirschmueller 2008). Wide images are matched at half their width.
 2. `cells_from_disparity` (`cell_field`) -> field on cells of 2 x 2 pixels, defined everywhere: unmatched cells take the
-   farther neighbour along the row. `disparity_from_cells` interpolates the field at each pixel.
+   disparity of the farther neighbour along the row. `disparity_from_cells` interpolates the field at each pixel.
 3. `correct_right_image` (`right_image_correction`, `exposure`, `vertical_disparity`) -> `CorrectedImage`: exposure and
    vertical disparity of the right image are measured and removed.
 4. `refine_disparity` (`variational_refinement`, `photometric_residual`, `image_noise`, `smoothness`,
    `conjugate_gradients`) -> `RefinedDisparity`: one disparity field is fitted to both images by photometric residuals
    and weighted second differences over the whole image (variational, after Horn and Schunck 1981), solved coarse to
    fine by conjugate gradients.
-5. `disparity_sigma` (`uncertainty`) -> sigma `(H, W)`: the posterior of that field, the bias of smoothing and an error
-   beside creases.
+5. `disparity_sigma` (`uncertainty`) -> sigma `(H, W)`: standard deviation from the posterior of the field, the
+   smoothing bias and the error beside creases.
 6. `measure_saturation` (`saturation`) -> `Saturation`: the saturated pixels of both images.
 7. `judge_pixels` (`validity`, `surfaces`, `segments`, `wrong_surface`, `matching_cost`) -> status `(H, W)`: measured,
    or the reason why a pixel is invalid: unmatched, changed by the refinement, occluded, mismatched, on a ramp, in a
-   small segment or one without common content, on the wrong surface beside a jump (a small network on matching costs
-   with adaptive support weights, Yoon and Kweon 2006), saturated.
+   segment that is small or has no common content, on the wrong surface beside a jump (classified by a small network
+   from matching costs with adaptive support weights, Yoon and Kweon 2006), or saturated.
 8. `measured_textured_fraction` (`texture`) -> number: the fraction of the textured pixels that are measured.
 """
 
@@ -39,7 +39,7 @@ from sfr_loc_map.mapping.disparity.variational_refinement import refine_disparit
 
 
 def estimate_disparity(pair: StereoPair, disparity_count: int) -> DisparityMap:
-    """Return the disparity map of a pair, searched over at least the disparities from 0 to `disparity_count - 1`."""
+    """Return the disparity map of a pair; at least the disparities from 0 to `disparity_count - 1` are searched."""
     left = pair.left.astype(F)
     initial_px = semi_global_matching(pair.left, pair.right, disparity_count)
     initial_cells = cells_from_disparity(initial_px)

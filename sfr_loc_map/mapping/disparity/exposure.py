@@ -1,4 +1,4 @@
-"""The exposure of the right image relative to the left one, from quantiles of their grey levels."""
+"""The exposure of the right image relative to the left image, from quantiles of their grey levels."""
 
 from __future__ import annotations
 
@@ -11,36 +11,36 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage, GreyImage
 from sfr_loc_map.mapping.disparity.photometric_residual import photometric_residual
 
-EXPOSURE_STRIDE = 4  #: Every fourth pixel of every fourth row is compared in exposure: quantiles need fewer samples.
+EXPOSURE_STRIDE = 4  #: Exposures are compared on every fourth pixel of every fourth row, which is enough for quantiles.
 MIN_GREY = 2.0
-"""Darker pixels may be saturated and are excluded from the exposure, grey levels. Exactly saturated are 0 and 255
+"""Pixels up to this grey level may be saturated and are excluded from the exposure. Saturation itself means 0 or 255
 (`saturation`). Chosen by hand."""
-MAX_GREY = 253.0  #: Brighter pixels may be saturated and are excluded from the exposure, grey levels; likewise.
+MAX_GREY = 253.0  #: Pixels from this grey level may be saturated and are excluded from the exposure. Chosen by hand.
 EXPOSURE_QUANTILES = (0.1, 0.5, 0.9)  #: Quantiles of the grey levels that are compared; outliers are beyond them.
 MIN_GREY_RANGE = 8.0
-"""Range between the outer quantiles that a gain requires, grey levels: rounding changes the ratio of smaller ranges by
+"""Minimum range between the outer quantiles for a gain, grey levels. Rounding changes the ratio of smaller ranges by
 several percent."""
 GAIN_LIMITS = (0.25, 4.0)  #: Smallest and largest gain: two stops of exposure. Chosen by hand.
 SAME_EXPOSURE_GREY = 8.0
 """Quantiles of equally exposed images differ by less than this, grey levels. A correction of smaller differences does
 not help the matcher (measurements/mapper_trials.md)."""
-MIN_EXPOSURE_PIXELS = 100  #: Pixels that a comparison of the exposures requires: ten beyond each outer quantile.
+MIN_EXPOSURE_PIXELS = 100  #: Minimum number of pixels for an exposure: ten are beyond each outer quantile.
 
 
 class Exposure(NamedTuple):
     """Linear relation `right = gain left + offset` of the grey levels of two images."""
 
     gain: float  #: Contrast of the right image over that of the left image.
-    offset_grey: float  #: Grey level of the right image where that of the left image is 0.
+    offset_grey: float  #: Grey level of the right image where the left image is 0.
 
 
 def _grey_quantiles(grey: NDArray[Any]) -> FloatArray:
-    """Return the low, the middle and the high grey level `(3,)` of a sample of an image."""
+    """Return the `EXPOSURE_QUANTILES` `(3,)` of a sample of grey levels."""
     return np.asarray(np.quantile(grey, EXPOSURE_QUANTILES))
 
 
 def _exposure_of(left_quantiles: FloatArray, right_quantiles: FloatArray) -> Exposure:
-    """Return the exposure of the right image relative to the left one, from the grey levels of both `(3,)`.
+    """Return the exposure of the right image relative to the left image, from the quantiles `(3,)` of both.
 
     The gain is 1 if the left image has too little contrast.
     """
@@ -53,10 +53,10 @@ def _exposure_of(left_quantiles: FloatArray, right_quantiles: FloatArray) -> Exp
 
 
 def with_exposure_of_left(left: GreyImage, right: GreyImage) -> GreyImage:
-    """Return the right image with the exposure of the left one; unchanged if both are about equally exposed.
+    """Return the right image with the exposure of the left image; unchanged if the exposures are about equal.
 
-    Without disparities the grey levels of the whole images are compared. `right_image_correction` measures the
-    exposure again, from corresponding pixels.
+    The grey levels of the whole images are compared, because disparities are not available yet.
+    `right_image_correction` measures the exposure later from corresponding pixels.
     """
     sampled = np.s_[::EXPOSURE_STRIDE, ::EXPOSURE_STRIDE]
     left_quantiles = _grey_quantiles(left[sampled])
@@ -69,9 +69,9 @@ def with_exposure_of_left(left: GreyImage, right: GreyImage) -> GreyImage:
 
 
 def exposure_by_disparity(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> Exposure:
-    """Return the exposure of the right image `(H, W)` relative to the left one, from corresponding grey levels.
+    """Return the exposure of the right image `(H, W)` relative to the left image, from corresponding grey levels.
 
-    Pixels that may be saturated are excluded. Without enough usable pixels both exposures are equal.
+    Pixels that may be saturated are excluded. Equal exposures are returned if too few pixels are usable.
     """
     left_rows, right_rows, disparity_rows = (
         np.ascontiguousarray(image[::EXPOSURE_STRIDE]) for image in (left, right, disparity_px)

@@ -1,13 +1,13 @@
-"""Invalid pixels take the disparity of a surface beside them, where the images agree with it.
+"""Filling of invalid pixels with the disparity of a surface beside them, if both images support it.
 
-A hole is a set of invalid pixels, whatever the reason. Only saturated pixels are never filled. Whether another pixel is
-filled is decided by the matching costs below.
+A hole is a region of invalid pixels. Pixels in completely saturated neighbourhoods are never filled. For all other
+pixels the matching costs decide.
 
-The hypotheses of a pixel are the surfaces that are met first along eight directions, continued as planes. Each one is
-judged by the matching cost over the pixel's neighbourhood, in which pixels without a disparity have most of the weight.
-The largest cost of a filled pixel is a percentile of the costs of valid pixels beside holes in the same pair. A
-hypothesis is rejected if another surface corresponds to the same pixel of the right image. Limits and what was tried
-instead: measurements/mapper_trials.md.
+The hypotheses of a pixel are the nearest surfaces along eight directions, extrapolated as planes. Each hypothesis has a
+matching cost over the neighbourhood of the pixel, in which invalid pixels have a larger weight than valid ones. The
+maximum cost of a filled pixel is a percentile of the costs of valid pixels beside holes in the same pair. A hypothesis
+is rejected if the corresponding pixel of the right image belongs to another surface. Limits and alternatives are
+described in measurements/mapper_trials.md.
 """
 
 from __future__ import annotations
@@ -28,42 +28,44 @@ from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX, RightSurface
 from sfr_loc_map.mapping.filters import dilated
 
 PASSES = 2
-"""Pixels filled in one pass offer their surface to their neighbours in the next one. A third pass adds less than 0.001
-of density."""
+"""Number of passes. Pixels filled in one pass provide hypotheses for their neighbours in the next pass. A third pass
+adds less than 0.001 to the density."""
 REACH = 12
-"""Rows or columns within which a surface is a hypothesis: planes are extrapolated no farther. With 6 and 24 the density
-of five pairs changes by 0.0015 or less (measurements/mapper_trials.md)."""
+"""Maximum distance over which a plane is extrapolated, rows or columns. With 6 or 24 the density of five pairs changes
+by 0.0015 or less (measurements/mapper_trials.md)."""
 SLOPE_PX = 2  #: Distance over which the slope of a surface is measured, pixels: one cell of the refined field.
 COST_PERCENTILE = 93.0
-"""Percentile of the costs of valid pixels beside holes that is the largest cost of a filled pixel: 93 % of them cost
-less. Real images match less well than rendered ones, so that no fixed cost suits both (measurements/mapper_trials.md).
+"""The maximum cost of a filled pixel is this percentile of the costs of valid pixels beside holes. Real images match
+less well than rendered images, so that no fixed cost suits both (measurements/mapper_trials.md).
 """
 BESIDE_HOLE_PX = 3
 """Distance within which a valid pixel is beside a hole, pixels: its window then reaches into the hole."""
 COST_STRIDE = 5  #: Every fifth valid pixel beside holes is used for the percentile: thousands of samples suffice.
-MIN_SAMPLES = 50  #: Samples that the percentile requires: three or four are then beyond it.
+MIN_SAMPLES = 50  #: Minimum number of samples for the percentile: three or four exceed it.
 MARGIN_SIGMAS = 1.5
-"""Cost margin over other hypotheses, in standard deviations of the noise of one pixel. Chosen on two real pairs and
-rendered grounds (measurements/mapper_trials.md)."""
+"""Required cost margin to other hypotheses, in standard deviations of the noise of one pixel. Chosen on two real pairs
+and on rendered ground (measurements/mapper_trials.md)."""
 ALTERNATIVE_PX = F(2.0)
-"""A hypothesis that nothing else confirms must match better than disparities this far to either side, pixels, because
-noise matches any surface. Chosen by hand: twice `SURFACE_JUMP_PX`."""
-SAME_HYPOTHESIS_PX = F(0.5)  #: Hypotheses that differ by less are judged once, pixels: half of `SURFACE_JUMP_PX`.
+"""A hypothesis without other confirmation must match better than disparities at this offset on either side, pixels,
+because noise matches any surface. Chosen by hand: twice `SURFACE_JUMP_PX`."""
+SAME_HYPOTHESIS_PX = F(0.5)  #: Hypotheses that differ by less are evaluated once, pixels: half of `SURFACE_JUMP_PX`.
 MIN_SAME_SURFACE = 5
-"""Neighbours out of eight that must belong to the surface of a filled pixel: single pixels had a third of the squared
-error that filling added (measurements/mapper_trials.md)."""
+"""Minimum number of the eight neighbours that belong to the surface of a filled pixel. Isolated filled pixels caused a
+third of the squared error that filling added (measurements/mapper_trials.md)."""
 MIN_FILLED_SIGMA_PX = F(0.5)
-"""Smallest standard deviation of a filled disparity, pixels: that of the refined field, which does not know the hole's
-surface, may be smaller. The RMS error of filled disparities within 3 px was 0.3 px on rendered ground and 0.8 to 1.0 px
-on real pairs, where the field states 1.2 px (measurements/mapper_trials.md)."""
+"""Minimum standard deviation of a filled disparity, pixels. The sigma of the refined field can be too small in a hole,
+because the field does not contain the surface of the hole. The RMS of the errors below 3 px of filled disparities was
+0.3 px on rendered ground and 0.8 to 1.0 px on real pairs, where the sigma of the field is 1.2 px
+(measurements/mapper_trials.md)."""
 MAX_DEPTH_RATIO = F(4.0)
-"""A hole takes no surface at this many times the depth of another one nearby, as behind the rim of a crater: one such
-pixel in ten thousand would be most of the error of a map. Chosen by hand."""
+"""A pixel is not filled if its depth would be at least this many times the depth of a nearby surface, for example
+behind the rim of a crater. One wrong pixel of this kind in ten thousand would dominate the error of a map. Chosen by
+hand."""
 NEARBY_PX = 7
-"""Rows or columns within which the depths are compared. With 3 and 15 the density of five pairs changes by 0.0004 or
-less (measurements/mapper_trials.md)."""
+"""Distance within which depths are compared, rows or columns. With 3 or 15 the density of five pairs changes by 0.0004
+or less (measurements/mapper_trials.md)."""
 DIRECTIONS = np.array([[0, 1], [0, -1], [1, 0], [-1, 0], [1, 1], [-1, -1], [1, -1], [-1, 1]])
-"""Rows and columns of a step; opposite directions follow each other."""
+"""Row and column step of each direction; opposite directions follow each other."""
 DIRECTION_COUNT = len(DIRECTIONS)
 """Number of hypotheses of a pixel."""
 
@@ -71,24 +73,24 @@ DIRECTION_COUNT = len(DIRECTIONS)
 class HoleScene(NamedTuple):
     """Input of a pass, `(H, W)` each."""
 
-    left: FloatImage  #: Whole grey levels.
+    left: FloatImage  #: Integer grey levels.
     right: FloatImage  #: Corrected grey levels.
     disparity: FloatImage  #: Pixels.
     valid: Mask  #: Pixels with a valid disparity, measured or filled in an earlier pass.
     fillable: Mask  #: Invalid pixels that may be filled.
-    initial: FloatImage  #: Disparities of the semi-global matching, pixels; NaN where it has none.
+    initial: FloatImage  #: Disparities of the semi-global matching, pixels; NaN at unmatched pixels.
     distance: FloatImage  #: Rows or columns to the nearest valid pixel.
 
 
 class FilledPixels(NamedTuple):
     """Result of a pass, `(H, W)` each."""
 
-    px: FloatImage  #: Disparities, pixels, with those of the pass.
+    px: FloatImage  #: Disparities after the pass, pixels.
     accepted: Mask  #: Pixels that the pass has filled.
 
 
 class Hypotheses(NamedTuple):
-    """The first surface along each direction, continued to a pixel as a plane, `(8,)` each; NaN without a surface."""
+    """The nearest surface along each direction as a plane at a pixel, `(8,)` each; NaN without a surface."""
 
     disparity: FloatArray32  #: Disparity of the plane at the pixel, pixels.
     slope_x: FloatArray32  #: Slope of the plane along rows, pixels per pixel.
@@ -99,14 +101,14 @@ class HypothesisCosts(NamedTuple):
     """Matching costs of the hypotheses of a pixel, `(8,)` each."""
 
     cost: FloatArray32  #: Grey levels; `NO_COST` without a surface.
-    effective_pixels: FloatArray32  #: As of `PlaneCost`.
+    effective_pixels: FloatArray32  #: As in `PlaneCost`.
 
 
 def fill_holes(disparity_map: DisparityMap) -> DisparityMap:
     """Return the disparity map with filled holes; completely saturated neighbourhoods stay invalid.
 
-    The standard deviation of a filled disparity is at least `MIN_FILLED_SIGMA_PX`. The map is returned as it is if
-    fewer than `MIN_SAMPLES` valid pixels beside holes measure the largest cost.
+    The standard deviation of a filled disparity is at least `MIN_FILLED_SIGMA_PX`. The map is returned unchanged if
+    fewer than `MIN_SAMPLES` valid pixels beside holes are available for the maximum cost.
     """
     measured = disparity_map.valid
     unsaturated = ~disparity_map.saturation.saturated
@@ -122,7 +124,7 @@ def fill_holes(disparity_map: DisparityMap) -> DisparityMap:
         scene = _scene(disparity_map, filled.px, valid, unsaturated & has_new_hypotheses)
         filled = _filled(scene, cost_limit, min_margin)
         valid = valid | filled.accepted
-    # After all passes: a pixel that is rejected here may have offered its surface to pixels of a later pass.
+    # Depths are compared after all passes. A rejected pixel may therefore have provided a hypothesis in a later pass.
     has_similar_depth = depth_ratio(np.where(valid, filled.px, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
     is_filled = valid & ~measured & has_similar_depth
     return replace(
@@ -134,7 +136,7 @@ def fill_holes(disparity_map: DisparityMap) -> DisparityMap:
 
 
 def _scene(disparity_map: DisparityMap, px: FloatImage, valid: Mask, allowed: Mask) -> HoleScene:
-    """Return the input of a pass over the allowed invalid pixels, with the disparities that are valid so far."""
+    """Return the input of a pass over the allowed invalid pixels, with the current disparities and valid pixels."""
     distance = np.asarray(cv2.distanceTransform((~valid).astype(np.uint8), cv2.DIST_C, 3), F)
     return HoleScene(
         left=disparity_map.left,
@@ -162,7 +164,7 @@ def _filled(scene: HoleScene, cost_limit: np.float32, min_margin: np.float32) ->
 
 
 def _cost_limit(scene: HoleScene) -> np.float32 | None:
-    """Return the largest matching cost of a filled pixel, grey levels; None if too few pixels are beside holes."""
+    """Return the maximum matching cost of a filled pixel, grey levels; None if too few pixels are beside holes."""
     beside_holes = np.flatnonzero(dilated(~scene.valid, BESIDE_HOLE_PX) & scene.valid)
     costs = _own_costs(scene, beside_holes[::COST_STRIDE])
     if len(costs) < MIN_SAMPLES:
@@ -174,8 +176,8 @@ def _cost_limit(scene: HoleScene) -> np.float32 | None:
 def _fill_pass(scene: HoleScene, surfaces: RightSurfaces, cost_limit: np.float32, min_margin: np.float32) -> FloatImage:
     """Return the disparities `(H, W)` that one pass proposes, NaN elsewhere.
 
-    `cost_limit` is the largest cost of a filled pixel and `min_margin` the margin over other hypotheses of a window of
-    one effective pixel, both in grey levels.
+    `cost_limit` is the maximum cost of a filled pixel, and `min_margin` the required margin to other hypotheses for a
+    window of one effective pixel, both in grey levels.
     """
     rows, cols = scene.disparity.shape
     out = np.full((rows, cols), F(np.nan))
@@ -192,15 +194,15 @@ def _best_hypothesis(
 ) -> np.float32:
     """Return the disparity of the best hypothesis of a pixel, NaN if it is not good enough.
 
-    Possible hypotheses correspond to a pixel of the right image that belongs to no other surface. The one of the lowest
-    cost is accepted if all of these hold:
+    A hypothesis is possible if the corresponding pixel of the right image belongs to no other surface. The possible
+    hypothesis with the lowest cost is accepted if all of the following conditions are met:
 
-    - its cost is at most `cost_limit`;
-    - any other surface around costs more by the margin, which decreases with the effective number of pixels;
-    - it is confirmed: met on opposite sides, or that of the matcher, or cheaper by the margin than disparities
-      `ALTERNATIVE_PX` to either side.
+    - Its cost is at most `cost_limit`.
+    - Hypotheses of other surfaces cost more by the margin, which decreases with the effective number of pixels.
+    - It is confirmed: its surface is on opposite sides of the pixel, or the matcher agrees, or its cost is lower by the
+      margin than at disparities `ALTERNATIVE_PX` to either side.
 
-    If the refined field agrees with the hypothesis, the disparity is that of the field.
+    If the refined field agrees with the hypothesis, the disparity of the field is returned.
     """
     planes = _hypotheses(scene, y, x)
     possible = np.zeros(DIRECTION_COUNT, np.bool_)
@@ -242,7 +244,7 @@ def _best_hypothesis(
 
 @jit_rows_inline
 def _is_enclosed(planes: Hypotheses, disparity: np.float32) -> bool:
-    """Return whether the surface of a disparity is met in two opposite directions."""
+    """Return whether the surface of a disparity is found in two opposite directions."""
     is_enclosed = False
     for k in range(0, DIRECTION_COUNT, 2):
         one = abs(planes.disparity[k] - disparity) < SURFACE_JUMP_PX
@@ -253,7 +255,7 @@ def _is_enclosed(planes: Hypotheses, disparity: np.float32) -> bool:
 
 @jit_rows_inline
 def _hypothesis_costs(scene: HoleScene, y: int, x: int, planes: Hypotheses) -> HypothesisCosts:
-    """Return the matching cost of each hypothesis; hypotheses of about the same disparity are judged once."""
+    """Return the matching cost of each hypothesis; hypotheses of nearly the same disparity are evaluated once."""
     cost = np.full(DIRECTION_COUNT, NO_COST)
     effective_pixels = np.ones(DIRECTION_COUNT, F)
     for k in range(DIRECTION_COUNT):
@@ -276,9 +278,9 @@ def _hypothesis_costs(scene: HoleScene, y: int, x: int, planes: Hypotheses) -> H
 
 @jit_rows_inline
 def _hypotheses(scene: HoleScene, y: int, x: int) -> Hypotheses:
-    """Return the first surface along each direction, continued to the pixel as a plane.
+    """Return the nearest surface along each direction, extrapolated to the pixel as a plane.
 
-    No pixel nearer than its `distance` is valid, so that the search along a direction advances by that distance.
+    All pixels nearer than `distance` are invalid, so that the search along a direction advances by `distance`.
     """
     rows, cols = scene.disparity.shape
     planes = np.full((3, DIRECTION_COUNT), F(np.nan))
@@ -307,7 +309,7 @@ def _hypotheses(scene: HoleScene, y: int, x: int) -> Hypotheses:
 
 @jit_rows_inline
 def _surface_slope(scene: HoleScene, y: int, x: int, dy: int, dx: int) -> np.float32:
-    """Return the slope of a valid pixel's surface along an axis, from the valid pixels of that surface on either side.
+    """Return the slope of a valid pixel's surface along an axis, from valid pixels of this surface on either side.
 
     The slopes in `surfaces` use all pixels, valid or not, and therefore include jumps.
     """
@@ -329,7 +331,7 @@ def _surface_slope(scene: HoleScene, y: int, x: int, dy: int, dx: int) -> np.flo
 
 @jit_rows
 def _own_costs(scene: HoleScene, flat_indices: IntArray) -> FloatArray32:
-    """Return the matching costs `(N,)` of valid pixels at their own disparity, given by indices of the flat image."""
+    """Return the matching costs `(N,)` of valid pixels, given by flat indices, at their own disparity."""
     cols = scene.disparity.shape[1]
     out = np.empty(len(flat_indices), F)
     for n in prange(len(flat_indices)):
@@ -345,9 +347,9 @@ def _own_costs(scene: HoleScene, flat_indices: IntArray) -> FloatArray32:
 def _is_contradicted(disparity: np.float32, surfaces: RightSurfaces, y: int, x: int) -> bool:
     """Return whether the corresponding pixel is outside the right image or belongs to another surface.
 
-    A farther surface contradicts as well, unlike in `surfaces.occlusion_mask`: there a measured pixel may hide it, but
-    a hypothesis has no measurement of its own. The last column is outside, because the matching cost interpolates to
-    the right of the corresponding point.
+    A farther surface contradicts the hypothesis, too. In `surfaces.occlusion_mask` it does not, because a measured
+    pixel may hide a farther surface, but a hypothesis is not measured. The last column counts as outside, because the
+    matching cost interpolates to the right of the corresponding point.
     """
     column = F(x) - disparity
     if not (column >= F(0.0) and column < F(surfaces.low.shape[1] - 1)):
@@ -360,9 +362,9 @@ def _is_contradicted(disparity: np.float32, surfaces: RightSurfaces, y: int, x: 
 
 @jit_rows
 def _on_their_surface(disparity: FloatImage, valid: Mask, proposed: Mask, surfaces: RightSurfaces) -> Mask:
-    """Return which proposed pixels `(H, W)` have neighbours on their surface and correspond to no other surface.
+    """Return the mask of the proposed pixels `(H, W)` with neighbours on their surface and without a contradiction.
 
-    `valid` includes the proposed pixels, and the surfaces are those of all valid pixels.
+    `valid` includes the proposed pixels, and `surfaces` are the surfaces of all valid pixels.
     """
     rows, cols = disparity.shape
     out = np.zeros((rows, cols), np.bool_)

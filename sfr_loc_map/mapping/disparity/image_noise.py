@@ -10,18 +10,20 @@ from sfr_loc_map.mapping.filters import downsample_mean
 from sfr_loc_map.mapping.robust_statistics import mad_sigma, spread
 
 ROUNDING_NOISE = 0.3
-"""Smallest standard deviation of a residual due to rounding, in steps of the grey levels: that of the left image,
-`1 / sqrt(12)`. Interpolation averages that of the right image, by an amount that depends on the disparity."""
-GREY_STRIDE = 4  #: Every fourth pixel of every fourth row is read for the steps between grey levels.
+"""Minimum standard deviation of a residual due to rounding, in steps of the grey levels. The rounding noise of the left
+image is `1 / sqrt(12)`. Interpolation reduces the rounding noise of the right image by an amount that depends on the
+disparity."""
+GREY_STRIDE = 4  #: The steps between grey levels are measured on every fourth pixel of every fourth row.
 DEFAULT_VARIANCE = F(25.0)
-"""Variance of a residual if too few are available, grey levels squared: that of a noisy camera, chosen by hand. Only
-images of less than 13 000 pixels, and images that hardly overlap, have so few residuals."""
+"""Variance of a residual if too few residuals are available, grey levels squared. Chosen by hand: the variance of a
+noisy camera. Only images of less than 13 000 pixels and images that hardly overlap have too few residuals."""
 NOISE_BINS = 8  #: Ranges of the grey level in which the noise is measured, with equal numbers of residuals.
-MIN_PER_BIN = 50  #: Residuals that each range requires: the variance then has a relative standard deviation of 33 %.
-SAMPLED_PIXELS = np.s_[::8, ::4]  #: Pixels whose residuals measure the noise: 30 000 of a megapixel.
+MIN_PER_BIN = 50  #: Minimum number of residuals in each range: the variance is then accurate to 33 %.
+SAMPLED_PIXELS = np.s_[::8, ::4]  #: Pixels whose residuals are used to measure the noise: 30 000 of 1 megapixel.
 SAMPLED_CELLS = np.s_[::4, ::2]  #: The cells of these pixels.
 MIN_LEVEL_VARIANCE = 1.0
-"""Smallest variance of the levels that the line is divided by, grey levels squared: closer levels show no slope."""
+"""Lower bound of the variance of the grey levels, grey levels squared: it is a divisor, and closer levels give no
+slope."""
 NOISE_MASK = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]], F)
 """Difference of two Laplacians, which cancels smooth structure (Immerkaer 1996)."""
 NOISE_GAIN = 6.0  #: Factor by which the mask amplifies white noise: the root of its sum of squares.
@@ -51,11 +53,12 @@ def overall_noise(residual: FloatImage, min_noise: float) -> float:
 def noise_variance(
     grey: FloatImage, order: IntArray, residual: FloatImage, offset: FloatImage, min_noise: float
 ) -> FloatImage:
-    """Return the variance of a residual in each cell `(H/2, W/2)`: a straight line over the grey level.
+    """Return the variance of a residual in each cell `(H/2, W/2)`, a linear function of the grey level.
 
-    The noise of a camera has a constant part and one that grows with the light (photon noise). The line is fitted to
-    the robust variances of ranges of the grey level by weighted least squares, and clipped to their range. A variance
-    has a standard deviation proportional to itself.
+    The noise of a camera has a constant part and a part that grows with the light (photon noise). The line is fitted by
+    weighted least squares to robust variances in ranges of the grey level, and clipped to their minimum and maximum.
+    The weights are inverse squared variances, because the standard deviation of a variance is proportional to the
+    variance.
 
     `grey` is the mean of the left image in each cell, and `order` sorts its sampled cells. The residual `(H, W)` is NaN
     where unknown and has the brightness offset `(H/2, W/2)`.
@@ -80,12 +83,13 @@ def noise_variance(
 
 
 def block_variance_ratio(means: FloatImage, offset: FloatImage, variance: FloatImage) -> np.float32:
-    """Return the variance of the mean of 4 x 4 residuals over that of white noise, at least 1.
+    """Return the ratio of the variance of means of 4 x 4 residuals to that of white noise, at least 1.
 
-    The ratio exceeds 1 if noise is correlated between pixels, as a filter or a compression leaves it.
+    The ratio exceeds 1 if the noise is correlated between pixels, for example after filtering or compression.
     """
     blocks = downsample_mean(np.asarray((means - offset) / np.sqrt(variance), F), 2)
-    # The mean of a cell without residuals is 0. Beside cells with residuals, whose offset reaches over it, its block is
-    # not 0 and counts. To ignore such blocks gains nothing (measurements/mapper_trials.md).
+    # Cells without residuals have a mean of 0, and blocks of 0 are ignored. Near cells with residuals the offset of
+    # such a block is not 0, so that the block counts. Ignoring these blocks, too, is not better
+    # (measurements/mapper_trials.md).
     known = blocks[blocks != 0]
     return F(max(16.0 * mad_sigma(known) ** 2, 1.0))

@@ -1,12 +1,13 @@
 """The matching cost of a window: truncated absolute differences with adaptive support weights.
 
-A pixel of the window has the more weight, the more similar its grey level is to that of the centre and the nearer it is
-to the centre (Yoon and Kweon 2006), so that the window covers mostly the surface of its centre. The disparity is
-constant over the window beside jumps (`constant_cost`), and a plane in holes (`plane_cost`).
-The network that judges pixels beside jumps was trained with the former (`wrong_surface`).
+The weight of a pixel increases with the similarity of its grey level to that of the centre and with its proximity to
+the centre (Yoon and Kweon 2006), so that the window covers mostly the surface of its centre. Beside jumps, the
+disparity is constant over the window (`constant_cost`), as in the training of the network (`wrong_surface`). In holes,
+the disparity is a plane (`plane_cost`).
 
-The mapper has three matching costs. The initial disparity has that of OpenCV's matcher (`semi_global_matching`), the
-refinement has squared residuals (`photometric_residual`), and the cost of this window judges single pixels afterwards.
+The mapper uses three matching costs: the cost of OpenCV's matcher for the initial disparity (`semi_global_matching`),
+squared residuals for the refinement (`photometric_residual`), and the cost of this window for later tests of single
+pixels.
 """
 
 from __future__ import annotations
@@ -20,20 +21,20 @@ from sfr_loc_map.jit import jit_rows_inline
 from sfr_loc_map.mapping.disparity.interpolation import linear
 
 # `WINDOW_RADIUS`, `MAX_DIFFERENCE`, `GREY_SCALE` and `DISTANCE_SCALE_PX` were chosen by hand before the network that
-# judges pixels beside jumps was trained with them (`wrong_surface`). Other values require another training.
-WINDOW_RADIUS = 4  #: Half side of the window, pixels.
+# classifies pixels beside jumps was trained with them (`wrong_surface`). Other values require a new training.
+WINDOW_RADIUS = 4  #: Half the side of the window, pixels.
 MAX_DIFFERENCE = F(30.0)
 """Absolute differences are truncated to this, grey levels, so that single occluded pixels do not decide the cost."""
-NO_COST = F(1e9)  #: Cost where no pixel of the window is inside the right image, grey levels: larger than any other.
+NO_COST = F(1e9)  #: Cost of a window outside the right image, grey levels: larger than any other cost.
 VALID_WEIGHT = F(0.3)
-"""Weight of valid pixels in a window: they repeat the disparity that they already have. The optimum is flat
-(measurements/mapper_trials.md)."""
+"""Relative weight of valid pixels in the window of a hole, because their disparity is already known. The optimum is
+flat (measurements/mapper_trials.md)."""
 GREY_SCALE = 8.0  #: Difference at which the weight has decreased to 1/e, grey levels.
 DISTANCE_SCALE_PX = 3.0
 """Distance at which the weight has decreased to 1/e, pixels. At the middle of the window's edge the weight is 0.26."""
 
 WEIGHT_BY_GREY = np.exp(-np.arange(256.0) / GREY_SCALE).astype(F)
-"""Weight of a pixel by the absolute difference of its grey level from the centre's."""
+"""Weight of a pixel by the absolute difference of its grey level from that of the centre."""
 _OFFSETS = np.arange(-WINDOW_RADIUS, WINDOW_RADIUS + 1, dtype=np.float64)
 WEIGHT_BY_DISTANCE = np.exp(-np.hypot(_OFFSETS[:, None], _OFFSETS[None]) / DISTANCE_SCALE_PX).astype(F)
 """Weight of a pixel by its row and column in the window."""
@@ -51,8 +52,8 @@ class ConstantCost(NamedTuple):
     """Matching cost of a pixel at a disparity that is constant over the window."""
 
     cost: np.float32  #: Weighted mean absolute difference, grey levels; `NO_COST` outside the right image.
-    #: Mean absolute difference of 3 x 3 pixels, grey levels. `NO_COST` if the window is outside the right image; 0 if
-    #: a part of the window is inside but none of these pixels is. The network was trained with the latter.
+    #: Mean absolute difference of 3 x 3 pixels, grey levels; `NO_COST` if the window is outside the right image. It is
+    #: 0 if a part of the window is inside but none of these pixels, as in the training of the network.
     close_cost: np.float32
     effective_pixels: np.float32  #: Number of pixels with equal weights that have the same variance of the mean.
 
@@ -79,7 +80,7 @@ def constant_cost(left: FloatImage, right: FloatImage, y: int, x: int, disparity
     last = min(x + WINDOW_RADIUS, cols - 1 + whole, cols - 1)
     for v in range(max(0, y - WINDOW_RADIUS), min(rows, y + WINDOW_RADIUS + 1)):
         for u in range(first, last + 1):
-            value = linear(right[v, u - whole], right[v, u - whole - 1], fraction)  # to the left by the fraction
+            value = linear(right[v, u - whole], right[v, u - whole - 1], fraction)  # `fraction` to the left
             difference = min(abs(value - left[v, u]), MAX_DIFFERENCE)
             weight = _support_weight(left, y, x, v, u)
             total += weight * difference

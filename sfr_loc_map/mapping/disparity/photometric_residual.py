@@ -13,17 +13,17 @@ from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.interpolation import cubic
 
 SMOOTHING_PX = 0.5
-"""Standard deviation of the Gaussian that slopes are smoothed by, pixels. Wider ones lose texture
+"""Standard deviation of the Gaussian that smooths slopes, pixels. A wider Gaussian loses texture
 (measurements/mapper_trials.md)."""
 _SIDE = math.exp(-0.5 / SMOOTHING_PX**2) / (1.0 + 2.0 * math.exp(-0.5 / SMOOTHING_PX**2))
 SMOOTHING_SIDE = F(_SIDE)  #: Side tap of that Gaussian over three pixels.
-SMOOTHING_CENTRE = F(1.0 - 2.0 * _SIDE)  #: Its centre tap.
+SMOOTHING_CENTRE = F(1.0 - 2.0 * _SIDE)  #: Centre tap of that Gaussian.
 DERIVATIVE_NEAR = F(0.5 * (1.0 - 2.0 * _SIDE))  #: Tap at one pixel of a central difference after that Gaussian.
-DERIVATIVE_FAR = F(0.5 * _SIDE)  #: Tap at two pixels of the same.
+DERIVATIVE_FAR = F(0.5 * _SIDE)  #: Tap at two pixels of that central difference.
 SLOPE_NOISE_GAIN = float(
     (SMOOTHING_CENTRE**2 + 2.0 * SMOOTHING_SIDE**2) * 2.0 * (DERIVATIVE_NEAR**2 + DERIVATIVE_FAR**2)
 )
-"""Variance of a slope over that of white noise in the image: the sum of squares of all taps."""
+"""Ratio of the variance of a slope to the variance of white noise in the image: the sum of squares of all taps."""
 SLOPE_BORDER = 2  #: Columns at either border without a slope: the smoothed central difference has five taps.
 
 
@@ -38,9 +38,9 @@ class NormalEquations(NamedTuple):
 
 @jit_rows
 def photometric_residual(left: FloatImage, right: FloatImage, disparity: FloatImage) -> FloatImage:
-    """Return the right image at `u - d` minus the left one `(H, W)`, grey levels; NaN outside the right image.
+    """Return the right image at `u - d` minus the left image `(H, W)`, grey levels; NaN outside the right image.
 
-    Values at computed columns are gathered first, so that the interpolation of a row runs on the vector units.
+    The values are gathered before they are interpolated, so that the compiler vectorises the interpolation of a row.
     """
     rows, cols = left.shape
     out = np.empty((rows, cols), F)
@@ -80,7 +80,7 @@ def photometric_residual(left: FloatImage, right: FloatImage, disparity: FloatIm
 
 @jit_rows
 def cell_means(residual: FloatImage, limit: np.float32) -> FloatImage:
-    """Return the mean of each cell's residuals, clipped to `limit`; 0 if the cell has none."""
+    """Return the mean of each cell's residuals, each clipped to `limit`; 0 without residuals."""
     rows = residual.shape[0] // 2
     cols = residual.shape[1] // 2
     out = np.empty((rows, cols), F)
@@ -99,9 +99,10 @@ def cell_means(residual: FloatImage, limit: np.float32) -> FloatImage:
 
 @jit_rows
 def mean_template(left: FloatImage, residual: FloatImage, offset: FloatImage, limit: np.float32) -> FloatImage:
-    """Return the mean of the left and the warped right image without its brightness offset.
+    """Return the mean of the left image and the warped right image without its brightness offset.
 
-    If a residual without that offset is `limit` or larger, or unknown, the template is the left image.
+    Where the residual without this offset is unknown, or its magnitude is `limit` or larger, the template is the left
+    image.
     """
     rows, cols = left.shape
     out = np.empty((rows, cols), F)
@@ -122,7 +123,7 @@ def _slope(row: FloatImage, n: int) -> np.float32:
 
 @jit_rows
 def slopes(template: FloatImage) -> FloatImage:
-    """Return the slope along the row, smoothed across rows `(H, W)`, grey levels per pixel; 0 in two border columns."""
+    """Return the slope along rows `(H, W)`, smoothed across rows, grey levels per pixel; 0 in the border columns."""
     rows, cols = template.shape
     out = np.zeros((rows, cols), F)
     for y in prange(rows):
@@ -144,7 +145,7 @@ def normal_equations(
     `r(d + s) = r(d) - g s` with g the slope along the row. The weight is `1 / (1 + robust_factor r^2 / variance)`.
     Columns without a slope are excluded.
 
-    Slope and residual are `(H, W)`, the residual's brightness offset and inverse variance `(H/2, W/2)`.
+    Slope and residual are `(H, W)`. The brightness offset and the inverse variance of the residual are `(H/2, W/2)`.
     """
     height, width = slope.shape
     information = np.empty((height // 2, width // 2), F)

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import Mask
 
-StatusImage = NDArray[np.uint8]  #: `(H, W)`, a `PixelStatus` of each pixel.
+StatusImage = NDArray[np.uint8]  #: `(H, W)`, the `PixelStatus` of each pixel.
 
 
 class PixelStatus(IntEnum):
-    """Status of a pixel; the reason of an invalid one is the first test that it fails, in the order of the values.
+    """Status of a pixel. The reason of an invalid pixel is the first failed test in the order of the values.
 
-    A saturated pixel that fails an earlier test has the reason of that test, and is not filled either. A filled pixel
-    does not keep its reason. Points that the fusion drops or removes have no status.
+    A saturated pixel that fails an earlier test has the reason of that test, but is not filled, either. A filled pixel
+    does not keep its reason. The status does not indicate points that the fusion drops.
     """
 
     MEASURED = 0  #: Valid: passed all tests.
@@ -27,21 +27,21 @@ class PixelStatus(IntEnum):
     MISMATCHED = 5  #: Residual larger than the noise and similar to the image's contrast.
     RAMP = 6  #: On a ramp that joins two surfaces.
     NOT_A_SURFACE = 7  #: In a segment that is small or has no content in common with the right image.
-    WRONG_SURFACE = 8  #: Beside a jump, and likely on its wrong side.
+    WRONG_SURFACE = 8  #: Beside a disparity jump, and probably with the disparity of the wrong side.
     SATURATED = 9  #: In a neighbourhood that is completely saturated.
-    BEYOND_RANGE = 10  #: Farther than the largest range.
+    BEYOND_RANGE = 10  #: Beyond the maximum depth.
 
 
 LAST_VALID = np.uint8(PixelStatus.FILLED)  #: Largest value of a valid status.
 
 
 def is_valid(status: StatusImage) -> Mask:
-    """Return which pixels `(H, W)` are measured or filled."""
+    """Return the mask of the pixels `(H, W)` that are measured or filled."""
     valid: Mask = status <= LAST_VALID
     return valid
 
 
 def with_reason(status: StatusImage, failed: Mask, reason: PixelStatus) -> StatusImage:
-    """Return the status in which the failed pixels that were valid have the reason."""
+    """Return the status with the reason set at failed pixels that were valid."""
     newly_invalid = failed & is_valid(status)
     return np.where(newly_invalid, np.uint8(reason), status)

@@ -1,15 +1,15 @@
 """The rotation of the right camera relative to its calibration, from the vertical disparity of a pair.
 
-A camera that is rotated by the small angles `w` about its axes (x right, y down, z forward) sees the point `(x, y)`,
-in normalised coordinates, to first order at
+A camera that is rotated by the small angles `w` about its axes (x right, y down, z forward) observes the point `(x,
+y)`, in normalised coordinates, to first order at
 
     x' = x - wy (1 + x^2) + wz y + wx x y
     y' = y + wx (1 + y^2) - wz x - wy x y
 
-The change of x is an error of the disparity, which cannot be separated from depth. The change of y is vertical
-disparity, which is measured: yaw (wy) as the saddle `x y`, roll (wz) as a tilt and pitch (wx) as an offset. An offset
-of the principal point has the same effect as a pitch on y, but none on x. Residual lens distortion can have any of
-these shapes, and its effect on x is about as large as that on y.
+The change of x is a disparity error, which cannot be distinguished from depth. The change of y is vertical disparity,
+which is measured. A yaw (wy) causes the saddle `x y`, a roll (wz) causes a tilt, and a pitch (wx) causes an offset. An
+offset of the principal point changes y like a pitch, but does not change x. Residual lens distortion can have any of
+these shapes, and its effect on x is about as large as its effect on y.
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.vertical_disparity import fit_vertical_disparity
 
 MIN_ROTATION_COUNT = 5000
-"""Valid samples that a measurement of the rotation requires: five times those of the correction, for five coefficients
-of which the saddle is weakest."""
+"""Minimum number of valid samples for measuring the rotation: five times that of the correction, because five
+coefficients are fitted, of which the saddle is the least observable."""
 MIN_ROTATION_PX = 0.05
-"""Smallest vertical disparity, at the image's edge, that counts as a rotation, pixels; less is noise of the measurement
-(about 0.02 pixels) and of residual distortion."""
-GRID_POINTS = 16  #: The vertical disparity is averaged over a grid of this many rows and columns: it is a parabola.
+"""Minimum vertical disparity at the image edge that counts as a rotation, pixels. Smaller values are measurement noise
+(about 0.02 pixels) or residual distortion."""
+GRID_POINTS = 16  #: Rows and columns of the grid over which the quadratic vertical disparity is averaged.
 
 
 @dataclass(frozen=True, slots=True)
 class CameraRotation:
-    """Rotation of the right camera relative to its calibration, and the vertical disparity that shows it."""
+    """Rotation of the right camera relative to its calibration, and the underlying vertical disparity."""
 
     yaw_rad: float  #: About y; a positive yaw turns the camera to the right. 0 if too few pixels are valid.
     yaw_sigma_rad: float  #: Standard deviation of the yaw; infinite if too few pixels are valid.
     roll_rad: float  #: About z; a positive roll turns the camera clockwise.
-    pitch_rad: float  #: About x; a positive pitch turns the camera up. Rotation that is equivalent to the offset.
+    pitch_rad: float  #: About x; a positive pitch turns the camera up. Equivalent to the vertical offset.
     vertical_rms_px: float  #: Root mean square of the vertical disparity over the image.
     distortion_rms_px: float  #: Root mean square of the vertical disparity without its offset and roll.
 
     @property
     def is_measured(self) -> bool:
-        """Whether enough pixels were valid; otherwise only what the correction has removed is known."""
+        """Whether enough pixels were valid; otherwise only the vertical disparity that was removed is known."""
         return math.isfinite(self.yaw_sigma_rad)
 
 
@@ -69,7 +69,7 @@ class VerticalPolynomial(NamedTuple):
 
 
 class RemainingDisparity(NamedTuple):
-    """The vertical disparity that the correction of the right image has left."""
+    """The vertical disparity that remains after the correction of the right image."""
 
     polynomial: VerticalPolynomial  #: Fitted polynomial; 0 if too few pixels are valid.
     saddle_sigma_px: float  #: Standard deviation of the saddle; infinite if too few pixels are valid.
@@ -78,8 +78,9 @@ class RemainingDisparity(NamedTuple):
 def measure_right_rotation(disparity_map: DisparityMap, rig: StereoRig) -> CameraRotation:
     """Return the rotation that explains the vertical disparity of a pair.
 
-    The vertical disparity is the sum of what the correction has removed, which is linear over the image (-1 to 1 along
-    both axes, `edge_x` and `edge_y`), and of what it has left, a polynomial of normalised coordinates (x, y).
+    The vertical disparity is the sum of two parts. The part that the correction has removed is linear over the image
+    (-1 to 1 along both axes, `edge_x` and `edge_y`). The part that remains is a polynomial of normalised coordinates
+    (x, y).
     """
     removed = disparity_map.correction.vertical
     remaining, saddle_sigma_px = _remaining_disparity(disparity_map, rig)
@@ -103,7 +104,7 @@ def measure_right_rotation(disparity_map: DisparityMap, rig: StereoRig) -> Camer
 
 
 def _remaining_disparity(disparity_map: DisparityMap, rig: StereoRig) -> RemainingDisparity:
-    """Return the vertical disparity of the corrected images, measured by valid pixels."""
+    """Return the vertical disparity of the corrected images, measured at valid pixels."""
 
     def shapes(column: FloatArray, row: FloatArray) -> tuple[FloatArray, ...]:
         """Return the terms of a `VerticalPolynomial`."""
@@ -122,8 +123,8 @@ def _remaining_disparity(disparity_map: DisparityMap, rig: StereoRig) -> Remaini
 def without_roll(disparity_map: DisparityMap, rotation: CameraRotation, rig: StereoRig) -> DisparityMap:
     """Return the map without the error `-roll fx y` that a roll of the right camera causes in the disparities.
 
-    They are then those of a right camera without roll and no longer fit the right image. Rolls that shift the rows by
-    less than `MIN_ROTATION_PX` at the image's edge are not compensated.
+    The result has the disparities of a right camera without roll, which no longer fit the right image. A roll that
+    shifts the rows by less than `MIN_ROTATION_PX` at the image edge is not compensated.
     """
     if abs(rotation.roll_rad) * 0.5 * rig.width * (rig.fy / rig.fx) < MIN_ROTATION_PX:
         return disparity_map

@@ -1,4 +1,4 @@
-"""Exposure and vertical disparity of the right image, which are measured and corrected.
+"""Measurement and correction of the exposure and the vertical disparity of the right image.
 
 In a rectified pair both images have the same exposure, and corresponding points have the same row. Real pairs deviate:
 automatic exposure differs between the cameras, and the rig deforms after its calibration.
@@ -17,14 +17,14 @@ from sfr_loc_map.mapping.disparity.interpolation import shift_rows
 from sfr_loc_map.mapping.disparity.vertical_disparity import fit_vertical_disparity
 
 MAX_VERTICAL_STEPS = 3
-"""Gauss-Newton steps of the vertical disparity. Each step is limited to `MAX_VERTICAL_STEP_PX`, so that offset, tilt
-and stretch are corrected up to the product of both."""
+"""Maximum number of Gauss-Newton steps of the vertical disparity. Each step is limited to `MAX_VERTICAL_STEP_PX`, so
+that offset, tilt and stretch are corrected up to the product of both limits."""
 MIN_VERTICAL_COUNT = 1000
-"""Pixels that a measurement of the vertical disparity requires: with residuals of 3 grey levels and slopes of 5 grey
-levels per pixel its standard deviation is then 0.02 pixels, as `MIN_VERTICAL_PX`."""
-MIN_VERTICAL_PX = 0.02  #: Smaller vertical disparities are not corrected, because resampling blurs the image, pixels.
+"""Minimum number of pixels for measuring the vertical disparity. With residuals of 3 grey levels and slopes of 5 grey
+levels per pixel, its standard deviation is then 0.02 pixels, equal to `MIN_VERTICAL_PX`."""
+MIN_VERTICAL_PX = 0.02  #: Minimum vertical disparity that is corrected, pixels, because resampling blurs the image.
 MAX_VERTICAL_STEP_PX = 0.5
-"""Largest change of a coefficient in one step, pixels: half of the pixel within which the linearisation holds."""
+"""Maximum change of a coefficient in one step, pixels: half of the range in which the linearisation is valid."""
 
 
 class VerticalDisparity(NamedTuple):
@@ -52,7 +52,7 @@ class VerticalDisparity(NamedTuple):
 class RightImageCorrection:
     """Deviation of the right image from a rectified image of equal exposure: exposure and vertical disparity."""
 
-    exposure: Exposure  #: Grey levels of the right image by those of the left one.
+    exposure: Exposure  #: Grey levels of the right image relative to the left image.
     vertical: VerticalDisparity  #: Vertical disparity of the right image; 0 if it is too small to be corrected.
 
 
@@ -66,8 +66,8 @@ class CorrectedImage(NamedTuple):
 def correct_right_image(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> CorrectedImage:
     """Measure gain, offset and vertical disparity of the right image `(H, W)`, and return the image without them.
 
-    A vertical disparity below `MIN_VERTICAL_PX` stays in the image and is not part of the correction. The disparity is
-    defined at every pixel and correct to about a pixel.
+    A vertical disparity below `MIN_VERTICAL_PX` stays in the image and is not part of the correction. The disparity
+    must be defined at every pixel and correct to about one pixel.
     """
     exposure = exposure_by_disparity(left, right, disparity_px)
     equalised = (right - F(exposure.offset_grey)) * F(1.0 / exposure.gain)
@@ -93,7 +93,7 @@ def _vertical_step(left: FloatImage, right: FloatImage, disparity_px: FloatImage
     rows, columns = left.shape
 
     def shapes(column: FloatArray, row: FloatArray) -> tuple[FloatArray, ...]:
-        """Return offset, tilt and stretch."""
+        """Return the shapes of offset, tilt and stretch."""
         return np.ones(len(column)), 2.0 * column / (columns - 1) - 1.0, 2.0 * row / (rows - 1) - 1.0
 
     fit = fit_vertical_disparity(left, right, disparity_px, shapes, MIN_VERTICAL_COUNT)

@@ -11,21 +11,21 @@ from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage, Mask
 from sfr_loc_map.mapping.filters import square
 
 SATURATED_SQUARE_PX = 5
-"""A pixel is invalid if the square of this side around it is completely saturated, pixels: its slope, of five columns
-and three rows, is then 0."""
+"""A pixel is invalid if the square with this side around the pixel is completely saturated, pixels. Its slope, computed
+from five columns and three rows, is then 0."""
 NEARBY_SIDE_PX = 11
 """Side of the square in which saturated pixels increase the sigma of a pixel (`point_sigma`), pixels.
 Chosen by hand: the refinement smooths over a few cells of two pixels."""
 
 SATURATED_GREY_LEVELS = np.where(np.isin(np.arange(256), (0, 255)), 255, 0).astype(np.uint8)
-"""By grey level: 255 if the level is saturated, otherwise 0."""
+"""Lookup table by grey level: 255 if the level is saturated, otherwise 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Saturation:
     """Saturation of a pair around each pixel of the left image."""
 
-    saturated: Mask  #: `(H, W)`, the square around the pixel is completely saturated in one of the images.
+    saturated: Mask  #: `(H, W)`, whether the square around the pixel is completely saturated in either image.
     nearby_fraction_255: GreyImage  #: `(H, W)`, saturated fraction of the square around the pixel, times 255.
     fraction: float  #: Fraction of the pixels that are saturated in either image.
 

@@ -1,10 +1,10 @@
-"""Which segments of similar disparity are surfaces, not noise.
+"""Detection of segments of similar disparity that are noise and not surfaces.
 
-Where there is no texture (sky, shadow, a flat wall) the matcher fits noise that happens to be similar in both images,
-and its smoothness spreads such matches over a segment of constant disparity. Such a segment passes tests of its
-residuals, which are noise of the stated size, and neither its size nor its stated sigma distinguishes it from a stone.
-It has no common content: the grey level gradients of both images are barely correlated over it. Segments of noise are
-small. A large surface with textureless parts is judged as one segment and stays valid.
+In textureless regions (sky, shadow, a flat wall) the matcher fits noise that is similar in both images by chance, and
+its smoothness term spreads such matches over a segment of constant disparity. The residuals of the segment do not
+exceed the noise, and neither its size nor its sigma distinguishes the segment from a stone. But the images have no
+common content there: their grey level gradients are barely correlated over the segment. Segments of noise are small. A
+large surface with textureless parts is a single segment and remains valid.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage, IntArray, Mas
 from sfr_loc_map.jit import jit, jit_inline
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
 
-STEPS_PER_PX = F(16.0)  #: Disparities of neighbours are compared in whole sixteenths of a pixel.
+STEPS_PER_PX = F(16.0)  #: Disparities of neighbours are compared in integer steps of 1/16 pixel.
 MAX_SMALL_SEGMENT_PIXELS = 40
-"""Segments of this many pixels or fewer are invalid: nothing around agrees with them. With 30, 0.06 % more pixels of a
-KITTI pair are wrong (measurements/mapper_trials.md)."""
+"""Segments of up to this many pixels are invalid, because no surrounding pixel agrees with them. With a limit of 30,
+0.06 % more pixels of a KITTI pair are wrong (measurements/mapper_trials.md)."""
 MAX_MEDIUM_SEGMENT_PIXELS = 2000
-"""Larger segments are not noise: the largest one in 100 images of noise had 740 pixels."""
+"""Larger segments are not noise: the largest segment in 100 images of noise had 740 pixels."""
 MIN_CORRELATION = 0.7
-"""Smallest correlation of the gradients of a segment that is not large. White noise of 0.5 to 5 grey levels reached
-0.47, noise blurred by one pixel 0.64. Surfaces in real and rendered images had 0.77 to 1."""
-MIN_GRADIENT_POWER = 1e-12  #: Smallest product of the gradients' sums of squares, which must not be 0.
+"""Minimum correlation of the gradients of a segment of medium size. White noise of 0.5 to 5 grey levels reached 0.47,
+and noise blurred by one pixel reached 0.64. Surfaces in real and rendered images had 0.77 to 1."""
+MIN_GRADIENT_POWER = 1e-12  #: Lower bound of the product of the gradients' sums of squares, a divisor.
 
 
 class Segments(NamedTuple):
@@ -38,7 +38,7 @@ class Segments(NamedTuple):
 
 
 def valid_segments(left: FloatImage, right: FloatImage, disparity: FloatImage, valid: Mask) -> Mask:
-    """Return the valid pixels `(H, W)` without segments that are too small or consist of noise."""
+    """Return the mask of the valid pixels `(H, W)` without segments that are too small or consist of noise."""
     steps = np.rint(disparity * STEPS_PER_PX).astype(np.int32)
     steps[~valid] = -1
     segments = _find_segments(steps, np.int32(STEPS_PER_PX * SURFACE_JUMP_PX))
@@ -70,7 +70,7 @@ def _same_segment(a: np.int32, b: np.int32, largest: np.int32) -> bool:
 
 @jit
 def _find_segments(steps: NDArray[np.int32], largest: np.int32) -> Segments:
-    """Return the segments of disparities in whole steps; negative ones are invalid.
+    """Return the segments of disparities in integer steps; negative steps are invalid.
 
     Neighbours above, below or beside that differ by at most `largest` steps belong to one segment. The segments are
     found by union-find over the rows. The first pixel of each segment is its root, and labels are in the order of
@@ -124,11 +124,11 @@ def _gradient_correlation(
 ) -> FloatArray:
     """Return the correlation of the grey level gradients of both images over the segment of each pixel `(N,)`.
 
-    The correlation is `sum g_l . g_r / sqrt(sum |g_l|^2 sum |g_r|^2)` with central differences along both axes, those
-    of the right image at `u - d` of each pixel. The differences along columns are not affected by the matcher, which
-    has chosen columns that look similar.
+    The correlation is `sum g_l . g_r / sqrt(sum |g_l|^2 sum |g_r|^2)` with central differences along both axes. The
+    gradient g_r of the right image is evaluated at column `u - d` of each pixel. The differences along columns are not
+    biased by the matcher, which selects right columns that look similar.
 
-    Pixels are given by indices of the flat image and by the labels of their segments, from 0 to `label_count - 1`.
+    Pixels are given by flat indices and by the labels of their segments, from 0 to `label_count - 1`.
     """
     rows, cols = left.shape
     y = flat_indices // cols

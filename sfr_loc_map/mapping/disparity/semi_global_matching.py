@@ -10,37 +10,37 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage
 from sfr_loc_map.mapping.disparity.exposure import with_exposure_of_left
 
-DISPARITY_STEP = 16  #: OpenCV's matcher searches a multiple of this many disparities.
+DISPARITY_STEP = 16  #: OpenCV's matcher requires a multiple of this number of disparities.
 WIDE_COLUMNS = 800
-"""Images of this width or more are matched at half their width: a quarter of the cost and less noise, and the
-refinement has cells of two pixels anyway. Smaller images are matched at full width, because edges are sharper
-(measurements/mapper_trials.md)."""
+"""Images of at least this width, pixels, are matched at half their width. This takes a quarter of the time, gives less
+noise, and loses little, because the refinement uses cells of two pixels. Narrower images are matched at full width,
+because edges are sharper (measurements/mapper_trials.md)."""
 SUBPIXELS = 16  #: Steps per pixel of the disparities of OpenCV's matcher.
 SMALL_JUMP_PENALTY = 8
 """P1 of Hirschmueller (2008): cost of a change of disparity by one pixel. OpenCV recommends 8 per channel."""
 LARGE_JUMP_PENALTY = 32  #: P2 of Hirschmueller (2008): cost of a larger change. OpenCV recommends 32 per channel.
-MAX_LEFT_RIGHT_PX = 1  #: Largest difference of the left-right check, pixels of the matched images; the usual value.
+MAX_LEFT_RIGHT_PX = 1  #: Maximum difference in the left-right check, pixels of the matched images; the usual value.
 MAX_DERIVATIVE = 31  #: Derivatives of the images are clipped to this, grey levels (measurements/mapper_trials.md).
 MIN_UNIQUENESS_PERCENT = 2
-"""Margin of the best cost over the second best one, percent. OpenCV recommends 5 to 15; here wrong matches are rejected
-after the refinement."""
+"""Minimum margin between the best and the second best cost, percent. OpenCV recommends 5 to 15. A smaller margin
+suffices, because wrong matches are rejected after the refinement."""
 MAX_SPECKLE_PIXELS = 60
-"""Segments of this many pixels of the matched images or fewer are removed: of the order of OpenCV's recommended 50 to
-200. In wide images a matched pixel is two pixels wide."""
+"""Maximum size of a segment that is removed, pixels of the matched images. OpenCV recommends 50 to 200. In wide images
+a matched pixel is two pixels wide."""
 MAX_SPECKLE_STEP = SUBPIXELS
-"""Neighbours within a segment differ by no more than this, steps of the matcher: a pixel of the matched images."""
-MATCHER_UNMATCHED = -SUBPIXELS  #: The matcher's value of an unmatched pixel: `minDisparity - 1` in its steps.
+"""Maximum difference of neighbours within a segment, steps of the matcher: one pixel of the matched images."""
+MATCHER_UNMATCHED = -SUBPIXELS  #: The matcher's value of an unmatched pixel: `minDisparity - 1`, in steps.
 
 
 def semi_global_matching(left: GreyImage, right: GreyImage, count: int) -> FloatImage:
-    """Return the disparity of the left image `(H, W)`, pixels, NaN where the matcher rejects it.
+    """Return the disparity of the left image `(H, W)`, pixels, NaN where rejected.
 
-    Rejected are disparities that fail the left-right check, that are not unique, or that belong to a small segment.
+    A disparity is rejected if it fails the left-right check, is not unique, or belongs to a small segment.
 
     Semi-global matching (Hirschmueller 2008, OpenCV's three paths) has steps of 1/16 pixel. In wide images pairs of
-    columns are averaged first, and the steps are 1/8 pixel. A right image of another exposure is equalised. Both images
-    are padded on the left, so that columns are matched even if a part of the search range, at least 0 to `count - 1`,
-    is outside the right image.
+    columns are averaged first, and the steps are 1/8 pixel. If the exposures differ, the right image is equalised. The
+    search range is at least 0 to `count - 1`. Both images are padded on the left, so that columns are matched even if a
+    part of the search range is outside the right image.
     """
     reduction = 2 if left.shape[1] >= WIDE_COLUMNS else 1
     searched = DISPARITY_STEP * math.ceil(count / (DISPARITY_STEP * reduction))
@@ -72,7 +72,7 @@ def _padded_on_the_left(image: GreyImage, columns: int) -> GreyImage:
 
 
 def _averaged_columns(image: GreyImage, reduction: int) -> GreyImage:
-    """Return the means of each `reduction` columns `(H, ceil(W / reduction))`; the last column is repeated."""
+    """Return the means of groups of `reduction` columns `(H, ceil(W / reduction))`; the last column is repeated."""
     rows, cols = image.shape
     complete = cv2.copyMakeBorder(image, 0, 0, 0, -cols % reduction, cv2.BORDER_REPLICATE)
     return np.asarray(cv2.resize(complete, (-(-cols // reduction), rows), interpolation=cv2.INTER_AREA), np.uint8)

@@ -15,8 +15,8 @@ from numba import prange
 from sfr_loc_map.geometry.arrays import F, FloatImage
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 
-MIN_DIAGONAL = F(1e-12)  #: Added to the diagonal, 1 / px^2: it must not be 0.
-BLOCK_ROWS = 32  #: Rows that a thread takes at once, so that intermediate results stay in its cache.
+MIN_DIAGONAL = F(1e-12)  #: Added to the diagonal, which must not be 0, 1 / px^2.
+BLOCK_ROWS = 32  #: Rows of a block, which one thread computes, so that intermediate results stay in its cache.
 
 
 class SmoothnessWeights(NamedTuple):
@@ -33,10 +33,10 @@ def smoothness_weight(
 ) -> SmoothnessWeights:
     """Return the Cauchy weights of the second differences q of a field.
 
-    They are `1 / (scale^2 + q^2)` along rows and along columns, and `2 / (scale^2 + q^2)` of the mixed differences. At
-    equal scales the energy is then that of `d_xx^2 + 2 d_xy^2 + d_yy^2`, which is the same in any direction.
-    Scales `(h, w)` times the factor are the typical sizes of second differences along rows and along columns. The scale
-    of the mixed differences is their geometric mean.
+    The weights are `1 / (scale^2 + q^2)` along rows and along columns, and `2 / (scale^2 + q^2)` for the mixed
+    differences. At equal scales the energy is then proportional to `d_xx^2 + 2 d_xy^2 + d_yy^2`, which is invariant to
+    rotation. The scales `(h, w)`, multiplied by the factor, are the typical sizes of second differences along rows and
+    along columns. The scale of the mixed differences is the geometric mean of both.
     """
     rows, cols = field.shape
     along_x = np.empty_like(field)
@@ -74,9 +74,9 @@ def _write_differences(
     along_y: FloatImage,
     mixed: FloatImage,
 ) -> None:
-    """Write the weighted second differences of row i of a grid, `(w + 2,)` each; their border is not written.
+    """Write the weighted second differences of row i of a grid, `(w + 2,)` each, except their border.
 
-    The field `(n, w)` is a part of the grid's rows, in which row i has the index `i_in_field`.
+    The field `(n, w)` consists of rows of the grid, and row i of the grid is row `i_in_field` of the field.
     """
     cols = field.shape[1]
     above = field[max(i_in_field - 1, 0)]
@@ -101,10 +101,10 @@ def _write_differences(
 
 @jit_rows_inline
 def write_smoothness(field: FloatImage, top: int, weights: SmoothnessWeights, first: int, out: FloatImage) -> None:
-    """Write rows `(m, w)` of `A' W A field` to `out`, from the grid's row `first` on.
+    """Write rows `(m, w)` of `A' W A field` to `out`, starting at row `first` of the grid.
 
-    The field `(n, w)` begins at the row `top` of the grid. It has the rows to write and, within the grid, two more rows
-    on either side.
+    The field `(n, w)` begins at row `top` of the grid. It contains the rows to write and, within the grid, two more
+    rows on either side.
     """
     rows, cols = weights.mixed.shape
     size = (len(out) + 2, cols + 2)
@@ -144,7 +144,7 @@ def write_smoothness(field: FloatImage, top: int, weights: SmoothnessWeights, fi
 
 @jit_rows
 def inverse_diagonal(information: FloatImage, weights: SmoothnessWeights) -> FloatImage:
-    """Return one over the diagonal of `diag(information) + A' W A` `(h, w)`."""
+    """Return the inverse of the diagonal of `diag(information) + A' W A` `(h, w)`."""
     rows, cols = information.shape
     along_x = weights.along_x
     along_y = weights.along_y
@@ -171,14 +171,14 @@ def inverse_diagonal(information: FloatImage, weights: SmoothnessWeights) -> Flo
 def smoothness_gradient(field: FloatImage, weights: SmoothnessWeights) -> FloatImage:
     """Return `A' W A field` `(h, w)`: half the gradient of the smoothness energy.
 
-    In numpy, with the field d and the weights w (the differences along y as those along x, transposed):
+    In numpy, with the field d and the weights w (differences along y are computed like those along x, transposed):
 
         xx = w.along_x[:, 1:-1] * np.diff(d, 2, axis=1)
         out[:, :-2] += xx; out[:, 1:-1] -= 2 * xx; out[:, 2:] += xx
         xy = w.mixed[:-1, :-1] * np.diff(np.diff(d, axis=0), axis=1)
         out[:-1, :-1] += xy; out[1:, :-1] -= xy; out[:-1, 1:] -= xy; out[1:, 1:] += xy
 
-    The kernels give the same in blocks of rows, without images between.
+    The kernels compute the same result in blocks of rows, without intermediate images.
     """
     rows, cols = field.shape
     out = np.empty((rows, cols), F)

@@ -1,4 +1,4 @@
-"""Surfaces of a disparity image: jumps between them, their slopes, and what the right camera sees of them."""
+"""Surfaces of a disparity image: jumps between them, their slopes, and their visibility in the right image."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.filters import square
 
 SURFACE_JUMP_PX = F(1.0)
-"""Neighbouring disparities that differ by more belong to two surfaces, pixels: the disparity of ground changes by less
-from pixel to pixel, and a ramp of this slope is parallel to a ray of the right camera."""
+"""Neighbouring disparities that differ by more than this belong to two surfaces, pixels: the disparity of ground
+changes by less from pixel to pixel, and a ramp of this slope is parallel to a ray of the right camera."""
 MIN_DIVISOR_DISPARITY_PX = F(0.3)
-"""Smallest disparity whose depth is compared with another one, pixels. Chosen by hand: the errors of smaller
-disparities may be as large as themselves."""
+"""Lower bound of disparities for ratios of depths, pixels. Chosen by hand: the error of a smaller disparity may be as
+large as the disparity."""
 CENTRAL_DIFFERENCE = np.array([[-0.5, 0.0, 0.5]], F)
 """Taps of the slope of a disparity. At the border, which is repeated, the slope is half of the difference to the only
-neighbour. Slopes of grey levels are smoothed as well: those along rows by a Gaussian (`photometric_residual`), those
-along columns by the Sobel operator (`vertical_disparity`)."""
+neighbour. Slopes of grey levels are also smoothed: along rows by a Gaussian (`photometric_residual`), and along columns
+by the Sobel operator (`vertical_disparity`)."""
 
 
 class RightSurfaces(NamedTuple):
     """Disparities `(H, W)` of the valid left pixels that correspond to each pixel of the right image, pixels."""
 
-    low: FloatImage  #: The smallest one; infinite if there is none.
-    high: FloatImage  #: The largest one; minus infinity if there is none.
+    low: FloatImage  #: Smallest disparity; infinite if no pixel corresponds.
+    high: FloatImage  #: Largest disparity; minus infinity if no pixel corresponds.
 
 
 def slope_along_rows(disparity: FloatImage) -> FloatImage:
@@ -42,7 +42,7 @@ def slope_along_columns(disparity: FloatImage) -> FloatImage:
 
 
 def depth_ratio(disparity: FloatImage, reach: int) -> FloatImage:
-    """Return the depth `(H, W)` of each pixel over that of the nearest surface within `reach` rows and columns."""
+    """Return the ratio `(H, W)` of each depth to that of the nearest surface within `reach` rows and columns."""
     clipped = np.maximum(disparity, MIN_DIVISOR_DISPARITY_PX)
     return np.asarray(cv2.dilate(clipped, square(2 * reach + 1)) / clipped, F)
 
@@ -65,9 +65,9 @@ def right_surfaces(disparity: FloatImage, valid: Mask) -> RightSurfaces:
 
 @jit_rows
 def occlusion_mask(disparity: FloatImage, surfaces: RightSurfaces) -> Mask:
-    """Return which pixels `(H, W)` are occluded in the right image.
+    """Return the mask of the pixels `(H, W)` that are occluded in the right image.
 
-    Their corresponding pixel is outside the right image, or the pixel of a nearer surface as well.
+    The corresponding pixel of an occluded pixel is outside the right image or belongs to a nearer surface.
     """
     rows, cols = disparity.shape
     out = np.zeros((rows, cols), np.bool_)

@@ -1,4 +1,4 @@
-"""Texture above the noise: which fraction of the pixels that can be matched is measured."""
+"""Texture above the noise, and the fraction of the textured pixels that are measured."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from sfr_loc_map.mapping.disparity.image_noise import image_noise
 from sfr_loc_map.mapping.filters import local_variance
 
 MIN_TEXTURED_FRACTION = 0.02
-"""Fraction of the image that must be textured, so that its matches can be judged. Chosen by hand."""
+"""Minimum textured fraction of an image for judging its matches. Chosen by hand."""
 TEXTURE_SIGMAS = 2.0
-"""A neighbourhood is textured if its standard deviation exceeds this many standard deviations of the noise: that of
-49 pixels of noise alone deviates from the noise by 10 %."""
+"""A neighbourhood is textured if its standard deviation exceeds this many standard deviations of the noise. The
+standard deviation of 49 pixels of pure noise is accurate to 10 %."""
 MIN_TEXTURE_GREY = 1.0
-"""Smallest standard deviation of a textured neighbourhood, grey levels; rounding alone causes 0.3."""
+"""Minimum standard deviation of a textured neighbourhood, grey levels; rounding alone causes 0.3."""
 
 
 def measured_textured_fraction(left: FloatImage, measured: Mask) -> float:

@@ -1,6 +1,6 @@
 """The standard deviation of each disparity, caused by noise, smoothing and edges.
 
-The calibration's part is added to the sigma of points (`mapping/point_sigma.py`).
+The uncertainty of the calibration is added to the sigma of points (`mapping/point_sigma.py`).
 """
 
 from __future__ import annotations
@@ -13,28 +13,29 @@ from sfr_loc_map.mapping.disparity.variational_refinement import WINDOW_CELLS, R
 from sfr_loc_map.mapping.filters import box_mean, second_differences, upsample_bilinear
 
 NOISE_INFORMATION = F(SLOPE_NOISE_GAIN)
-"""Information of one cell that noise alone simulates, 1 / px^2: four pixels times the variance of a slope over that of
-a residual. The slope is measured in the mean of both images, whose noise has a quarter of the residual's variance."""
-MIN_INFORMATION = F(1e-3)  #: Smallest information of a cell, 1 / px^2; it must not be 0.
+"""Apparent information of one cell from noise alone, 1 / px^2: four pixels times the ratio of the variance of a slope
+to the variance of a residual. The slope is measured in the mean of both images, whose noise has a quarter of the
+residual's variance."""
+MIN_INFORMATION = F(1e-3)  #: Lower bound of the information of a cell, 1 / px^2; it must not be 0.
 MAX_SIGMA_PX = F(2.0)
-"""Larger standard deviations are capped to this, pixels. Chosen by hand: the closed form is linear, and an error of
-more than one or two pixels is a wrong match, which the tests of validity judge."""
+"""Upper bound of the standard deviation, pixels. Chosen by hand: the closed form is linear, and an error of more than
+one or two pixels is a wrong match, which the validity tests detect."""
 SMOOTHING_BIAS = F(0.34)
-"""Error per pixel of second difference and square cell of smoothing radius. Chosen on rendered ground of several kinds,
-lights and cameras together: measurements/mapper_trials.md."""
+"""Error per pixel of second difference and per squared smoothing radius, in cells. Chosen on rendered ground of several
+kinds, with several illuminations and cameras (measurements/mapper_trials.md)."""
 MAX_CURVATURE_MEDIANS = 10.0
-"""Larger second differences are clipped to this multiple of their median in the bias of smoothing, because they are
-creases, which have a term of their own. Chosen by hand, as `variational_refinement.EDGE_FACTOR`: of normally
-distributed second differences none would be larger."""
+"""For the smoothing bias, second differences are clipped to this multiple of their median. Larger second differences
+are creases, which have a separate term. Chosen by hand, like `variational_refinement.EDGE_FACTOR`: normally distributed
+second differences do not reach it."""
 CREASE_BIAS = F(1.2)
-"""Error per pixel by which the second difference around a cell exceeds its median, chosen likewise: beside edges and
-creases the error is about as large as the second difference."""
+"""Error per pixel of second difference above the median. Chosen like `SMOOTHING_BIAS`: beside edges and creases the
+error is about as large as the second difference."""
 CREASE_CELLS = 3
-"""Side of the square over which the second difference beside a crease is averaged, cells. Averaged over five cells, it
-overstates the error 1 to 6 pixels away from a crease (measurements/mapper_trials.md)."""
+"""Side of the window over which the second difference of a crease is averaged, cells. A window of five cells
+overestimates the error 1 to 6 pixels away from a crease (measurements/mapper_trials.md)."""
 MAX_CREASE_PX = F(1.0)
-"""Larger second differences are edges between surfaces, pixels; the error beside an edge does not grow with its
-height."""
+"""Upper bound of the second difference of a crease, pixels. Larger second differences are edges between surfaces, and
+the error beside an edge does not grow with the height of the edge."""
 
 
 def disparity_sigma(refined: RefinedDisparity) -> FloatImage:

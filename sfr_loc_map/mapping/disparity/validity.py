@@ -1,8 +1,7 @@
-"""Which disparities are valid: visible to both cameras, consistent in both images, and on the correct surface.
+"""Validity tests of disparities: visible to both cameras, consistent in both images, and on the correct surface.
 
-The tests and their order are those of `PixelStatus`. That of the segments is made twice, before and after that of the
-surface beside a jump. Holes are filled and points beyond the largest range are removed later (`hole_filling`,
-`reprojection`).
+`PixelStatus` lists the tests in their order. The segment test is applied twice, before and after the wrong-surface
+test. Holes are filled and points beyond the maximum depth are removed later (`hole_filling`, `reprojection`).
 """
 
 from __future__ import annotations
@@ -21,24 +20,25 @@ from sfr_loc_map.mapping.filters import box_mean, local_variance
 from sfr_loc_map.mapping.robust_statistics import mad_sigma
 
 MAX_CHI2_PER_DOF = F(4.0)
-"""Mean squared normalised residual of a window above which a match is suspicious: twice the noise's standard
-deviation."""
-CHI2_WINDOW = 5  #: Side of that window, pixels: 25 residuals of noise exceed the threshold in less than one of 1e6.
-MAX_CHI2 = F(36.0)  #: Single squared residuals are clipped to this, 6 sigma squared; unknown ones have this value.
+"""Mean squared normalised residual of a window above which a match is suspicious: twice the standard deviation of the
+noise."""
+CHI2_WINDOW = 5  #: Side of that window, pixels: 25 residuals of noise exceed the threshold with p < 1e-6.
+MAX_CHI2 = F(36.0)  #: Squared residuals are clipped to this, (6 sigma)^2; unknown residuals have this value.
 MAX_CONTRAST_RATIO = F(0.7)
-"""Mean squared residual over the variance of the left image above which a suspicious match is invalid; uncorrelated
-images have a ratio of 2. A ratio of 1.2 changes density by 0.001 or less (measurements/mapper_trials.md)."""
-MAX_CHANGE_PX = 1.5
-"""Change by the refinement that is always accepted, pixels. Larger limits add pixels of real pairs of which more are
-wrong; rendered pairs hardly change (measurements/mapper_trials.md)."""
-MAX_CHANGE_SIGMAS = 5.0
-"""Larger changes are accepted up to this many standard deviations of all changes: the noise of the matcher is
-larger for pairs that match poorly. Chosen as `MAX_CHANGE_PX`."""
-CHANGE_STRIDE = 4  #: Every fourth pixel of every fourth row measures the standard deviation of all changes.
-MAX_SLOPE = F(0.7)
-"""Slope along the row above which a pixel is on a ramp, pixels per pixel. A slope of 1 is parallel to a ray of the
-right camera: a steep ramp joins two surfaces across an occluded region. Values of 0.5 to 0.85 change density by 0.001
+"""Ratio of the mean squared residual to the variance of the left image above which a suspicious match is invalid.
+Uncorrelated images have a ratio of 2. A threshold of 1.2 changes the density by 0.001 or less
 (measurements/mapper_trials.md)."""
+MAX_CHANGE_PX = 1.5
+"""Change by the refinement that is always accepted, pixels. With a larger limit, more pixels of real pairs are valid,
+but a larger fraction of them is wrong. Rendered pairs hardly change (measurements/mapper_trials.md)."""
+MAX_CHANGE_SIGMAS = 5.0
+"""Larger changes are accepted up to this many standard deviations of all changes, because the noise of the matcher is
+larger for pairs that match poorly. Chosen like `MAX_CHANGE_PX`."""
+CHANGE_STRIDE = 4  #: The standard deviation of all changes is measured on every fourth pixel of every fourth row.
+MAX_SLOPE = F(0.7)
+"""Slope along the row above which a pixel is on a ramp, pixels per pixel. A surface with a slope of 1 is parallel to a
+ray of the right camera, so that a steep ramp joins two surfaces across an occluded region. Values of 0.5 to 0.85 change
+the density by 0.001 (measurements/mapper_trials.md)."""
 
 
 def judge_pixels(
@@ -61,7 +61,7 @@ def judge_pixels(
         sigma=sigma_px,
     )
     status = with_reason(status, wrong_surface_mask(scene), PixelStatus.WRONG_SURFACE)
-    # What the last test has left of a segment may be small.
+    # The last test may have reduced a segment to a small one.
     status = with_reason(
         status, ~valid_segments(left, right, disparity_px, is_valid(status)), PixelStatus.NOT_A_SURFACE
     )
@@ -71,7 +71,7 @@ def judge_pixels(
 def status_before_wrong_surface(
     left: FloatImage, right: FloatImage, initial_px: FloatImage, refined: RefinedDisparity
 ) -> StatusImage:
-    """Return the status of each pixel by the tests before that of the wrong surface beside a jump."""
+    """Return the status of each pixel after the tests that precede the wrong-surface test."""
     disparity_px = refined.disparity_px
     measured = np.full(disparity_px.shape, PixelStatus.MEASURED, np.uint8)
     status = with_reason(measured, np.isnan(initial_px), PixelStatus.UNMATCHED)
@@ -84,7 +84,7 @@ def status_before_wrong_surface(
 
 
 def _changed_mask(initial_px: FloatImage, disparity_px: FloatImage) -> Mask:
-    """Return which pixels `(H, W)` of an initial disparity, NaN where unmatched, the refinement changed too much."""
+    """Return the mask of the pixels `(H, W)` that were changed too much; `initial_px` is NaN where unmatched."""
     change_px = np.abs(disparity_px - initial_px)
     sampled = change_px[::CHANGE_STRIDE, ::CHANGE_STRIDE]
     change_sigma_px = mad_sigma(sampled[np.isfinite(sampled)])
@@ -94,10 +94,11 @@ def _changed_mask(initial_px: FloatImage, disparity_px: FloatImage) -> Mask:
 
 
 def _mismatch_mask(left: FloatImage, refined: RefinedDisparity) -> Mask:
-    """Return which pixels `(H, W)` have residuals larger than their noise and similar to the image's contrast.
+    """Return the mask of the pixels `(H, W)` with residuals above the noise and similar to the contrast of the image.
 
-    Residuals are normalised by the noise of each cell. Multiplied by the median noise of the pair, they are about those
-    in grey levels: noise that grows with the light makes them too small in bright regions and too large in dark ones.
+    Residuals are normalised by the noise of each cell. Multiplied by the median noise of the pair, they are
+    approximately in grey levels: too small in bright regions and too large in dark regions, because noise grows with
+    the light.
     """
     chi2_per_dof = box_mean(np.fmin(np.square(refined.normalised_residual), MAX_CHI2), CHI2_WINDOW)
     squared_residual = chi2_per_dof * F(refined.noise_grey * refined.noise_grey)
@@ -107,6 +108,6 @@ def _mismatch_mask(left: FloatImage, refined: RefinedDisparity) -> Mask:
 
 
 def _ramp_mask(disparity_px: FloatImage) -> Mask:
-    """Return which pixels `(H, W)` are on a ramp that joins two surfaces, or beside one along the row."""
+    """Return the mask of the pixels `(H, W)` on a ramp that joins two surfaces, or beside such a ramp along the row."""
     steep = (np.abs(slope_along_rows(disparity_px)) > MAX_SLOPE).astype(np.uint8)
     return np.asarray(cv2.dilate(steep, np.ones((1, 3), np.uint8))) > 0

@@ -4,11 +4,11 @@ The field is represented by cells of 2 x 2 pixels, because a surface is smooth o
 
     sum (r - g s)^2 / variance  +  sum smoothness_weight (second differences of the field)^2
 
-with r the warped right image minus the left one, g its slope along the row, and s the change of the field. All cells
+with r the warped right image minus the left image, g the slope along the row, and s the change of the field. All cells
 are solved together, coupled by the smoothness of the ground, instead of in windows that assume a plane. The noise of
 the images and the roughness of the ground are measured in each pair, so that the smoothing adapts to both. Second
-differences far beyond the typical size, as at the edges of rocks, lose their weight (Cauchy). Each iteration warps the
-right image again and solves on three grids, coarse to fine, by conjugate gradients.
+differences far above the typical size, for example at the edges of rocks, have less weight (Cauchy). Each iteration
+warps the right image again and solves on three grids, coarse to fine, by conjugate gradients.
 """
 
 from __future__ import annotations
@@ -45,73 +45,75 @@ from sfr_loc_map.mapping.filters import (
 )
 
 WARPS = 3
-"""Iterations. More of them change the error of rendered ground by less than 5 % (measurements/mapper_trials.md)."""
+"""Number of iterations. More iterations change the error on rendered ground by less than 5 %
+(measurements/mapper_trials.md)."""
 EXTRA_WARPS = 2
-"""Further iterations if noise is large: the initial field is then farther from the minimum
+"""Additional iterations if the noise is large, because the initial field is then farther from the minimum
 (measurements/mapper_trials.md)."""
 NOISY_PX = 1.2
-"""Noise is large if the median standard deviation of a cell by its own four pixels exceeds this, pixels: the
-linearisation of a residual holds within about a pixel. Half and twice the value are no better on all pairs
-(measurements/mapper_trials.md)."""
+"""The noise is large if the median standard deviation of a cell, from its own four pixels alone, exceeds this value,
+pixels. The linearisation of a residual is valid within about one pixel. Half and twice the value are not better on all
+pairs (measurements/mapper_trials.md)."""
 SOLVER_ITERATIONS = (8, 12, 12)
-"""Conjugate gradient steps on each grid, finest first; the coarse grids leave the finest one only short waves. Half as
-many suit rendered pairs as well, twice as many suit KITTI 2015 (measurements/mapper_trials.md)."""
+"""Conjugate gradient iterations on each grid, finest first. After the coarse grids, only short wavelengths remain for
+the finest grid. Half as many iterations are nearly as good on rendered pairs, and twice as many are better on KITTI
+2015 (measurements/mapper_trials.md)."""
 WINDOW_CELLS = 9
-"""Side of the square over which quantities of cells are averaged, cells: 324 residuals, whose mean square has a
-relative standard deviation of 8 %. Smaller windows suit real pairs, larger ones smooth ground
+"""Side of the window over which quantities of cells are averaged, cells. The mean square of its 324 residuals has a
+relative standard deviation of 8 %. Smaller windows are better on real pairs, and larger windows on smooth ground
 (measurements/mapper_trials.md)."""
 DATA_HALF_WEIGHT_SIGMAS = 5.0
-"""Residuals of this many standard deviations have half the weight in the data term: noise keeps its full weight. The
-optimum is flat (measurements/mapper_trials.md)."""
+"""Residuals of this many standard deviations have half the weight in the data term, so that noise has almost full
+weight. The optimum is flat (measurements/mapper_trials.md)."""
 ROBUST_FACTOR = F(1.0 / DATA_HALF_WEIGHT_SIGMAS**2)  #: Factor of the squared normalised residual in the Cauchy weight.
 CLIPPING_SIGMAS = 3.0
-"""Residuals are clipped to this many standard deviations in the brightness offset, which clips occlusions and
+"""For the brightness offset, residuals are clipped to this many standard deviations, which affects occlusions and
 hardly any noise. The optimum is flat (measurements/mapper_trials.md)."""
 TEMPLATE_SIGMAS = 4.0
-"""The template is the left image alone where the residual exceeds this many standard deviations: the right image then
-shows another surface. The optimum is flat (measurements/mapper_trials.md)."""
+"""Where the residual exceeds this many standard deviations, only the left image is used for the template, because the
+right image shows another surface there. The optimum is flat (measurements/mapper_trials.md)."""
 MIN_WEIGHT = F(0.1)
-"""Smallest mean weight of a cell that divides its squared residuals. Chosen by hand: it limits the inflation of the
-variance where nearly all residuals around a cell are outliers."""
+"""Lower bound of the mean weight that divides the squared residuals of a cell. It limits the inflation of the variance
+where nearly all residuals around a cell are outliers. Chosen by hand."""
 ROUGHNESS_SPACING = 4
 """Spacing of the second differences that measure roughness, cells: at 8 pixels they exceed the noise of the field."""
 CAUCHY_SCALE = 10.0
-"""Scale of the Cauchy weight of a second difference over the one that a surface of the measured curvature has. With
-half and twice the value the errors of rendered pairs are 7 to 14 % larger (measurements/mapper_trials.md)."""
+"""Ratio of the scale of the Cauchy weights to the second difference of a surface with the measured curvature. With half
+or twice the value the errors of rendered pairs are 7 to 14 % larger (measurements/mapper_trials.md)."""
 EDGE_FACTOR = 10.0
-"""Second differences above this multiple of the median are edges, not the shape of the ground. Chosen by hand: of
-normally distributed ones none would be larger."""
+"""Second differences above this multiple of the median are edges, not the shape of the ground. Chosen by hand: normally
+distributed second differences do not reach it."""
 LOCAL_SIZE_WINDOW = 9
-"""Side of the square over which the second differences of roughness are averaged, in units of their spacing: the
-mean root of 81 independent ones has a relative standard deviation of 5 %."""
+"""Side of the window over which the second differences of the roughness are averaged, in units of their spacing. The
+mean root of 81 independent values has a relative standard deviation of 5 %."""
 MIN_ROUGHNESS = 0.1
-"""Smallest local roughness over the median of the image, so that flat regions can still bend. Half and twice the value
-change the mean error of five pairs by less than 1 % (measurements/mapper_trials.md)."""
-MIN_TYPICAL_PX = 1e-3  #: Smallest median of the second differences, pixels; it must not be 0.
+"""Minimum ratio of the local roughness to the median of the image, so that flat regions can still bend. With half or
+twice the value the mean error of five pairs changes by less than 1 % (measurements/mapper_trials.md)."""
+MIN_TYPICAL_PX = 1e-3  #: Lower bound of the median of the second differences, pixels; it must not be 0.
 ROUGHNESS_WINDOW = 5
-"""Side of the square over which the local roughness is smoothed afterwards, in the same units. The optimum is flat
+"""Side of the window over which the local roughness is then averaged, in units of the spacing. The optimum is flat
 (measurements/mapper_trials.md)."""
 GRID_FACTOR = 2.8
 """Growth of the typical second difference per doubling of the spacing, `2^1.5`: between fractal ground (2 or less) and
-a surface of constant curvature (4). With 2 and 4 the errors of rendered pairs are 1 to 9 % larger
+a surface of constant curvature (4). With 2 or 4 the errors of rendered pairs are 1 to 9 % larger
 (measurements/mapper_trials.md)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RefinedDisparity:
-    """A refined field and what its uncertainty and validity are judged by."""
+    """A refined field, and the quantities that determine its uncertainty and validity."""
 
     disparity_px: FloatImage  #: `(H, W)` float32, pixels, defined everywhere.
     cells_px: FloatImage  #: `(h, w)` float32, pixels, the field on the cells of the padded image.
     information: FloatImage  #: `(h, w)` float32, 1 / px^2 per cell, at the field.
-    weights: SmoothnessWeights  #: Weights of the second differences, those of the field before its last step.
+    weights: SmoothnessWeights  #: Weights of the second differences of the field before its last step.
     #: `(H, W)` float32, residual over its standard deviation; NaN outside the right image.
     normalised_residual: FloatImage
     noise_grey: float  #: Standard deviation of a photometric residual, grey levels.
 
 
 class LeftImage(NamedTuple):
-    """The left image as the refinement uses it."""
+    """The left image with the quantities that the refinement derives from it."""
 
     image: FloatImage  #: `(2 h, 2 w)`, padded, grey levels.
     cell_grey: FloatImage  #: `(h, w)`, mean grey level of each cell.
@@ -125,7 +127,7 @@ class Linearisation(NamedTuple):
     residual: FloatImage  #: `(2 h, 2 w)`, grey levels; NaN outside the right image.
     offset: FloatImage  #: `(h, w)`, brightness offset of the residuals, grey levels.
     variance: FloatImage  #: `(h, w)`, variance of the residuals, grey levels squared.
-    information: FloatImage  #: `(h, w)`, information of a change of the field by the inflated variance, 1 / px^2.
+    information: FloatImage  #: `(h, w)`, information on a change of the field, with inflated variance, 1 / px^2.
     information_vector: FloatImage  #: `(h, w)`, information times the least squares change, 1 / px.
 
 
@@ -133,7 +135,7 @@ class SolvedField(NamedTuple):
     """Result of one linearised solve."""
 
     cells: FloatImage  #: `(h, w)`, the field, pixels.
-    weights: SmoothnessWeights  #: Smoothness weights of the finest grid, those of the field before the step on it.
+    weights: SmoothnessWeights  #: Smoothness weights of the finest grid, from the field before the step on this grid.
 
 
 class Roughness(NamedTuple):
@@ -146,8 +148,8 @@ class Roughness(NamedTuple):
 def refine_disparity(left: FloatImage, right: FloatImage, initial_cells: FloatImage) -> RefinedDisparity:
     """Return the disparity field that fits both images `(H, W)` best.
 
-    The right image has equal exposure and no vertical disparity. The initial field (`cells_from_disparity`) is correct
-    to about a pixel.
+    The right image must have the exposure of the left image and no vertical disparity. The initial field
+    (`cells_from_disparity`) must be correct to about one pixel.
     """
     reference = _prepare_left(left)
     padded_right = padded(right)
@@ -172,7 +174,7 @@ def refine_disparity(left: FloatImage, right: FloatImage, initial_cells: FloatIm
 
 
 def _prepare_left(left: FloatImage) -> LeftImage:
-    """Return the left image with what all iterations share."""
+    """Return the left image with the quantities that all iterations share."""
     image = padded(left)
     cell_grey = downsample_mean(image, 2)
     order = np.argsort(cell_grey[SAMPLED_CELLS].ravel(), kind="stable")
@@ -183,8 +185,8 @@ def linearise(left: LeftImage, right: FloatImage, cells: FloatImage) -> Linearis
     """Return the data term at a field.
 
     The steps are the residual, its brightness offset and variance, the slope along the row in the mean of both images,
-    and the normal equations. The variance is inflated in the information where residuals exceed it, and everywhere if
-    they are correlated between pixels.
+    and the normal equations. For the information, the variance is inflated where residuals exceed it, and everywhere if
+    the residuals are correlated between pixels.
     """
     residual = photometric_residual(left.image, right, pixels_from_cells(cells))
     noise = overall_noise(residual, left.min_noise)
@@ -219,9 +221,10 @@ def _roughness(cells: FloatImage) -> Roughness:
 
 
 def _local_size(differences: FloatImage) -> FloatImage:
-    """Return the typical size of differences around each element: the square of the mean root of their absolutes.
+    """Return the typical size of differences around each element: the squared mean of the roots of their magnitudes.
 
-    Single large differences, as at edges, count little in this mean, and are clipped to `EDGE_FACTOR` medians.
+    Single large differences, for example at edges, have little influence on this mean and are clipped to `EDGE_FACTOR`
+    medians.
     """
     size = np.abs(differences)
     typical = max(median(size), MIN_TYPICAL_PX)

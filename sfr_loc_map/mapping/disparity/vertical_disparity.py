@@ -1,7 +1,7 @@
 """The vertical disparity of a pair as a sum of given shapes, by robust least squares on photometric residuals.
 
 Content of the right image that is s pixels lower than in the left image changes the residual by s times the slope of
-the image along the column. A fit is one Gauss-Newton step, whose linearisation holds within about a pixel.
+the image along the column. A fit is one Gauss-Newton step, whose linearisation is valid within about one pixel.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
 
 SAMPLING_STRIDE = 3  #: Every third pixel of every third row is used; 100 000 samples suffice.
 HALF_WEIGHT_SIGMAS = 2.0
-"""Residuals of this many standard deviations have half the weight (`cauchy_weight`). Less than the efficient 2.385,
-because wrong disparities are outliers."""
+"""Residuals of this many standard deviations have half the weight (`cauchy_weight`). The value is below 2.385, which
+has an efficiency of 95 %, because wrong disparities are outliers."""
 MIN_RESIDUAL_SIGMA = 1e-3  #: Added to the standard deviation of residuals, grey levels: it must not be 0.
 DAMPING = 1e-9
 """Added to the diagonal of the normal equations, as a fraction of their trace, so that they can be inverted. The
 weakest shape, a saddle in normalised coordinates, has about 1e-3 of the trace."""
 DIFFERENCE = np.array([[-1.0, 0.0, 1.0]], F)  #: Taps of the Sobel operator along the derivative.
-SMOOTHING = np.array([[0.125, 0.25, 0.125]], F)  #: Taps across it, scaled so that slopes are per pixel.
+SMOOTHING = np.array([[0.125, 0.25, 0.125]], F)  #: Its taps across the derivative, scaled to slopes per pixel.
 
 
 class VerticalFit(NamedTuple):
@@ -46,7 +46,7 @@ def fit_vertical_disparity(
     """Return the coefficients of shapes of the vertical disparity; None if too few pixels or no slopes are available.
 
     The disparity `(H, W)` is defined everywhere. `shapes` returns the K shapes `(N,)` at columns and rows `(N,)` of the
-    right image. `used` are the pixels that may be used, None for all.
+    right image. `used` is the mask of the pixels that may be used; None means all pixels.
     """
     sampled = np.s_[::SAMPLING_STRIDE, ::SAMPLING_STRIDE]
     residual_image = photometric_residual(left, right, disparity_px)
@@ -56,8 +56,8 @@ def fit_vertical_disparity(
     if len(row) < min_count:
         return None
     r = residual[usable].astype(np.float64)
-    cv2.patchNaNs(residual_image, 0.0)  # in place: the residuals that are used were copied before
-    mean = cv2.scaleAdd(residual_image, 0.5, left)  # of both images, the left one outside the right
+    cv2.patchNaNs(residual_image, 0.0)  # in place: `r` is a copy
+    mean = cv2.scaleAdd(residual_image, 0.5, left)  # of both images; the left image where the right image is unknown
     difference = cv2.filter2D(mean, -1, DIFFERENCE.T)[::SAMPLING_STRIDE]
     slope = cv2.filter2D(difference, -1, SMOOTHING)[:, ::SAMPLING_STRIDE][usable].astype(np.float64)
     right_column = np.float64(SAMPLING_STRIDE) * column - disparity_px[sampled][usable].astype(np.float64)

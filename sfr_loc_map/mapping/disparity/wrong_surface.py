@@ -1,9 +1,9 @@
-"""Which pixels beside a jump of disparity are likely to have the disparity of the wrong surface.
+"""Detection of pixels beside a disparity jump that probably have the disparity of the wrong surface.
 
-A network with one hidden layer judges a pixel by thirteen features: matching costs at its own disparity and at that of
-the other surface, and what surrounds the pixel. Its weights were trained on rendered ground, whose true disparity is
-known (`tools/train_jump_network.py`). They hold for the values of the constants below and of `matching_cost` with which
-the features were made. These values are stored with the weights, and a test compares them with the code.
+A network with one hidden layer classifies a pixel by thirteen features, such as the matching costs at the disparity of
+the pixel and at the disparity of the other surface. The weights were trained on rendered ground with known disparity
+(`tools/train_jump_network.py`). They are valid only for the values of the constants below and in `matching_cost` that
+were used for the training. These values are stored with the weights, and a test compares them with the code.
 """
 
 from __future__ import annotations
@@ -31,72 +31,75 @@ from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX, depth_ratio,
 from sfr_loc_map.mapping.filters import dilated, square
 
 SMALL_JUMP_PX = F(0.7)
-"""Disparities that differ by more may belong to two surfaces that the refinement has joined by a ramp, pixels. Jumps
-from 0.7 px on have twice the squared error of those from 1.5 px on (measurements/mapper_trials.md). Costs are compared
-with those of surfaces that differ by `SURFACE_JUMP_PX` or more. The network was trained with both values."""
+"""Disparities that differ by more than this may belong to two surfaces that the refinement has joined by a ramp,
+pixels. Pixels beside jumps above 0.7 px have twice the total squared error of pixels beside jumps above 1.5 px
+(measurements/mapper_trials.md). Costs are compared only with surfaces that differ by `SURFACE_JUMP_PX` or more. The
+network was trained with both values."""
 SURFACE_RADIUS = 3
-"""Half side of the square in which other surfaces are searched, pixels: smoothing moves edges by a cell or two."""
+"""Half the side of the window in which other surfaces are searched, pixels: smoothing moves edges by one or two
+cells."""
 OCCLUDER_COLUMNS = 6
-"""Columns to either side in which a surface is searched that occludes the pixel in the right image: twice the radius
-of the search for other surfaces. Chosen by hand before the network was trained."""
-SAME_COLUMN_PX = F(1.0)  #: Pixels whose right columns differ by no more correspond to the same right pixel.
+"""Distance along the row within which a surface is searched that occludes the pixel in the right image, columns: twice
+`SURFACE_RADIUS`. Chosen by hand before the network was trained."""
+SAME_COLUMN_PX = F(1.0)  #: Pixels with right columns that differ by up to this correspond to the same right pixel.
 LOG_ODDS_AT_1_PX = F(3.3)
-"""Log odds above which a pixel is invalid, if the median sigma of the pair is 1 pixel. The threshold is this value plus
-the logarithm of the median sigma in pixels, for example 0.3 for a sigma of 0.05 pixels: in a precise map a single
-outlier is a larger part of the error. Chosen on rendered ground and two real pairs: measurements/mapper_trials.md."""
+"""Log odds above which a pixel is invalid if the median sigma of the pair is 1 pixel. The threshold is this value plus
+the logarithm of the median sigma in pixels, because a single outlier dominates the error of a precise map. For a median
+sigma of 0.05 pixels the threshold is 0.3. Chosen on rendered ground and two real pairs
+(measurements/mapper_trials.md)."""
 DEPTH_POWER = F(2.0)
-"""Power of the depth ratio by which odds increase: the error in metres of a disparity on the wrong surface grows with
-the square of the depth (measurements/mapper_trials.md)."""
-SURROUNDING_COUNT = 10  #: The first ten of the `JumpFeatures` are those that other pixels around a pixel show.
+"""The odds are multiplied by this power of the depth ratio, because the error in metres of a disparity on the wrong
+surface grows with the square of the depth (measurements/mapper_trials.md)."""
+SURROUNDING_COUNT = 10  #: Number of the first `JumpFeatures`, which depend on the surrounding pixels.
 SIGMA_STRIDE = 16  #: Every sixteenth valid pixel is used for the median sigma: tens of thousands of samples suffice.
 
-# How features become inputs of the network, which was trained with these values.
-MAX_LOG = 3.0  #: Logarithms of margins and jumps are clipped to this; also the input margin without another surface.
-MIN_TYPICAL_COST = 0.5  #: Smallest typical cost of a pair, grey levels: rounding alone causes such differences.
-MIN_RELATIVE_COST = 0.05  #: Smallest cost over the typical cost whose logarithm is taken.
-WINDOW_MARGIN_SCALE = 2.0  #: Factor of the margin of the window, which varies less than that of 3 x 3 pixels.
+# Conversion of features to inputs of the network, which was trained with these values.
+MAX_LOG = 3.0  #: Logarithms of margins and jumps are clipped to this; margins without another surface have it.
+MIN_TYPICAL_COST = 0.5  #: Lower bound of the typical cost of a pair, grey levels: a typical rounding difference.
+MIN_RELATIVE_COST = 0.05  #: Lower bound of the ratio of a cost to the typical cost, for the logarithm.
+WINDOW_MARGIN_SCALE = 2.0  #: Factor of the window margin, which varies less than the margin of 3 x 3 pixels.
 
 
 class JumpScene(NamedTuple):
-    """Images and disparities that are judged, `(H, W)` each."""
+    """Images and disparities of the pixels that are classified, `(H, W)` each."""
 
-    left: FloatImage  #: Whole grey levels.
+    left: FloatImage  #: Integer grey levels.
     right: FloatImage  #: Corrected grey levels.
     disparity: FloatImage  #: Pixels.
     has_initial: Mask  #: Pixels that the semi-global matching has matched.
-    valid: Mask  #: Pixels whose disparities are valid by the tests before this one.
+    valid: Mask  #: Pixels that passed the earlier tests.
     sigma: FloatImage  #: Standard deviation of the disparity, pixels.
 
 
 class JumpFeatures(NamedTuple):
     """Features of N pixels `(N,)` float32 each; the network's weights are in this order."""
 
-    window_margin: FloatArray32  #: Cost of the best other surface minus the own one, window, grey levels.
-    close_margin: FloatArray32  #: The same over 3 x 3 pixels.
-    effective_pixels: FloatArray32  #: Number of pixels with equal weights that the window is equivalent to.
-    window_cost: FloatArray32  #: Cost at the own disparity, window, grey levels.
-    close_cost: FloatArray32  #: The same over 3 x 3 pixels.
-    jump_px: FloatArray32  #: Disparity of the other surface minus the own one, pixels; 0 without another surface.
+    window_margin: FloatArray32  #: Window cost of the best other surface minus the own cost, grey levels.
+    close_margin: FloatArray32  #: The same margin over 3 x 3 pixels.
+    effective_pixels: FloatArray32  #: Number of pixels with equal weights that is equivalent to the window.
+    window_cost: FloatArray32  #: Window cost at the own disparity, grey levels.
+    close_cost: FloatArray32  #: The same cost over 3 x 3 pixels.
+    jump_px: FloatArray32  #: Disparity of the other surface minus the own disparity, pixels; 0 without one.
     contrast: FloatArray32  #: Standard deviation of the grey levels of the window.
     same_surface: FloatArray32  #: Weighted fraction of the window on the own surface.
     nearer_surface: FloatArray32  #: Weighted fraction of the window on nearer surfaces.
-    occluder_px: FloatArray32  #: Disparity minus the own one of the nearest surface at the same right pixel, pixels.
+    occluder_px: FloatArray32  #: Disparity of the nearest surface at the same right pixel minus the own one, pixels.
     slope_x: FloatArray32  #: Slope of the disparity along the row, pixels per pixel.
     slope_y: FloatArray32  #: Slope of the disparity along the column, pixels per pixel.
     sigma_px: FloatArray32  #: Standard deviation of the disparity, pixels.
 
 
 class SurfaceCosts(NamedTuple):
-    """Matching costs of a pixel at its own disparity and at that of the best other surface nearby."""
+    """Matching costs of a pixel at its own disparity and at the disparity of the best other surface nearby."""
 
     own: ConstantCost
-    window_margin: np.float32  #: Window cost of the other surface minus the own one; about `NO_COST` without another.
-    close_margin: np.float32  #: The same over 3 x 3 pixels.
-    jump_px: np.float32  #: Disparity of the other surface minus the own one, pixels; 0 without another surface.
+    window_margin: np.float32  #: Window cost of the other surface minus the own cost; about `NO_COST` without one.
+    close_margin: np.float32  #: The same margin over 3 x 3 pixels.
+    jump_px: np.float32  #: Disparity of the other surface minus the own disparity, pixels; 0 without one.
 
 
 class Neighbourhood(NamedTuple):
-    """What surrounds a pixel within the window."""
+    """Contrast and surfaces of the window around a pixel."""
 
     contrast: np.float32  #: Standard deviation of the grey levels.
     same_surface: np.float32  #: Weighted fraction on the own surface.
@@ -106,7 +109,7 @@ class Neighbourhood(NamedTuple):
 class JumpNetwork(NamedTuple):
     """A network with one hidden layer of K rectified linear units, float32."""
 
-    low: FloatArray32  #: `(13,)`, smallest input in the training; inputs are clipped to the range of the training.
+    low: FloatArray32  #: `(13,)`, smallest input in the training; inputs are clipped to the training range.
     high: FloatArray32  #: `(13,)`, largest input in the training.
     hidden: FloatArray32  #: `(K, 13)`, weights of the input.
     hidden_offset: FloatArray32  #: `(K,)`.
@@ -115,7 +118,7 @@ class JumpNetwork(NamedTuple):
 
 
 def wrong_surface_mask(scene: JumpScene) -> Mask:
-    """Return which valid pixels `(H, W)` beside a jump are likely on the wrong surface."""
+    """Return the mask of the valid pixels `(H, W)` beside a jump that are probably on the wrong surface."""
     wrong = np.zeros(scene.valid.shape, np.bool_)
     flat_indices = np.flatnonzero(beside_jump(scene.disparity) & scene.valid)
     if not len(flat_indices):
@@ -129,14 +132,14 @@ def wrong_surface_mask(scene: JumpScene) -> Mask:
 
 
 def beside_jump(disparity: FloatImage) -> Mask:
-    """Return which pixels `(H, W)` are at or near a jump of disparity."""
+    """Return the mask of the pixels `(H, W)` at or near a disparity jump."""
     neighbours = square(3)
     jump = np.asarray(cv2.dilate(disparity, neighbours) - cv2.erode(disparity, neighbours), F) > SMALL_JUMP_PX
     return dilated(jump, SURFACE_RADIUS)
 
 
 def jump_features(scene: JumpScene, flat_indices: IntArray) -> JumpFeatures:
-    """Return the features of pixels that are given by their indices in the flat image."""
+    """Return the features of the pixels with the given flat indices."""
     slope_x = slope_along_rows(scene.disparity).flat[flat_indices]
     slope_y = slope_along_columns(scene.disparity).flat[flat_indices]
     sigma_px = scene.sigma.flat[flat_indices]
@@ -146,7 +149,7 @@ def jump_features(scene: JumpScene, flat_indices: IntArray) -> JumpFeatures:
 
 @jit_rows
 def _features_of_surroundings(scene: JumpScene, flat_indices: IntArray) -> FloatArray32:
-    """Return the first ten of the `JumpFeatures` `(10, N)`, which other pixels around a pixel show."""
+    """Return the first ten `JumpFeatures` `(10, N)`, which depend on the surrounding pixels."""
     cols = scene.disparity.shape[1]
     features = np.empty((SURROUNDING_COUNT, len(flat_indices)), F)
     for n in prange(len(flat_indices)):
@@ -173,7 +176,7 @@ def _features_of_surroundings(scene: JumpScene, flat_indices: IntArray) -> Float
 
 @jit_rows_inline
 def _surface_costs(scene: JumpScene, y: int, x: int) -> SurfaceCosts:
-    """Return the costs of the own surface and of the better one of the nearest and the farthest surface nearby."""
+    """Return the costs of the own surface, and of the nearest or farthest surface nearby, whichever matches better."""
     rows, cols = scene.disparity.shape
     own = scene.disparity[y, x]
     low = own
@@ -199,10 +202,10 @@ def _surface_costs(scene: JumpScene, y: int, x: int) -> SurfaceCosts:
 
 @jit_rows_inline
 def _neighbourhood(scene: JumpScene, y: int, x: int) -> Neighbourhood:
-    """Return the contrast of the window around a pixel, and the surfaces in it; weights are by similarity of grey.
+    """Return the contrast and the surfaces of the window around a pixel, weighted by similarity of grey level.
 
-    Only valid pixels count as those of the own surface, and all pixels as those of nearer ones: the network was trained
-    with these features.
+    Only valid pixels count for the own surface, but valid and invalid pixels count for nearer surfaces, because the
+    network was trained with these features.
     """
     disparity = scene.disparity
     left = scene.left
@@ -233,10 +236,10 @@ def _neighbourhood(scene: JumpScene, y: int, x: int) -> Neighbourhood:
 
 @jit_rows_inline
 def _occluder(disparity: FloatImage, y: int, x: int) -> np.float32:
-    """Return by how much the nearest surface that corresponds to the same right pixel is nearer, pixels.
+    """Return the disparity of the nearest surface at the same right pixel minus the own disparity, pixels, at least 0.
 
-    Right columns are compared with a tolerance, and all disparities count, valid or not: the network was trained with
-    this feature. `surfaces.occlusion_mask` is stricter, because it alone decides.
+    Right columns are compared with a tolerance, and both valid and invalid disparities count, because the network was
+    trained with this feature. `surfaces.occlusion_mask` is stricter, because it decides without other features.
     """
     cols = disparity.shape[1]
     own = disparity[y, x]
