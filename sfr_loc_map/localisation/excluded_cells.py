@@ -1,4 +1,4 @@
-"""Cells of the left image that are excluded for a while, because they do not move with the ground."""
+"""Cells of the left image that are excluded for several pairs because they do not move with the ground."""
 
 from __future__ import annotations
 
@@ -13,55 +13,56 @@ from sfr_loc_map.geometry.arrays import Mask
 from sfr_loc_map.localisation.frontend.cell_change import CELL, cell_counts
 
 FIXED_LIFE: Final = 10
-"""Life, pairs, of a cell that is seen to be fixed to the camera. Each pair takes one off, also that pair itself, unless
-the texture of the cell stays. Chosen by hand. If larger, the ground that an arm has left has no landmarks for longer;
-if smaller, landmarks are created on a body whose light changes for some pairs."""
+"""Lifetime, pairs, of a cell that was detected as fixed to the camera. Each pair, including the pair of the detection,
+reduces the lifetime by one unless the texture of the cell stays. Chosen by hand. If larger, ground that an arm has
+uncovered has no landmarks for longer. If smaller, landmarks are created on a body whose illumination changes."""
 MOVING_LIFE: Final = 8
-"""Life, pairs, of a cell that is seen to move. Each pair takes one off, also that pair itself: the cell is excluded in
-seven pairs, of which that pair is the first. Chosen by hand: an object leaves its cells within some pairs. If larger,
-the ground behind it has no new landmarks for longer; if smaller, landmarks are created on it."""
+"""Lifetime, pairs, of a cell that was detected as moving. Each pair, including the pair of the detection, reduces the
+lifetime by one, so that the cell is excluded in seven pairs. Chosen by hand: an object leaves its cells within a few
+pairs. If larger, the ground behind the object has no new landmarks for longer. If smaller, landmarks are created on the
+object."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExcludedCells:
     """Cells `(R, C)` of the left image that are excluded because they do not move with the ground."""
 
-    life: NDArray[np.int64]  #: `(R, C)` number of pairs for which a cell is still excluded.
+    life: NDArray[np.int64]  #: `(R, C)` number of pairs for which a cell remains excluded.
     is_fixed: Mask  #: `(R, C)` whether a cell was excluded because it is fixed to the camera.
-    mask: NDArray[np.uint8] | None = None  #: `(H, W)`, 0 where no landmark is created; None if nothing is excluded.
+    mask: NDArray[np.uint8] | None = None  #: `(H, W)`, 0 where landmarks are not created; None if nothing is excluded.
     fraction: float = 0.0  #: Fraction of the image that is excluded.
     moving_fraction: float = 0.0  #: Fraction of the cells that are excluded because they move.
 
     @classmethod
     def none(cls, shape: tuple[int, int]) -> ExcludedCells:
-        """Return no excluded cells of an image of a shape (height, width)."""
+        """Return the value without excluded cells, for images of a shape (height, width)."""
         count = cell_counts(shape)
         return cls(np.zeros(count, np.int64), np.zeros(count, np.bool_))
 
     def with_fixed(self, cells: Mask) -> ExcludedCells:
-        """Begin the life of cells `(R, C)` that are fixed to the camera."""
+        """Start the lifetime of cells `(R, C)` that are fixed to the camera."""
         life = np.where(cells, FIXED_LIFE, self.life)
         return replace(self, life=life, is_fixed=self.is_fixed | cells)
 
     def with_moving(self, cells: Mask) -> ExcludedCells:
-        """Begin the life of cells `(R, C)` that move otherwise than the ground."""
+        """Start the lifetime of cells `(R, C)` that move differently from the ground."""
         life = np.where(cells, MOVING_LIFE, self.life)
         return replace(self, life=life, is_fixed=self.is_fixed & ~cells)
 
     def after_selection(
         self, fixed: Mask | None, moving: Mask | None, stays: Mask, shape: tuple[int, int], *, has_excluded: bool
     ) -> ExcludedCells:
-        """Return the excluded cells after a pair, which is the first pair in the life of the cells that it excludes.
+        """Return the excluded cells after a pair, including the cells that the pair excludes.
 
-        A keyframe that this pair becomes has the mask that is returned.
+        The returned mask also applies to a keyframe that this pair becomes.
 
         Args:
             fixed: `(R, C)` cells that are fixed to the camera; None if unknown.
-            moving: `(R, C)` cells that move otherwise than the ground; None if unknown.
+            moving: `(R, C)` cells that move differently from the ground; None if unknown.
             stays: `(R, C)` cells whose texture stays.
             shape: Height and width of the image.
-            has_excluded: Whether landmarks of the pair were excluded. Cells begin to be masked with such a pair, and
-                are masked as long as any of them has life left.
+            has_excluded: Whether landmarks of the pair were excluded. Masking starts with such a pair and continues
+                while any cell has lifetime left.
         """
         is_masked = self.mask is not None or has_excluded
         excluded = self
@@ -73,14 +74,14 @@ class ExcludedCells:
         return excluded.with_mask(shape) if is_masked else excluded
 
     def aged(self, stays: Mask) -> ExcludedCells:
-        """Return the cells without a mask and older by a pair, in which the texture of some cells `(R, C)` stays."""
+        """Return the cells after another pair, without a mask. `stays` `(R, C)` marks cells whose texture stays."""
         life = np.maximum(self.life - 1, 0)
         life[self.is_fixed & stays & (life > 0)] = FIXED_LIFE
         moving_fraction = float(np.mean((life > 0) & ~self.is_fixed))
         return ExcludedCells(life, self.is_fixed, moving_fraction=moving_fraction)
 
     def with_mask(self, shape: tuple[int, int]) -> ExcludedCells:
-        """Return the cells with a mask of them and their neighbours for images of a shape (height, width)."""
+        """Return the cells with a mask that covers them and their neighbours; the shape is (height, width)."""
         if not self.life.any():
             return self
         free = cv2.erode((self.life == 0).astype(np.uint8), np.ones((3, 3), np.uint8))

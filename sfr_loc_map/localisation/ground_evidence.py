@@ -1,8 +1,8 @@
-"""What a pair shows about the ground's motion: the questions that the table of cases asks (`ground_cases.CASES`).
+"""Evidence of a pair about the ground's motion: the conditions of the table of cases (`ground_cases.CASES`).
 
-The *main* motion is that of the tracks that are given; they may follow any motion, trusted or not. A *rival* is another
-rigid motion of landmarks that the main one does not explain. Each question is a property. Those that search for a
-motion, or compare two of them, are answered once, when they are asked, because a search takes some milliseconds.
+The *main* motion is that of the given tracks, which may follow any motion, trusted or not. A *rival* is another rigid
+motion, of landmarks that the main motion does not explain. Each condition is a property. Properties that search for
+a motion or compare two motions are evaluated at their first use and cached, because a search takes some milliseconds.
 """
 
 from __future__ import annotations
@@ -37,70 +37,72 @@ from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
 MAX_CONTRADICTING_UNKNOWN = 0.05
 """Maximum fraction of cells that contradict a motion while the ground is unknown. Chosen by hand, above the 1 % of
 cells that change by noise alone (`cell_change.NOISE_CORRELATION`). If larger, a fixed reflection is followed for
-longer; if smaller, moving shadows refuse good poses."""
+longer. If smaller, good poses are refused because of moving shadows."""
 MAX_CONTRADICTING_KNOWN = 0.4
 """Maximum fraction of cells that contradict the motion of a known ground. Chosen by hand below one half, because an
-object may fill much of the view of a rover at rest. If larger, a pose that most of the image contradicts is accepted;
-if smaller, the last pose is kept beside large objects."""
+object may fill much of the view of a rover at rest. If larger, a pose that most of the image contradicts is accepted.
+If smaller, good poses are refused while a large object is in view."""
 MIN_STATIC_LANDMARKS = 12
-"""Minimum number of landmarks on static texture that may be the own body. Chosen by hand: twice the minimum of a pose
-(`pose_solver.MIN_LANDMARKS`). If smaller, more pairs take the time of a search; if larger, a small body is found by its
-cells alone."""
+"""Minimum number of landmarks on static texture for this texture to be the rover's own body. Chosen by hand: twice the
+minimum of a pose (`pose_solver.MIN_LANDMARKS`). If smaller, more pairs cost the time of a search. If larger, a small
+body is detected only by its cells."""
 MIN_AGREEMENT = 0.3
 """Minimum fraction of the landmarks searched for that a rival must explain. Chosen by hand. If larger, a rival among
-many outliers is missed; if smaller, chance agreement of outliers counts as a motion and degrades good pairs."""
+many outliers is missed. If smaller, chance agreement of outliers counts as a motion and degrades good pairs."""
 CONVINCING = 0.6
-"""Fraction of these from which a rival is accepted without further tests. Chosen by hand above one half: the majority
-agrees. If smaller, slow rivals near the main motion are accepted; if larger, each rival must be told apart by its image
-motion."""
+"""Fraction of the landmarks searched for from which a rival is accepted without further tests. Chosen by hand above one
+half: the majority agrees. If smaller, slow rivals near the main motion are accepted. If larger, more rivals must also
+differ in their image motion."""
 MIN_DIFFERENCE_PX = 1.0
-"""Minimum image motion between two poses that are different motions, px. Chosen by hand: ten times the usual residual
-of an inlier (0.1 px), within which one motion may be found twice. If larger, slow objects are missed."""
+"""Minimum image motion, px, between the poses of two different motions. Chosen by hand: ten times the usual residual of
+an inlier (0.1 px), because two estimates of one motion differ slightly. If larger, slow objects are missed."""
 MIN_DIFFERENCE_RATIO = 0.05
-"""Minimum of the same as a ratio to the image motion of the main pose. Chosen by hand, because errors of the prediction
-grow with the motion. If larger, objects that move nearly as the ground are missed."""
+"""Minimum image motion between the poses of two different motions, as a ratio to the image motion of the main pose.
+Chosen by hand, because errors of the prediction grow with the motion. If larger, objects that move nearly like the
+ground are missed."""
 STANDSTILL_RATIO = 0.15
-"""Image motion, as a ratio to the expected one, below which a motion is a standstill. Chosen by hand. If larger, a slow
-object counts as a stale part of the image; if smaller, a stale part that is tracked with an error is taken for an
+"""Image motion, as a ratio to the expected image motion, below which a motion is a standstill. Chosen by hand. If
+larger, a slow object counts as a stale part of the image. If smaller, a stale part tracked with an error counts as an
 object."""
 OLD_WEIGHT = 3.0
-"""Weight of a landmark whose host is older than the newest host; a newer one has 1. Chosen by hand: an older landmark
-has agreed with the ground over a whole keyframe interval. If larger, a body that was tracked for long wins; if smaller,
-a large object that has just become landmarks does."""
+"""Weight of a landmark whose host is older than the newest host; other landmarks have weight 1. Chosen by hand: an
+older landmark has followed the ground over a whole keyframe interval. If larger, a body that was tracked for long
+outweighs the ground. If smaller, a large object with new landmarks does."""
 EXPECTED_WEIGHT = 1.5
-"""Factor on the weight of a motion that continues the one before. Chosen by hand. If larger, a turn of the rover beside
-an object is attributed to the object; if smaller, an object with half as many landmarks more than the ground wins."""
+"""Factor on the weight of a motion that continues the previous motion. Chosen by hand. If larger, a turn of the rover
+beside an object is attributed to the object. If smaller, an object with 1.5 times the landmarks of the ground outweighs
+it."""
 EXPECTED_RATIO = 0.5
-"""Maximum image motion from the expected pose to a motion that continues the one before, as a ratio to that of the
-other motion. If the two are equally far, neither continues it."""
+"""Maximum image motion from the expected pose to a motion that continues the previous motion, as a ratio to that
+from the expected pose to the other motion. If the two are equally far, neither continues the previous motion."""
 MIN_COVERED = 0.5  #: Minimum fraction of the cells in doubt that inliers must cover: the majority.
 CLEAR_RATIO = 1.4
-"""Minimum ratio of the weights, or of the inliers, that makes one of two solutions the better one. Chosen by hand. If
-larger, more pairs are ambiguous, hence degraded with a larger covariance; if smaller, a wrong motion is accepted as
-clear."""
+"""Minimum ratio of the weights, or of the numbers of inliers, for one of two solutions to be clearly better. Chosen by
+hand. If larger, more pairs are ambiguous and degraded with a larger covariance. If smaller, a wrong motion is accepted
+as clear."""
 SEARCHED_UNEXPLAINED = 0.03
-"""Fraction of unexplained landmarks from which a second exposure is searched for. Ghosts of 30 to 69 % leave 0.04 or
-more, most pairs of clean drives less, and the search takes 0.3 ms."""
+"""Fraction of unexplained landmarks from which a second exposure is searched for, to save the 0.3 ms of the search. The
+fraction is at least 0.04 with ghosts of 30 to 69 %, and smaller in most pairs of clean drives."""
 MIXTURE_LANDMARKS = 64
 """Number of landmarks in which a second exposure is searched for. Chosen by hand: the standard error of the weight
-falls with the root of the number, and the time grows with the number."""
+decreases with the square root of this number, and the time increases with it."""
 MIN_MIXTURE_WEIGHT = 0.1
-"""Minimum weight of a second exposure. Its lower bound counts, because it is estimated: in images of one exposure the
+"""Minimum weight of a second exposure, for the lower bound of the estimated weight. In images of one exposure the
 estimate is 0 within some hundredths."""
 MIXTURE_SIGMAS = 3.0
-"""Number of standard errors between the weight and its lower bound, so that one image in 740 exceeds the bound by
-chance (normal errors). If larger, weak ghosts pass."""
+"""Number of standard errors between the weight and its lower bound, so that the bound is too high in one image in
+740 (normal errors). If larger, weak ghosts are missed."""
 
 
 class ComparedPair(NamedTuple):
-    """A pair, compared with an earlier image cell by cell."""
+    """A pair and its comparison with an earlier image, cell by cell."""
 
     frame: StereoFrame
     prediction: Prediction
     recovery: RecoveryImages
-    change: Change  #: Cells that changed, or stayed, since the earlier image.
+    change: Change  #: Cells that changed, and cells that stayed, since the earlier image.
     earlier_pose: Pose  #: Pose of the earlier image.
-    far_px: float  #: Image motion beyond which a landmark that was not found contradicts nothing.
+    far_px: float  #: Image motion, px, above which a landmark that was not found is no evidence against the pose.
 
 
 class MotionTools(NamedTuple):
@@ -113,11 +115,11 @@ class MotionTools(NamedTuple):
     min_tracked: int  #: Minimum number of landmarks that agree on a motion.
 
     def explained(self, pair: ComparedPair, tracks: Tracks) -> Explained:
-        """Return what the motion from the earlier image to the pose of some tracks explains of a pair."""
+        """Return what the motion from the earlier image to the pose of some tracks explains in a pair."""
         return self._explained(pair, tracks, pair.earlier_pose, tracks.pose)
 
     def image_motion_px(self, pair: ComparedPair, tracks: Tracks, *, start: Pose, end: Pose) -> float:
-        """Return how far the landmarks of some tracks move in the image between two poses, px."""
+        """Return the image motion of the landmarks of some tracks between two poses, px."""
         return self._explained(pair, tracks, start, end).motion_px
 
     def _explained(self, pair: ComparedPair, tracks: Tracks, start: Pose, end: Pose) -> Explained:
@@ -144,7 +146,7 @@ class MotionTools(NamedTuple):
         return mixture.patches >= self.min_tracked and lower_bound > MIN_MIXTURE_WEIGHT
 
     def search(self, pair: ComparedPair, landmarks: Landmarks) -> Tracks | None:
-        """Return a motion of some landmarks: from the guesses, then by optical flow; None if too few agree on one."""
+        """Search for one motion of some landmarks, from the guesses, then by optical flow; None if too few agree."""
         count = len(landmarks.rows)
         if count < self.min_tracked:
             return None
@@ -164,29 +166,29 @@ class MotionTools(NamedTuple):
         return self.tracker.refine(pair.frame, landmarks, start, pair.prediction.offset)
 
     def cells(self, numbers: NDArray[np.intp]) -> Mask:
-        """Return the cells `(R, C)` of some cell numbers; R * C is outside."""
+        """Return the cells `(R, C)` of some cell numbers; the number R * C stands for outside the cells."""
         rows, columns = cell_counts(self.shape)
         found = np.bincount(numbers, minlength=rows * columns + 1)
         return found[:-1].reshape(rows, columns) > 0
 
 
 class OtherMotion(NamedTuple):
-    """Another motion than the main one, of the landmarks that may follow it."""
+    """A motion other than the main motion."""
 
-    tracks: Tracks  #: Its tracks.
-    explained: Explained  #: What it explains.
-    excluded: Mask  #: `(M,)` landmarks of the main tracks that do not follow it.
+    tracks: Tracks  #: Tracks of the landmarks that may follow this motion.
+    explained: Explained  #: What this motion explains.
+    excluded: Mask  #: `(M,)` landmarks of the main tracks that do not follow this motion.
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What a pair shows about the ground's motion."""
+    """Evidence of a pair about the ground's motion."""
 
     tools: MotionTools
     pair: ComparedPair
     main: Tracks  #: Tracks of the main motion.
     explained: Explained  #: What the main motion explains.
-    memory: GroundMemory  #: What is remembered of earlier pairs.
+    memory: GroundMemory  #: Memory of earlier pairs.
 
     # ---- the main motion
 
@@ -197,7 +199,7 @@ class Evidence:
 
     @property
     def is_contradicted(self) -> bool:
-        """Whether many cells changed although the main motion leaves them where they were."""
+        """Whether many cells changed although the main motion predicts no change."""
         most = MAX_CONTRADICTING_KNOWN if self.is_known else MAX_CONTRADICTING_UNKNOWN
         return self.explained.contradicting_fraction > most
 
@@ -213,7 +215,7 @@ class Evidence:
 
     @property
     def is_credible(self) -> bool:
-        """Whether nothing suggests that the main motion is not the ground's."""
+        """Whether the main motion is trusted, not contradicted, and not unusual unless the ground is known."""
         return self.main.is_trusted and not self.is_contradicted and (self.is_known or not self.is_unusual)
 
     @property
@@ -223,7 +225,7 @@ class Evidence:
 
     @cached_property
     def agreement(self) -> Agreement:
-        """How far the main motion agrees with that of the ground."""
+        """Agreement of the main motion with the ground's motion."""
         return Agreement(
             has_moved=self.explained.motion_px > MOVED_PX,
             agrees=self.memory.excluded.moving_fraction < MAX_MOVING and self.covers_doubt,
@@ -233,12 +235,12 @@ class Evidence:
 
     @property
     def stays_in_doubt(self) -> bool:
-        """Whether the ground is in doubt before and after the pair if its main motion is the only one."""
+        """Whether the ground stays in doubt after the pair if the main motion is the only one."""
         return self.memory.confidence.after_one_motion(self.agreement).phase is Phase.IN_DOUBT
 
     @property
     def covers_doubt(self) -> bool:
-        """Whether inliers cover at least half of the cells that a motion did not explain, within one cell."""
+        """Whether inliers are in or beside at least half of the cells that were unexplained in earlier pairs."""
         unexplained = self.memory.confidence.unexplained
         if unexplained is None:
             return True
@@ -250,21 +252,21 @@ class Evidence:
 
     @property
     def may_be_transfer(self) -> bool:
-        """Whether the pair may be partially transferred: many such pairs in a row have another cause."""
+        """Whether the pair may be partially transferred. Many such pairs in a row have another cause."""
         return self.memory.transfers < MAX_TRANSFERS
 
     @property
     def repeats_transfer(self) -> bool:
-        """Whether the pair before was partially transferred, and this one may be, too."""
+        """Whether the previous pair was partially transferred, and this pair may be, too."""
         return self.memory.transfers > 0 and self.may_be_transfer
 
     @cached_property
     def is_double_exposure(self) -> bool:
-        """Whether the exposures of two pairs are blended in the left image of this pair or of the pair before.
+        """Whether the exposures of two pairs are blended in the left image of this pair or of the previous pair.
 
-        The dominant exposure is the one that is tracked. If it is that of the pair, the image also shows the scene from
-        the last pose. If it is that of the previous pair, tracks lag behind: the pose found now is that of the
-        exposure of the previous pair, whose image shows the scene from that pose.
+        The dominant exposure is tracked. If the newer exposure dominates, this image also shows the scene from the last
+        pose. If the older exposure dominates, poses lag behind by one pair, and the previous image also shows the scene
+        from the present pose.
         """
         if self.explained.unexplained_fraction < SEARCHED_UNEXPLAINED:
             return False
@@ -281,9 +283,9 @@ class Evidence:
 
     @cached_property
     def beside_static(self) -> Tracks | None:
-        """Another motion, of the landmarks outside static texture, if no cells contradict it; else None.
+        """Another motion, of the landmarks outside static texture; None if there is none or if cells contradict it.
 
-        The static texture is then taken to be the rover's own body.
+        With such a motion, the static texture is assumed to be the rover's own body.
         """
         on_static = self.explained.on_static
         if np.count_nonzero(on_static) < MIN_STATIC_LANDMARKS:
@@ -300,21 +302,21 @@ class Evidence:
 
     @property
     def is_beside_body(self) -> bool:
-        """Whether the main motion is not credible, and there is one beside static texture."""
+        """Whether the main motion is not credible, and there is another motion outside static texture."""
         return not self.is_credible and self.beside_static is not None
 
     @cached_property
     def beside_body(self) -> OtherMotion:
-        """The motion beside static texture, without the landmarks on that texture."""
+        """The motion outside static texture, without the landmarks on that texture."""
         assert self.beside_static is not None, "asked for only if there is one"
         return self._other(self.beside_static, self.explained.on_static)
 
     @cached_property
     def rival(self) -> Tracks | None:
-        """A rival of a main motion that is contradicted or unusual; None without one.
+        """A rival of a main motion that is contradicted or unusual; None without a rival.
 
-        The rival of a contradicted motion must not be contradicted itself. The rival of an unusual one must differ:
-        nearly all the landmarks searched for follow it, or it moves them elsewhere.
+        The rival of a contradicted motion must not be contradicted itself. The rival of an unusual motion must explain
+        most landmarks searched for (`CONVINCING`), or its image motion must differ from that of the main motion.
         """
         if not (self.is_contradicted or self.is_unusual):
             return None
@@ -337,12 +339,12 @@ class Evidence:
 
     @cached_property
     def by_rival(self) -> OtherMotion:
-        """The rival's motion, without the landmarks that follow the main motion alone."""
+        """The rival's motion, without the landmarks that follow only the main motion."""
         assert self.rival is not None, "asked for only if there is a rival"
         return self._other(self.rival, self.main.inliers & ~self.follows_rival)
 
     def _other(self, other: Tracks, excluded: Mask) -> OtherMotion:
-        """Track the landmarks of the main tracks, without those of a mask `(M,)`, by another motion."""
+        """Track the landmarks of the main tracks, except for those of a mask `(M,)`, from another motion."""
         tracks = self.tools.refined(self.pair, self.main.landmarks.subset(~excluded), other.pose)
         return OtherMotion(tracks, self.tools.explained(self.pair, tracks), excluded)
 
@@ -350,7 +352,7 @@ class Evidence:
 
     @cached_property
     def has_standstill(self) -> bool:
-        """Whether the main motion or its rival is a standstill: a part of the image is then that of the pair before."""
+        """Whether the main motion or its rival is a standstill: part of the image may be that of the previous pair."""
         standstill = self.pair.prediction.guesses.standstill
         expected = self.pair.prediction.guesses.expected
         motions = [tracks for tracks in (self.main, self.rival) if tracks is not None]
@@ -362,7 +364,7 @@ class Evidence:
 
     @cached_property
     def weight_ratio(self) -> float:
-        """Weight of the main motion over that of its rival."""
+        """Weight of the main motion divided by that of its rival."""
         assert self.rival is not None, "asked for only if there is a rival"
         return self._weight(self.main, self.rival) / self._weight(self.rival, self.main)
 
@@ -373,7 +375,7 @@ class Evidence:
 
     @property
     def is_winner_clear(self) -> bool:
-        """Whether the motion with more weight is clearly the ground's: it has much more, and explains over half."""
+        """Whether the motion with more weight is clearly the ground's: much more weight, and over half is explained."""
         if 1.0 / CLEAR_RATIO < self.weight_ratio < CLEAR_RATIO:
             return False
         winner_fraction = 1.0 - self.explained.unexplained_fraction
@@ -391,7 +393,7 @@ class Evidence:
         return follows
 
     def _weight(self, tracks: Tracks, other: Tracks) -> float:
-        """Return the number of landmarks that follow a motion, weighted by how likely it is the ground's."""
+        """Return the number of landmarks that follow a motion, weighted by the evidence that it is the ground's."""
         are_old = tracks.landmarks.host != self.main.landmarks.newest_host
         old = float(np.count_nonzero(tracks.inliers & are_old))
         weight = tracks.inlier_count + (OLD_WEIGHT - 1.0) * old

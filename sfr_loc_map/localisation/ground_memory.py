@@ -1,26 +1,26 @@
-"""What is remembered about the ground's motion between two pairs, and in which phase its knowledge is.
+"""Memory of the ground's motion between two pairs, and the phases of its identification.
 
-The ground is identified by its motion. It begins in the phase `LEARNING`:
+The ground is identified by its motion. The first phase is `LEARNING`:
 
 | phase | meaning | next phase |
 |---|---|---|
 | `LEARNING` | no single motion has explained several moving pairs yet | `KNOWN` after several pairs that agree |
-| `KNOWN` | one motion has explained them | `LEARNING` with a new window |
-| `IN_DOUBT` | the image contradicted the motion, or two competed | `LEARNING` after several pairs that agree |
+| `KNOWN` | one motion has explained several moving pairs | `LEARNING` with a new window |
+| `IN_DOUBT` | the image contradicted the motion, or two motions competed | `LEARNING` after several pairs that agree |
 
 A case with `leaves_doubt` (`ground_cases.EFFECTS`) leads from each phase to `IN_DOUBT`, and an unusual moving pair
-keeps that phase. To end it, landmarks must also follow the motion where landmarks did not follow it before.
-`GroundMemory.after` applies what a pair teaches.
+prolongs this phase. The phase ends only if landmarks also follow the motion in cells where they did not follow it
+before. `GroundMemory.after` updates the memory with a pair.
 
-Three values remember that an earlier pair was bad. They are separate because they answer different questions:
+Three values record faults of earlier pairs. They are separate because they answer different questions:
 
-| value | question | set by | ends |
+| value | question | set by | reset by |
 |---|---|---|---|
-| `confidence` | is the motion that is followed the ground's? | a case with `leaves_doubt` | pairs that agree |
-| `recovering_pairs` | may the next images be bad? | partial transfers; `starts_recovery`; stale rows | moving pairs |
-| `transfers` | is the pair before partially transferred? | partial transfers; stale rows | any other case |
+| `confidence` | is the tracked motion the ground's? | a case with `leaves_doubt` | pairs that agree |
+| `recovering_pairs` | may later images be faulty? | partial transfers; `starts_recovery`; stale rows | moving pairs |
+| `transfers` | was the previous pair partially transferred? | partial transfers; stale rows | any other case |
 
-A new window ends the last two.
+A new window also resets `recovering_pairs` and `transfers`.
 """
 
 from __future__ import annotations
@@ -37,47 +37,48 @@ from sfr_loc_map.localisation.frontend.cell_change import LEVEL
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame
 
 # The values here, in `ground_evidence` and in `ground_motion` were chosen by hand on rendered drives with injected
-# faults, so that clean drives have no findings and no error of a faulty drive exceeds five times its stated 3 sigma
-# without one.
+# faults, so that clean drives have no findings, and no error of a faulty drive exceeds five times the stated 3 sigma
+# without a finding.
 
 AGREEING_PAIRS = 3
-"""Moving pairs that one motion must explain before it is the ground's, or before a doubtful pair is forgotten. Chosen
-by hand. If larger, clean pairs stay degraded for longer after a fault; if smaller, a second bad pair after a good one
-is published as good."""
+"""Number of moving pairs that one motion must explain until it counts as the ground's, or until a doubtful pair has no
+more effect. Chosen by hand. If larger, clean pairs stay degraded for longer after a fault. If smaller, a second faulty
+pair after a good pair is published as good."""
 LONG_DOUBT_PAIRS = 10
-"""The same after a doubt that may last: two motions of a ground that was not known, or a mostly stale image. Chosen by
-hand, with the same consequences."""
+"""Number of such pairs after two motions while the ground was unknown, or after a mostly stale image, because these
+faults may last longer. Chosen by hand, like `AGREEING_PAIRS`."""
 MAX_TRANSFERS = 10
-"""Maximum number of consecutive pairs that are taken as partially transferred. Chosen by hand: such faults are short,
-and a longer row has another cause. If larger, an object that covers much of the image makes no keyframes for that long;
-if smaller, a longer fault is taken for two motions."""
+"""Maximum number of consecutive pairs that count as partially transferred. Chosen by hand: such faults are short, and
+a longer sequence has another cause. If larger, an object that covers much of the image prevents keyframes for longer.
+If smaller, a longer fault counts as two motions."""
 MIN_UNEXPLAINED = 0.12
-"""Fraction of unexplained landmarks, above the typical one, from which a motion is unusual. Chosen by hand. If larger,
-objects and stale parts below that fraction bias the pose unreported; if smaller, clean pairs with many outliers are
-degraded."""
-AFTER_TRANSFER = 0.5  #: Factor on that fraction after a partially transferred pair: the next may be another one.
+"""Excess of the fraction of unexplained landmarks over the typical fraction, from which a motion is unusual. Chosen by
+hand. If larger, small objects and stale parts bias the pose without a report. If smaller, clean pairs with many
+outliers are degraded."""
+AFTER_TRANSFER = 0.5  #: Factor on `MIN_UNEXPLAINED` after a partially transferred pair: the next may be, too.
 MOSTLY_STALE = 0.5  #: Fraction of stale rows from which all rows of the next images may be stale.
 MAX_MOVING = 0.12
 """Fraction of cells that are excluded because they move, from which a pair does not confirm the ground's motion. Chosen
-by hand, equal to `MIN_UNEXPLAINED`, because landmarks of these cells would be unexplained. If larger, doubt ends beside
-a large object; if smaller, it lasts beside small ones."""
+by hand, equal to `MIN_UNEXPLAINED`, because landmarks of these cells would be unexplained. If larger, doubt ends while
+a large object is in view. If smaller, doubt lasts while a small object is in view."""
 MAX_UNEXPLAINED = 0.47
-"""Fraction of unexplained landmarks from which a motion is unusual in any case. Chosen by hand a little below one half,
-from which the majority does not follow the motion. If smaller, pairs with large objects are ambiguous more often."""
+"""Fraction of unexplained landmarks from which a motion is always unusual. Chosen by hand, slightly below the half from
+which the majority does not follow the motion. If smaller, pairs with large objects are ambiguous more often."""
 TYPICAL_FACTOR = 1.25
-"""Factor on the typical fraction of unexplained landmarks, because it scatters in proportion to itself. Chosen by hand.
-If larger, drives with many outliers report fewer faults; if smaller, their clean pairs are degraded."""
+"""Factor on the typical fraction of unexplained landmarks, because the scatter of the fraction grows with its value.
+Chosen by hand. If larger, fewer faults are reported on drives with many outliers. If smaller, clean pairs of such
+drives are degraded."""
 RISING_GAIN = 0.1
-"""Gain of the typical fraction for a pair with a larger fraction: slow, so that a fault does not become typical before
-it is reported. Chosen by hand. If larger, it does; if smaller, rougher ground is reported for longer."""
+"""Gain of the typical fraction for a pair with a larger fraction. Chosen by hand. If larger, a fault becomes typical
+before it is reported. If smaller, rougher ground is reported for longer."""
 FALLING_GAIN = 0.5
-"""Gain of the typical fraction for a pair with a smaller fraction: fast, so that a fault at the start is forgotten
-within some pairs. Chosen by hand. If larger, one clean pair makes the next ones unusual; if smaller, later faults are
-hidden for longer."""
+"""Gain of the typical fraction for a pair with a smaller fraction. Chosen by hand, so that a fault at the start has no
+effect after a few pairs. If larger, one clean pair makes the next pairs unusual. If smaller, later faults are hidden
+for longer."""
 
 
 class Phase(Enum):
-    """What is known about the ground's motion."""
+    """Phase of the identification of the ground's motion."""
 
     LEARNING = auto()
     KNOWN = auto()
@@ -85,22 +86,22 @@ class Phase(Enum):
 
 
 class Agreement(NamedTuple):
-    """How far the main motion of a pair agrees with that of the ground."""
+    """Agreement of the main motion of a pair with the ground's motion."""
 
     has_moved: bool  #: Whether the main motion moves the image.
-    agrees: bool  #: Whether the main motion explains the pair, also in the cells that were unexplained before.
+    agrees: bool  #: Whether few cells move, and inliers cover the cells that were unexplained before.
     is_unusual: bool  #: Whether more landmarks than usual do not follow the main motion.
-    unexplained_cells: Mask  #: `(R, C)` cells of these landmarks.
+    unexplained_cells: Mask  #: `(R, C)` cells of the landmarks that do not follow the main motion.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Confidence:
-    """The phase, and how many pairs end it."""
+    """The phase, and the number of pairs until its end."""
 
     phase: Phase = Phase.LEARNING
-    agreed_pairs: int = 0  #: Moving pairs of this phase that one motion explained.
-    required_pairs: int = AGREEING_PAIRS  #: Such pairs that lead to the next phase; not used by a known ground.
-    unexplained: Mask | None = None  #: In doubt: `(R, C)` cells with landmarks that did not follow the motion.
+    agreed_pairs: int = 0  #: Number of moving pairs in this phase that one motion explained.
+    required_pairs: int = AGREEING_PAIRS  #: Number of such pairs that ends the phase; not used if known.
+    unexplained: Mask | None = None  #: `(R, C)` cells of unexplained landmarks; None if not in doubt.
 
     def after_agreement(self) -> Confidence:
         """Return the confidence after a moving pair that one motion explained."""
@@ -112,7 +113,7 @@ class Confidence:
         return Confidence(Phase.KNOWN) if self.phase is Phase.LEARNING else Confidence()
 
     def after_one_motion(self, agreement: Agreement) -> Confidence:
-        """Return the confidence after a pair of one motion; a stationary image shows nothing."""
+        """Return the confidence after a pair with one motion; a stationary image changes nothing."""
         if self.phase is Phase.KNOWN or not agreement.has_moved:
             return self
         if agreement.agrees:
@@ -122,17 +123,17 @@ class Confidence:
         return self.after_interruption()
 
     def after_interruption(self) -> Confidence:
-        """Return the confidence after a pair that agreed only in part, or in a new window.
+        """Return the confidence after a pair that agreed only partly, or in a new window.
 
-        Learning starts again, and doubt stays as it is.
+        Learning restarts, and doubt persists.
         """
         return self if self.phase is Phase.IN_DOUBT else Confidence()
 
     def after_contradiction(self, cells: Mask) -> Confidence:
         """Return the confidence after two motions competed, or the image contradicted the pose.
 
-        Landmarks in the cells `(R, C)` did not follow the motion. A ground that was known, or nearly is again, recovers
-        soon. Doubt about a ground that was being learnt lasts longer.
+        Landmarks in the cells `(R, C)` did not follow the motion. Few pairs end the doubt if the ground was known, or
+        if an earlier doubt had nearly ended. More pairs are required if the ground was still being learnt.
         """
         is_in_doubt = self.phase is Phase.IN_DOUBT
         nearly_recovered = is_in_doubt and self.required_pairs - self.agreed_pairs <= AGREEING_PAIRS
@@ -144,13 +145,13 @@ class Confidence:
 
 
 class Effect(NamedTuple):
-    """What a case reports by itself, and what it teaches about the ground."""
+    """The finding of a case, and its effect on the memory of the ground."""
 
     finding: Finding | None = None
     leaves_doubt: bool = False  #: Whether the ground's motion is in doubt after the pair.
     #: Whether the ground's motion must be observed again in several moving pairs, which are degraded.
     starts_recovery: bool = False
-    #: Whether the pair can confirm the ground's motion, and changes what is typical for it.
+    #: Whether the pair can confirm the ground's motion, and updates the typical fraction.
     confirms: bool = False
     outlasts_refusal: bool = False  #: Whether the memory learns from the pair although its pose is refused.
 
@@ -161,37 +162,37 @@ class Effect(NamedTuple):
 
     @property
     def is_transfer(self) -> bool:
-        """Whether parts of the images are of different moments."""
+        """Whether parts of the images are of different times."""
         return self.finding is Finding.PARTIAL_TRANSFER
 
 
 class EarlierImage(NamedTuple):
-    """Earlier image that the present one is compared with, cell by cell."""
+    """Earlier image that the present image is compared with, cell by cell."""
 
     image: FloatImage  #: Pyramid level `LEVEL` of a left image.
-    pose: Pose  #: Pose of the left camera there.
-    #: Number of pairs that were compared with it and changed the memory. Other refused pairs do not count. After them
-    #: the limit of the image motion (`ComparedPair.far_px`) is rather too small: more landmarks count as unexplained.
+    pose: Pose  #: Pose of the left camera at that image.
+    #: Number of pairs that were compared with the image and changed the memory. Other refused pairs do not count. After
+    #: such pairs `ComparedPair.far_px` is too small, and fewer landmarks count as unexplained.
     age: int = 0
 
 
 class LearntPair(NamedTuple):
-    """What the memory learns of a pair."""
+    """What the memory learns from a pair."""
 
-    excluded: ExcludedCells  #: Cells excluded from this pair on: already a keyframe that it becomes.
+    excluded: ExcludedCells  #: Cells excluded from this pair on, also in a keyframe that the pair becomes.
     earlier: EarlierImage  #: Image that the pair was compared with.
     image: FloatImage  #: Pyramid level `MIXTURE_LEVEL` of its left image.
-    agreement: Agreement  #: How far its main motion agrees with that of the ground.
+    agreement: Agreement  #: Agreement of its main motion with the ground's motion.
     unexplained_fraction: float  #: Fraction of the landmarks that do not follow the main motion.
     is_moving: bool  #: Whether the pose is trusted and the image moved.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundMemory:
-    """What is remembered of accepted pairs, of pairs that contradict their pose, and of stale rows."""
+    """Memory of accepted pairs, of pairs that contradict their pose, and of stale rows."""
 
     excluded: ExcludedCells  #: Cells that do not move with the ground.
-    earlier: EarlierImage | None = None  #: Image of an accepted pose; None before the first window.
+    earlier: EarlierImage | None = None  #: Image at an accepted pose; None before the first window.
     #: Pyramid level `MIXTURE_LEVEL` of the left image at the last known pose; None if that image was not compared with
     #: earlier ones.
     previous: FloatImage | None = None
@@ -207,7 +208,7 @@ class GroundMemory:
 
     @property
     def is_clear(self) -> bool:
-        """Whether no earlier pair still has an effect: none is recovered from, and the ground is not in doubt."""
+        """Whether faults of earlier pairs have no more effect: no recovery, no partial transfer, no doubt."""
         return self.recovering_pairs == 0 and self.transfers == 0 and self.confidence.phase is not Phase.IN_DOUBT
 
     def after(self, effect: Effect, pair: LearntPair) -> GroundMemory:
@@ -235,9 +236,9 @@ class GroundMemory:
         return unexplained < min(margin + TYPICAL_FACTOR * (self.typical or 0.0), MAX_UNEXPLAINED)
 
     def typical_after(self, unexplained: float) -> float | None:
-        """Return the typical fraction of unexplained landmarks after a pair of one motion.
+        """Return the typical fraction of unexplained landmarks after a pair with one motion.
 
-        An unusual pair of a known ground does not change the fraction, nor does any pair while the ground is in doubt.
+        The fraction does not change after an unusual pair if the ground is known, or while the ground is in doubt.
         """
         phase = self.confidence.phase
         if phase is Phase.IN_DOUBT or (phase is Phase.KNOWN and not self.is_usual(unexplained)):
@@ -249,7 +250,7 @@ class GroundMemory:
     def recovering_after(self, effect: Effect, transfers: int, *, is_moving: bool) -> int:
         """Return the number of moving pairs that stay degraded after a pair.
 
-        After partial transfers it is their number, with this pair, but at most `AGREEING_PAIRS`.
+        After a partial transfer it is at least the smaller of `transfers` and `AGREEING_PAIRS`.
         """
         if effect.is_transfer:
             return max(self.recovering_pairs, min(transfers, AGREEING_PAIRS))
@@ -258,11 +259,11 @@ class GroundMemory:
         return self.still_recovering(is_moving=is_moving)
 
     def still_recovering(self, *, is_moving: bool) -> int:
-        """Return the number of moving pairs that earlier ones still degrade; a stationary image does not count."""
+        """Return the number of moving pairs that earlier pairs still degrade; only a moving pair reduces it."""
         return max(self.recovering_pairs - 1, 0) if is_moving else self.recovering_pairs
 
     def in_new_window(self, frame: StereoFrame, pose: Pose) -> GroundMemory:
-        """Return the memory with a new window. Its ground has not been seen to move; doubt persists."""
+        """Return the memory in a new window. The ground must be learnt again, and doubt persists."""
         return replace(
             self,
             earlier=EarlierImage(frame.left[LEVEL].image, pose),
@@ -274,7 +275,7 @@ class GroundMemory:
         )
 
     def after_stale_rows(self, stale: Mask) -> GroundMemory:
-        """Return the memory after a pair with stale rows `(H,)`: later pairs may have stale parts, too."""
+        """Return the memory after a pair with stale rows `(H,)`. Later pairs may have stale parts, too."""
         if not stale.any():
             return self
         pairs = LONG_DOUBT_PAIRS if stale.mean() > MOSTLY_STALE else 1

@@ -1,16 +1,17 @@
 """Selection of the ground's motion among the rigid motions in an image.
 
-The ground is identified by its motion, not by its place in the image. Landmarks that the pose does not explain are
-searched for a second rigid motion. Of two motions the ground's is the one that more landmarks follow and that continues
-the motion before. Landmarks of the other one (own body, dirt on the lens, moving objects) leave the map, and its image
-cells are excluded for some pairs. If the evidence does not separate the two, the pose is ambiguous.
+The ground is identified by its motion, not by its position in the image. A second rigid motion is searched for among
+the landmarks that the pose does not explain. The motion of the ground is the one that more landmarks follow and that
+continues the previous motion. Landmarks of the other motion (own body, dirt on the lens, moving objects) are removed
+from the map, and their image cells are excluded for several pairs. If the evidence does not distinguish the two
+motions, the pose is ambiguous.
 
-`GroundSelector.begin_change` compares the left image with an earlier one, cell by cell, while landmarks are tracked.
+`GroundSelector.begin_change` compares the left image with an earlier image, cell by cell, while landmarks are tracked.
 `GroundSelector.select` works in four steps:
 
 1. Gather the `Evidence` of the tracks and of the comparison (`ground_evidence.py`).
-2. Decide the case (`ground_cases.case_of`), which has an effect (`ground_cases.EFFECTS`).
-3. Select the tracks that follow the ground, and what is excluded, by the case (`_selection`).
+2. Determine the case (`ground_cases.case_of`) and its effect (`ground_cases.EFFECTS`).
+3. Select the tracks that follow the ground, and the landmarks and cells to exclude, by the case (`_selection`).
 4. Return the findings (`ground_cases.findings_of`) and the memory for the next pair (`GroundMemory.after`).
 """
 
@@ -38,28 +39,27 @@ from sfr_loc_map.localisation.parallel import Pending, beside
 from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
 
 COMPARED_PX = 3.0
-"""Image motion, px, that shows what is fixed to the camera; the compared image is then replaced. Chosen by hand above
-`cell_motion.MOVED_PX`, from which a cell counts as moved, so that most cells do."""
+"""Image motion, px, above which cells fixed to the camera are detected, and the compared image is replaced. Chosen by
+hand above `cell_motion.MOVED_PX`, from which a cell counts as moved, so that most cells have moved."""
 COMPARED_PAIRS = 10
-"""Number of pairs after which the compared image is replaced, however slow the motion: light and exposure change.
-Chosen by hand. If larger, such changes count as changes of the scene; if smaller, a slow motion shows nothing as
-fixed."""
+"""Number of pairs after which the compared image is replaced at any speed, because light and exposure change. Chosen by
+hand. If larger, such changes count as changes of the scene. If smaller, fixed cells are not detected in slow motion."""
 FAR_RATIO = 0.06
-"""Image motion per pair, fraction of the width, above which a landmark may not be found again. It is little more than
+"""Image motion per pair, as a fraction of the width, above which a landmark is often not found again. Slightly above
 the flow that triggers a keyframe (`keyframes.KEYFRAME_FLOW`)."""
 NO_ROWS = np.zeros(0, np.intp)  #: No landmarks.
 
 
 class Selection(NamedTuple):
-    """Which tracks follow the ground, and what does not."""
+    """Tracks that follow the ground, and landmarks and cells that do not."""
 
     tracks: Tracks
-    motion_px: float  #: Image motion since the compared image by the pose of the tracks, px.
+    motion_px: float  #: Image motion from the compared image to the pose of the tracks, px.
     is_main: bool = True  #: Whether the tracks follow the main motion.
     not_ground: NDArray[np.intp] = NO_ROWS  #: `(N,)` rows in the window of landmarks that do not move with the ground.
     fixed: Mask | None = None  #: `(R, C)` cells that are fixed to the camera.
-    moving: Mask | None = None  #: `(R, C)` cells that move otherwise than the ground.
-    rival_distance: MotionSize = MotionSize(0.0, 0.0)  #: Distance to the pose of the motion not selected.
+    moving: Mask | None = None  #: `(R, C)` cells that move differently from the ground.
+    rival_distance: MotionSize = MotionSize(0.0, 0.0)  #: Distance to the pose of the other motion.
 
     @property
     def is_moving(self) -> bool:
@@ -70,7 +70,7 @@ class Selection(NamedTuple):
 class Ground(NamedTuple):
     """The ground's motion in a pair."""
 
-    tracks: Tracks  #: Tracks that follow it.
+    tracks: Tracks  #: Tracks that follow the ground.
     findings: Findings
     not_ground: NDArray[np.intp]  #: `(N,)` rows in the window of landmarks that do not move with the ground.
     rival_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
@@ -81,17 +81,17 @@ class Ground(NamedTuple):
 
     @classmethod
     def unselected(cls, tracks: Tracks, memory: GroundMemory) -> Ground:
-        """Return all tracks as the ground, without a comparison with earlier pairs."""
+        """Return all tracks as those of the ground, without a comparison with earlier pairs."""
         return cls(tracks, frozenset(), NO_ROWS, MotionSize(0.0, 0.0), memory, replace(memory, previous=None))
 
     def accepted(self, *, is_comparable: bool) -> GroundMemory:
-        """Return the memory after the pose was accepted; whether later images may be compared with this one."""
+        """Return the memory after the pose was accepted; later images are compared only with comparable pairs."""
         if self.earlier is None or not is_comparable:
             return self.after
         return replace(self.after, earlier=self.earlier)
 
     def refused(self) -> GroundMemory:
-        """Return the memory after the pose was refused: its image is not at the last known pose."""
+        """Return the memory after the pose was refused; `previous` remains the image at the last known pose."""
         return replace(self.after, previous=self.before.previous) if self.outlasts_refusal else self.before
 
 
@@ -105,7 +105,7 @@ class GroundSelector:
         self._tools = MotionTools(tracker, relocaliser, camera, shape, min_tracked)
 
     def begin_change(self, frame: StereoFrame, memory: GroundMemory) -> Pending[Change]:
-        """Begin to compare the left image with an earlier one, cell by cell, while the landmarks are tracked."""
+        """Start to compare the left image with an earlier image, cell by cell, while the landmarks are tracked."""
         assert memory.earlier is not None, "a window has begun"
         return beside(change_of, memory.earlier.image, frame.left[LEVEL].image)
 
@@ -156,7 +156,7 @@ class GroundSelector:
         )
 
     def _evidence(self, pair: ComparedPair, main: Tracks, memory: GroundMemory) -> Evidence:
-        """Return the evidence; if much is unexplained, all landmarks are searched for again from the main pose."""
+        """Return the evidence. If many landmarks are unexplained, all are tracked again from the main pose."""
         explained = self._tools.explained(pair, main)
         if main.is_trusted and explained.unexplained_fraction > MIN_UNEXPLAINED:
             again = self._tools.refined(pair, main.landmarks, main.pose)
@@ -166,7 +166,7 @@ class GroundSelector:
         return Evidence(self._tools, pair, main, explained, memory)
 
     def _earlier_after(self, pair: ComparedPair, selection: Selection, earlier: EarlierImage) -> EarlierImage:
-        """Return the image that the next pair is compared with, unless this pair is partially transferred."""
+        """Return the image that the next pair is compared with if this pair is not partially transferred."""
         shows_fixed = selection.motion_px > COMPARED_PX
         if shows_fixed or not selection.is_main or earlier.age > COMPARED_PAIRS:
             return EarlierImage(pair.frame.left[LEVEL].image, selection.tracks.pose)
@@ -175,7 +175,7 @@ class GroundSelector:
     # ---- the tracks of a case
 
     def _selection(self, case: Case, evidence: Evidence) -> Selection:
-        """Return the tracks that follow the ground, and what does not, by the case."""
+        """Return the tracks that follow the ground, and what to exclude, by the case."""
         match case:
             case Case.OWN_BODY:
                 return self._beside_body(evidence)
@@ -191,25 +191,25 @@ class GroundSelector:
                 return Selection(evidence.main, explained.motion_px, not_ground=not_ground, fixed=explained.fixed_cells)
 
     def _beside_body(self, evidence: Evidence) -> Selection:
-        """Select the motion beside static texture, which is excluded as the own body."""
+        """Select the motion of landmarks outside static texture, and exclude that texture as the own body."""
         beside_static = _present(evidence.beside_static)
         fixed = self._tools.explained(evidence.pair, beside_static).fixed_cells
         return self._other(evidence, evidence.beside_body, fixed)
 
     def _rival(self, evidence: Evidence) -> Selection:
-        """Select the rival; what follows the main motion is excluded."""
+        """Select the rival, and exclude landmarks and cells that follow the main motion."""
         other = evidence.by_rival
         fixed = self._tools.cells(evidence.explained.cell_index[other.excluded])
         return self._other(evidence, other, fixed)
 
     def _other(self, evidence: Evidence, other: OtherMotion, fixed: Mask) -> Selection:
-        """Select another motion without the landmarks and cells `(R, C)` that do not follow it."""
+        """Select another motion, and exclude the landmarks and cells `(R, C)` that do not follow it."""
         not_ground = evidence.main.landmarks.rows[other.excluded]
         motion_px = other.explained.motion_px
         return Selection(other.tracks, motion_px, is_main=False, not_ground=not_ground, fixed=fixed)
 
     def _likelier(self, evidence: Evidence) -> Selection:
-        """Select the motion with more weight, with all landmarks: the other one may be the ground's."""
+        """Select the motion with more weight. Exclude nothing, because the other motion may be the ground's."""
         rival = _present(evidence.rival)
         distance = size_between(evidence.main.pose, rival.pose)
         if not evidence.rival_wins:
@@ -219,7 +219,7 @@ class GroundSelector:
         return Selection(tracks, motion_px, is_main=False, rival_distance=distance)
 
     def _main_of_two(self, evidence: Evidence) -> Selection:
-        """Select the main motion; what follows the rival, or is fixed to the camera, is excluded."""
+        """Select the main motion, and exclude what follows the rival or is fixed to the camera."""
         rival = _present(evidence.rival)
         fixed = evidence.explained.fixed_cells
         moving = self._tools.cells(self._tools.explained(evidence.pair, rival).cell_index[rival.inliers])
@@ -229,6 +229,6 @@ class GroundSelector:
 
 
 def _present(tracks: Tracks | None) -> Tracks:
-    """Return the tracks of a case that has them."""
+    """Return the tracks of another motion, which the case guarantees."""
     assert tracks is not None, "the case has another motion"
     return tracks

@@ -1,8 +1,7 @@
-"""Work shared by two threads: left and right image, two halves of many points, or a call beside others.
+"""Work shared by two threads: left and right image, two halves of many points, or a call in parallel to others.
 
-Results do not depend on timing.
-
-The functions release the interpreter's lock (`nogil` kernels, OpenCV), so that both threads run.
+Results do not depend on timing. The functions release the interpreter lock (`nogil` kernels, OpenCV), so that both
+threads run in parallel.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from sfr_loc_map.geometry.arrays import FloatArray
 
 MIN_POINTS = 64  #: Minimum number of points that are divided between threads: fewer take less time than the hand-over.
 BACKGROUND = ThreadPoolExecutor(max_workers=1, thread_name_prefix="keyframe")
-"""Thread of keyframes, which may itself share its work by `both`; started with the first task."""
+"""Thread for keyframes, started with the first task. The tasks may use `both`."""
 R = TypeVar("R")
 Rows = TypeVar("Rows", bound=FloatArray | tuple[NDArray[Any], ...])
 """An array with a row for each point, or a `NamedTuple` of such arrays."""
@@ -38,7 +37,7 @@ class Pending(Generic[R]):
         self._done = done
 
     def result(self) -> R:
-        """Wait for the call and return its result, or raise its exception; once."""
+        """Wait for the call, and return its result or raise its exception. To be called once."""
         result = self._done.get()
         if isinstance(result, BaseException):
             raise result
@@ -54,10 +53,10 @@ class _Task(NamedTuple):
 
 
 class _SecondThread:
-    """A thread that works beside its caller.
+    """A thread that runs in parallel to its caller.
 
-    A hand-over takes 53 us of processor time; with a `ThreadPoolExecutor` and its futures it takes 69 us (empty calls
-    on a busy host with two cores).
+    A hand-over takes 53 us of CPU time. With a `ThreadPoolExecutor` and its futures it takes 69 us (empty calls on
+    a busy host with two cores).
     """
 
     def __init__(self) -> None:
@@ -77,11 +76,11 @@ class _SecondThread:
             del task  # so that images are freed before the next task
 
     def keep_off_this_core(self) -> None:
-        """Restrict the thread to the other cores, whenever the caller runs on another core than before.
+        """Restrict the thread to the other cores whenever the core of the caller has changed.
 
-        A scheduler may leave a thread that it wakes on the core of the waking thread, and behind it, for milliseconds.
-        That is longer than the work takes (measurements/localiser_trials.md, "Beside other methods, and the changes
-        that followed").
+        The scheduler may place a thread on the core of the thread that wakes it, where it waits for milliseconds. This
+        is longer than the work takes (measurements/localiser_trials.md, "Beside other methods, and the changes that
+        followed").
         """
         core = None if _current_core is None else _current_core()
         if core is None or core == self._avoided_core:
@@ -97,7 +96,7 @@ _second_thread = cache(_SecondThread)  #: The thread, which starts with the firs
 
 
 def beside(function: Callable[..., R], *arguments: Any) -> Pending[R]:  # noqa: ANN401 - of the function
-    """Begin a call in the second thread. Calls run in the order in which they were begun."""
+    """Start a call in the second thread. Calls run in the order in which they were started."""
     thread = _second_thread()
     thread.keep_off_this_core()
     done: SimpleQueue[R | BaseException] = SimpleQueue()
@@ -113,10 +112,10 @@ def both(function: Callable[..., R], left: tuple[Any, ...], right: tuple[Any, ..
 
 
 def in_halves(function: Callable[..., Rows], *points: Any) -> Rows:  # noqa: ANN401 - any arrays
-    """Return `function(*points)`, rows for each point, from two calls with half of the points each.
+    """Return `function(*points)`, a row for each point, from two calls with half of the points each.
 
-    The row of a point depends on that point alone. Points are arrays with a row for each point, or named tuples of such
-    arrays.
+    The row of a point must depend only on that point. Points are arrays with a row for each point, or named tuples of
+    such arrays.
     """
     count = len(points[0][0]) if isinstance(points[0], tuple) else len(points[0])
     if count < MIN_POINTS:

@@ -1,7 +1,7 @@
 """Relocalisation: recovery of lost tracking from an earlier image.
 
-First by pyramidal optical flow from the last tracked image (Bouguet 2001), then by upright SIFT descriptors from the
-best image (Lowe 2004); both give a perspective pose by random samples (RANSAC).
+The first method is pyramidal optical flow from the last tracked image (Bouguet 2001). The second method matches upright
+SIFT descriptors with those of the best image (Lowe 2004). Both methods estimate the pose by PnP with RANSAC.
 """
 
 from __future__ import annotations
@@ -21,44 +21,45 @@ from sfr_loc_map.localisation.frontend.right_camera import RightOffset
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks, is_textured
 
 RESTART_AFTER = 3
-"""Number of good images with a refused pose since the last accepted pair, after which a new window begins. A single one
-may be blurred. Chosen by hand. If larger, the localiser stays lost for longer; if smaller, a map that the next pair
-would have recognised is given up."""
+"""Number of good images with a refused pose since the last accepted pair, after which a new window begins. Chosen by
+hand. If larger, the localiser stays lost for longer. If smaller, a map is discarded in which the next pair might have
+been relocalised."""
 MIN_BEST_RATIO = 0.5
-"""Minimum ratio of inliers in the left image to landmarks in the image of the descriptors: the majority."""
+"""Minimum ratio of inliers in the left image to landmarks for the best image: the majority."""
 GOOD_IMAGE_RATIO = 0.5
 """Minimum ratio of corners to landmarks of the map in a pair that may begin a window. Chosen by hand: half. If larger,
-a window in a scene of less texture does not begin; if smaller, a blurred pair begins one."""
-MIN_DESCRIPTOR_PX = 8.0  #: Minimum size of a descriptor, px: smaller ones hold noise.
-DESCRIPTORS_PER_SIDE = 32  #: Shorter side of the image over the size of a descriptor: 16 px at 512 x 512.
+no window begins in a scene of less texture. If smaller, a window begins with a blurred pair."""
+MIN_DESCRIPTOR_PX = 8.0  #: Minimum size of a descriptor, px: smaller descriptors are dominated by noise.
+DESCRIPTORS_PER_SIDE = 32  #: Ratio of the shorter image side to the descriptor size: 16 px at 512 x 512.
 NO_POINTS = np.zeros((0, 2))  #: No points.
 FLOW_WINDOW = (21, 21)  #: Window of the optical flow, px: the default of OpenCV.
 FLOW_LEVELS = 6
-"""Maximum number of pyramid levels above the image in the optical flow: a motion of 64 px is one of 1 px there. OpenCV
-uses fewer levels if the image of a level is not larger than the window: four at 512 x 512, six from 1345 x 1345 on."""
+"""Maximum number of pyramid levels above the image in the optical flow. A motion of 64 px is 1 px at the sixth level.
+OpenCV uses fewer levels if a level is not larger than the window: four at 512 x 512, six from 1345 x 1345 on."""
 CORNERS_RATIO = 2
-"""Corners of the image that are described, over the number of landmarks of a keyframe. Chosen by hand: corners move in
-the order of their strength. With fewer, more landmarks are without a match; the time grows with the number."""
+"""Ratio of the number of described corners to the number of landmarks of a keyframe. Chosen by hand above 1, because
+the order of corners by strength changes between images. If smaller, more landmarks have no match. If larger, the search
+takes longer."""
 MAX_FLOW_ROUND_TRIP_PX = 1.0
-"""Maximum distance of a point from itself after flow forwards and backwards, px (Kalal et al. 2010)."""
+"""Maximum distance between a point and its position after forward and backward flow, px (Kalal et al. 2010)."""
 MAX_REPROJECTION_PX = 3.0
-"""Gate of an inlier of the perspective pose, px. Chosen by hand: the pose is refined afterwards from an error of some
-pixels. If larger, wrong matches bias the pose; if smaller, landmarks of uncertain depth are outliers."""
+"""Inlier gate of the PnP pose, px. Chosen by hand: the refinement that follows converges from an error of some pixels.
+If larger, wrong matches bias the pose. If smaller, landmarks of uncertain depth are outliers."""
 
 
 class Ransac(NamedTuple):
-    """Search for a pose by random samples."""
+    """Parameters of the RANSAC search for a pose."""
 
     iterations: int
     min_inlier_ratio: float
 
 
 FLOW_RANSAC = Ransac(300, 0.3)
-"""With points of the optical flow, most of which are right: 300 samples of five points contain one without an outlier
-in all but one of 10 000 cases if half of the points are right. The minimum ratio is chosen by hand below one half."""
+"""For points of the optical flow, most of which are correct. If half of the points are correct, at least one of 300
+samples of five points has no outlier with probability 0.9999. The minimum ratio was chosen by hand below one half."""
 DESCRIPTOR_RANSAC = Ransac(2000, 0.05)
-"""With matches of descriptors, of which most may be wrong: 2000 samples contain one without an outlier in 99 % of the
-cases if 30 % of the matches are right. The minimum ratio is chosen by hand, because `min_tracked` decides as well."""
+"""For matches of descriptors, most of which may be wrong. If 30 % of the matches are correct, at least one of 2000
+samples has no outlier with probability 0.99. The minimum ratio was chosen by hand; `min_tracked` applies as well."""
 
 
 class KnownImage(NamedTuple):
@@ -71,7 +72,7 @@ class KnownImage(NamedTuple):
     def observed(self, among: Landmarks | None = None) -> tuple[FloatArray, FloatArray]:
         """Return pixels `(M, 2)` and points `(M, 3)` of the observed landmarks that are not at infinity.
 
-        If other landmarks of the same window are given, only those.
+        If other landmarks of the same window are given, only these are returned.
         """
         points = self.landmarks.points
         usable = np.isfinite(self.uv).all(axis=1) & np.isfinite(points).all(axis=1)
@@ -81,7 +82,7 @@ class KnownImage(NamedTuple):
 
 
 class RecoveryImages(NamedTuple):
-    """Images that lost tracking can be recovered from."""
+    """Images from which lost tracking can be recovered."""
 
     last: KnownImage | None = None  #: Last tracked image.
     best: KnownImage | None = None  #: Last tracked image with at least half of its inliers in the left image.
@@ -94,13 +95,13 @@ class RecoveryImages(NamedTuple):
         return cls(known, known)
 
     def with_tracked(self, image: GreyImage, tracks: Tracks) -> RecoveryImages:
-        """Return the images with one whose pose was accepted."""
+        """Return the images after the pose of an image was accepted."""
         known = KnownImage(image, tracks.observations[:, :2], tracks.landmarks)
         is_best = tracks.left_inlier_count >= MIN_BEST_RATIO * len(tracks.inliers)
         return RecoveryImages(known, known if is_best else self.best, is_last_best=is_best)
 
     def with_keyframe(self, landmarks: Landmarks) -> RecoveryImages:
-        """Return the images after the last one became a keyframe, with the landmarks of the adjusted window."""
+        """Return the images after the last image became a keyframe, with the landmarks of the adjusted window."""
         if self.last is None:
             return self
         last = KnownImage(self.last.image, landmarks.last_seen[:, :2], landmarks)
@@ -118,7 +119,10 @@ class Relocaliser:
     def relocalise(
         self, frame: StereoFrame, landmarks: Landmarks, images: RecoveryImages, offset: RightOffset
     ) -> Tracks | None:
-        """Track by optical flow, then by descriptors; return the first trusted tracks, else the last ones, or None."""
+        """Track from the pose by optical flow; unless the tracks are trusted, track from the pose by descriptors.
+
+        Without a pose by descriptors, the tracks by optical flow are returned; None if there is no pose at all.
+        """
         tracks = None
         pose = self.pose_by_flow(frame, images)
         if pose is not None:
@@ -131,7 +135,7 @@ class Relocaliser:
     def pose_by_flow(self, frame: StereoFrame, images: RecoveryImages, among: Landmarks | None = None) -> Pose | None:
         """Return the pose by optical flow from the last tracked image; None if too few landmarks agree.
 
-        If landmarks are given, only those are used.
+        If landmarks are given, only these are used.
         """
         known = images.last
         if known is None:
@@ -181,21 +185,21 @@ class Relocaliser:
 def _flow(
     before: GreyImage, now: GreyImage, start: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Return where points `(N, 1, 2)` moved to, and whether they were found `(N, 1)`."""
+    """Return the new positions of points `(N, 1, 2)`, and whether they were found `(N, 1)`."""
     end = start.copy()
     moved, found, _ = cv2.calcOpticalFlowPyrLK(before, now, start, end, winSize=FLOW_WINDOW, maxLevel=FLOW_LEVELS)
     return np.asarray(moved, dtype=np.float32), np.asarray(found, dtype=np.uint8)
 
 
 def _sift(image: GreyImage, uv: FloatArray) -> NDArray[np.float32]:
-    """Return the descriptors `(N, 128)` at pixels `(N, 2)`, of one size and upright."""
+    """Return upright SIFT descriptors `(N, 128)` of one size at pixels `(N, 2)`."""
     size = max(MIN_DESCRIPTOR_PX, min(image.shape) / DESCRIPTORS_PER_SIDE)
     _, descriptors = cv2.SIFT.create().compute(image, [cv2.KeyPoint(float(u), float(v), size, 0.0) for u, v in uv])
     return np.asarray(descriptors, dtype=np.float32)
 
 
 def _pnp(points: FloatArray, uv: FloatArray, camera: StereoCamera, ransac: Ransac, enough: int) -> Pose | None:
-    """Return the perspective pose from points `(N, 3)` at pixels `(N, 2)` by RANSAC; None if too few agree."""
+    """Return the PnP pose from points `(N, 3)` at pixels `(N, 2)` by RANSAC; None if too few agree."""
     matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
     ok, rotvec, translation, inliers = cv2.solvePnPRansac(
         points, uv, matrix, None, reprojectionError=MAX_REPROJECTION_PX, iterationsCount=ransac.iterations

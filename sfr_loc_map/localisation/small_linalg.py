@@ -1,6 +1,6 @@
-"""Small matrices inside kernels: rotations and positive definite systems without LAPACK; order statistics.
+"""Kernels for small matrices without LAPACK (rotations, positive definite systems), and order statistics.
 
-Short loops compile in one second, calls of LAPACK in ten, and the loops run faster at these sizes.
+The loops compile in 1 s, compared with 10 s for calls of LAPACK, and run faster for matrices of these sizes.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray, FloatImage
 from sfr_loc_map.jit import jit, jit_fast_ir_inline
 
-SMALL_ANGLE = 1e-4  #: Angle, rad, below which the series of sine and cosine are used: exact to 1e-16.
-MIN_PIVOT = 1e-300  #: Smallest square of a diagonal element of a Cholesky factor: it must not be 0 or negative.
+SMALL_ANGLE = 1e-4  #: Angle, rad, below which series of sine and cosine are used, exact to 1e-16.
+MIN_PIVOT = 1e-300  #: Minimum square of a diagonal element of a Cholesky factor, which must be positive.
 
 
 @jit
@@ -49,7 +49,7 @@ def retract(rotation: FloatArray, x: float, y: float, z: float) -> FloatArray:
 
 @jit
 def cholesky(matrix: FloatArray) -> FloatArray:
-    """Return the lower factor L `(n, n)` of a symmetric positive definite matrix; pivots are at least `MIN_PIVOT`."""
+    """Return the lower factor L `(n, n)` of a symmetric positive definite matrix. Pivots are at least `MIN_PIVOT`."""
     n = len(matrix)
     lower = np.zeros((n, n))
     for j in range(n):
@@ -149,7 +149,7 @@ def fill_inverse_4(s: FloatArray, out: FloatArray) -> None:
 
 @jit
 def reorder_to_rank(values: FloatArray, rank: int) -> float:
-    """Return the value of a rank, from 0, of numbers `(N,)` without NaN, and partition them about it (Hoare 1961)."""
+    """Return the number with a rank, from 0, in `(N,)` without NaN, and partition the numbers there (Hoare 1961)."""
     low = 0
     high = len(values) - 1
     while low < high:
@@ -176,7 +176,7 @@ def reorder_to_rank(values: FloatArray, rank: int) -> float:
 def reorder_to_median(values: FloatArray) -> float:
     """Return the median of at least one number `(N,)` without NaN, and reorder the numbers.
 
-    It equals `geometry.arrays.median`, for kernels: numba's own takes 2 s to compile.
+    The result equals `geometry.arrays.median`. The median of numba takes 2 s to compile.
     """
     half = len(values) // 2
     middle = reorder_to_rank(values, half)
@@ -190,6 +190,6 @@ def reorder_to_median(values: FloatArray) -> float:
 
 @jit
 def copy_row(row: FloatArray | FloatImage, out: FloatArray | FloatImage) -> None:
-    """Copy numbers `(N,)`: with `out[:] = row`, numba compiles the text of an error message too, for 2.5 s."""
+    """Copy numbers `(N,)`. With `out[:] = row`, numba also compiles an error message, which takes 2.5 s."""
     for column in range(len(row)):
         out[column] = row[column]

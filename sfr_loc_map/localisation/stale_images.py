@@ -1,17 +1,18 @@
-"""Comparison of a pair with the one before: which parts of its images were not exposed again.
+"""Comparison of a pair with the previous pair, to detect parts of its images that were not exposed again.
 
-- The noise of a camera makes two images of one scene differ in every textured row. Rows that are equal to the last bit
-  were therefore not exposed again.
-- A frozen image may have new noise. It then shows the same scene twice, as a stationary rover does. Two exposures have
-  independent noise: where noise made the first image brighter, the second one is darker (regression to the mean, slope
-  -1/2). A frozen image with added noise differs independently of the first (slope 0). If hardly a pixel differs, there
-  was no exposure at all.
-- A partially transferred image consists of two exposures: it is new above some row, and of the pair before below it, or
-  the other way round.
+- Camera noise makes two images of one scene differ in every textured row. Bit-identical rows were therefore not exposed
+  again.
+- A frozen image may have new noise, and then resembles the image of a stationary rover. Two exposures, however, have
+  independent noise: where noise made the first image brighter, the second image is darker (regression to the mean,
+  slope -1/2). The difference between a frozen image and its copy with added noise is independent of the first image
+  (slope 0). If hardly any pixel differs, there was no exposure at all.
+- A partially transferred image consists of two exposures. The rows above a boundary are new and those below are from
+  the previous pair, or vice versa.
 
-Stale parts are blanked, so that nothing is tracked in them. Rows that stay the same for two pairs in a row are taken to
-be fixed to the camera (own body, sky) and are not blanked by the second one. Of two partial transfers in a row at the
-same rows, the second is therefore not blanked; it is left to the selection of the ground (`ground_motion`).
+Stale parts are blanked, so that nothing is tracked in them. Rows that are stale in two pairs in a row are assumed to
+show something fixed to the camera (own body, sky), and are not blanked in the second pair. If two partial transfers in
+a row affect the same rows, the second pair is therefore not blanked, and is left to the selection of the ground
+(`ground_motion`).
 """
 
 from __future__ import annotations
@@ -25,72 +26,74 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatImage, GreyImage, Mask
 from sfr_loc_map.geometry.stereo import StereoPair
 
-# The thresholds were chosen by hand on rendered drives with injected faults and with noise of up to some ten grey
+# The thresholds were chosen by hand on rendered drives with injected faults and with noise of up to about ten grey
 # levels.
 
-ROW_STEPS: Final = (16, 1)  #: Row steps of the comparison: all rows are compared if every 16th does not decide.
+ROW_STEPS: Final = (16, 1)  #: Row steps of the comparison: all rows are compared if every 16th is not decisive.
 MAX_NOISE: Final = 12.0
-"""Standard deviation of a difference, grey levels, above which the scene moved. Chosen by hand; two exposures with a
-noise of 8 grey levels differ by 11.3. If larger, more pairs take the full test; if smaller, noisy frozen images pass as
-new."""
+"""Standard deviation of the difference of two images, grey levels, above which the scene moved. Chosen by hand: 11.3
+grey levels is the difference of two exposures with a noise of 8 grey levels. If larger, more pairs require the full
+test. If smaller, noisy frozen images count as new."""
 NOISE_MARGIN: Final = 1.1
-"""Factor on the variance in the first test, which saves time; the second test decides without it. Chosen by hand above
-1, because images are rounded. If larger, more pairs take the second test."""
+"""Factor on the maximum variance in the first test, which only saves time. The second test does not use this factor.
+Chosen by hand above 1, because images are rounded. If larger, more pairs require the second test."""
 MAX_NEIGHBOUR_CORRELATION: Final = 0.2
-"""Correlation of neighbouring differences above which the scene moved. Noise has 0, moved texture nearly 1. Chosen by
-hand. If larger, blurred motion counts as noise; if smaller, a little structure in the noise hides a frozen image."""
+"""Correlation of the differences of neighbouring pixels above which the scene moved: 0 for noise, nearly 1 for moved
+texture. Chosen by hand. If larger, blurred motion counts as noise. If smaller, slightly correlated noise hides a frozen
+image."""
 EXPOSED: Final = (8, 247)
-"""Grey levels between which noise is not clipped. Chosen by hand: eight grey levels from either end. A wider range
-biases the slope by clipped noise, a narrower one leaves fewer pixels."""
-MIN_PIXELS: Final = 256  #: Minimum number of exposed pixels for a decision: their slope has an error of about 1/16.
-MIDDLE_SLOPE: Final = -0.25  #: Slope between that of two exposures (-1/2) and that of a frozen image (0).
+"""Grey levels between which noise is not clipped. Chosen by hand: eight grey levels from either end. In a wider
+range, clipped noise biases the slope. A narrower range contains fewer pixels."""
+MIN_PIXELS: Final = 256  #: Minimum number of exposed pixels for a decision: the error of their slope is about 1/16.
+MIDDLE_SLOPE: Final = -0.25  #: Slope midway between that of two exposures (-1/2) and that of a frozen image (0).
 STANDARD_ERRORS: Final = 4.0
-"""Standard errors of the slope for a decision, so that one of 30 000 decisions is wrong by chance (normal errors). If
-larger, all rows are compared more often."""
+"""Minimum distance of the slope from `MIDDLE_SLOPE` for a decision, in standard errors, so that one of 30 000 decisions
+is wrong by chance (normal errors). If larger, all rows are compared more often."""
 CALM_QUANTILE: Final = 0.1
-"""Quantile of the neighbouring texture from which a pixel is weighted down. Chosen by hand: the calmest tenth gives the
-scale. If larger, texture that moved adds to the error of the slope; if smaller, fewer pixels decide."""
+"""Quantile of the texture in neighbouring rows that sets the scale of the weights. Pixels beside more texture have less
+weight. Chosen by hand. If larger, moved texture increases the error of the slope. If smaller, fewer pixels
+contribute."""
 MAX_CHANGED: Final = 0.1
-"""Fraction of the exposed pixels that differ in an image that was not exposed again. A noise of a tenth of a grey level
-makes a tenth of the pixels of two exposures differ."""
+"""Maximum fraction of exposed pixels that differ in an image that was not exposed again. With a noise of 0.1 grey
+levels, a tenth of the pixels of two exposures differ."""
 MIN_ROW_RANGE: Final = 8
-"""Range of grey levels of a textured row: sky and saturated rows are equal in all images. Chosen by hand. If larger,
-stale rows of weak texture are not detected; if smaller, rows that are equal by themselves count as stale."""
+"""Minimum range of grey levels of a textured row, because sky and saturated rows are equal in all images. Chosen by
+hand. If larger, stale rows of weak texture are not detected. If smaller, rows without texture count as stale."""
 MIN_STALE_FRACTION: Final = 0.05
-"""Fraction of stale rows from which an image is partially transferred: fewer rows hold few landmarks."""
+"""Fraction of stale rows from which an image is partially transferred: fewer rows contain few landmarks."""
 PROBE: Final = 64  #: Row step of a first comparison, which decides for nearly all images.
 
 
 class StaleRows(NamedTuple):
-    """Rows of one image that repeat the image before."""
+    """Rows of one image that repeat the previous image."""
 
-    rows: Mask  #: `(H,)` textured rows that are equal; all rows if the image is repeated with new noise.
-    is_frozen: bool  #: Whether all textured rows are repeated, and there are some.
-    is_same: bool  #: Whether the whole image is repeated, textured or not, perhaps with new noise.
+    rows: Mask  #: `(H,)` textured rows that are bit-identical; all rows if the image is repeated with new noise.
+    is_frozen: bool  #: Whether all textured rows are repeated; False if too few rows are textured.
+    is_same: bool  #: Whether the whole image is repeated, textured or not, possibly with new noise.
 
 
 class ImageMemory(NamedTuple):
     """What the next pair is compared with."""
 
-    pair: StereoPair  #: The last pair that was not repeated; a frozen image is replaced by the one that was exposed.
+    pair: StereoPair  #: The last pair that was not repeated; a frozen image is replaced by the last exposed image.
     left: StaleRows  #: Stale rows of that pair.
     right: StaleRows
 
 
 class ImageComparison(NamedTuple):
-    """A pair against the one before."""
+    """Comparison of a pair with the previous pair."""
 
-    #: The pair with its stale parts blanked. A repeated pair is complete, because it is of one moment.
+    #: The pair with its stale parts blanked. A repeated pair is not blanked, because its images are of the same time.
     pair: StereoPair
     memory: ImageMemory  #: What the next pair is compared with.
-    stale_rows: Mask  #: `(H,)` rows that were blanked in an image of which other rows are new.
-    is_repeated: bool = False  #: Whether both images repeat the pair before, also swapped.
-    is_left_frozen: bool = False  #: Whether the left image alone repeats the one before. It is blanked.
-    is_right_frozen: bool = False  #: The same for the right image.
+    stale_rows: Mask  #: `(H,)` rows that were blanked in an image whose other rows are new.
+    is_repeated: bool = False  #: Whether both images repeat the previous pair, possibly swapped.
+    is_left_frozen: bool = False  #: Whether only the left image repeats the previous one. It is blanked.
+    is_right_frozen: bool = False  #: Whether only the right image repeats the previous one. It is blanked.
 
 
 def compare(pair: StereoPair, memory: ImageMemory | None) -> ImageComparison:
-    """Compare a pair with the one before, and blank what was not exposed again."""
+    """Compare a pair with the previous pair, and blank the parts that were not exposed again."""
     nothing = np.zeros(len(pair.left), np.bool_)
     if memory is None:
         fresh = StaleRows(nothing, is_frozen=False, is_same=False)
@@ -102,11 +105,11 @@ def compare(pair: StereoPair, memory: ImageMemory | None) -> ImageComparison:
         return ImageComparison(pair, memory, nothing, is_repeated=True)
     if not (left.rows.any() or right.rows.any()):
         return ImageComparison(pair, ImageMemory(pair, left, right), nothing)
-    # a frozen image is always compared with the one that was exposed
+    # later images are compared with the last exposed image, not with its frozen copy
     exposed_left = before.left if left.is_frozen else pair.left
     exposed_right = before.right if right.is_frozen else pair.right
     exposed = StereoPair(pair.stamp_ns, exposed_left, exposed_right)
-    # rows that were stale before are fixed to the camera
+    # rows that were already stale in the previous pair are fixed to the camera
     torn_left = nothing if left.is_frozen else left.rows & ~memory.left.rows
     torn_right = nothing if right.is_frozen else right.rows & ~memory.right.rows
     blank_left = left.rows if left.is_frozen else torn_left
@@ -121,8 +124,8 @@ def compare(pair: StereoPair, memory: ImageMemory | None) -> ImageComparison:
 
 
 def stale_rows(before: GreyImage, now: GreyImage) -> StaleRows:
-    """Return the rows of an image that repeat the image before."""
-    # most images move and differ by more than noise: this test is cheap
+    """Return the rows of an image that repeat the previous image."""
+    # fast test, because most images differ by more than noise
     change = cv2.subtract(now[1 : -1 : ROW_STEPS[0]], before[1 : -1 : ROW_STEPS[0]], dtype=cv2.CV_32F)
     is_small = cv2.meanStdDev(change)[1].item() ** 2 <= NOISE_MARGIN * MAX_NOISE**2
     if is_small and is_repeated_with_noise(before, now):
@@ -146,7 +149,7 @@ def equal_rows(before: GreyImage, now: GreyImage) -> Mask:
 
 
 def is_swapped_repeat(before: StereoPair, now: StereoPair) -> bool:
-    """Return whether a pair is the one before with left and right swapped, perhaps with new noise."""
+    """Return whether a pair is the previous pair with left and right swapped, possibly with new noise."""
     few = slice(len(now.left) // 2, None, PROBE)  # few rows decide in most cases
     change = cv2.subtract(now.left[few], before.right[few], dtype=cv2.CV_32F)
     if cv2.meanStdDev(change)[1].item() ** 2 > NOISE_MARGIN * MAX_NOISE**2:
@@ -170,7 +173,7 @@ def _blanked(image: GreyImage, rows: Mask) -> GreyImage:
 
 
 def is_repeated_with_noise(before: GreyImage, now: GreyImage) -> bool:
-    """Return whether an image is an earlier one with new noise. Equal images have no new noise and give False."""
+    """Return whether an image is an earlier image with new noise; False for bit-identical images."""
     for step in ROW_STEPS:
         change = np.asarray(cv2.subtract(now[1:-1:step], before[1:-1:step], dtype=cv2.CV_32F), np.float32)
         if not _is_noise(change):
@@ -182,7 +185,7 @@ def is_repeated_with_noise(before: GreyImage, now: GreyImage) -> bool:
         slope = _slope(before, change, exposed, step)
         if slope is not None and abs(slope.value - MIDDLE_SLOPE) > STANDARD_ERRORS * slope.standard_error:
             return slope.value > MIDDLE_SLOPE
-    # the slope does not decide, because hardly a pixel differs
+    # the slope is not decisive: the image is frozen if hardly any pixel differs
     return float(np.mean(change[:, 1:-1][exposed] != 0.0)) < MAX_CHANGED and not np.array_equal(before, now)
 
 
@@ -195,21 +198,22 @@ def _is_noise(change: FloatImage) -> bool:
 
 
 class _Slope(NamedTuple):
-    """Slope of the change over the first image, relative to the power of the change."""
+    """Slope of the regression of the first image on the change."""
 
     value: float
     standard_error: float
 
 
 def _slope(before: GreyImage, change: FloatImage, exposed: Mask, step: int) -> _Slope | None:
-    """Return the slope of changes `(R, W)` over the first image in the exposed pixels `(R, W - 2)`; None if all are 0.
+    """Return the slope of the first image on changes `(R, W)` in exposed pixels `(R, W - 2)`; None if nothing changed.
 
-    The weight of a pixel falls with the texture of the rows above and below, whose noise is independent of its own.
+    The weight of a pixel decreases with the texture of the rows above and below, whose noise is independent of the
+    noise of the pixel.
     """
     above = np.abs(_second_difference(before[:-2:step].astype(np.float32)))
     below = np.abs(_second_difference(before[2::step].astype(np.float32)))
     texture = np.maximum(above, below)[exposed]
-    scale = float(np.quantile(texture, CALM_QUANTILE)) + 1.0  # one grey level, in images without texture
+    scale = float(np.quantile(texture, CALM_QUANTILE)) + 1.0  # at least one grey level, for images without texture
     weight = np.asarray(1.0 / (np.square(texture) + scale**2), np.float32)
     first = _second_difference(before[1:-1:step].astype(np.float32))[exposed]
     changes = _second_difference(change)[exposed]
@@ -221,5 +225,5 @@ def _slope(before: GreyImage, change: FloatImage, exposed: Mask, step: int) -> _
 
 
 def _second_difference(image: FloatImage) -> FloatImage:
-    """Return the second difference along the rows, which holds noise and little of the scene."""
+    """Return the second difference along the rows, which contains noise and little of the scene."""
     return np.asarray(2.0 * image[:, 1:-1] - image[:, :-2] - image[:, 2:], np.float32)

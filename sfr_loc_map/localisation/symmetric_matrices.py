@@ -1,4 +1,4 @@
-"""Symmetric matrices, such as covariances, after the rounding of a computation."""
+"""Corrections of matrices that must be symmetric, such as covariances."""
 
 from __future__ import annotations
 

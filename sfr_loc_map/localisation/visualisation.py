@@ -19,19 +19,20 @@ STATES = {
     TrackingState.LOST: (60, 60, 255),
 }
 FIGURES = {"inliers": "in", "features": "of", "keyframes": "kf", "chi_median": "chi", "residual_px": "px"}
-"""Statistics in the caption, where the estimate has them, and their short names."""
+"""Statistics in the caption, if the estimate has them, and their short names."""
 STRIP = 18  #: Height of the caption below the image, px.
-_SHIFT = 4  # OpenCV draws at fractions of 1/16 pixel
+_SHIFT = 4  # OpenCV draws in units of 1/16 pixel
 
 
 def draw_tracks(left: GreyImage, estimate: PoseEstimate) -> ColourImage:
     """Return the left image with the tracked landmarks of its estimate.
 
-    A line goes from the observation in the newest keyframe to the observation in this image. Its colour goes from blue
-    (no residual) to yellow (largest residual of an inlier); an outlier is violet. A grey cross is a landmark that was
-    not found, at its observation in the keyframe. The frame and the caption show the state and the figures of the call.
+    A line connects the observation in the newest keyframe with the observation in this image. The colour of the line
+    ranges from blue (no residual) to yellow (largest residual of an inlier), and is violet for an outlier. A grey cross
+    is a landmark that was not found, at its observation in the keyframe. The frame and the caption show the state and
+    the statistics of the call.
 
-    The drawing is `(H + 18, W, 3)` uint8, blue, green, red. Without tracks, no landmark was tracked.
+    The drawing is `(H + 18, W, 3)` uint8, blue, green, red.
     """
     height, width = left.shape
     canvas = np.zeros((height + STRIP, width, 3), np.uint8)

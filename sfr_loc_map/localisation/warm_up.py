@@ -1,4 +1,4 @@
-"""A small drive that calls each kernel of the localiser once, so that no later call compiles or loads one."""
+"""A small drive that calls each kernel of the localiser, so that no later call compiles or loads a kernel."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ RIG: Final = StereoRig(
 )
 CONFIG: Final = LocalisationConfig(window_keyframes=2, max_features=100, min_tracked=8)
 SHIFTS_PX: Final = (0, 4, 30, 60, 90, 150)
-"""Left edges of the images in the texture, px. Chosen so that no kernel is left to compile after the drive, which
-`test_warm_up_leaves_nothing_to_compile` checks: tracking, keyframes, marginalisation and relocalisation occur."""
+"""Left edges of the images in the texture, px. Chosen so that tracking, keyframes, marginalisation and relocalisation
+occur. `test_warm_up_leaves_nothing_to_compile` checks that no kernel is left to compile."""
 DISPARITY_PX: Final = 10  #: Disparity of all pixels.
 
 
 def small_drive() -> Iterator[StereoPair]:
-    """Yield pairs over a random texture, then a black one."""
+    """Yield pairs of a random texture, then a black pair."""
     texture = np.random.default_rng(0).integers(0, 255, (RIG.height, RIG.width + 200), np.uint8)
     for stamp_ns, shift in enumerate(SHIFTS_PX):
         left = texture[:, shift : shift + RIG.width]
