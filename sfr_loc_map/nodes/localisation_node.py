@@ -1,7 +1,7 @@
-"""The localisation node: stereo pairs in, odometry out.
+"""The localisation node, which estimates odometry from stereo pairs.
 
-Messages are received in the executor's thread and given to the worker in their order; its thread alone touches the
-session, so that a new rig, pose or configuration takes its place among the pairs.
+Messages are received in the executor's thread and passed in order to the worker. Only the worker's thread accesses the
+session, so that a new rig, pose or configuration takes effect in order with the pairs.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ from sfr_loc_map.topics import (
     TRACKS,
 )
 
-MAX_POSE_AGE_NS = 600 * NS_PER_S  #: Of an initialpose; an older one says nothing of where the rover is now.
-OUTPUT_DEPTH = 1000  #: Odometry messages that are kept for a slow subscriber.
+MAX_POSE_AGE_NS = 600 * NS_PER_S  #: Maximum age of an initialpose relative to the last pair. Older poses are ignored.
+OUTPUT_DEPTH = 1000  #: Odometry messages kept for a slow subscriber.
 LEVELS = {
     TrackingState.INITIALISING: Level.WARN,
     TrackingState.TRACKING: Level.OK,
@@ -64,12 +64,12 @@ LEVELS = {
 
 @dataclass(frozen=True, slots=True)
 class MotionPriorConfig:
-    """How wheel odometry on the topic motion_prior is used."""
+    """How odometry on the topic motion_prior is used."""
 
     wait_s: float = param(
         0.0,
         unit="s",
-        doc="Maximum time that a pair waits for a message at or after its stamp, once messages arrive. 0: no wait.",
+        doc="Maximum time that a pair waits for odometry at or after its stamp, once odometry arrives. 0: no wait.",
         low=0.0,
         high=10.0,
     )
@@ -82,16 +82,16 @@ class LocalisationNodeConfig(PairNodeConfig):
     ds_frame: str = param("ds", doc="Name of the world frame DS: parent of the odometry.")
     rb_frame: str = param(RB_FRAME, doc="Name of the frame RB of the rover: child of the odometry.")
     locsb_frame: str = param("locsb", doc="Name of the frame LOCSB of the stereo rig in /tf_static.")
-    publish_tf: bool = param(True, doc="Publish ds to rb on /tf if tf2_msgs is installed.")
+    publish_tf: bool = param(True, doc="Publish the transform from ds to rb on /tf if tf2_msgs is installed.")
     resume_file: str = param(
         "",
-        doc="File with the last known pose of a rig, at which a node that was killed resumes. Empty: the pose is not "
-        "saved.",
+        doc="File in which the last known pose is saved, so that localisation resumes there after a crash. Empty: the "
+        "pose is not saved.",
     )
     resume_max_age_s: float = param(
         60.0,
         unit="s",
-        doc="Maximum age of a saved pose, by the stamp of the first pair, at which localisation resumes.",
+        doc="Maximum age of the saved pose, relative to the stamp of the first pair, at which localisation resumes.",
         low=0.1,
         high=1e6,
     )
@@ -108,7 +108,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
     config_type = LocalisationNodeConfig
 
     def check_config(self, config: LocalisationNodeConfig) -> None:
-        """Try whether a localiser can be made with the parameters and the rig; where that is unknown, read masks."""
+        """Check frames, extrinsics and masks, and create a localiser from the parameters and the rig if it is known."""
         config.check_frames(config.ds_frame, config.rb_frame, config.locsb_frame)
         T_rb_sb = config.T_rb_locsb.transform("T_rb_locsb")
         for mask in filter(None, (config.localisation.left_mask, config.localisation.right_mask)):
@@ -118,7 +118,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
             Localiser(rig, config.localisation, Transform.identity())
 
     def setup(self) -> None:
-        """Load compiled code, create publishers."""
+        """Load compiled code and create publishers."""
         super().setup()
         config, add_publisher = self.config, self.endpoints.add_publisher
         self.load_kernels("localisation")
@@ -136,7 +136,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
     def subscribe(self) -> None:
         """Subscribe and offer services."""
         add_subscription, depth = self.endpoints.add_subscription, self.config.input.queue_depth
-        # First, so that a pose sent before the first pair is handled before it.
+        # Subscribe first, so that a pose that was sent before the first pair is handled before that pair.
         add_subscription(PoseWithCovarianceStamped, INITIAL_POSE, self._on_initial_pose, QoSProfile(depth=1))
         self._extrinsics.subscribe(self.endpoints, self.get_logger().info)
         add_subscription(Odometry, MOTION_PRIOR, self._on_motion_prior, profile("best_effort", depth))
@@ -144,7 +144,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         self.add_service("~/reset", self._reset, first=self.forget_waiting)
 
     def waits_for(self) -> str:
-        """Return what keeps the node from working, in one line."""
+        """Return in one line what the node waits for; empty if nothing is missing."""
         missing = super().waits_for()
         if not missing and self._extrinsics.T_rb_sb is None:
             missing = (
@@ -164,10 +164,10 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         self._extrinsics = Extrinsics(config.T_rb_locsb, base, config.frame(config.locsb_frame))
         self._motion_prior = OdometryBuffer()
         self._path: ThinnedPath[PoseStamped] = ThinnedPath()
-        self._path_ns: int | None = None  # stamp at which it was published last
+        self._path_ns: int | None = None  # stamp of the last published path
 
     def apply_config(self, config: LocalisationNodeConfig) -> None:
-        """Continue at the last pose with other parameters."""
+        """Continue at the last pose with changed parameters."""
         self.worker.enqueue(partial(self._session.set_config, config.localisation))
 
     def restart_after_fault(self) -> None:
@@ -177,12 +177,12 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
     # ---- in the executor's thread
 
     def on_restart(self, reason: str) -> None:
-        """Start a new run at the first pose, after the pairs that came before."""
+        """Start a new run at the first pose once the pairs received earlier are processed."""
         self.get_logger().warning(f"{reason}: localisation restarts at its first pose")
         self.worker.enqueue(self._session.restart)
 
     def on_rig(self, rig: StereoRig) -> None:
-        """Give the session the rig of the pairs that follow."""
+        """Set the rig of the following pairs."""
 
         def work() -> None:
             if self._session.set_rig(rig):
@@ -191,7 +191,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         self.worker.enqueue(work)
 
     def on_pair(self, pair: ReceivedPair) -> None:
-        """Let the worker localise a pair."""
+        """Enqueue a pair for the worker."""
         self._extrinsics.look(pair.frame_id, pair.rig.baseline_m, self.get_logger().info)
         self.worker.enqueue_droppable(partial(self._process, pair))
 
@@ -200,10 +200,10 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
             self.config.check_frame(INITIAL_POSE, message.header.frame_id, "ds_frame")
             pose, last_ns = messages.start_pose_of(message), self._stereo.last_ns
             if pose.stamp_ns is not None and last_ns is not None and last_ns - pose.stamp_ns > MAX_POSE_AGE_NS:
-                self.worker.enqueue(partial(self._session.set_first, pose))  # a run that begins again may be near it
+                self.worker.enqueue(partial(self._session.set_first, pose))  # a restarted run may begin near that time
                 self.status.warn(
-                    f"initialpose is {(last_ns - pose.stamp_ns) / NS_PER_S:.0f} s older than the images: give a stamp "
-                    f"of at most {MAX_POSE_AGE_NS // NS_PER_S} s before, or none for the next pair; ignored"
+                    f"initialpose is {(last_ns - pose.stamp_ns) / NS_PER_S:.0f} s older than the images: use a stamp "
+                    f"at most {MAX_POSE_AGE_NS // NS_PER_S} s older, or the stamp 0 for the next pair; ignored"
                 )
                 return
             self.worker.enqueue(partial(self._set_pose, pose, message))
@@ -216,7 +216,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
     # ---- in the worker's thread
 
     def _set_pose(self, pose: StartPose, message: PoseWithCovarianceStamped) -> None:
-        """Take a start pose, and say so by the message itself."""
+        """Set a start pose, and acknowledge the pose by publishing its message on `initialpose_set`."""
         self._session.set_pose(pose)
         self._pose_set.publish(message)
 
@@ -242,7 +242,7 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
         self.publish_call(replace(call, times=self.times(received, conversion_s)), LEVELS[estimate.state])
 
     def publish_estimate(self, estimate: PoseEstimate) -> None:
-        """Publish odometry, and tf and path where tracked; in the worker's thread, in the order of the pairs."""
+        """Publish odometry, and tf and path unless tracking is lost; called in the order of the pairs."""
         message = messages.odometry_msg(estimate, self.config.frame(self.config.ds_frame), self._rb_frame)
         self._odometry.publish(message)
         if estimate.state is TrackingState.LOST:
@@ -252,12 +252,13 @@ class LocalisationNode(PairNode[LocalisationNodeConfig]):
             self._tf.publish(self._tf.msg_type(transforms=[messages.transform_msg(header, self._rb_frame, pose)]))
         stamp_ns, before_ns = estimate.stamp_ns, self._path_ns
         self._path.add(stamp_ns, estimate.T_ds_rb, PoseStamped(header=header, pose=pose))
-        if before_ns is None or not before_ns <= stamp_ns < before_ns + NS_PER_S:  # it may have 2000 poses
+        # A path may have 2000 poses, so that it is published once a second.
+        if before_ns is None or not before_ns <= stamp_ns < before_ns + NS_PER_S:
             self._path_publisher.publish(PathMsg(header=header, poses=list(self._path.poses)))
             self._path_ns = stamp_ns
 
     def _publish_tracks(self, pair: StereoPair, estimate: PoseEstimate, header: Header) -> None:
-        """Publish the tracks, and the image that they are drawn on, each only while somebody subscribes."""
+        """Publish the tracks and the image with drawn tracks, each only while there are subscribers."""
         if self._tracks.get_subscription_count():
             rows = np.empty((0, len(messages.TRACK_FIELDS)), np.float32)
             if (tracks := estimate.tracks) is not None:

@@ -1,7 +1,7 @@
-"""The mapping node: up to three stereo pairs with their poses in, one cloud out.
+"""The mapping node, which fuses up to three stereo pairs with known poses to one cloud.
 
-Messages are received in the executor's thread, where pairs wait for their poses; the worker's thread alone touches the
-session.
+Messages are received in the executor's thread, where pairs wait for their poses. Only the worker's thread accesses the
+mapper and the map in progress.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ from sfr_loc_map.nodes.ros.qos import profile
 from sfr_loc_map.runs.calls import CallRecord, call_of_fusion, call_of_stages
 from sfr_loc_map.topics import CLOUD, DISPARITY, ELEVATION, HAZARD, NAV_POSE
 
-POSE_DEPTH, OUTPUT_DEPTH = 100, 10  #: Queues of nav/pose and of the disparity; clouds and grids are latched.
-OVERDUE_S = 0.2  #: Period at which pairs are dropped whose pose did not come.
-ANY_RIG = StereoRig(320, 240, 300.0, 300.0, 159.5, 119.5, 0.1)  #: To check parameters with, before the rig is known.
+POSE_DEPTH, OUTPUT_DEPTH = 100, 10  #: Queue depths of nav/pose and of the disparity; clouds and grids are latched.
+OVERDUE_S = 0.2  #: Period of the check for pairs that have waited too long for their pose.
+ANY_RIG = StereoRig(320, 240, 300.0, 300.0, 159.5, 119.5, 0.1)  #: Rig for checking parameters before the rig is known.
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,17 +50,15 @@ class MappingNodeConfig(PairNodeConfig):
     """Parameters of the mapping node."""
 
     lm_frame: str = param("lm", doc="Name of the local map frame LM: frame of the cloud.")
-    pairs_per_map: int = param(
-        3, unit="pairs", doc="Number of stereo pairs of a map, at most 3.", low=1, high=MAX_PAIRS
-    )
+    pairs_per_map: int = param(3, unit="pairs", doc="Number of stereo pairs per map.", low=1, high=MAX_PAIRS)
     pose_wait_s: float = param(
-        5.0, unit="s", doc="Maximum time that a pair waits for the nav/pose with its stamp.", low=0.0, high=600.0
+        5.0, unit="s", doc="Maximum time that a pair waits for a nav/pose with its stamp.", low=0.0, high=600.0
     )
     mapping: MappingConfig = field(default_factory=MappingConfig)
 
 
 class CountedPair(NamedTuple):
-    """A pair of the map begun, and the time and memory that mapping it took."""
+    """A processed pair of the map in progress, with the time and memory of its processing."""
 
     result: PairMap
     usage: CallUsage
@@ -74,12 +72,12 @@ class MappingNode(PairNode[MappingNodeConfig]):
     config_type = MappingNodeConfig
 
     def check_config(self, config: MappingNodeConfig) -> None:
-        """Try whether a mapper can be made with the parameters and the rig, or any where that is unknown."""
+        """Check the frames, and create a mapper from the parameters and the rig, or `ANY_RIG` before the first rig."""
         config.check_frames(config.lm_frame)
         Mapper(self.rig or ANY_RIG, config.mapping)
 
     def setup(self) -> None:
-        """Load compiled code, create publishers."""
+        """Load compiled code and create publishers."""
         super().setup()
         self.load_kernels("mapping", "terrain")
         self.status.meter.mark_idle()
@@ -102,34 +100,34 @@ class MappingNode(PairNode[MappingNodeConfig]):
         """Create the state of a run, without results."""
         super().reset_state()
         config = self.config
-        self._poses_received = 0  # since the last look around
+        self._poses_received = 0  # since the last `look_around`
         self._lm_frame = config.frame(config.lm_frame)
-        self._pairs: list[CountedPair] = []  # of the map begun
-        self._mapper: Mapper | None = None  # of the parameters and the rig that follows, made when it is needed
+        self._pairs: list[CountedPair] = []  # of the map in progress
+        self._mapper: Mapper | None = None  # for the parameters and the mapped rig, created on demand
         self._mapped_rig: StereoRig | None = None
         self._matching: PoseMatching[ReceivedPair] = PoseMatching(
             config.input.stamp_tolerance_ns, config.pose_wait_s, self._report_without_pose
         )
 
     def apply_config(self, config: MappingNodeConfig) -> None:
-        """Map the next pairs with other parameters; those of the map begun stay as they are."""
+        """Process the next pairs with changed parameters; pairs of the map in progress are kept."""
         self.worker.enqueue(lambda: self._set_rig(self._mapped_rig))
 
     def forget_received(self) -> None:
-        """Start to count what is received."""
+        """Reset the counts of received messages."""
         super().forget_received()
         self._poses_received = 0
 
     def expects_input(self) -> bool:
-        """Return whether a map is begun: between maps silence is no sign."""
+        """Return whether a map is in progress. Between maps, no input is expected."""
         return bool(self._pairs)
 
     def agreeing_stamps(self) -> int:
-        """Return how many pairs of another time are a new run: no more than a map has."""
+        """Return how many consecutive pairs after a jump of the stamps start a new run: at most the pairs of a map."""
         return min(AGREEING, self.config.pairs_per_map)
 
     def inputs(self) -> list[Input]:
-        """Return what the node receives pairs from, poses too."""
+        """Return the inputs of the pairs and the poses."""
         return [*super().inputs(), Input({NAV_POSE: PoseStamped}, self._poses_received, self.config.input.reliability)]
 
     def counts(self) -> dict[str, int]:
@@ -143,7 +141,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
     # ---- in the executor's thread
 
     def on_rig(self, rig: StereoRig) -> None:
-        """Map the pairs that follow with another rig; a map begun with another one is dropped."""
+        """Set the rig of the following pairs; a map in progress with different cameras is dropped."""
 
         def work() -> None:
             if self._mapped_rig is not None and self._mapped_rig.same_cameras(rig):
@@ -157,17 +155,17 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self.worker.enqueue(work)
 
     def on_pair(self, pair: ReceivedPair) -> None:
-        """Keep a pair until the pose of its stamp is there, then let the worker map it."""
+        """Hold a pair until a pose with its stamp is received, then enqueue it for the worker."""
         self._enqueue(self._matching.add_pair(pair.stamp_ns, pair))
 
     def on_restart(self, reason: str) -> None:
-        """Start a new map after the pairs that came before."""
+        """Start a new map once the pairs received earlier are processed."""
         self.get_logger().warning(f"{reason}: a new map begins")
         self._matching.clear_pairs()
         self.worker.enqueue(self._pairs.clear)
 
     def forget_waiting(self) -> None:
-        """Drop the pairs and poses that wait."""
+        """Drop the waiting pairs and poses."""
         super().forget_waiting()
         self._matching.clear()
 
@@ -185,7 +183,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
 
     def _report_without_pose(self, stamp_ns: int) -> None:
         self.status.error(
-            f"pair of stamp {stamp_ns} dropped: no nav/pose of its stamp was received within "
+            f"pair of stamp {stamp_ns} dropped: no nav/pose with its stamp was received within "
             f"{self.config.pose_wait_s} s; publish the pose of NAVSB in LM with the stamp of the pair"
         )
 
@@ -195,9 +193,9 @@ class MappingNode(PairNode[MappingNodeConfig]):
         self._mapped_rig, self._mapper = rig, None
 
     def _present_mapper(self) -> Mapper:
-        """Return the mapper; raises an `SfrError` where there is no rig yet, or the parameters do not fit it."""
+        """Return the mapper; raise an `SfrError` if there is no rig yet, or if the parameters do not suit the rig."""
         if self._mapped_rig is None:
-            raise InputError("there is no camera_info yet: publish that of both navigation cameras")
+            raise InputError("no camera_info was received yet: publish it for both navigation cameras")
         self._mapper = self._mapper or Mapper(self._mapped_rig, self.config.mapping)
         return self._mapper
 
@@ -223,7 +221,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
             self._fuse()
 
     def _fuse(self) -> int:
-        """Fuse and publish the map begun; return the number of points."""
+        """Fuse and publish the map in progress; return the number of points."""
         mapper, pairs = self._present_mapper(), self._pairs.copy()
         self._pairs.clear()
         with self.status.meter.measure() as usage:
@@ -234,7 +232,7 @@ class MappingNode(PairNode[MappingNodeConfig]):
         whole = call_of_stages([*(pair.usage for pair in pairs), usage])
         for took, state in ((usage, MappingState.FUSED), (whole, MappingState.MAPPED_SET)):
             self._report_call(call_of_fusion(fused, stamps_ns, took, state), fused.warnings)
-        # After its call: the time of the call is that of the cloud.
+        # After the calls were reported, because their latency is that of the cloud.
         self._publish_terrain(fused, stamp_ns)
         return len(fused.cloud)
 

@@ -1,6 +1,6 @@
-"""The monitor node: scores a run in progress and publishes the figures.
+"""The monitor node, which scores a run in progress and publishes the figures.
 
-All input is given to the worker in its order; its thread alone touches the score.
+All input is passed in order to the worker. Only the worker's thread accesses the score.
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.topics import CLOUD, ESTIMATE, NAV_POSE, TRUE_POINTS, call_topic, configuration_topic
 
-ESTIMATES, TRUTH = "estimate", "truth"  #: Sources of poses, which have common runs.
-IN_FLIGHT_S = 5.0  #: While a run goes on, results of pairs that are younger than this do not count as missing.
+ESTIMATES, TRUTH = "estimate", "truth"  #: Sources of poses; a new run of one source is a new run of both.
+IN_FLIGHT_S = 5.0  #: During a run, missing results of the pairs of the last 5 s do not count yet.
 
 
 @dataclass(frozen=True, slots=True)
 class MonitorInputConfig:
-    """How the monitor receives."""
+    """How the monitor receives its input."""
 
     reliability: str = param(
         "best_effort",
@@ -77,20 +77,20 @@ class MonitorNodeConfig(NodeConfig):
     publish_period_s: float = param(
         1.0,
         unit="s",
-        doc="Period at which figures are published if messages were received. The period is longer in a long run, so "
-        "that at most a tenth of the time is spent on scoring.",
+        doc="Period at which figures are published if messages were received. In a long run the period is longer, so "
+        "that scoring takes at most 10 % of the time.",
         low=0.05,
         high=3600.0,
     )
     limits_file: str = param("", doc="YAML file with limits. Empty: no limits.")
     save_file: str = param(
-        "", doc="JSON file to which ~/save writes the report. An existing file must be a report; other files are kept."
+        "", doc="JSON file to which ~/save writes the report. An existing file is replaced only if it is a report."
     )
     save_period_s: float = param(
         0.0,
         unit="s",
         doc="Period at which the report is saved if messages were received, so that a crash loses little. A report "
-        "that exists at the start is kept as *.before.json. 0: only by ~/save.",
+        "from before the start is kept as *.before.json. 0: the report is saved only by ~/save.",
         low=0.0,
         high=3600.0,
     )
@@ -99,12 +99,12 @@ class MonitorNodeConfig(NodeConfig):
     truth: LiveTruth = field(default_factory=LiveTruth)
 
     def queue(self) -> tuple[Overload, int]:
-        """Return that every message counts, as far as there is room."""
+        """Return a queue that keeps every message up to the queue depth."""
         return Overload.ALL, self.input.queue_depth
 
 
 class MonitorNode(ManagedNode[MonitorNodeConfig]):
-    """Receives estimates, truth, clouds and calls and publishes the score."""
+    """Receives estimates, ground truth, clouds and calls, and publishes the score."""
 
     task = "monitor"
     config_type = MonitorNodeConfig
@@ -112,7 +112,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     _truth: TruthInput
 
     def setup(self) -> None:
-        """Read the limits, create publishers."""
+        """Read the limits and create publishers."""
         config = self.config
         limits = load_limits(Path(config.limits_file)) if config.limits_file else None
         self._score = MonitorScore(config.score, limits, config.truth)
@@ -153,7 +153,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._camera_infos = CameraInfoPair()
         self._truth = TopicTruthInput(self, Reliability(config.input.reliability))
         self._runs: CommonRuns[Callable[[], None]] = CommonRuns({ESTIMATES: AnyOrder(), TRUTH: AnyOrder()})
-        self._restarts = 0  # how often a new run began since the operator's reset
+        self._restarts = 0  # number of new runs since the operator's reset
         self._has_estimate = False
         self._has_truth = False
         self._early_points: deque[PointCloud2] = deque(maxlen=MAX_PAIRS)
@@ -171,7 +171,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         return dropped | super().counts()
 
     def look_around(self) -> None:
-        """Log what was dropped, take a truth of another type, and say why nothing is scored."""
+        """Log what was dropped, follow a change of the truth's type, and report why nothing is scored."""
         super().look_around()
         if self._has_truth:
             return
@@ -188,7 +188,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         *,
         has_several_publishers: bool = False,
     ) -> Callable[[], object]:
-        """Subscribe with a callback that is called in the worker's thread; return what ends that."""
+        """Subscribe with a callback that is called in the worker's thread; return the function that unsubscribes."""
         gaps = TransportGaps()
         gaps.set_several(has_several_publishers)
         self._gaps.append(gaps)
@@ -224,10 +224,10 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._note(stamp_ns)
 
     def _add_in_order(self, kind: str, stamp_ns: int, add: Callable[[], None]) -> None:
-        """Add a pose once its run is known; strays and results of the run before are dropped."""
+        """Add a pose once its run is known; strays and results of the previous run are dropped."""
         accepted, begins_run = self._runs.add(kind, stamp_ns, add)
         if begins_run:
-            self.get_logger().warning(f"stamps of the {kind} have gone to another time: the score restarts")
+            self.get_logger().warning(f"the stamps of the {kind} have jumped: the score restarts")
             self._score.restart()
             self._restarts += 1
         for add_pose in accepted:
@@ -267,7 +267,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._score_maps()
 
     def _on_configuration(self, task: Task, message: String) -> None:
-        if len(message.data) > MAX_TEXT_BYTES:  # it becomes part of every report
+        if len(message.data) > MAX_TEXT_BYTES:  # the configuration becomes part of every report
             raise InputError(f"{task}/configuration has {len(message.data)} characters: ignored")
         try:
             found = parse_json(message.data)
@@ -287,7 +287,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self.status.note_arrival()
 
     def _result(self, *, details: bool = True, in_flight_s: float = 0.0) -> Score:
-        """Return the score so far, with the configurations that it was made with."""
+        """Return the score so far, with the configurations of the nodes."""
         configuration = self._configurations | {"monitor": json.loads(self.config_json())}
         made = Provenance(version=__version__, configuration=configuration)
         dropped = sum(self.counts().values())
@@ -297,7 +297,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         )
 
     def _publish(self) -> None:
-        """Publish the figures; a long run is scored less often, at most a tenth of the time."""
+        """Publish the figures if messages were received and `ScorePacing` allows."""
         if not self._changed or not self._pacing.is_due():
             return
         self._changed = False
@@ -307,7 +307,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
     def _publish_score(self) -> None:
         try:
             score = self._result(details=False, in_flight_s=IN_FLIGHT_S)
-        except MetricsError as error:  # two runs in one, for instance
+        except MetricsError as error:  # for instance two runs in one
             self.status.error(str(error))
             return
         self._publisher.publish(score, self._last_ns)

@@ -1,4 +1,4 @@
-"""What the nodes that process the pairs of one stereo rig share."""
+"""Common parts of the nodes that process the pairs of one stereo rig."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.nodes.ros.transport import latencies
 from sfr_loc_map.runs.calls import CallRecord, encode_call
 
-CALL_DEPTH = 1000  #: Calls that are kept for a slow subscriber.
+CALL_DEPTH = 1000  #: Calls kept for a slow subscriber.
 
 
 @dataclass(frozen=True, slots=True)
 class PairNodeConfig(NodeConfig):
-    """Parameters that each node has that processes stereo pairs."""
+    """Parameters common to the nodes that process stereo pairs."""
 
     overload: str = param(
         Overload.ALL.value,
-        doc="Policy under overload: every_pair processes all pairs in order, as far as queue_size allows; newest_first "
-        "drops all waiting pairs when a newer pair arrives.",
+        doc="Policy under overload. every_pair: all pairs are processed in order, up to queue_size waiting pairs. "
+        "newest_first: a new pair replaces all waiting pairs.",
         choices=tuple(mode.value for mode in Overload),
     )
     queue_size: int = param(
@@ -48,26 +48,26 @@ class PairNodeConfig(NodeConfig):
     input: StereoInputConfig = field(default_factory=StereoInputConfig)
 
     def frame(self, name: str) -> str:
-        """Return the name that a frame has in messages."""
+        """Return a frame name with the prefix, as used in messages."""
         return self.frame_prefix + name
 
     def check_frame(self, what: str, found: str, parameter: str) -> None:
-        """Raise an InputError where a message names another frame than a parameter does."""
+        """Raise an InputError if the frame of a message is not empty and differs from that of a parameter."""
         wanted = self.frame(getattr(self, parameter))
         if found not in ("", wanted):
-            raise InputError(f"{what} is of '{found}', of '{wanted}' (parameter {parameter}) is required")
+            raise InputError(f"{what} is in frame '{found}': frame '{wanted}' (parameter {parameter}) is required")
 
     def check_frames(self, *names: str) -> None:
-        """Check names of frames that must differ, by the rules of tf2."""
+        """Raise a ConfigError if frame names violate the rules of tf2 or are equal."""
         for name in names:
             full = self.frame(name)
             if not name or full.startswith("/") or full.split() != [full]:
-                raise ConfigError(f"'{full}' is not the name of a frame: give one without blanks and a leading /")
+                raise ConfigError(f"'{full}' is not a frame name: give a name without blanks and without a leading /")
         if len(set(names)) < len(names):
             raise ConfigError(f"the frames {', '.join(names)} must have different names")
 
     def queue(self) -> tuple[Overload, int]:
-        """Return the limits that the parameters set."""
+        """Return the overload policy and the queue size of the parameters."""
         return Overload(self.overload), self.queue_size
 
 
@@ -75,7 +75,7 @@ P = TypeVar("P", bound=PairNodeConfig)
 
 
 class Backoff:
-    """Counts periods without input. Reports become rarer: the first, second, fourth, eighth, ... period is reported."""
+    """Reports periods without input at increasing intervals: the first, second, fourth, eighth, ... silent period."""
 
     def __init__(self) -> None:
         self._periods = 0
@@ -90,27 +90,27 @@ class PairNode(ManagedNode[P], ABC):
     """A managed node whose worker processes the pairs of one rig; its input is handled in the executor's thread."""
 
     task: Task
-    rig: StereoRig | None = None  #: The rig that was received last, None before.
+    rig: StereoRig | None = None  #: The rig that was received last; None before the first.
     _calls_before = 0
 
     @abstractmethod
     def on_pair(self, pair: ReceivedPair) -> None:
-        """Take a pair."""
+        """Process a pair."""
 
     @abstractmethod
     def on_rig(self, rig: StereoRig) -> None:
-        """Take the rig of the pairs that follow."""
+        """Set the rig of the following pairs."""
 
     @abstractmethod
     def on_restart(self, reason: str) -> None:
-        """Start a new run after the pairs that came before."""
+        """Start a new run once the pairs received earlier are processed."""
 
     def agreeing_stamps(self) -> int:
-        """Return how many pairs of another time in a row are a new run."""
+        """Return how many consecutive pairs after a jump of the stamps start a new run."""
         return AGREEING
 
     def setup(self) -> None:
-        """Create the publisher of the calls; the last one is latched, so that the doctor sees whether one was made."""
+        """Create the publisher of calls, latched so that the doctor can detect whether the node has processed input."""
         self._calls = self.endpoints.add_publisher(String, "~/call", CALL_DEPTH, latched=True)
 
     def reset_state(self) -> None:
@@ -128,20 +128,20 @@ class PairNode(ManagedNode[P], ABC):
         )
 
     def subscribe(self) -> None:
-        """Subscribe to the images of the rig, which their camera_info describes anew."""
+        """Subscribe to the images and the camera_info, which defines the rig."""
         self.rig = None
         self._stereo.subscribe(self.endpoints)
 
     @contextmanager
     def ignoring_broken(self) -> Iterator[None]:
-        """Warn of a message that the `with` block finds broken, or in another frame."""
+        """Ignore a message, with a warning, if the `with` block raises an InputError."""
         try:
             yield
         except InputError as error:
             self.status.warn(f"{error}; ignored")
 
     def look_around(self) -> None:
-        """Log what was dropped, and what the node waits for if no result came meanwhile."""
+        """Log what was dropped and, if no pair was processed since the last call, what the node waits for."""
         super().look_around()
         if doubled := self._stereo.doubled_text():
             self.status.warn(doubled, "publishers")
@@ -160,21 +160,21 @@ class PairNode(ManagedNode[P], ABC):
             self.get_logger().warning(text)
 
     def inputs(self) -> list[Input]:
-        """Return what the node receives pairs from, with the number of messages since `forget_received`."""
+        """Return the inputs of the pairs, each with its number of messages since `forget_received`."""
         return self._stereo.inputs()
 
     def forget_received(self) -> None:
-        """Start to count what is received."""
+        """Reset the counts of received messages."""
         self._stereo.forget_received()
 
     def waits_for(self) -> str:
-        """Return what keeps the node from working, in one line; empty if nothing does that the node can see."""
+        """Return in one line what the node waits for; empty if nothing is missing."""
         return missing_input(self, self.inputs()) or self._stereo.apart_text()
 
     def clock_jumped_back(self) -> None:
-        """Start a new run, unless its pairs were received already."""
+        """Start a new run, unless pairs of the new time were received already."""
         if self._stereo.restart_if_set_back(self.get_clock().now().nanoseconds):
-            self.on_restart("the clock has gone back")
+            self.on_restart("the clock was set back")
 
     def counts(self) -> dict[str, int]:
         """Return what was dropped since the start, by name."""
@@ -185,18 +185,18 @@ class PairNode(ManagedNode[P], ABC):
         self._stereo.count_rejected()
 
     def forget_waiting(self) -> None:
-        """Drop the pairs that wait."""
+        """Drop the waiting pairs."""
         self.worker.clear()
         self._stereo.restart()
 
     def publish_call(self, call: CallRecord, level: Level) -> None:
-        """Publish a call with the counts since the start: for programs on `~/call`, for people on /diagnostics."""
+        """Publish a call with the counts since the start, for programs on `~/call` and for people on /diagnostics."""
         call = replace(call, counts=self.counts())
         self._calls.publish(String(data=encode_call(call)))
         self.status.report_call(call, level)
 
     def times(self, received: ReceivedPair, conversion_s: float) -> dict[str, float]:
-        """Return the latencies of a result that was just published, and what decoding took, seconds."""
+        """Return the latencies of a result that was just published, and the decoding time, s."""
         now_ns = self.get_clock().now().nanoseconds
         found = latencies([info for _, info in received.images], received.stamp_ns, time.time_ns(), now_ns)
         return found | {"conversion_s": conversion_s}

@@ -1,6 +1,6 @@
-"""The parameter files in `config/`, made from the declarations.
+"""Write the parameter files in `config/` from the declarations.
 
-Run `python -m sfr_loc_map.nodes.parameter_files config` after a change of a declaration.
+Run `python -m sfr_loc_map.nodes.parameter_files config` after changing a declaration.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ FILES: dict[str, tuple[str, type[Any]]] = {
     "mapping.yaml": ("mapping_node", MappingNodeConfig),
     "monitor.yaml": ("monitor_node", MonitorNodeConfig),
 }
-"""Node and parameters of each file."""
+"""Node name and parameter dataclass of each file."""
 
 
 def parameter_file(node_name: str, config_type: type[Any]) -> str:
     """Return a ROS parameter file with all parameters of a node at their defaults, each with its description."""
     lines = [
-        f"# Parameters of {node_name} and their defaults. Copy the file, keep what you change, and give it by",
+        f"# Parameters of {node_name} and their defaults. Copy the file, keep the lines you change, and use it with",
         f"# `ros2 run sfr_loc_map {node_name} --ros-args --params-file FILE`, or `sfr replay --config FILE`.",
         f"/**/{node_name}:",
         "  ros__parameters:",

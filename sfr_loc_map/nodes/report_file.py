@@ -1,4 +1,4 @@
-"""The file that the monitor saves its report to."""
+"""The file to which the monitor saves its report."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from sfr_loc_map.metrics.score import SCHEMA
 
 
 class ReportFile:
-    """The file of a report that is saved again and again, and that of a run before; only reports are replaced."""
+    """The file of a periodically saved report, and that of the previous run. Files that are not reports are kept."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
 
     def check(self) -> None:
-        """Check that reports can be saved: there is a report or nothing, and its folder can be written to."""
+        """Raise an OutputError if the folder is not writable, or if an existing file is not a report."""
         check_output(self._path)
         path = output_target(self._path)
         for file in (path, _before(path)):
@@ -32,17 +32,17 @@ class ReportFile:
                 raise OutputError(f"save_file '{self._path}': '{file}' is not a report: choose another name")
 
     def keep_previous(self) -> None:
-        """Rename the report of a run before to `*.before.json`: it may be all that is left of it."""
+        """Rename the report of the previous run to `*.before.json`, because it may be the only record of that run."""
         self.check()
         path = output_target(self._path)
         try:
             if path.is_file():
                 os.replace(path, _before(path))
         except OSError as error:
-            raise OutputError(f"cannot keep '{path}' of the run before: {error.strerror}") from error
+            raise OutputError(f"cannot keep '{path}' of the previous run: {error.strerror}") from error
 
     def save(self, text: str) -> Path:
-        """Replace the report as a whole; return its path."""
+        """Replace the report atomically; return its path."""
         write_text(text, self._path)
         return self._path
 

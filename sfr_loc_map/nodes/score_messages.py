@@ -1,4 +1,4 @@
-"""A score as messages: diagnostics, and the topic of each figure."""
+"""Convert a score to messages: diagnostics, and a topic for each figure."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ VERDICT_LEVELS = {
 
 
 def figure_topics() -> dict[str, tuple[str, str]]:
-    """Return figure and statistic by topic (`metrics/position/mean`); config/sros2_policy.xml permits each by name."""
+    """Return figure and statistic by topic (`metrics/position/mean`); config/sros2_policy.xml lists these topics."""
     return {
         f"metrics/{kind.topic}/{statistic}": (kind.name, statistic)
         for kind in KINDS.values()
@@ -30,7 +30,7 @@ def figure_topics() -> dict[str, tuple[str, str]]:
 
 
 def score_statuses(score: Score) -> list[DiagnosticStatus]:
-    """Return a score as diagnostics: a status for each row of the table of figures, and one for each verdict."""
+    """Return a score as diagnostics: one status for each row of the table of figures and for each verdict."""
     found = []
     for row in score.figures:
         names = (row.subject, row.condition, row.part, row.figure)

@@ -1,4 +1,4 @@
-"""Publishes a score: as a report, as diagnostics, and each figure on a topic of its own."""
+"""Publish a score as a report, as diagnostics, and with each figure on its own topic."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sfr_loc_map.nodes.ros.messages import header_msg
 from sfr_loc_map.nodes.score_messages import figure_topics, score_statuses
 from sfr_loc_map.topics import METRICS, REPORT
 
-RESTS = 9.0  #: Time without scoring after each score, as a multiple of the processor time that it took.
+RESTS = 9.0  #: Time without scoring after each score, as a multiple of the processor time of that score.
 
 
 class ScorePublisher:
@@ -42,16 +42,16 @@ class ScorePacing:
     """Limits scoring to a tenth of the processor time of its thread."""
 
     def __init__(self) -> None:
-        """Begin; the first score is due."""
+        """Start; the first score is due immediately."""
         self._rest_until_s = 0.0
 
     def is_due(self) -> bool:
-        """Return whether the rest after the last score is over."""
+        """Return whether the pause after the last score is over."""
         return time.perf_counter() >= self._rest_until_s
 
     @contextmanager
     def measured(self) -> Iterator[None]:
-        """Rest after the `with` block in proportion to its processor time, without what others took of a busy host."""
+        """Pause after the `with` block in proportion to its processor time, which excludes other load of the host."""
         begin_s = time.thread_time()
         yield
         self._rest_until_s = time.perf_counter() + RESTS * (time.thread_time() - begin_s)

@@ -1,7 +1,7 @@
-"""The first module of a node's process: a signal ends it quietly while the others are being imported.
+"""The first module of a node's process: a signal ends the process quietly while the other modules are imported.
 
-Imports take most of a second, and an interrupt within them would be a traceback. Nothing is open yet, so that the
-process may end at once. It must not import large modules itself.
+The imports take most of a second, and an interrupt within them would print a traceback. Nothing is open yet, so that
+the process may exit immediately. This module must not import large modules itself.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ def start(module: str) -> int:
     """Import a module of this package and run its `main`; return its exit code."""
     sys.argv[0] = module.rpartition(".")[2]
     before = {number: signal.signal(number, lambda *_: os._exit(0)) for number in END_SIGNALS}
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, END_SIGNALS)  # one that came while Python itself started comes now
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, END_SIGNALS)  # delivers signals that arrived during the start of Python
     gc.disable()
     main = importlib.import_module(f"sfr_loc_map.{module}").main
-    gc.freeze()  # modules live as long as the process: no search for what can be freed looks through them, now or later
+    gc.freeze()  # modules live as long as the process, so that the garbage collector need not examine them
     gc.enable()
     for number, handler in before.items():
         signal.signal(number, handler)

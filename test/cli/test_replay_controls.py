@@ -60,7 +60,7 @@ def test_pause_resume_and_interruption(tmp_path: Path, peer: Peer) -> None:
         os.kill(replay.popen.pid, signal.SIGINT)
         peer.until(lambda: replay.popen.poll() is not None, "the end", 60.0)
         assert replay.popen.returncode == 130, replay.text
-        assert f"sfr: interrupted: {count} of 20 pairs were played, and scored" in replay.text
+        assert f"sfr: interrupted: {count} of 20 pairs were played and scored" in replay.text
     score = json.loads((out / "report.json").read_text())
     assert len((out / "estimate.csv").read_text().splitlines()) == 1 + count
     assert score["incomplete"].startswith(f"the estimate covers {100 * count // 20} % of the images")

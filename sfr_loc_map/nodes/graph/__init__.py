@@ -1,1 +1,1 @@
-"""Observes the running graph for the doctor, and records its topics into a bag."""
+"""Observe the running graph for the doctor, and record its topics into a bag."""

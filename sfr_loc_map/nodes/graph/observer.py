@@ -1,4 +1,4 @@
-"""Observes the running graph: publishers, quality of service, and the messages of some seconds."""
+"""Observe publishers, quality of service and messages of the running graph for a given time."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ from sfr_loc_map.nodes.ros.services import call_service
 from sfr_loc_map.nodes.ros.transport import TransportGaps
 from sfr_loc_map.topics import CLOCK, IMAGES, TF_STATIC, call_topic, rectified_beside
 
-QUIET_S = 1.5  #: Discovery counts as complete when there are images and the graph has not changed for so long,
-DISCOVERY_S = 8.0  #: or after so long.
+QUIET_S = 1.5  #: Discovery is complete when images are published and the graph has not changed for this time.
+DISCOVERY_S = 8.0  #: Maximum duration of discovery.
 FIRST_MESSAGE_S = 4.0
-"""How long a topic with a publisher may take to bring its first message before the observation begins."""
-ANSWER_S = 10.0  #: How long a node may take to answer: a second, or several on a busy host.
+"""Maximum wait for the first message of each topic that has a publisher, before the observation begins."""
+ANSWER_S = 10.0  #: Timeout of a service call. A node answers within 1 s, on a busy host within several seconds.
 DEPTH = 100
 LEFT_IMAGES = tuple(f"/{task.rig}/left/{image}" for task in Task for image in IMAGES)
 PARAMETERS = ("use_sim_time", "input.stamp_tolerance_s", "input.rectify", "T_rb_locsb.quat_xyzw")
 
 
 class GraphObserver(Peer):
-    """Observes the graph for some time; a context manager."""
+    """Observes the graph for a given time; a context manager."""
 
     def __init__(self, remap: Mapping[str, str]) -> None:
         super().__init__(f"sfr_doctor_{os.getpid()}")
@@ -63,7 +63,7 @@ class GraphObserver(Peer):
         self._worked: set[str] = set()
 
     def observe(self, seconds: float, namespace: str, *, extrinsics_given: bool) -> Observation:
-        """Collect messages and query the nodes of the suite; without a namespace, theirs is used."""
+        """Collect messages and query the nodes of the suite. An empty namespace stands for that of the nodes."""
         self._wait_for_discovery()
         spaces = sorted({space.strip("/") for _, space in self._suite_nodes()})
         if len(spaces) > 1 and not namespace.strip("/"):
@@ -83,7 +83,7 @@ class GraphObserver(Peer):
             self.ros_node.create_subscription(String, self._full_name(call_topic(task)), note, LATCHED)
 
         def all_heard() -> bool:
-            # on a busy machine the first message takes seconds
+            # On a busy host the first message takes seconds.
             heard = (self._stamps.get(name, True) or not self.ros_node.count_publishers(found[name]) for name in found)
             return all(heard)
 
@@ -110,7 +110,7 @@ class GraphObserver(Peer):
         return self._remap.get(name, f"/{self._namespace}/{name}" if self._namespace else f"/{name}")
 
     def _is_superseded(self, name: str, full_name: str) -> bool:
-        """Return whether it has raw images that are also there rectified, and that no node of the suite takes."""
+        """Return whether these raw images are also published rectified, and no node of the suite subscribes to them."""
         takers = {info.node_name for info in self.ros_node.get_subscriptions_info_by_topic(full_name)}
         rectified = [self._full_name(beside) for beside in rectified_beside(name)]
         return not takers & set(SUITE_NODES) and any(map(self.ros_node.count_publishers, rectified))
@@ -119,7 +119,7 @@ class GraphObserver(Peer):
         return [(name, space) for name, space in self.ros_node.get_node_names_and_namespaces() if name in SUITE_NODES]
 
     def _subscribe(self, name: str, full_name: str, types: list[str]) -> None:
-        """Subscribe to a topic of the expected type; by best effort, so that a QoS mismatch can be observed."""
+        """Subscribe to a topic of the expected type. Best effort receives messages whatever the publisher offers."""
         if set(types) - set(EXPECTED[name]):
             return
         stamps, messages, gaps = self._stamps.setdefault(name, []), self._messages[name], self._gaps[name]
@@ -134,7 +134,7 @@ class GraphObserver(Peer):
         self.subscribe(message_type(types[0]), full_name, received, qos)
 
     def _note_call(self, node: str, message: String) -> None:
-        """Note a node that has made a call: the last one is latched."""
+        """Note that a node has processed input: its last call is latched."""
         self._worked.add(node)
 
     def _topic(self, name: str, full_name: str, types: list[str]) -> ObservedTopic:
@@ -166,7 +166,7 @@ class GraphObserver(Peer):
         )
 
     def _call(self, kind: type[Any], name: str, request: Any) -> Any:  # noqa: ANN401 - any service
-        """Return the answer of a service, None where none comes in time."""
+        """Return the answer of a service; None after the timeout."""
         with suppress(NodeError):
             return call_service(
                 *(self.ros_node, kind, name, request),
@@ -177,7 +177,7 @@ class GraphObserver(Peer):
         return None
 
     def _wait_for_discovery(self) -> None:
-        """Wait until the graph does not change: discovery takes a second or, under load, some more."""
+        """Wait until the graph does not change. Discovery takes about a second, under load several seconds."""
         begin = changed = time.monotonic()
         before: Any = None
         while (now := time.monotonic()) - begin < DISCOVERY_S:

@@ -1,4 +1,4 @@
-"""Records topics into a bag, serialised messages unchanged, until a signal ends it."""
+"""Record topics into a bag until a signal arrives; serialised messages are written unchanged."""
 
 from __future__ import annotations
 
@@ -33,18 +33,19 @@ FLUSH_S = 0.5
 class RecordOptions:
     """What to record."""
 
-    #: Their names, relative to the namespace; empty: inputs and outputs of the suite's nodes.
+    #: Topic names, relative to the namespace. Empty: inputs and outputs of the suite's nodes.
     topics: Sequence[str] = ()
-    everything: bool = False  #: All topics instead, except hidden ones.
-    namespace: str = ""  #: Of the rover.
-    duration_s: float | None = None  #: How long; None: until a signal.
+    everything: bool = False  #: Whether all topics except hidden ones are recorded instead.
+    namespace: str = ""  #: Namespace of the rover.
+    duration_s: float | None = None  #: None: record until a signal arrives.
     zstd: bool = False  #: Whether chunks are compressed.
 
 
 def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> dict[str, TransportGaps]:
-    """Record topics into a bag at a new path; `say` is called with a line for each; return what was recorded.
+    """Record topics into a bag at a new path; return the message counts by topic.
 
-    Losses are counted of topics with one publisher. If no message was received, no bag is written.
+    `say` is called with a line for each topic. Losses are counted on topics with a single publisher.
+    If no message was received, no bag is written.
     """
     with _Recorder(options, say) as recorder, stopping() as ended, BagRecorder(path, zstd=options.zstd) as bag:
         begin = flushed = time.monotonic()
@@ -82,7 +83,7 @@ class _Recorder(Peer):
         self._types: dict[str, tuple[str, ...]] = {}
 
     def discover(self, bag: BagRecorder) -> None:
-        """Subscribe to new topics; raw images that are also published rectified are recorded only if asked for."""
+        """Subscribe to new topics. Raw images that are also published rectified are recorded only on request."""
         chosen = bool(self._options.topics or self._options.everything)
         for name, types in self.ros_node.get_topic_names_and_types():
             wanted = name in self._wanted or (self._options.everything and "/_" not in name)
@@ -95,7 +96,7 @@ class _Recorder(Peer):
                 self._subscribe(bag, name, types[0], infos)
 
     def silences(self) -> list[str]:
-        """Return why no message was received on topics that are recorded, for each of them."""
+        """Return, for each recorded topic without messages, why none was received."""
         found = []
         for name, gaps in self.counts.items():
             if not gaps.count:

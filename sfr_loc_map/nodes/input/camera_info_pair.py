@@ -8,14 +8,14 @@ from sfr_loc_map.inputs import SIDES, Side
 
 
 class CameraInfoPair:
-    """Joins a new camera_info of each camera, because the message of one side arrives first when both change."""
+    """Joins new camera_info messages of both cameras: when a calibration changes, one side arrives first."""
 
     def __init__(self) -> None:
         self.last: dict[Side, CameraInfo] = {}  #: Last message of each side.
         self._new_sides: set[Side] = set()
 
     def add(self, side: Side, message: CameraInfo) -> tuple[CameraInfo, CameraInfo] | None:
-        """Add a message; return the left and the right one once both are new, None before."""
+        """Add a message; return the left and right messages once both are new, None before."""
         self.last[side] = message
         self._new_sides.add(side)
         if len(self._new_sides) < len(SIDES):

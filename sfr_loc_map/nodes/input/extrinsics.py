@@ -1,4 +1,4 @@
-"""The extrinsics of the localisation cameras: from parameters, or read and published on /tf_static."""
+"""The extrinsics of the localisation cameras, from parameters or /tf_static, and their publisher."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from sfr_loc_map.topics import TF_STATIC
 
 
 def add_static_transforms(message: Any, tree: FrameTree) -> None:  # noqa: ANN401 - tf2_msgs need not be there
-    """Add the transforms of a tf2_msgs/TFMessage to a tree; a transform that is no rigid motion is ignored."""
+    """Add the transforms of a tf2_msgs/TFMessage to a tree; transforms that are not rigid motions are ignored."""
     for item in message.transforms:
         p, q = item.transform.translation, item.transform.rotation
         with suppress(GeometryError):
@@ -30,18 +30,18 @@ def add_static_transforms(message: Any, tree: FrameTree) -> None:  # noqa: ANN40
 
 
 class Extrinsics:
-    """The extrinsics, from the parameters or else from /tf_static once it joins the frames; for one thread.
+    """The extrinsics, from the parameters, otherwise from /tf_static once it connects the frames.
 
-    The worker reads `T_rb_sb`, which changes once.
+    All methods are called in one thread. The worker reads `T_rb_sb`, which changes once.
     """
 
     def __init__(self, config: ExtrinsicsConfig, base_frame: str, sb_frame: str) -> None:
-        """Take the parameters and the names of the frames in /tf_static; an empty base is any of `BASE_FRAMES`."""
+        """Take the parameters and the frame names in /tf_static. An empty base frame means any of `BASE_FRAMES`."""
         self.T_rb_sb = config.transform("T_rb_locsb")
         self._base_frame, self._sb_frame, self._tree = base_frame, sb_frame, FrameTree()
 
     def subscribe(self, endpoints: Endpoints, say: Callable[[str], object]) -> None:
-        """Subscribe to /tf_static if the parameters have no extrinsics; `say` reports that."""
+        """Subscribe to /tf_static if the parameters have no extrinsics; report this by `say`."""
         if self.T_rb_sb is not None:
             return
         kind = tf_message_type()
@@ -51,7 +51,7 @@ class Extrinsics:
         say(f"the extrinsics of the stereo rig (parameters T_rb_locsb) are not given: {source}")
 
     def look(self, camera_frame: str, baseline_m: float, say: Callable[[str], object]) -> None:
-        """Search the received transforms for the frame of the left camera; `say` reports what was found."""
+        """Search the received transforms for the frame of the left camera; report found extrinsics by `say`."""
         if self.T_rb_sb is None:
             found = rig_in_body(self._tree, camera_frame, baseline_m, self._base_frame, self._sb_frame)
             if found is not None:
@@ -60,7 +60,7 @@ class Extrinsics:
 
 
 def publish_extrinsics(node: Node, T_rb_sb: Transform) -> None:
-    """Publish `rb` to `locsb`, latched, where tf2_msgs is installed."""
+    """Publish the transform from `rb` to `locsb`, latched, if tf2_msgs is installed."""
     kind = tf_message_type()
     if kind is not None:
         pose = pose_msg(T_rb_sb, T_rb_sb.file_quat_xyzw)

@@ -10,46 +10,46 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.config import MAX_PAIRS
 
 T = TypeVar("T")
-MAX_POSES = 1000  #: Poses that are kept for later pairs: 100 s at 10 Hz. The oldest one is forgotten first.
-MAX_WAITING = 2 * MAX_PAIRS  #: Pairs that wait for their poses: those of one map and of the next one.
+MAX_POSES = 1000  #: Poses kept for later pairs: 100 s at 10 Hz. The oldest pose is dropped first.
+MAX_WAITING = 2 * MAX_PAIRS  #: Maximum number of pairs that wait for their poses: the pairs of two maps.
 
 
 class PoseMatching(Generic[T]):
-    """Holds pairs until the pose of their stamp was received; `dropped` counts those whose pose never came."""
+    """Holds pairs until the pose of their stamp is received; `dropped` counts the pairs whose pose never arrived."""
 
     def __init__(self, tolerance_ns: float, timeout_s: float, on_drop: Callable[[int], None]) -> None:
-        """Start empty; a pair waits until the timeout, `on_drop` is called with the stamp of one that is dropped."""
+        """Start empty. A pair waits until the timeout; `on_drop` is called with the stamp of each dropped pair."""
         self.dropped = 0
         self._tolerance_ns, self._timeout_s, self._on_drop = tolerance_ns, timeout_s, on_drop
         self._poses: dict[int, Transform] = {}
         self._waiting: dict[int, tuple[float, T]] = {}
 
     def add_pose(self, stamp_ns: int, pose: Transform) -> list[tuple[T, Transform]]:
-        """Take a pose; return the pairs that now have one, in the order of their arrival."""
+        """Add a pose; return the pairs that now have a pose, in the order of their arrival."""
         self._poses[stamp_ns] = pose
         if len(self._poses) > MAX_POSES:
             self._poses.pop(next(iter(self._poses)))
         return self._matched()
 
     def add_pair(self, stamp_ns: int, pair: T) -> list[tuple[T, Transform]]:
-        """Take a pair; return the pairs that now have a pose, in the order of their arrival."""
+        """Add a pair; return the pairs that now have a pose, in the order of their arrival."""
         self._waiting[stamp_ns] = (time.monotonic(), pair)
         if len(self._waiting) > MAX_WAITING:
             self._drop(next(iter(self._waiting)))
         return self._matched()
 
     def drop_overdue(self) -> None:
-        """Drop the pairs that have waited too long."""
+        """Drop the pairs that have waited longer than the timeout."""
         limit = time.monotonic() - self._timeout_s
         for stamp_ns in [stamp for stamp, (since, _) in self._waiting.items() if since < limit]:
             self._drop(stamp_ns)
 
     def clear_pairs(self) -> None:
-        """Forget the pairs, without counting; poses stay, since those of the next pairs may be among them."""
+        """Forget the pairs without counting them. Poses are kept because they may belong to the next pairs."""
         self._waiting.clear()
 
     def clear(self) -> None:
-        """Forget pairs and poses, without counting."""
+        """Forget pairs and poses without counting them."""
         self.clear_pairs()
         self._poses.clear()
 

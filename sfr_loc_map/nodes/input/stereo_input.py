@@ -1,4 +1,4 @@
-"""The topics of one stereo rig, synchronised to pairs that fit the rig."""
+"""Receive the topics of one stereo rig, and synchronise the images to pairs of the size of the rig."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ from sfr_loc_map.nodes.ros.qos import RELIABILITIES, profile
 from sfr_loc_map.nodes.ros.transport import TransportGaps
 from sfr_loc_map.topics import COMPRESSED_END
 
-LOSS_WINDOW = 40  #: Images of which the share lost is taken, at the least.
-RECENT = 200  #: Stamps that are kept of each topic, to say why no pair comes of them.
+LOSS_WINDOW = 40  #: Minimum number of images over which the fraction lost in transport is computed.
+RECENT = 200  #: Stamps kept of each side, to explain why its images make no pair.
 ReceivedImage = tuple[Any, Mapping[str, Any]]
-"""sensor_msgs/Image or CompressedImage, and what the middleware tells of it."""
+"""sensor_msgs/Image or CompressedImage, and the message info of the middleware."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +72,7 @@ class StereoInputConfig:
     stamp_tolerance_s: float = param(
         STAMP_TOLERANCE_S,
         unit="s",
-        doc="Largest difference between the stamps of left and right, always below half a period. 0: equal stamps.",
+        doc="Maximum stamp difference of left and right image; at most half a period is used. 0: equal stamps.",
         low=0.0,
         high=0.5,
     )
@@ -85,17 +85,17 @@ class StereoInputConfig:
 
 @dataclass(frozen=True, slots=True)
 class ReceivedPair:
-    """Two image messages of one moment, not yet decoded."""
+    """Two image messages of the same time, not yet decoded."""
 
-    stamp_ns: int  #: Stamp of the left one.
-    rig: StereoRig  #: The rig that took them.
-    frame_id: str  #: Frame of the left camera by its camera_info.
-    images: tuple[ReceivedImage, ReceivedImage]  #: The left and the right one.
-    depth: SampleDepth  #: Of the samples of 16 bits.
-    rectifier: StereoRectifier | None = None  #: What rectifies the images, None where they are rectified.
+    stamp_ns: int  #: Stamp of the left image.
+    rig: StereoRig  #: The rig that took the images.
+    frame_id: str  #: Frame of the left camera according to its camera_info.
+    images: tuple[ReceivedImage, ReceivedImage]  #: The left and right image.
+    depth: SampleDepth  #: Bit depth of 16-bit samples.
+    rectifier: StereoRectifier | None = None  #: Rectifies the images; None if they are rectified already.
 
     def decode(self) -> StereoPair:
-        """Return the images in grey, rectified."""
+        """Return the rectified grey images."""
         images = self.depth.grey(*both(self._samples, (0,), (1,)))
         return StereoPair(self.stamp_ns, *(images if self.rectifier is None else self.rectifier.rectify(*images)))
 
@@ -105,12 +105,12 @@ class ReceivedPair:
             return samples_of(message)
         except InputError:
             raise
-        except Exception as error:  # data from the network: whatever a decoder raises, the node continues
+        except Exception as error:  # Data from the network: the node continues after any exception of a decoder.
             raise InputError(f"image of stamp {stamp_of(message)} cannot be read: {error}") from error
 
 
 class StereoInput:
-    """Receives the images of one rig and hands over its pairs, in the executor's thread."""
+    """Receives the images of one rig and passes on its pairs, in the executor's thread."""
 
     def __init__(
         self,
@@ -123,10 +123,11 @@ class StereoInput:
         on_restart: Callable[[str], None],
         agreeing: int = AGREEING,
     ) -> None:
-        """Subscribe to nothing yet.
+        """Take the callbacks; `subscribe` starts the reception.
 
-        `on_pair` is called with each pair, `on_rig` with the rig of the pairs that follow, `on_restart` with the reason
-        why the pairs that follow are of a new run; so many pairs of another time in a row are one.
+        `on_pair` is called with each pair, `on_rig` with the rig of the pairs that follow, and `on_restart` with the
+        reason why the pairs that follow start a new run. After a jump of the stamps, `agreeing` consecutive pairs
+        start a new run.
         """
         self.rig: StereoRig | None = None
         self._order: RunOrder[tuple[ReceivedImage, ReceivedImage]] = RunOrder(agreeing)
@@ -137,18 +138,18 @@ class StereoInput:
         self._images: dict[str, type[Any]] = {name: kind for other, name, kind in kinds if transport != other}
         self._dropped = {"rejected": 0, "unstamped": 0, "without_camera_info": 0}
         self._infos = CameraInfoPair()
-        self._latched: set[Side] = set()  # sides whose latched camera_info is subscribed to
+        self._latched: set[Side] = set()  # sides with a subscription to a latched camera_info
         self._rectifier: StereoRectifier | None = None
         self._pairing: StampPairing[ReceivedImage] = StampPairing(config.stamp_tolerance_ns, config.queue_depth)
         self._without_rig: deque[tuple[ReceivedImage, ReceivedImage]] = deque()
         self._gaps: dict[str, TransportGaps] = {}  # by topic
         self._remove_compressed: dict[Side, Callable[[], object]] = {}
         self._endpoints: Endpoints | None = None
-        self._judged = 0, 0  # images lost and sent when their share was taken last
+        self._judged = 0, 0  # images lost and sent when the lost fraction was last computed
         self.forget_received()
 
     def subscribe(self, endpoints: Endpoints) -> None:
-        """Subscribe to images and camera_info of both cameras; forget those of before."""
+        """Subscribe to images and camera_info of both cameras; forget what was received earlier."""
         self.restart()
         self.rig = None
         self._endpoints = endpoints
@@ -184,7 +185,7 @@ class StereoInput:
         return self._order.last_ns
 
     def doubled_text(self) -> str:
-        """Return which topics of images have several publishers; empty if none has."""
+        """Return which image topics have several publishers; empty if all have at most one."""
         if self._endpoints is None:
             return ""
         doubled = []
@@ -200,7 +201,7 @@ class StereoInput:
         self._dropped["rejected"] += 1
 
     def inputs(self) -> list[Input]:
-        """Return what is received, with the number of messages since `forget_received`."""
+        """Return the inputs, each with its number of messages since `forget_received`."""
         found = []
         for side in SIDES:
             images = {f"{self._name}/{side}/{name}": kind for name, kind in self._images.items()}
@@ -213,7 +214,7 @@ class StereoInput:
         return found
 
     def apart_text(self) -> str:
-        """Return why the images received since `forget_received` made no pair; empty if some did."""
+        """Return why the images received since `forget_received` made no pair; empty if there was a pair."""
         if self._pairs_received or not all(self._recent_ns.values()):
             return ""
         left, right = (np.array(self._recent_ns[side], np.int64) for side in SIDES)
@@ -221,21 +222,21 @@ class StereoInput:
         allowed_ms = self._config.stamp_tolerance_s * 1e3
         return (
             f"left and right images of '{self._name}' are {apart_ms:.3g} ms apart, input.stamp_tolerance_s allows "
-            f"{allowed_ms:.3g} ms: let one trigger stamp both"
+            f"{allowed_ms:.3g} ms: let one trigger stamp both sides"
         )
 
     def forget_received(self) -> None:
-        """Start to count what is received."""
+        """Reset the counts of received messages."""
         self._recent_ns: dict[Side, deque[int]] = {side: deque(maxlen=RECENT) for side in SIDES}
         self._pairs_received = 0
 
     def restart(self) -> None:
-        """Forget what waits and which stamp was last."""
+        """Forget the waiting images and the last stamp."""
         self._forget_waiting()
         self._order.restart()
 
     def restart_if_set_back(self, now_ns: int) -> bool:
-        """Restart if a clock was set back to another time than that of the last pair; return whether it was."""
+        """Restart if a clock was set back to a time that differs from the last pair's; return whether it was."""
         if not self._order.restart_if_set_back(now_ns):
             return False
         self._forget_waiting()
@@ -262,7 +263,7 @@ class StereoInput:
             self._hand_over(rig, self._without_rig.popleft())
 
     def add_image(self, side: Side, image: ReceivedImage) -> None:
-        """Take an image, and hand over the pair that it completes."""
+        """Add an image, and pass on the pair that it completes."""
         if stamp_of(image[0]) <= 0:
             self._dropped["unstamped"] += 1
             text = f"images of '{self._name}/{side}' have the stamp 0: publish them with the time of the exposure"
@@ -285,7 +286,7 @@ class StereoInput:
             self._status.error(f"images of '{self._name}' come without a usable camera_info of both cameras: dropped")
 
     def _subscribe_latched(self) -> None:
-        """Subscribe to a camera_info that was published once, before this node: a volatile reader does not get it."""
+        """Subscribe to latched camera_info, because a volatile subscription misses earlier messages."""
         for side in SIDES:
             topic = f"{self._name}/{side}/camera_info"
             missing = side not in self._infos.last and side not in self._latched
@@ -295,7 +296,7 @@ class StereoInput:
 
     def _receive_image(self, side: Side, gaps: TransportGaps, message: Any, info: dict[str, Any]) -> None:  # noqa: ANN401
         if isinstance(message, Image) and side in self._remove_compressed:
-            self._remove_compressed.pop(side)()  # raw images are there
+            self._remove_compressed.pop(side)()  # raw images are published
         if gaps.add(info) and (share := self._lost_share()) > MUCH_LOST and not self.doubled_text():
             text = f"{share:.0%} of the images of '{self._name}' are lost in transport: {loss_fix(EXPORT_LINE)}"
             self._status.warn(text, "transport")
@@ -303,7 +304,7 @@ class StereoInput:
         self.add_image(side, (message, info))
 
     def _lost_share(self) -> float:
-        """Return the share of the images lost in transport, since there were enough to tell the last time."""
+        """Return the fraction of recent images that were lost in transport; 0 for fewer than `LOSS_WINDOW` images."""
         lost = sum(gaps.lost for gaps in self._gaps.values())
         sent = lost + sum(gaps.count for gaps in self._gaps.values())
         lost_before, sent_before = self._judged
@@ -323,7 +324,7 @@ class StereoInput:
             return
         ordered, begins_run = self._order.add(stamp_ns, images)
         if begins_run:
-            self._on_restart("stamps have gone to another time")
+            self._on_restart("the stamps have jumped")
         frame_id = str(self._infos.last["left"].header.frame_id)
         for pair in ordered:
             self._on_pair(ReceivedPair(stamp_of(pair[0][0]), rig, frame_id, pair, self._depth, self._rectifier))

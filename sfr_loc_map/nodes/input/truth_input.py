@@ -1,4 +1,4 @@
-"""True poses of a graph: of a topic, whichever type it has, or of a frame on /tf."""
+"""Receive the true poses of a running graph from a topic of any supported type, or from frames on /tf."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from sfr_loc_map.nodes.ros.publishers import publishers_of
 from sfr_loc_map.nodes.ros.qos import TF_STATIC_QOS
 from sfr_loc_map.topics import TF, TF_STATIC, TRUE_POSES
 
-MAX_WAITING = 1000  #: Transforms of a frame that wait for those of the other frames; the oldest are dropped.
+MAX_WAITING = 1000  #: Transforms per frame that wait for those of other frames; the oldest are dropped.
 
 
 class TruthTopic:
-    """Subscribes to true poses by the type that is published: a topic has one type in a process."""
+    """Subscribes to true poses with the published type, because a process can use only one type per topic."""
 
     def __init__(self, subscribe: Callable[[str], Callable[[], object]]) -> None:
-        """Begin with odometry; `subscribe` receives messages of a type until what it returns is called."""
+        """Begin with odometry; `subscribe` subscribes with a type and returns the function that unsubscribes."""
         self.msgtype = ODOMETRY
         self._subscribe = subscribe
         self._unsubscribe = subscribe(ODOMETRY)
@@ -47,22 +47,22 @@ class TruthTopic:
 
 
 class TruthFrame:
-    """Makes true poses of the messages of /tf and /tf_static: those of a frame in a frame above it.
+    """Makes true poses from the messages of /tf and /tf_static: the poses of a frame in one of its ancestors.
 
-    Poses are at the stamps of the transform that comes most often, as those of a bag, and are made once the other
-    transforms of the chain are known there.
+    As with a bag, the poses have the stamps of the most frequent transform of the chain. A pose is computed once the
+    other transforms of the chain are available at its stamp.
     """
 
     def __init__(self, frame: str) -> None:
-        """Take `PARENT:CHILD`; ConfigError for another text."""
+        """Take `PARENT:CHILD`; raise a ConfigError for any other text."""
         self._parent, _, self._child = (name.strip("/") for name in frame.rpartition(":"))
         if not self._parent or not self._child:
             raise ConfigError(f"truth.frame is '{frame}': a node needs both frames, PARENT:CHILD")
         self._series = FrameSeries()
         self._orders: dict[tuple[str, str], RunOrder[PoseRow]] = {}
-        self._received = Counter[str]()  # transforms of each frame in its parent on the chain
+        self._received = Counter[str]()  # number of transforms of each frame
         self._last_ns = 0  # stamp of the last pose of the run
-        self._restarted = set[str]()  # transforms that have begun a new run since the last pose
+        self._restarted = set[str]()  # transforms that have started a new run since the last pose
 
     @property
     def strays(self) -> int:
@@ -70,7 +70,7 @@ class TruthFrame:
         return sum(order.strays for order in self._orders.values())
 
     def rows(self, message: Any, *, is_static: bool) -> list[TrueRow]:  # noqa: ANN401 - tf2_msgs need not be there
-        """Return the true poses that a message completes, in the order of their stamps."""
+        """Return the true poses that a message completes, ordered by stamp."""
         for item in message.transforms:
             self._add(item, is_static=is_static)
         frames = self._series.chosen(self._child, self._parent)
@@ -115,7 +115,7 @@ class TruthFrame:
 
 
 class Subscribe(Protocol):
-    """Subscribes with a callback; returns what ends the subscription."""
+    """Subscribes with a callback; returns the function that unsubscribes."""
 
     def __call__(  # noqa: D102
         self,
@@ -129,11 +129,11 @@ class Subscribe(Protocol):
 
 
 class TruthInput(ABC):
-    """Receives the true poses that a node scores with."""
+    """Receives the true poses that a node uses for scoring."""
 
     @abstractmethod
     def subscribe(self, subscribe: Subscribe, qos: QoSProfile, add: Callable[[list[TrueRow]], None]) -> None:
-        """Receive true poses; `add` is called with those of each message."""
+        """Receive true poses; `add` is called with the poses of each message."""
 
     @property
     def strays(self) -> int:
@@ -142,18 +142,18 @@ class TruthInput(ABC):
 
     @abstractmethod
     def reason_for_silence(self) -> str:
-        """Return why no true pose was received; empty if the reason was removed just now."""
+        """Return why no true pose was received; empty if the cause was just removed."""
 
 
 class TopicTruthInput(TruthInput):
-    """Receives true poses on their topic, whichever type it has."""
+    """Receives true poses on their topic, with any type of `TRUTH_TYPES`."""
 
     def __init__(self, node: Node, reliability: Reliability) -> None:
         """Receive nothing yet."""
         self._node, self._reliability = node, reliability
 
     def subscribe(self, subscribe: Subscribe, qos: QoSProfile, add: Callable[[list[TrueRow]], None]) -> None:
-        """Receive true poses of the type that is published."""
+        """Receive true poses of the published type."""
 
         def subscribe_to(msgtype: str) -> Callable[[], object]:
             reader = TruePoses(msgtype)
@@ -162,7 +162,7 @@ class TopicTruthInput(TruthInput):
         self._topic = TruthTopic(subscribe_to)
 
     def reason_for_silence(self) -> str:
-        """Follow a change of the published type; otherwise return why no true pose was received."""
+        """Subscribe with the published type if it has changed; otherwise return why no true pose was received."""
         topic = self._node.resolve_topic_name(TRUE_POSES)
         publishers = publishers_of(self._node, topic)
         if self._topic.follow([publisher.msgtype for publisher in publishers]):
@@ -173,15 +173,15 @@ class TopicTruthInput(TruthInput):
 
 
 class FrameTruthInput(TruthInput):
-    """Receives true poses from /tf and /tf_static, which have several publishers each."""
+    """Receives true poses from /tf and /tf_static, each of which has several publishers."""
 
     def __init__(self, frame: str) -> None:
-        """Receive nothing yet; ConfigError if the frame is not `PARENT:CHILD`."""
+        """Take the frame; raise a ConfigError if it is not `PARENT:CHILD`."""
         self._frame = frame
         self._reader = TruthFrame(frame)
 
     def subscribe(self, subscribe: Subscribe, qos: QoSProfile, add: Callable[[list[TrueRow]], None]) -> None:
-        """Receive the transforms of the frames."""
+        """Receive the transforms."""
         kind = tf_message_type()
         if kind is None:
             raise ConfigError("truth.frame: tf2_msgs for /tf is not installed: install ros-jazzy-tf2-msgs")
@@ -205,6 +205,6 @@ class FrameTruthInput(TruthInput):
 
 
 def _forget_before(rows: list[PoseRow], stamp_ns: int) -> None:
-    """Drop the rows that no later stamp is interpolated from."""
+    """Drop the rows that are not required to interpolate at a later stamp."""
     while len(rows) > 1 and rows[1][0] <= stamp_ns:
         rows.pop(0)

@@ -1,4 +1,4 @@
-"""What a node waits for, in one line; `sfr doctor` examines the running graph in full."""
+"""Report in one line what a node waits for; `sfr doctor` examines the whole running graph."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from sfr_loc_map.nodes.ros.publishers import publishers_of
 
 MORE = "sfr doctor examines the graph"
 ORDER = (Cause.WRONG_TYPE, Cause.QOS, Cause.TRANSPORT, Cause.NO_PUBLISHER, Cause.SILENT)
-"""Reasons in the order of what is reported: one that explains the others comes first."""
+"""Order in which reasons are reported: a reason that explains others comes first."""
 
 
 @dataclass(frozen=True, slots=True)
 class Input:
-    """Something that a node has to receive, on one of several topics."""
+    """An input that a node requires, on one of several topics."""
 
     topics: Mapping[str, type[Any]]  #: Message types by relative name.
-    received: int  #: Messages since the last look around.
+    received: int  #: Messages since the last `look_around`.
     reliability: str = Reliability.BEST_EFFORT  #: Reliability that the node requests.
 
 
 def missing_input(node: Node, inputs: Sequence[Input]) -> str:
-    """Return which inputs are not received, and why as far as the graph shows it; empty if all are received."""
+    """Return which inputs are not received, with the reason that the graph shows; empty if all are received."""
     found = [_silence(node, item) for item in inputs if not item.received]
     if not found:
         return ""
@@ -41,9 +41,9 @@ def missing_input(node: Node, inputs: Sequence[Input]) -> str:
 
 
 def _silence(node: Node, item: Input) -> Finding:
-    """Return why no message is received on any of the topics of an input.
+    """Return why an input receives no messages on any of its topics.
 
-    The reason is given for the topic that has a publisher, otherwise for the topic that was remapped.
+    The reason is that of a topic with a publisher, otherwise of a remapped topic, otherwise of the first topic.
     """
     found, remapped = [], []
     for name, kind in item.topics.items():

@@ -1,1 +1,1 @@
-"""Starts nodes: their environment, their processes, and the parts of launch files."""
+"""Start nodes: their arguments, their processes, and the common parts of the launch files."""

@@ -1,4 +1,4 @@
-"""Arguments and nodes that the launch files share; needs `launch` and `launch_ros` of a full ROS 2 install."""
+"""Arguments and nodes of the launch files; requires `launch` and `launch_ros` of a full ROS 2 installation."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ ARGUMENTS: dict[str, tuple[str, list[str] | None, str]] = {
     "namespace": ("", None, "Namespace of nodes and topics."),
     "frame_prefix": ("", None, "Prefix of each frame name, such as rover1/, for several rovers in one tf tree."),
     "autostart": ("true", SWITCH, "false: the nodes wait for a lifecycle manager."),
-    "log_level": ("info", LEVELS, "Severity from which lines are logged."),
-    "remaps": ("", None, "Remappings FROM:=TO, separated by blanks, as loc/left/image_rect:=/eye/left."),
+    "log_level": ("info", LEVELS, "Minimum severity of logged lines."),
+    "remaps": ("", None, "Remappings FROM:=TO, separated by blanks, such as loc/left/image_rect:=/eye/left."),
     "use_sim_time": ("false", SWITCH, "true: follow /clock."),
-    "respawn": ("false", SWITCH, "true: restart a node that ends; false: all end with the first."),
+    "respawn": ("false", SWITCH, "true: restart a node that exits; false: shut down all nodes when one exits."),
 }
 """Default, choices and description of each argument."""
 
 
 def common_arguments() -> list[Any]:
-    """Return the launch arguments that all nodes have, and the environment variables."""
+    """Return the launch arguments common to all nodes, and the environment variables."""
     return [
         *(
             DeclareLaunchArgument(name, default_value=value, choices=choices, description=text)
@@ -45,17 +45,17 @@ def common_arguments() -> list[Any]:
 
 
 def file_argument(task: str) -> str:
-    """Return the name of the argument for the parameter file of one of all nodes."""
+    """Return the name of the launch argument that gives a node its parameter file when all nodes are launched."""
     return f"{task}_params_file"
 
 
 def all_nodes(context: LaunchContext) -> list[Any]:
-    """Return the three nodes with the values that the launch arguments have in a context."""
+    """Return the three nodes, with the values of the launch arguments in a context."""
     return [_node(context, task, file_argument(task)) for task in NODES]
 
 
 def one_node(context: LaunchContext) -> list[Any]:
-    """Return the node that the argument `node` names."""
+    """Return the node that the launch argument `node` names."""
     return [_node(context, _value(context, "node"), "params_file")]
 
 
@@ -72,7 +72,7 @@ def _node(context: LaunchContext, task: str, argument: str) -> Any:  # noqa: ANN
     if not file.is_file():
         raise ConfigError(f"{argument}:={file}: there is no such file; give a parameter file")
     shared: dict[str, Any] = {name: _value(context, name) == "true" for name in ("use_sim_time", "autostart")}
-    if (prefix := _value(context, "frame_prefix")) and task != "monitor":  # which has no frames of its own
+    if (prefix := _value(context, "frame_prefix")) and task != "monitor":  # the monitor has no frames
         shared["frame_prefix"] = prefix
     respawn = _value(context, "respawn") == "true"
     return Node(
@@ -84,6 +84,6 @@ def _node(context: LaunchContext, task: str, argument: str) -> Any:  # noqa: ANN
         arguments=["--ros-args", "--log-level", _value(context, "log_level")],
         respawn=respawn,
         respawn_delay=1.0,
-        on_exit=None if respawn else [Shutdown(reason=f"{task}_node has ended")],  # an empty list ends the launch
+        on_exit=None if respawn else [Shutdown(reason=f"{task}_node has ended")],  # an empty list would end the launch
         output="screen",
     )

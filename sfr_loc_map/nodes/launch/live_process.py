@@ -1,4 +1,4 @@
-"""The live page beside a replay or the nodes, as a process."""
+"""Run the live page beside a replay or the nodes, as a process."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sfr_loc_map.signals import stopping
 
 
 class LiveProcess(AbstractContextManager["LiveProcess"]):
-    """The live page beside a replay or the nodes: its exit does not affect the run; a context manager.
+    """The process of the live page, whose exit does not affect the run; a context manager.
 
     The page prints its address to standard output, and the reason of an error to standard error.
     """
@@ -33,20 +33,20 @@ class LiveProcess(AbstractContextManager["LiveProcess"]):
 
     @property
     def node_name(self) -> str:
-        """Name of its node, which joins the graph after the page is served; empty where the page does not run."""
+        """Name of the page's node, which joins the graph once the page is served; empty if the page does not run."""
         return page_node_name(self._process.popen.pid) if self._process.is_running else ""
 
     def run_is_over(self, **told: str) -> None:
-        """Write to its file, before the nodes end, that the run is over; the page reads the file periodically.
+        """Tell the page, through a file that it reads periodically, that the run is over; call before the nodes end.
 
-        `missing`: what the estimate is known to lack; `aborted`: by what; `report`: the page of the score.
+        `missing`: what the estimate is known to lack; `aborted`: the cause of an abort; `report`: path of the report.
         """
         self._told |= told
         with suppress(OSError):
             write_text(json.dumps(self._told), self._end_file)
 
     def stay(self, words: str = "") -> None:
-        """Let it be served until a signal or its own end; say so after other words."""
+        """Wait until a signal arrives or the page ends; print that the page is still served, after other words."""
         if self._process.is_running:
             print(f"{words}the run is over; its page is served until Ctrl-C", file=sys.stderr, flush=True)
             with suppress(KeyboardInterrupt), stopping() as ended:
@@ -55,5 +55,5 @@ class LiveProcess(AbstractContextManager["LiveProcess"]):
 
 
 def page_node_name(pid: int) -> str:
-    """Return the name of the node of the page that is the process `pid`."""
+    """Return the name of the ROS node of the page with the process id `pid`."""
     return f"sfr_live_{pid}"

@@ -1,4 +1,4 @@
-"""Processes that another one starts, watches and ends: nodes of this package, and a command of the user."""
+"""Start, watch and end child processes: nodes of this package, and a command of the user."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from sfr_loc_map.signals import END_SIGNALS, hold
 NODES = tuple(node.removesuffix("_node") for node in SUITE_NODES)  #: Names by which a user starts nodes.
 EVERYTHING = "all"
 ESCALATION = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0))
-"""Signals that end processes, and how many seconds each gets."""
-START = "sfr_loc_map.nodes.start"  #: Runs a node, and takes signals from its first line on.
-CANNOT_START = 2  #: Exit code of a node that cannot work with its arguments and settings.
+"""Signals that end processes, each with the time until the next signal, s."""
+START = "sfr_loc_map.nodes.start"  #: Module that runs a node and handles signals before the imports.
+CANNOT_START = 2  #: Exit code of a node with invalid arguments or settings.
 WATCH_S = 0.2
-RESTART_PAUSE_S = 1.0  #: Pause after a restart, so that a node that crashes at once does not occupy the host.
+RESTART_PAUSE_S = 1.0  #: Pause after a restart, so that a node that crashes repeatedly does not load the host.
 
 
 class ChildProcess:
-    """A process in a session of its own, which ends with the process that started it (Linux).
+    """A child process in its own session, which ends when its parent process ends (Linux).
 
-    Ctrl-C at the terminal so reaches the starting process alone, which then ends the others.
+    Ctrl-C at the terminal therefore reaches only the parent process, which then ends its children.
     """
 
     def __init__(
@@ -45,9 +45,9 @@ class ChildProcess:
         *,
         adopts: bool = False,
     ) -> None:
-        """Start it; without a log it writes to standard output and error of this process.
+        """Start the process. Without a log file, its output goes to standard output and error of this process.
 
-        With `adopts` all that it starts stays below it in the tree of processes.
+        With `adopts`, its orphaned descendants are adopted and remain in its process tree.
         """
         self.name, self._words = name, words
         self._log, self._variables = log, variables
@@ -55,7 +55,7 @@ class ChildProcess:
         self.start()
 
     def start(self) -> None:
-        """Start it again."""
+        """Start the process, again after it has ended."""
         stream = None if self._log is None else self._log.open("ab")
         try:
             self.popen = subprocess.Popen(
@@ -80,17 +80,17 @@ class ChildProcess:
 
     @property
     def is_running(self) -> bool:
-        """Return whether it runs (or is stopped by SIGSTOP)."""
+        """Return whether the process runs (or is stopped by SIGSTOP)."""
         return self.popen.poll() is None
 
     @property
     def text(self) -> str:
-        """What it has written to its log."""
+        """Content of the log."""
         return self._log.read_text(encoding="utf-8", errors="replace") if self._log and self._log.exists() else ""
 
     @property
     def last_log_line(self) -> str:
-        """The last line that it wrote."""
+        """Last line of the log."""
         if self._log is None:
             return "its output is above"
         lines = self.text.strip().splitlines()
@@ -98,20 +98,20 @@ class ChildProcess:
 
     @property
     def ending(self) -> str:
-        """How it ended, in words; empty while it runs."""
+        """How the process ended, in words; empty while the process runs."""
         code = self.popen.poll()
         if code is None:
             return ""
         return f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
 
     def send(self, number: signal.Signals) -> None:
-        """Send a signal to it and to what it started."""
+        """Send a signal to the process and its children in the same session."""
         with suppress(ProcessLookupError):
             os.killpg(self.popen.pid, number)
 
 
 def node_process(module: str, arguments: Sequence[str], folder: Path | None = None) -> ChildProcess:
-    """Start a module below `sfr_loc_map` as a process; its log goes to a folder, if one is given."""
+    """Start a module of `sfr_loc_map` as a process; its log goes to the folder, if given."""
     name = module.rpartition(".")[2]
     words = [sys.executable, "-P", "-m", START, module, *arguments]
     log = None if folder is None else folder / f"{name}.log"
@@ -120,7 +120,7 @@ def node_process(module: str, arguments: Sequence[str], folder: Path | None = No
 
 @contextmanager
 def user_command(command: str, folder: Path) -> Iterator[ChildProcess]:
-    """Run a command of the user, split as a shell does but run without one, during the `with` block."""
+    """Run a command of the user during the `with` block; its words are split as in a shell, but no shell is used."""
     try:
         words = shlex.split(command)
     except ValueError as error:
@@ -136,24 +136,24 @@ def user_command(command: str, folder: Path) -> Iterator[ChildProcess]:
     finally:
         started = descendants(process.popen.pid)
         end_processes([process])
-        process.send(signal.SIGKILL)  # what it started and left behind
-        for each in started:  # in sessions of their own
+        process.send(signal.SIGKILL)  # children that it left behind
+        for each in started:  # descendants in other sessions
             with suppress(psutil.Error):
                 each.kill()
 
 
 def descendants(pid: int) -> list[psutil.Process]:
-    """Return the processes below a process that runs; empty if it has ended."""
+    """Return the descendants of a running process; empty if the process has ended."""
     with suppress(psutil.Error):
         return psutil.Process(pid).children(recursive=True)
     return []
 
 
 class Supervisor(AbstractContextManager["Supervisor"]):
-    """Starts nodes and makes sure that none is left; a context manager."""
+    """Starts nodes and ends all of them at exit; a context manager."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        """Start nothing yet; the nodes' logs go to the folder, or to standard output and error of this process."""
+        """Take the folder of the logs; without a folder, nodes write to standard output and error of this process."""
         self._folder = folder
         self.processes: dict[str, ChildProcess] = {}
 
@@ -161,17 +161,17 @@ class Supervisor(AbstractContextManager["Supervisor"]):
         end_processes(list(self.processes.values()))
 
     def start(self, name: str, arguments: Sequence[str] = ()) -> None:
-        """Start a node of this package, such as `localisation_node`, with a command line."""
+        """Start a node of this package, such as `localisation_node`, with command-line arguments."""
         self.processes[name] = node_process(f"nodes.{name}", arguments, self._folder)
 
     def check(self) -> None:
-        """Make sure that all nodes run."""
+        """Raise a NodeError if a node has ended."""
         for process in self.processes.values():
             if ending := process.ending:
                 raise NodeError(f"{process.name} {ending}: {process.last_log_line}; correct that and start again")
 
     def restart_crashed(self) -> list[str]:
-        """Start the nodes again that have crashed; return how each of them ended."""
+        """Restart the nodes that have crashed; return how each of them ended."""
         endings = []
         for process in self.processes.values():
             if process.popen.poll() in (0, CANNOT_START):
@@ -183,9 +183,9 @@ class Supervisor(AbstractContextManager["Supervisor"]):
 
 
 def end_processes(processes: Sequence[ChildProcess]) -> None:
-    """End processes together: SIGINT, then SIGTERM, then SIGKILL; return when none is left.
+    """End processes together by SIGINT, then SIGTERM, then SIGKILL; return when all have ended.
 
-    It is the end of what started them, which no further signal cuts short.
+    Further signals to this process are ignored from now on, so that they cannot interrupt the shutdown.
     """
     hold()
     for number, timeout_s in ESCALATION:
@@ -199,7 +199,7 @@ def end_processes(processes: Sequence[ChildProcess]) -> None:
 
 
 def node_names(chosen: Sequence[str]) -> list[str]:
-    """Return the full names of chosen nodes (of `NODES`, or `all`; none stands for all), each once."""
+    """Return the full names of chosen nodes (of `NODES`, or `all`) without duplicates; all if none is chosen."""
     for name in chosen:
         if name not in (*NODES, EVERYTHING):
             raise ConfigError(

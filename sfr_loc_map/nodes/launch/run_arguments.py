@@ -1,4 +1,4 @@
-"""The arguments of the nodes that an `sfr.yaml` describes."""
+"""Derive the arguments of the nodes from an `sfr.yaml`."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from sfr_loc_map.topics import COMPRESSED_END
 
 
 def run_arguments(config: Path, written: Path) -> list[str]:
-    """Return the arguments of the nodes that an `sfr.yaml` comes to; their parameters are written to a file.
+    """Return the arguments of the nodes for an `sfr.yaml`, and write their parameters to a file.
 
-    ConfigError for what only a recording can be read with: a node takes topics as their drivers publish them.
+    Settings that apply only to recordings raise a ConfigError, because a node receives topics as drivers publish them.
     """
     sections = read_sections(config)
     how = SourceConfig.of(sections, config)
     if how.calibration != CalibrationConfig() or how.sync.right_offset_s:
         raise ConfigError(
             f"'{config}': calibration and sync.right_offset_s are for recordings: publish camera_info and images of "
-            f"both sides by one clock, or convert the recording (sfr convert)"
+            f"both sides with one clock, or convert the recording (sfr convert)"
         )
     if "record" in (how.sync.stamps, how.truth.stamps):
         raise ConfigError(
-            f"'{config}': sync.stamps and truth.stamps of record are for recordings, whose times they take: stamp the "
+            f"'{config}': the value record of sync.stamps and truth.stamps requires a recording: stamp the "
             "messages when they are published"
         )
     found = node_parameters(
@@ -59,7 +59,7 @@ def run_arguments(config: Path, written: Path) -> list[str]:
 
 
 def remaps_of(how: SourceConfig) -> list[str]:
-    """Return the topics of a configuration as remapping rules; compressed images have a name of their own."""
+    """Return the topics of a configuration as remapping rules; topics of compressed images end in `/compressed`."""
     rules = []
     for name, topic in how.topics.items():
         is_compressed = topic.endswith(COMPRESSED_END) and not name.endswith(COMPRESSED_END)

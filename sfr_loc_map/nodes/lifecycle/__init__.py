@@ -1,1 +1,1 @@
-"""What the three nodes share: lifecycle, endpoints, parameters, health on /diagnostics, the worker thread."""
+"""Common parts of the three nodes: lifecycle, endpoints, parameters, health on /diagnostics, worker thread."""

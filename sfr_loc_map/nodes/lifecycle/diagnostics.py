@@ -1,10 +1,10 @@
-"""What a node reports on /diagnostics for people and rqt: its health, each call, and input that it cannot use.
+"""Reports of a node on /diagnostics, for people and rqt: health, each call, and unusable input.
 
 Programs read the calls on `<node>/call` (`runs.calls`).
 
-Levels. OK: it does what it is there for. WARN: it works, but something is lost, late or not as it should be. ERROR: it
-cannot do its work (lost, unusable input, a failed transition). STALE: it is active but nothing has come for a while, so
-that its figures are old.
+Levels. OK: the node works normally. WARN: the node works, but data are lost, late or suspect. ERROR: the node cannot do
+its work (tracking lost, unusable input, a failed transition). STALE: the node is active but has not received input for
+`stale_after_s`, so that its figures are outdated.
 """
 
 from __future__ import annotations
@@ -35,31 +35,31 @@ from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.topics import DIAGNOSTICS
 
 Value = str | bool | int | float
-HARDWARE_ID = socket.gethostname()  #: Key of each status: the host of the node, whose time and memory are reported.
-QUEUE_DEPTH = 1000  #: Statuses that are kept for a slow subscriber.
-LOG_PERIOD_S = 5.0  #: The same line is logged once in that time.
-LATENCY_WINDOW = 200  #: Calls over which the percentile of a latency is taken.
-MAX_MOMENTS = 10_000  #: Arrivals or calls within the window that a rate is taken over.
-MAX_REASONS = 4  #: Reasons that a message names.
+HARDWARE_ID = socket.gethostname()  #: Host of the node, whose processing time and memory are reported.
+QUEUE_DEPTH = 1000  #: Statuses kept for a slow subscriber.
+LOG_PERIOD_S = 5.0  #: Minimum interval between identical log lines.
+LATENCY_WINDOW = 200  #: Number of calls over which the 95th percentile of a latency is computed.
+MAX_MOMENTS = 10_000  #: Maximum number of arrivals or calls kept for a rate.
+MAX_REASONS = 4  #: Maximum number of reasons in a message.
 MB = 1_000_000
 COMPILING = "compiling"  #: Activity of a node whose kernels are being compiled.
 DROPS = {
-    "dropped_overload": "came faster than they are processed: slow them down, or give this host more to work with",
+    "dropped_overload": "arrived faster than they are processed: reduce the rate, or use a faster host",
     "dropped_in_transport": "were lost between their publisher and this node",
-    "dropped_unpaired": "of one side had none of the other within the tolerance of stamps",
-    "dropped_rejected": "could not be used",
-    "dropped_stale": "were not newer than the ones before",
-    "dropped_stray": "had no stamp, or a stamp of another time than those around them",
-    "dropped_without_camera_info": "came without a usable camera_info",
-    "dropped_without_pose": "had no nav/pose of their stamp",
+    "dropped_unpaired": "of one side had no message of the other side within the stamp tolerance",
+    "dropped_rejected": "were unusable",
+    "dropped_stale": "were not newer than the previous one",
+    "dropped_stray": "had no stamp, or a stamp far from those of their neighbours",
+    "dropped_without_camera_info": "arrived without a usable camera_info",
+    "dropped_without_pose": "had no nav/pose with their stamp",
 }
-"""What is logged and reported of counts that grow, after the word "messages"."""
+"""Texts that are logged and reported for counts that grow; they follow the word "messages"."""
 OFFSETS = {
-    "vertical_offset_px": (0.3, "vertical disparity of more than {:g} px"),
-    "roll_offset_px": (0.5, "vertical disparity grows by more than {:g} px over the focal length"),
-    "disparity_offset_px": (0.3, "disparity bias of more than {:g} px"),
+    "vertical_offset_px": (0.3, "vertical disparity above {:g} px"),
+    "roll_offset_px": (0.5, "vertical disparity that changes by more than {:g} px over one focal length"),
+    "disparity_offset_px": (0.3, "disparity bias above {:g} px"),
 }
-"""Statistics of the localiser that are monitored (right camera pitched, rolled, yawed): their limit and warning."""
+"""Monitored statistics of the localiser (pitch, roll, yaw of the right camera), each with its limit and warning."""
 
 
 class NodeState(StrEnum):
@@ -72,18 +72,18 @@ class NodeState(StrEnum):
 
 
 SEVERITY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)
-"""From good to bad: that nothing comes is worse than a warning, a known error is worse still."""
+"""Levels in the order of increasing severity: stale is worse than a warning, and an error is worse than stale."""
 
 
 def status_msg(name: str, level: Level, message: str, values: Mapping[str, Value]) -> DiagnosticStatus:
-    """Return one status; numbers are written in the shortest form that reads back to the same bits."""
+    """Return a status; numbers are written in the shortest form that is read back bit-identical."""
     plain = {key: value.item() if isinstance(value, np.generic) else value for key, value in values.items()}
     pairs = [KeyValue(key=key, value=value if isinstance(value, str) else repr(value)) for key, value in plain.items()]
     return DiagnosticStatus(level=bytes([level]), name=name, message=message, hardware_id=HARDWARE_ID, values=pairs)
 
 
 def level_of(status: DiagnosticStatus) -> Level:
-    """Return the level of a status; the message class gives it as one byte, and others write what they like."""
+    """Return the level of a status: bytes in a received message, possibly an integer or out of range from others."""
     level = status.level
     return Level(min(level[0] if isinstance(level, bytes) else int(level), max(Level)))
 
@@ -95,7 +95,7 @@ def values_of(status: DiagnosticStatus) -> dict[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class HealthConfig:
-    """When a node warns."""
+    """Thresholds of a node's warnings, and the period of its health status."""
 
     period_s: float = param(
         1.0, unit="s", doc="Period of the health status, which is also published when it changes.", low=0.1, high=60.0
@@ -113,7 +113,7 @@ class HealthConfig:
 
 @dataclass(frozen=True, slots=True)
 class NodeActivity:
-    """What a node does at a moment: its state or transition, what it dropped, what waits, what is around it."""
+    """Activity of a node at present: lifecycle state, dropped and waiting messages, findings about its environment."""
 
     lifecycle: str
     counts: Mapping[str, int]
@@ -126,24 +126,24 @@ class StatusReporter:
     """Reports health, calls and problems of one node. All methods may be called in any thread."""
 
     def __init__(self, node: Node, task: str, config: HealthConfig, activity: Callable[[], NodeActivity]) -> None:
-        """Publish the health of a node with a task periodically; `activity` returns what it does at the moment."""
+        """Publish the health of a node periodically; `activity` returns its present activity."""
         self._node, self._task, self._config, self._activity = node, task, config, activity
         self._last_kind: tuple[str, ...] = ()
         self._lock, self._process, self.meter = Lock(), psutil.Process(), CallMeter()
         self.calls = 0
-        self.activity = ""  #: What the node does beside its calls: `COMPILING`, or nothing.
+        self.activity = ""  #: Activity of the node beside its calls: `COMPILING` or empty.
         self.publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS, QoSProfile(depth=QUEUE_DEPTH))
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(config.period_s, self.publish_health, clock=clock)
         self.reset()
 
     def set_config(self, config: HealthConfig) -> None:
-        """Judge the health by other limits, and publish it with another period."""
+        """Apply other thresholds and another period."""
         self._config = config
         self._timer.timer_period_ns = round(config.period_s * NS_PER_S)
 
     def reset(self) -> None:
-        """Forget what happened: the node has become active or inactive."""
+        """Forget arrivals, calls and problems, because the node has become active or inactive."""
         with self._lock:
             self._since = self._last_arrival = time.monotonic()
             self._arrivals: deque[float] = deque(maxlen=MAX_MOMENTS)
@@ -168,7 +168,7 @@ class StatusReporter:
         times: Mapping[str, float] = MappingProxyType({}),
         statistics: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
-        """Note a call: of its times those that begin with `latency_` are summarised, figures of `OFFSETS` watched."""
+        """Note a call. Times that begin with `latency_` are summarised, statistics of `OFFSETS` are monitored."""
         with self._lock:
             self._remember(self._calls, time.monotonic())
             self._last_call = (level, state)
@@ -178,13 +178,13 @@ class StatusReporter:
                     self._latencies.setdefault(name, deque(maxlen=LATENCY_WINDOW)).append(seconds)
 
     def note_problem(self, level: Level, text: str, kind: str = "") -> None:
-        """Note something that shows for a while; with a kind it takes the place of the last one of that kind."""
+        """Note a problem, which stays visible for `window_s`. It replaces an earlier problem of the same kind."""
         with self._lock:
-            self._problems.pop(kind or text, None)  # the latest is last
+            self._problems.pop(kind or text, None)  # the newest problem is last
             self._problems[kind or text] = (time.monotonic(), level, text)
 
     def publish_health(self, *, only_changes: bool = False) -> None:
-        """Publish the health, if wanted only when more than figures has changed; the worst reason comes first."""
+        """Publish the health, worst reason first; with `only_changes` only if state, level or findings have changed."""
         activity = self._activity()
         with self._lock:
             now = time.monotonic()
@@ -221,11 +221,11 @@ class StatusReporter:
     def _findings(self, now: float, memory: int, activity: NodeActivity) -> list[tuple[Level, str]]:
         config, found = self._config, list(activity.findings)
         if memory > config.memory_warn_mb * MB:
-            found.append((Level.WARN, f"more than {config.memory_warn_mb} MB of memory in use"))
+            found.append((Level.WARN, f"more than {config.memory_warn_mb} MB of resident memory in use"))
         if activity.lifecycle != NodeState.ACTIVE:
             return found
         if activity.expects_input and now - self._last_arrival > config.stale_after_s:
-            found.append((Level.STALE, f"nothing came for more than {config.stale_after_s:g} s"))
+            found.append((Level.STALE, f"no input for more than {config.stale_after_s:g} s"))
         if self._last_call is not None and self._last_call[0] is not Level.OK:
             found.append(self._last_call)
         recent = [name for name, at in self._drops.items() if now - at <= config.window_s]
@@ -235,21 +235,21 @@ class StatusReporter:
         return found
 
     def _remember(self, moments: deque[float], now: float) -> None:
-        """Add a moment and forget those that no rate is taken over any more."""
+        """Add a time, and forget the times before the window."""
         moments.append(now)
         while now - moments[0] > self._config.window_s:
             moments.popleft()
 
     def _rate(self, moments: deque[float], now: float) -> float:
-        """Return how many a second there were in the window, or since the begin where that is later.
+        """Return the rate over the window, or since the reset if that is later, Hz.
 
-        The first second after the begin counts as a whole one: two messages within a microsecond of it are no rate.
+        The time since the reset counts as at least 1 s, so that two messages right after the reset give no high rate.
         """
         span = min(self._config.window_s, max(now - self._since, 1.0))
         return sum(now - moment <= span for moment in moments) / span
 
     def report_call(self, call: CallRecord, level: Level) -> None:
-        """Publish state, time and memory of a call, and note them in the health."""
+        """Publish state, time and memory of a call, and note the call for the health."""
         self.calls += 1
         memory = {"peak_rss_bytes": call.peak_rss_bytes, "above_idle_bytes": call.above_idle_bytes}
         took: dict[str, Value] = {"processing_time_s": call.processing_time_s}
@@ -276,11 +276,11 @@ class StatusReporter:
         self.publish_health(only_changes=True)
 
     def info(self, text: str) -> None:
-        """Report something that the node found out of its input: log alone."""
+        """Report an observation about the input, in the log only."""
         self._node.get_logger().info(one_line(text))
 
     def warn(self, text: str, kind: str = "") -> None:
-        """Report something that is not as it should be, though the node works: log, health (the latest of a kind)."""
+        """Report a problem despite which the node works: log, and health with the latest problem of each kind."""
         text = one_line(text)
         self._node.get_logger().warning(text, throttle_duration_sec=LOG_PERIOD_S)
         self.note_problem(Level.WARN, text, kind)

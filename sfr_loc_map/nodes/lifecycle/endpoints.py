@@ -1,4 +1,4 @@
-"""Publishers, subscriptions, timers and services of a managed node, created and destroyed with its states."""
+"""Publishers, subscriptions and timers of a managed node, which are destroyed when their lifecycle state ends."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ from sfr_loc_map.nodes.ros.qos import LATCHED, profile
 
 
 class Endpoints:
-    """Creates what a node receives and sends by; each endpoint lives as long as the state that it belongs to.
+    """Creates the endpoints of a node, and destroys them when their lifecycle state ends.
 
-    Publishers belong to the configured node, subscriptions and timers to the active one.
+    Publishers exist while the node is configured, subscriptions and timers while it is active.
     """
 
     def __init__(self, node: LifecycleNode, reliability: str, warn: Callable[[str], None]) -> None:
-        """Create none yet; `warn` is called when a peer has an incompatible quality of service."""
+        """Take the reliability of publishers; `warn` is called when a peer has an incompatible quality of service."""
         self.reliability = reliability
         self._node, self._warn = node, warn
         self._clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self.configured, self.active = ExitStack(), ExitStack()  # what is closed when a state ends
+        self.configured, self.active = ExitStack(), ExitStack()  # closed when the state ends
 
     def add_publisher(self, kind: type[Any], topic: str, depth: int, *, latched: bool = False) -> Any:  # noqa: ANN401
         """Return a publisher that sends only while the node is active."""
         incompatible = self._warning(
-            f"a subscriber of {self._node.resolve_topic_name(topic)} requests more {{}} than this node offers, nothing "
-            f"is sent to it: change the subscriber, or the parameter output_reliability of this node"
+            f"a subscriber of {self._node.resolve_topic_name(topic)} requests stricter {{}} than this node offers, so "
+            f"that nothing is sent to it: change the subscriber, or the parameter output_reliability of this node"
         )
         qos = profile(self.reliability, depth)
         if latched:
             qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
-        # of another type the subscriber tells, and each event costs the executor time at every message
+        # A subscriber reports a wrong type itself, and each event type costs the executor time at every message.
         events = PublisherEventCallbacks(incompatible_qos=incompatible, use_default_callbacks=False)
         publisher = self._node.create_lifecycle_publisher(kind, topic, qos, event_callbacks=events)
         self.configured.callback(self._node.destroy_lifecycle_publisher, publisher)
@@ -51,28 +51,28 @@ class Endpoints:
     def add_subscription(
         self, kind: type[Any], topic: str, callback: Callable[..., None], qos: QoSProfile
     ) -> Callable[[], object]:
-        """Subscribe until the node is deactivated or what is returned is called.
+        """Subscribe until the node is deactivated or the returned function is called.
 
         Parameters `qos_overrides.TOPIC.subscription.POLICY` override the quality of service.
         """
         full_name = self._node.resolve_topic_name(topic)
         prefix = f"qos_overrides.{full_name}.subscription."
         incompatible = self._warning(
-            f"a publisher of {full_name} offers less {{}} than this node requests, nothing is received from it: set "
-            f"the parameter {prefix}{{parameter}} to what it offers, or change the publisher"
+            f"a publisher of {full_name} offers weaker {{}} than this node requests, so that nothing is received from "
+            f"it: set the parameter {prefix}{{parameter}} to the offered value, or change the publisher"
         )
-        # only those that are given: one that rclpy declares would keep the default of this activation
+        # Only given parameters: rclpy would declare the others and keep the default of this activation.
         given = [policy for policy in QoSPolicyKind if self._node.has_parameter(prefix + policy.name.lower())]
         try:
             subscription = self._node.create_subscription(
                 kind,
                 topic,
                 callback,
-                copy(qos),  # which the overrides are written into
+                copy(qos),  # rclpy writes the overrides into the profile
                 event_callbacks=SubscriptionEventCallbacks(incompatible_qos=incompatible),
                 qos_overriding_options=QoSOverridingOptions(given),
             )
-        except Exception as error:  # for a wrong value rclpy raises what it likes
+        except Exception as error:  # rclpy raises various types for a wrong value
             if not given:
                 raise
             raise ConfigError(f"parameters {prefix}*: {error!r}") from error
@@ -80,14 +80,14 @@ class Endpoints:
         return partial(self._node.destroy_subscription, subscription)
 
     def add_latched(self, kind: type[Any], topic: str, callback: Callable[..., None]) -> None:
-        """Subscribe to what a publisher has latched."""
+        """Subscribe to latched messages."""
         subscription = self._node.create_subscription(
             kind, topic, callback, LATCHED, event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False)
         )
         self.active.callback(self._node.destroy_subscription, subscription)
 
     def is_latched(self, topic: str) -> bool:
-        """Return whether a publisher of a topic keeps its last message for subscribers that come later."""
+        """Return whether a publisher of a topic keeps its last message for late subscribers."""
         found = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
         return any(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for info in found)
 
@@ -97,12 +97,12 @@ class Endpoints:
         return [node_of(info) for info in found]
 
     def add_timer(self, period_s: float, callback: Callable[[], None]) -> None:
-        """Call back periodically, by a clock that does not jump, until the node is deactivated."""
+        """Call a function periodically, on a steady clock, until the node is deactivated."""
         timer = self._node.create_timer(period_s, callback, clock=self._clock)
         self.active.callback(self._node.destroy_timer, timer)
 
     def _warning(self, text: str) -> Callable[[Any], None]:
-        """Return what warns of an incompatible peer by a text with places for the policy and its parameter."""
+        """Return a callback that warns of an incompatible peer; `text` has fields for the policy and its parameter."""
 
         def warn(event: Any) -> None:  # noqa: ANN401 - rclpy's
             policy = qos_policy_name_from_kind(event.last_policy_kind)

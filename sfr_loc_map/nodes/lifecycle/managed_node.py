@@ -1,12 +1,12 @@
-"""A managed node with one configuration, whose work is done in a thread of its own.
+"""A managed node with one configuration and a worker thread.
 
 A managed node (design.ros2.org, "Managed nodes") is configured, activated, deactivated and cleaned up by a lifecycle
-manager or by `ros2 lifecycle set`; with the parameter `autostart` it does the first two by itself. What it holds in
-each state:
+manager or by `ros2 lifecycle set`. With the parameter `autostart`, the node configures and activates itself. Contents
+of the node in each state:
 
-    unconfigured   parameters, and its health on /diagnostics
-    inactive       + publishers, compiled code, the worker's thread
-    active         + subscriptions and timers: only now anything is received or published
+    unconfigured   parameters, and the health on /diagnostics
+    inactive       + publishers, compiled code, the worker thread
+    active         + subscriptions and timers; messages are received and published only in this state
 """
 
 from __future__ import annotations
@@ -49,26 +49,26 @@ from sfr_loc_map.topics import configuration_topic
 
 C = TypeVar("C", bound=NodeConfig)
 WAITING_REQUESTS = 1000
-"""Requests of a service that wait behind the jobs of the worker; the 10 of ROS are gone within a long call."""
+"""Queue depth of a service: requests wait for the worker, and the default of 10 overflows during a long job."""
 
 
 class ManagedNode(LifecycleNode, Generic[C]):
     """A node that is configured, activated, deactivated and cleaned up.
 
-    Its parameters are one configuration, which live changes replace as a whole. A subclass defines in `reset_state`,
-    `setup`, `subscribe`, `clock_jumped_back` and `apply_config` what it does in each step; these are called in the
-    executor's thread. Jobs given to `worker` are done in its thread, in order.
+    Its parameters form one configuration, which is replaced as a whole when live parameters change. A subclass defines
+    the steps `reset_state`, `setup`, `subscribe`, `clock_jumped_back` and `apply_config`, which are called in the
+    executor's thread. Jobs given to `worker` are run in order in the worker's thread.
     """
 
-    task: str  #: What it does; its name is `TASK_node` unless another one is given.
-    config_type: type[C]  #: Its parameters; a subclass may have more, by a dataclass that derives from this one.
-    names_of_others: tuple[str, ...] = ()  #: Parameters of other nodes in a section that this node has, too.
-    live_parameters: tuple[str, ...] = ()  #: Beginnings of the names of parameters that may be set at any time.
+    task: str  #: Task of the node; the default node name is `TASK_node`.
+    config_type: type[C]  #: Dataclass of the parameters.
+    names_of_others: tuple[str, ...] = ()  #: Parameters of other nodes, in sections that this node has, too.
+    live_parameters: tuple[str, ...] = ()  #: Name prefixes of the parameters that may be set at any time.
     _worker: Worker | None = None
 
     def __init__(self, name: str = "", **options: Any) -> None:  # noqa: ANN401
-        """Declare the parameters, as files and command line give them; `options` are those of `rclpy.node.Node`."""
-        self.state: str = NodeState.UNCONFIGURED  # or the transition that is under way
+        """Declare the parameters as set by files and command line; `options` are passed to `rclpy.node.Node`."""
+        self.state: str = NodeState.UNCONFIGURED  # or the transition in progress
         super().__init__(name or f"{self.task}_node", automatically_declare_parameters_from_overrides=True, **options)
         self._origin = f"parameters of {self.get_fully_qualified_name()}"
         self._infos = {info.name: info for info in parameters(self.config_type)}
@@ -80,7 +80,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self.add_post_set_parameters_callback(self._on_set_done)
         self._last_error: Exception | None = None
         self._counts_before: dict[str, int] = {}
-        self._quiet = False  # a failed transition is left to the caller to report
+        self._quiet = False  # the caller reports a failed transition
         self.status = StatusReporter(self, self.task, self.config.health, self._activity)
         self.endpoints = Endpoints(self, self.config.output_reliability, self.status.warn)
         self._service_group = MutuallyExclusiveCallbackGroup()
@@ -90,19 +90,16 @@ class ManagedNode(LifecycleNode, Generic[C]):
     # ---- what a subclass defines
 
     def check_config(self, config: C) -> None:
-        """Raise an `SfrError` where valid values do not fit together; called before `__init__` has ended, too."""
+        """Raise an `SfrError` if values are inconsistent with each other; first called within `__init__`."""
 
     def setup(self) -> None:
-        """Prepare: publishers, compiled code."""
+        """Create publishers, load compiled code and files."""
 
     def subscribe(self) -> None:
-        """Receive: subscriptions, timers, services."""
+        """Create subscriptions, timers and services."""
 
     def reset_state(self) -> None:
-        """Create the state: called by `__init__`, before each `setup` and at each clean-up.
-
-        `setup` adds publishers, and what it reads from files.
-        """
+        """Create the state of a run; called by `__init__`, before each `setup` and at each clean-up."""
 
     def clock_jumped_back(self) -> None:
         """Start a new run."""
@@ -111,7 +108,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         """Apply another configuration."""
 
     def expects_input(self) -> bool:
-        """Return whether an active node should be receiving, so that silence makes it stale."""
+        """Return whether an active node expects input at present; without input, the node then becomes stale."""
         return True
 
     def counts(self) -> dict[str, int]:
@@ -119,7 +116,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         return {"dropped_overload": self._worker.dropped if self._worker is not None else 0}
 
     def look_around(self) -> None:
-        """Log what was dropped since the last time; called every 5 s while active."""
+        """Log what was dropped since the last call; called every `LOG_PERIOD_S` while the node is active."""
         counts, before = self.counts(), self._counts_before
         self._counts_before = counts
         for name, count in counts.items():
@@ -128,7 +125,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
                 self.get_logger().warning(text)
 
     def restart_after_fault(self) -> None:
-        """Restart after an exception that was not foreseen; called in the worker's thread."""
+        """Restart after an unexpected exception; called in the worker's thread."""
 
     def count_failed(self) -> None:
         """Count a message that could not be processed; called in the worker's thread."""
@@ -136,18 +133,18 @@ class ManagedNode(LifecycleNode, Generic[C]):
     # ---- what a subclass uses
 
     def config_json(self) -> str:
-        """Return the active configuration by dotted names."""
+        """Return the active configuration as a JSON object with dotted parameter names."""
         return json.dumps({name: as_list(value) for name, value in flatten(self.config).items()})
 
     @property
     def worker(self) -> Worker:
-        """The thread; raises a `NodeError` if the node is not configured."""
+        """The worker; raises a `NodeError` if the node is not configured."""
         if self._worker is None:
             raise NodeError(f"{self.get_fully_qualified_name()} is {self.state}: configure it first")
         return self._worker
 
     def load_kernels(self, *parts: str) -> None:
-        """Load compiled code, so that no call pays for it; say in log and health how far a compilation is."""
+        """Load compiled code before the first call; report the progress of a compilation in log and health."""
 
         def say(line: str) -> None:
             self.get_logger().info(line)
@@ -162,9 +159,10 @@ class ManagedNode(LifecycleNode, Generic[C]):
             self.status.activity = ""
 
     def add_service(self, name: str, work: Callable[[], str], first: Callable[[], object] = lambda: None) -> None:
-        """Offer a Trigger service of the active node, answered by the worker after the jobs that wait there.
+        """Offer a Trigger service of the active node: `first` is called immediately, `work` in the worker's queue.
 
-        Other callbacks run while its answer is awaited. Once created it stays: an answer may be under way.
+        Other callbacks run until the worker has answered. A service is never destroyed, because an answer may be
+        pending.
         """
         name = self.resolve_service_name(name)
         if any(service.srv_name == name for service in self.services):
@@ -198,7 +196,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
     # ---- transitions
 
     def start(self) -> None:
-        """Become active, if `autostart` is on."""
+        """Configure and activate the node if `autostart` is true."""
         if not self.config.autostart:
             self.get_logger().info("unconfigured: waits for a lifecycle manager")
             return
@@ -211,16 +209,16 @@ class ManagedNode(LifecycleNode, Generic[C]):
             self._quiet = False
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Create what an inactive node has."""
+        """Create publishers and the worker."""
         return self._run("configure", NodeState.INACTIVE, self._configure, undo=self._clean_up)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Receive and publish."""
+        """Start to receive and publish."""
         enable = super().on_activate
         return self._run("activate", NodeState.ACTIVE, lambda: enable(state), self._activate, undo=self._deactivate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Receive nothing more, finish the running job, stop publishing."""
+        """Stop receiving, finish the running job, stop publishing."""
         disable = super().on_deactivate
         say = self.get_logger().info
         return self._run(
@@ -236,14 +234,14 @@ class ManagedNode(LifecycleNode, Generic[C]):
         return self._run("shutdown", NodeState.FINALIZED, self._deactivate, self._clean_up)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Release everything after a transition that raised: the node can then be configured again."""
+        """Release everything after a transition that raised an exception, so that the node can be configured again."""
         broke = self._last_error
         result = self._run("error", NodeState.UNCONFIGURED, self._deactivate, self._clean_up)
-        self.status.note_problem(Level.ERROR, f"a transition broke: {broke}")
+        self.status.note_problem(Level.ERROR, f"a transition failed with an exception: {broke}")
         return result
 
     def destroy_node(self) -> None:
-        """End the thread and leave the graph."""
+        """End the worker's thread and leave the graph."""
         if self._worker is not None:
             self._worker.stop()
         super().destroy_node()
@@ -251,7 +249,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
     def _run(
         self, name: str, goal: str, *steps: Callable[[], object], undo: Callable[[], None] | None = None
     ) -> TransitionCallbackReturn:
-        """Run the steps of a transition; `undo` restores the state before if one fails for a known reason."""
+        """Run the steps of a transition; `undo` restores the previous state after an SfrError."""
         before, self.state = self.state, f"{name} under way"
         try:
             for step in steps:
@@ -263,7 +261,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
                 undo()
             self.state = before
             self._last_error, outcome = error, TransitionCallbackReturn.FAILURE
-        except Exception as error:  # rclpy's state machine would swallow it
+        except Exception as error:  # rclpy's state machine would discard the exception
             self._log_error(traceback.format_exc())
             self._last_error, outcome = error, TransitionCallbackReturn.ERROR
         if not self._quiet:
@@ -273,9 +271,9 @@ class ManagedNode(LifecycleNode, Generic[C]):
         return outcome
 
     def _configure(self) -> None:
-        self.check_config(self.config)  # again: a file that it names may be gone
+        self.check_config(self.config)  # once more, because a file that it names may have been removed
         self.get_logger().info(f"configuration {self.config_json()}")
-        self.reset_state()  # begin with the parameters that were set meanwhile
+        self.reset_state()  # with the parameters set since the last reset
         self._worker = Worker(self.task, *self.config.queue(), self._on_fault)
         self._config_publisher = self.endpoints.add_publisher(String, configuration_topic(self.task), 1, latched=True)
         self.setup()
@@ -311,17 +309,17 @@ class ManagedNode(LifecycleNode, Generic[C]):
             self._worker = None
         self.endpoints.configured.close()
         self.reset_state()
-        gc.collect()  # images and clouds that reference cycles hold
+        gc.collect()  # images and clouds held by reference cycles
 
     def _answer_invalid_transitions(self) -> None:
-        """Answer requests for a transition that the present state does not have: rclpy would end the node."""
+        """Reject requests for a transition that is invalid in the present state; rclpy would end the node."""
         (service,) = (service for service in self.services if service.srv_type is ChangeState)
         change = service.callback
 
         def guarded(request: Any, response: Any) -> Any:  # noqa: ANN401 - lifecycle_msgs/ChangeState
             try:
                 response = change(request, response)
-            except Exception:  # rclpy has no public class for it; a transition itself raises nothing
+            except Exception:  # rclpy has no public exception class for this; transitions themselves do not raise
                 response.success = False
             self.status.publish_health(only_changes=True)
             return response
@@ -335,19 +333,19 @@ class ManagedNode(LifecycleNode, Generic[C]):
         found: list[tuple[Level, str]] = []
         if self.get_node_names_and_namespaces().count((self.get_name(), self.get_namespace())) > 1:
             text = (
-                f"another node of the name {self.get_fully_qualified_name()} is in this ROS domain and publishes, too: "
-                f"end one, or give it a namespace (one that was killed shows for up to 20 s)"
+                f"another node named {self.get_fully_qualified_name()} publishes in this ROS domain: end one of the "
+                f"two, or give it a namespace (a killed node stays visible for up to 20 s)"
             )
             found.append((Level.WARN, text))
         clock = self.get_clock()
         if isinstance(clock, ROSClock) and clock.ros_time_is_active and not clock.now().nanoseconds:
-            found.append((Level.WARN, "use_sim_time is on but nothing was received on /clock: its time stands still"))
+            found.append((Level.WARN, "use_sim_time is on but nothing was received on /clock: the node's time is 0"))
         return NodeActivity(self.state, self.counts(), waiting, self.expects_input(), found)
 
     def _on_fault(self, error: Exception, was_message: bool) -> None:
-        """Report what a job of the worker raised: an error of the input in one line, another with its traceback."""
+        """Report an exception of a job: an SfrError in one line, any other exception with its traceback."""
         if not self.context.ok():
-            return  # a signal has shut ROS down while the thread worked: its next use of ROS failed
+            return  # A signal has shut ROS down while the job ran, so that its next use of ROS failed.
         if was_message:
             self.count_failed()
         if isinstance(error, SfrError):
@@ -360,12 +358,13 @@ class ManagedNode(LifecycleNode, Generic[C]):
     # ---- parameters
 
     def _take_overrides(self) -> dict[str, Any]:
-        """Return the values that files and command line give to parameters of this node, which are declared later.
+        """Return the values that files and command line give for this node; the parameters are declared later.
 
-        A parameter file may be for several nodes: other names are ignored, unless they resemble a name of this node.
+        Unknown names are ignored, because a parameter file may serve several nodes. Names that resemble a parameter of
+        this node are returned, so that they are refused as misspelt.
         """
         sim_time = self.get_parameter("use_sim_time").value
-        if not isinstance(sim_time, bool):  # ROS would ignore it
+        if not isinstance(sim_time, bool):  # ROS would ignore the value
             raise ConfigError(f"{self._origin}: 'use_sim_time' is {sim_time!r}: true or false is required")
         given: dict[str, Any] = {}
         for parameter in self.get_parameters(list(self.get_parameters_by_prefix(""))):
@@ -376,7 +375,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
             if name in self._infos or (name not in self.names_of_others and is_near_miss(name, self._infos)):
                 given[name] = as_list(parameter.value)
             else:
-                self.get_logger().info(f"parameter '{name}' is not one of this node: ignored")
+                self.get_logger().info(f"this node has no parameter '{name}': ignored")
         return given
 
     def _with(self, changes: Sequence[Parameter]) -> C:
@@ -399,7 +398,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         return SetParametersResult(successful=True)
 
     def _on_set_done(self, changes: list[Parameter]) -> None:
-        """Work with other parameters from now on."""
+        """Apply changed parameters."""
         config = self._with(changes)
         if config == self.config:
             return
@@ -415,5 +414,5 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self._config_publisher.publish(String(data=self.config_json()))
 
     def _log_error(self, text: str) -> None:
-        if self.context.ok():  # else a signal has shut ROS down within the transition, which then failed of it
+        if self.context.ok():  # otherwise the transition failed because a signal has shut ROS down
             self.get_logger().error(text)

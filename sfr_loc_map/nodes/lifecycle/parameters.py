@@ -1,7 +1,7 @@
-"""ROS parameters from configuration dataclasses, and the parameters that each node has.
+"""ROS parameters from configuration dataclasses, and the parameters common to all nodes.
 
-A field of a dataclass is the only declaration of a parameter: ROS gets its name, type, default, text, unit and range.
-All but `autostart` may be set while the node is unconfigured, the live ones always.
+Each parameter is declared once, as a field of a dataclass, which gives its name, type, default, description, unit and
+range. All parameters except `autostart` may be set while the node is unconfigured, live parameters at any time.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.nodes.ros.qos import RELIABILITIES
 
 BUILT_IN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
-"""Parameters that ROS itself declares on a node."""
-ALIKE = 0.85  #: Ratio of equal characters (difflib) from which an unknown name counts as misspelt.
+"""Names and name prefixes of parameters that ROS itself declares on a node."""
+ALIKE = 0.85  #: Minimum similarity (ratio of difflib) at which an unknown name counts as misspelt.
 AUTOSTART = "autostart"  #: Parameter that is read once, when the node starts.
 
 
 @dataclass(frozen=True, slots=True)
 class NodeConfig(ABC):
-    """Parameters that each node has."""
+    """Parameters common to all nodes."""
 
     autostart: bool = param(
         True, doc="Become active at the start. false: wait for a lifecycle manager or `ros2 lifecycle set`."
@@ -39,11 +39,11 @@ class NodeConfig(ABC):
 
     @abstractmethod
     def queue(self) -> tuple[Overload, int]:
-        """Return what is dropped when the worker cannot keep up, and how many jobs may wait."""
+        """Return the overload policy of the worker, and the maximum number of waiting jobs."""
 
 
 def descriptor(info: ParamInfo) -> ParameterDescriptor:
-    """Return what ROS tools show of a parameter: text with unit, range, choices."""
+    """Return the descriptor of a parameter, which ROS tools show: description with unit, range, choices."""
     message = ParameterDescriptor(description=f"{info.doc} [{info.unit}]" if info.unit else info.doc)
     message.additional_constraints = f"one of: {', '.join(info.choices)}" if info.choices else ""
     if info.low is None or info.high is None or isinstance(info.default, tuple):
@@ -56,7 +56,7 @@ def descriptor(info: ParamInfo) -> ParameterDescriptor:
 
 
 def is_near_miss(name: str, known: Collection[str]) -> bool:
-    """Return whether an unknown name is probably a misspelt one of a node: of one of its sections, or nearly equal."""
+    """Return whether an unknown name is probably misspelt: in a section of the node, or similar to a known name."""
     section, dot, _ = name.rpartition(".")
     if dot and any(other.startswith(f"{section}.") for other in known):
         return True
@@ -64,5 +64,5 @@ def is_near_miss(name: str, known: Collection[str]) -> bool:
 
 
 def as_list(value: Any) -> Any:  # noqa: ANN401 - any parameter type
-    """Return arrays of any kind as lists."""
+    """Return arrays of any kind as lists, other values unchanged."""
     return list(value) if hasattr(value, "__iter__") and not isinstance(value, (str, bytes)) else value

@@ -1,4 +1,4 @@
-"""Runs a node as the main program of a process."""
+"""Run a node as the main program of a process."""
 
 from __future__ import annotations
 
@@ -21,16 +21,17 @@ from sfr_loc_map.signals import END_SIGNALS
 
 
 def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
-    """Run one node until a signal, which ends it with 0; 2 where it cannot go on (one line says why)."""
+    """Run a node until a signal; return 0, or 2 after an SfrError, which is printed in one line."""
     node: Node | None = None
     has_ros_started = False
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        # Once ROS has started its own handlers shut it down. An exception would no longer be safe: numba loads compiled
-        # code in a callback from C, where it is discarded, and then calls a kernel that is not loaded (SIGSEGV).
+        # Once ROS has started, its own handlers shut it down. An exception would no longer be safe: numba loads
+        # compiled code in a callback from C, which discards the exception. Calling the kernel, which is then not
+        # loaded, ends with SIGSEGV.
         if not has_ros_started:
             raise KeyboardInterrupt
-        if number == signal.SIGHUP:  # which ROS does not handle
+        if number == signal.SIGHUP:  # ROS does not handle SIGHUP
             signal.raise_signal(signal.SIGTERM)
 
     _set_handlers(interrupt)
@@ -52,15 +53,15 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
     except Exception:
         if not has_ros_started or ok():
             raise
-        # A signal has shut ROS down while something ran; its next use of ROS failed.
+        # A signal has shut ROS down while a callback ran, so that its next use of ROS failed.
     finally:
-        _set_handlers(signal.SIG_IGN)  # a second one must not interrupt the shutdown
+        _set_handlers(signal.SIG_IGN)  # a second signal must not interrupt the shutdown
         if node is not None:
             node.destroy_node()
         else:
-            gc.collect()  # a node that a signal left half made takes its shared memory with it
+            gc.collect()  # frees the shared memory of a node whose construction was interrupted
         try_shutdown()
-        _set_handlers(signal.SIG_IGN)  # the shutdown puts the former handlers back
+        _set_handlers(signal.SIG_IGN)  # the shutdown restores the previous handlers
     return 0
 
 

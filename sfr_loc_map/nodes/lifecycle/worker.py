@@ -1,4 +1,4 @@
-"""One thread that does the work of a node, job after job, so that the executor stays free to answer."""
+"""A thread that runs the jobs of a node one after another, so that the executor stays responsive."""
 
 from __future__ import annotations
 
@@ -10,36 +10,36 @@ from threading import Condition, Thread
 
 Work = Callable[[], None]
 OnFault = Callable[[Exception, bool], None]
-MAX_WAITING_BYTES = 256_000_000  #: Total size of the waiting jobs that have a size: sixteen clouds of a megapixel.
+MAX_WAITING_BYTES = 256_000_000  #: Maximum total size of the waiting messages: sixteen clouds of 1 Mpx.
 
 
 class Overload(StrEnum):
-    """Which droppable jobs are kept when they come faster than they are done: values of the parameter `overload`."""
+    """Which droppable jobs are kept when they arrive faster than they are done: values of the parameter `overload`."""
 
     ALL = "every_pair"
-    """The last ones, as many as there is room for."""
+    """The newest jobs, up to the capacity of the queue."""
     NEWEST = "newest_first"
-    """The newest alone."""
+    """Only the newest job."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Job:
-    """Work that waits for its turn."""
+    """Work in the queue of the worker."""
 
     work: Work
     is_droppable: bool = False
-    size_bytes: int = 0  #: Size of the message that it holds; 0 if the message is small.
+    size_bytes: int = 0  #: Size of the message that the job holds; 0 if the message is small.
 
 
 class Worker:
-    """Does jobs in the order in which they were given.
+    """Runs jobs in the order in which they were added.
 
-    Two kinds of jobs wait in one queue. Droppable ones (stereo pairs) are bounded in number and size. The others (a new
-    rig, a new pose, a reset) are never dropped and keep their position among them.
+    Droppable jobs (stereo pairs) are bounded in number and size. Other jobs (a new rig, a new pose, a reset) are never
+    dropped and keep their position in the common queue.
     """
 
     def __init__(self, name: str, overload: Overload, capacity: int, on_fault: OnFault) -> None:
-        """Start the thread; `on_fault` is called in it with what a job raised, and whether the job was droppable."""
+        """Start the thread; it calls `on_fault` with the exception of a job, and whether the job was droppable."""
         self.dropped = self.waiting = 0
         self._capacity = 1 if overload is Overload.NEWEST else capacity
         self._on_fault = on_fault
@@ -55,10 +55,10 @@ class Worker:
             self._append(Job(work))
 
     def enqueue_droppable(self, work: Work, size_bytes: int = 0) -> None:
-        """Add a job that may be dropped, with the size of its message, 0 if it is small.
+        """Add a job that may be dropped, with the size of its message; 0 if the message is small.
 
-        If the queue is full, the oldest droppable job is dropped and counted. If the messages of all jobs become too
-        large together, the oldest jobs that have a size are dropped.
+        If the queue is full, the oldest droppable job is dropped and counted. If the total size would exceed
+        `MAX_WAITING_BYTES`, the oldest droppable jobs with a size are dropped.
         """
         with self._changed:
             while self.waiting >= self._capacity:
@@ -73,7 +73,7 @@ class Worker:
         return not self._busy and not self._jobs
 
     def clear(self) -> None:
-        """Drop the droppable jobs that wait; they do not count as dropped."""
+        """Remove the droppable jobs from the queue without counting them as dropped."""
         with self._changed:
             self.waiting = 0
             self._jobs = deque(item for item in self._jobs if not item.is_droppable)
@@ -84,7 +84,7 @@ class Worker:
             self._changed.wait_for(lambda: not self._busy and not self._jobs)
 
     def stop(self, timeout_s: float = 10.0) -> None:
-        """End the thread: waiting jobs are forgotten, the running one is finished, unless it takes too long."""
+        """End the thread: waiting jobs are removed, and the running job is finished unless it exceeds the timeout."""
         with self._changed:
             self._ending = True
             self._jobs.clear()
@@ -99,12 +99,12 @@ class Worker:
             self._changed.notify_all()
 
     def _exceeds_memory(self, size_bytes: int) -> bool:
-        """Return whether another job of a size is too large beside those that wait; it never is without any."""
+        """Return whether the total size would be too large with another job; False if no job with a size waits."""
         waiting_bytes = sum(job.size_bytes for job in self._jobs)
         return size_bytes > 0 and waiting_bytes > 0 and waiting_bytes + size_bytes > MAX_WAITING_BYTES
 
     def _drop_first(self, is_dropped: Callable[[Job], bool]) -> None:
-        """Drop the oldest droppable job that a condition holds for."""
+        """Drop and count the oldest job that meets a condition."""
         self._jobs.remove(next(job for job in self._jobs if is_dropped(job)))
         self.waiting -= 1
         self.dropped += 1
@@ -115,7 +115,7 @@ class Worker:
                 item.work()
             except Exception as error:
                 self._on_fault(error, item.is_droppable)
-            del item  # an image must not be held until the next one comes
+            del item  # an image must not be held until the next job arrives
             with self._changed:
                 self._busy = False
                 self._changed.notify_all()

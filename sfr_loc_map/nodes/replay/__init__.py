@@ -1,1 +1,1 @@
-"""Replay of a source through the running nodes."""
+"""Replay a source through the running nodes."""

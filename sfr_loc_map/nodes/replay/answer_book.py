@@ -1,4 +1,4 @@
-"""What an external node in a replay answered to the pairs."""
+"""Record the answers of an external node to the pairs of a replay."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from sfr_loc_map.metrics.formulas import Statistics, statistics
 from sfr_loc_map.metrics.records import AnswerCounts, FindingKind, FindingRecord
 
 MAX_IN_A_ROW = 10
-"""After so many pairs in a row without an answer the node is not waited for any more, until it answers."""
+"""Number of consecutive pairs without an answer after which the replay stops waiting until the node answers."""
 EARLY_S = 2.0 * STAMP_TOLERANCE_S
-"""An answer that precedes the last image of its pair by more, s, was made without that image. The images of a pair may
-be published `STAMP_TOLERANCE_S` apart, and a node that uses one of them may answer between them."""
+"""Maximum lead of an answer over the last image of its pair, s. An earlier answer was computed without that image. The
+images of a pair may be published `STAMP_TOLERANCE_S` apart, and a node that uses one image may answer between them."""
 
 
 class AnswerBook:
-    """Counts pairs and answers of one run."""
+    """Counts the pairs and answers of a run."""
 
     def __init__(self, rig: str, timeout_s: float, frames: str) -> None:
-        """Begin; the rig is `loc` or `nav`. Without frames the answers must name those of the first of them."""
+        """Start; the rig is `loc` or `nav`. If `frames` is empty, all answers must name those of the first answer."""
         self.rig, self.frames, self.ended = rig, frames, ""
         self._timeout_s = timeout_s
         self._sent: dict[int, float] = {}
@@ -33,15 +33,15 @@ class AnswerBook:
         self._findings: dict[FindingKind, FindingRecord] = {}
 
     def note_sent(self, stamp_ns: int, sent_s: float) -> None:
-        """Note a pair whose last image was published at a time of the clock."""
+        """Note a pair and the time of the monotonic clock when its last image was published, s."""
         self._sent[stamp_ns] = sent_s
         for received_s in self._early.pop(stamp_ns, ()):
             self._answered(stamp_ns, received_s)
 
     def note_answer(self, stamp_ns: int, frames: str, problem: str) -> bool:
-        """Note an answer, its frames (`parent -> child` of a pose, `parent` of a cloud) and why it is no result.
+        """Note an answer, its frames (`parent -> child` of a pose, `parent` of a cloud) and why it is unusable, if so.
 
-        Returns whether it is to be used.
+        Returns whether the answer is used.
         """
         now = time.monotonic()
         if problem:
@@ -49,18 +49,18 @@ class AnswerBook:
             return False
         self.frames = self.frames or frames
         if frames != self.frames:
-            text = f"it names {frames} in place of {self.frames}"
+            text = f"frames {frames} instead of {self.frames}"
             self._note("other_frame", FindingKind.OTHER_FRAME, stamp_ns, text)
             return False
         self._in_a_row = 0
         if stamp_ns in self._sent:
             return self._answered(stamp_ns, now)
-        # of no pair, or of one whose last image is still to be published
+        # the stamp of no pair, or of a pair whose last image is not published yet
         self._early.setdefault(stamp_ns, []).append(now)
         return True
 
     def node_restarted(self, how: str) -> None:
-        """Note that the node ended during the run although another process answers in its place."""
+        """Note that the node ended during the run, although another process answers in its place."""
         last = max(self._sent, default=None)
         record = FindingRecord(kind=FindingKind.CRASHED, count=1, first_stamp_ns=last, text=how)
         self._findings.setdefault(FindingKind.CRASHED, record)
@@ -74,54 +74,54 @@ class AnswerBook:
             self._findings[FindingKind.CRASHED] = record
 
     def is_settled(self, stamp_ns: int) -> bool:
-        """Return whether the answer to a pair is there, or need not be waited for any longer."""
+        """Return whether a pair is answered, or its answer is no longer awaited."""
         if stamp_ns in self._latency_s or self.ended or self._in_a_row >= MAX_IN_A_ROW:
             return True
         return time.monotonic() - self._sent.get(stamp_ns, 0.0) > self._timeout_s
 
     def waited(self, stamp_ns: int) -> None:
-        """Note that a pair was waited for until it was settled."""
+        """Note that the wait for a pair is over."""
         if stamp_ns not in self._latency_s:
             self._in_a_row += 1
 
     @property
     def counts(self) -> AnswerCounts:
-        """The counts, with pairs that have no answer as missing."""
+        """The counts; pairs without an answer in time are missing."""
         pairs, answered = len(self._sent), len(self._in_time)
         other = sum(map(len, self._early.values()))
         return replace(self._counts, pairs=pairs, answered=answered, missing=pairs - answered, other_stamp=other)
 
     @property
     def _in_time(self) -> set[int]:
-        """Stamps of the pairs that were answered within the time to answer."""
+        """Stamps of the pairs that were answered within the timeout."""
         return {stamp_ns for stamp_ns, latency_s in self._latency_s.items() if latency_s <= self._timeout_s}
 
     @property
     def findings(self) -> tuple[FindingRecord, ...]:
-        """What was wrong, one for each kind."""
+        """One finding for each kind of fault."""
         in_time = self._in_time
         missing = [stamp_ns for stamp_ns in self._sent if stamp_ns not in in_time]
         found = list(self._findings.values())
         if self._early:
             first, count = next(iter(self._early)), self.counts.other_stamp
-            kind, text = FindingKind.WRONG_STAMP, "it is the stamp of no pair"
+            kind, text = FindingKind.WRONG_STAMP, "no pair has this stamp"
             found.append(FindingRecord(kind=kind, count=count, first_stamp_ns=first, text=text))
         if missing:
             given_up = self._in_a_row >= MAX_IN_A_ROW
-            text = f"no answer within {self._timeout_s:g} s" + (", not waited for at last" if given_up else "")
+            text = f"no answer within {self._timeout_s:g} s" + (", at the end not awaited" if given_up else "")
             kind = FindingKind.HANGING if given_up and not self.ended else FindingKind.MISSING
             found.append(FindingRecord(kind=kind, count=len(missing), first_stamp_ns=missing[0], text=text))
         return tuple(found)
 
     @property
     def latency_s(self) -> Statistics | None:
-        """Times from publishing a pair to the receipt of its answer, negative if it came first; None without one."""
+        """Times from publishing a pair to receiving its answer, negative for early answers; None without answers."""
         return statistics(np.array(list(self._latency_s.values()))) if self._latency_s else None
 
     def _answered(self, stamp_ns: int, received_s: float) -> bool:
-        """Note the answer to a pair that was published; return whether it is to be used."""
+        """Note the answer to a published pair; return whether the answer is used."""
         if stamp_ns in self._latency_s:
-            self._note("doubled", FindingKind.DOUBLED, stamp_ns, "the pair had its answer")
+            self._note("doubled", FindingKind.DOUBLED, stamp_ns, "the pair was answered already")
             return True
         latency_s = received_s - self._sent[stamp_ns]
         self._latency_s[stamp_ns] = latency_s

@@ -1,4 +1,4 @@
-"""Collects what the nodes publish during a replay, and waits for it."""
+"""Collect the results that the nodes publish during a replay, and wait for them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.topics import CLOUD, DIAGNOSTICS, ESTIMATE, call_topic
 
 QUEUE_DEPTH = 1000
-QUIET_S = 5.0  #: At a rate, results are awaited for so long after the last one.
+QUIET_S = 5.0  #: Time after the last result for which a replay at a rate waits for more, s.
 
 
 class ResultCollector:
@@ -38,7 +38,7 @@ class ResultCollector:
         pairs_per_map: int,
         is_lock_step: bool,
     ) -> None:
-        """Subscribe; an external node in place of one of ours puts the results of its task into `results` itself."""
+        """Subscribe to the results of the suite's nodes. An external node adds its results to `results` itself."""
         self.results = results
         self._external = external
         self._pairs_per_map = pairs_per_map
@@ -46,7 +46,7 @@ class ResultCollector:
         self._peer = peer
         other = None if external is None else external.options.task
         subscribe = peer.ros_node.create_subscription
-        self._error: SfrError | None = None  # that one of our nodes has reported
+        self._error: SfrError | None = None  # reported by a node of the suite
         deep = QoSProfile(depth=QUEUE_DEPTH)
         if other is not Task.LOCALISATION:
             subscribe(Odometry, ESTIMATE, self._on_odometry, deep)
@@ -57,7 +57,7 @@ class ResultCollector:
         subscribe(DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, deep)
 
     def note_sent(self, rig: str, stamp_ns: int, sent_s: float) -> None:
-        """Note that a pair was published, its last image at a time of the monotonic clock; in lock step wait for it."""
+        """Note when the last image of a pair was published (monotonic clock); in lock step, wait for its results."""
         external = self._external
         self.results.sent_pairs.add((rig, stamp_ns))
         if external is not None and rig == external.options.task.rig:
@@ -70,7 +70,7 @@ class ResultCollector:
             external.look_after()
 
     def wait_for_pair(self, rig: str, stamp_ns: int) -> None:
-        """Wait for the results of one pair."""
+        """Wait for the results of a pair."""
         if self._external is not None and rig == self._external.options.task.rig:
             self._external.wait_for(stamp_ns)
             return
@@ -83,18 +83,18 @@ class ResultCollector:
         def problem() -> str:
             name = Task.of_rig(rig).node
             line = self._peer.supervisor.processes[name].last_log_line
-            return f"{name} gave no result for the pair of stamp {stamp_ns} (its last log line: {line})"
+            return f"{name} published no result for the pair of stamp {stamp_ns} (its last log line: {line})"
 
         self._peer.wait_for(is_complete, ANSWER_TIMEOUT_S, problem)
 
     def finish(self) -> None:
-        """Finish a map begun, wait for the results of all published pairs, and observe an external node at its end."""
+        """Finish a map in progress, wait for the missing results, and collect those of an external node."""
         self._wait_for_rest(self._finish_map())
         if self._external is not None:
             self.results.external = self._external.observe()
 
     def _finish_map(self) -> int:
-        """Let the mapper finish a map begun; return how many maps of ours are expected."""
+        """Let our mapper finish a map in progress; return the number of expected maps."""
         if self._external is not None and self._external.options.task is Task.MAPPING:
             return 0
         mapped = self.results.sent_stamps(Task.MAPPING.rig)
@@ -107,7 +107,7 @@ class ResultCollector:
         return maps + 1
 
     def _wait_for_rest(self, maps: int) -> None:
-        """Wait for the results of all published pairs and for a number of maps, as long as results are received."""
+        """Wait for the results of all published pairs and for a number of maps, as long as results arrive."""
         results, count, deadline = self.results, -1, 0.0
         while count != results.count or time.monotonic() < deadline:
             if results.map_count >= maps and all(results.has_pair(*pair) for pair in results.sent_pairs):
@@ -127,7 +127,7 @@ class ResultCollector:
             call = decode_call(message.data, task)
         except InputError:
             if is_external:
-                return  # what it publishes of its calls is optional
+                return  # an external node need not report its calls
             raise
         if external is not None and is_external:
             external.version = call.version or external.version
@@ -137,7 +137,7 @@ class ResultCollector:
         self.results.clouds.append((stamp_of(message), cloud_from_msg(message)))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        """Note an input that one of our nodes cannot use, or its internal fault."""
+        """Note an unusable input or an internal fault that a node of the suite reports."""
         for status in message.status:
             node, _, kind = status.name.rpartition(": ")
             if node not in self._peer.supervisor.processes:

@@ -1,6 +1,7 @@
-"""An external node under test in place of one of ours: waited for, its answers kept, its end a finding.
+"""Test an external node in place of one of the suite's nodes.
 
-What it publishes is read leniently, kept as it is, and published converted for the monitor.
+Its messages are read leniently, stored unchanged, and published converted for the monitor. If its process ends during
+the replay, this is a finding.
 """
 
 from __future__ import annotations
@@ -39,22 +40,22 @@ from sfr_loc_map.runs.replay_result import ExternalRun
 
 DEPTH = 1000
 PUBLISHER_GRACE_S = 2.0
-"""How long the publisher of a node that listens already is waited for; some make it with their first result."""
+"""Maximum wait for the publisher of a subscribed node. Some nodes create their publisher with the first result."""
 LOOK_PERIOD_S = 0.2  #: Period of the checks of its publishers.
 WORLD, BODY, MAP = "ds", "rb", "lm"
 
 
 class ExternalNode(ABC):
-    """A node of anyone in place of one of ours."""
+    """An external node in place of one of the suite's nodes."""
 
     kind: type[Any]
 
     def __init__(
         self, peer: ReplayPeer, options: ExternalOptions, command: ChildProcess | None, results: Results
     ) -> None:
-        """Subscribe to nothing yet; the command is its process, None where it was not started here.
+        """Take the process of the node, None if the node was not started by the replay.
 
-        Its published messages are stored in `results`, which also counts its answers.
+        The messages and counts of the node are stored in `results`.
         """
         self.options = options
         self.version: str | None = None
@@ -63,23 +64,23 @@ class ExternalNode(ABC):
         self._watch: ProcessWatch | None = None
         self._results = results
         self._book = results.answers = AnswerBook(options.task.rig, options.timeout_s, options.frames)
-        self._publishers: set[tuple[int, ...]] | None = None  # when its first answer came, by their global ids
+        self._publishers: set[tuple[int, ...]] | None = None  # global ids of the publishers at the first answer
         self._looked_s = 0.0
 
     @abstractmethod
     def read(self, message: Any) -> Any:  # noqa: ANN401 - of `kind`
-        """Return what a message holds; raises an InputError where it is no result."""
+        """Return the content of a message; raise an InputError if the message is not a valid result."""
 
     @abstractmethod
     def keep(self, message: Any, content: Any) -> None:  # noqa: ANN401 - of `kind`
         """Store a message of the node, and publish the converted message."""
 
     def note_sent(self, stamp_ns: int, sent_s: float) -> None:
-        """Note that a pair was published, its last image at a time of the monotonic clock."""
+        """Note a pair and the time of the monotonic clock when its last image was published, s."""
         self._book.note_sent(stamp_ns, sent_s)
 
     def wait_until_ready(self, topics: list[str]) -> None:
-        """Wait until the node subscribes to images, and subscribe to its answers with the offered reliability."""
+        """Wait until the node subscribes to images; subscribe to its answers with the offered reliability."""
         graph, command = self._peer.ros_node, self._command
 
         def listens() -> bool:
@@ -90,8 +91,8 @@ class ExternalNode(ABC):
         def problem() -> str:
             domain = os.environ.get("ROS_DOMAIN_ID") or 0
             return (
-                f"no external node in ROS domain {domain} listens to {' or '.join(topics)}: start it with --command, "
-                "or set ROS_DOMAIN_ID for both, and remap its topics; nothing came"
+                f"no external node in ROS domain {domain} subscribes to {' or '.join(topics)}: start the node with "
+                "--command, or set ROS_DOMAIN_ID for both, and remap its topics; no subscription"
             )
 
         self._peer.wait_for(listens, self.options.start_timeout_s, problem)
@@ -114,7 +115,7 @@ class ExternalNode(ABC):
             self._watch = ProcessWatch([command.popen.pid])
 
     def observe(self) -> ExternalRun:
-        """Return what is known of it, while it still runs, and stop watching it."""
+        """Return the results of the node while it still runs, and stop measuring its process."""
         self.look_after()
         if self._watch is not None:
             self._watch.stop()
@@ -134,21 +135,21 @@ class ExternalNode(ABC):
         return ExternalRun(method, score, book.findings, log, of_cloud)  # poses are converted later
 
     def wait_for(self, stamp_ns: int) -> None:
-        """Wait until a pair is answered, its time is over, or the process is gone."""
+        """Wait until a pair is answered, its timeout has passed, or the process has ended."""
         book = self._book
 
         def settled() -> bool:
             self.look_after()
             return book.is_settled(stamp_ns)
 
-        timeout_s = self.options.timeout_s + 60.0  # a pair is settled before
+        timeout_s = self.options.timeout_s + 60.0  # the book settles each pair earlier
         self._peer.wait_for(settled, timeout_s, lambda: f"the node under test did not answer the pair {stamp_ns}")
         book.waited(stamp_ns)
 
     def look_after(self) -> None:
-        """Note whether its process has ended, also if a script has started another one in its place.
+        """Note whether the process of the node has ended, even if a script has restarted it.
 
-        A process that is started again has another publisher, with another global id.
+        A restarted process has another publisher, with another global id.
         """
         if self._command is not None and self._command.ending:
             self._book.node_ended(_ended(self._command))
@@ -159,7 +160,7 @@ class ExternalNode(ABC):
         self._looked_s = now_s
         if self._present_publishers() != self._publishers:
             topic = self.options.topic
-            self._book.node_restarted(f"the publisher of its first answer on {topic} has left, or another one has come")
+            self._book.node_restarted(f"the publisher of its first answer on {topic} has left, or another has appeared")
 
     def _present_publishers(self) -> set[tuple[int, ...]]:
         found = self._peer.ros_node.get_publishers_info_by_topic(self.options.topic)
@@ -181,7 +182,7 @@ class ExternalNode(ABC):
 
 
 class ExternalLocaliser(ExternalNode):
-    """Poses of an external localiser."""
+    """An external localiser, which publishes poses."""
 
     kind = Odometry
 
@@ -193,7 +194,7 @@ class ExternalLocaliser(ExternalNode):
         results: Results,
         loc: LocSequence,
     ) -> None:
-        """Advertise the converted poses; their frame may follow from the rig, and their world from the truth."""
+        """Create the publisher of converted poses. The convention may require the rig and the ground truth."""
         super().__init__(peer, options, command, results)
         self._convention, self._truth = options.convention, loc.ground_truth
         self._in_own_world = replace(options.convention, world="ds")
@@ -202,11 +203,11 @@ class ExternalLocaliser(ExternalNode):
         self._publisher = peer.ros_node.create_publisher(Odometry, options.converted_topic, QoSProfile(depth=DEPTH))
 
     def read(self, message: Odometry) -> messages.OdometryRow:
-        """Return stamp and pose."""
+        """Return stamp, position and quaternion."""
         return messages.odometry_row(message)
 
     def keep(self, message: Odometry, row: messages.OdometryRow) -> None:
-        """Keep a pose as it was published, and publish it converted."""
+        """Store a pose as published, and publish the converted pose."""
         covariance = messages.covariance_of(message)
         self._results.rows.append(row)
         self._results.covariances[row[0]] = covariance
@@ -219,7 +220,7 @@ class ExternalLocaliser(ExternalNode):
                     self._T_ds_world = world_at_first_pose(estimates, self._truth)
                 estimates = aligned_estimates(estimates, self._T_ds_world)
         except (GeometryError, MetricsError):
-            return  # nothing for the monitor; the score tells why
+            return  # the pose cannot be converted; the score reports the reason
         poses = estimates.trajectory
         out = Odometry(header=messages.header_msg(max(int(poses.stamps_ns[0]), 0), WORLD), child_frame_id=BODY)
         out.pose.pose = messages.pose_msg(poses.pose(0), poses.quats_xyzw[0])
@@ -229,7 +230,7 @@ class ExternalLocaliser(ExternalNode):
 
 
 class ExternalMapper(ExternalNode):
-    """Clouds of an external mapper; points alone, or with all fields of `mapping/points`."""
+    """An external mapper, whose clouds have only points or all fields of `mapping/points`."""
 
     kind = PointCloud2
 
@@ -241,7 +242,7 @@ class ExternalMapper(ExternalNode):
         results: Results,
         nav: NavSequence,
     ) -> None:
-        """Advertise the converted clouds; the poses of the pairs take their points to LM."""
+        """Create the publisher of converted clouds, whose points are transformed to LM by the poses of the pairs."""
         super().__init__(peer, options, command, results)
         convention, here = options.convention, replace(nav.rig, T_rb_sb=Transform.identity())
         self._in_lm = convention == PoseConvention(metres_per_unit=convention.metres_per_unit)
@@ -255,17 +256,17 @@ class ExternalMapper(ExternalNode):
         if self._in_lm:
             return points
         if stamp_ns not in self._poses:
-            raise InputError("its stamp belongs to no pair, so that its points cannot be transformed to LM")
+            raise InputError("no pair has the stamp of the cloud, so that its points cannot be transformed to LM")
         return (self._poses[stamp_ns] @ self._T_sb_child).apply(points)
 
     def keep(self, message: PointCloud2, points: FloatArray) -> None:
-        """Keep a cloud in LM, and publish it if it has all fields."""
+        """Store the points in LM, and publish the cloud if it has all fields."""
         stamp_ns = stamp_of(message)
         self._results.points.append((stamp_ns, points[np.isfinite(points).all(axis=1)]))
         try:
             cloud = messages.cloud_from_msg(message)
         except InputError:
-            return  # points without pixels: they are scored by the nearest true point
+            return  # points without pixels are scored against the nearest true point
         cloud = replace(cloud, xyz=points.astype(np.float32))
         self._results.clouds.append((stamp_ns, cloud))
         self._publisher.publish(messages.cloud_msg(cloud, stamp_ns, MAP))

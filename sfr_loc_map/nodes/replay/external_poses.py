@@ -1,4 +1,4 @@
-"""Converts the poses of an external localiser to poses of RB in DS after a replay."""
+"""Convert the poses of an external localiser to poses of RB in DS after a replay."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from sfr_loc_map.scoring.inputs import Correction, DriveToScore
 def with_converted_poses(
     result: CollectedRun, source: Source, config: ScoreConfig, correction: Correction
 ) -> CollectedRun:
-    """Return a result with the poses of an external localiser converted to RB in DS, and a call for each pose.
+    """Return a result with the poses of an external localiser converted to RB in DS, and one call for each pose.
 
     A result without an external localiser is returned unchanged.
     """
@@ -44,7 +44,10 @@ def with_converted_poses(
 def _converted(
     estimates: Estimates, loc: LocSequence, config: ScoreConfig, correction: Correction
 ) -> tuple[Estimates, ConventionRecord | None]:
-    """Return converted estimates and what was done, None where nothing was; a diagnosis requires the true poses."""
+    """Return converted estimates and the record of the conversion, None if nothing was converted.
+
+    A diagnosis requires true poses.
+    """
     truth = loc.ground_truth
     if truth is not None and len(truth):
         drive, convention = corrected(DriveToScore(estimates, truth, loc.rig), correction, config)
@@ -69,7 +72,7 @@ def _call_of(estimates: Estimates, row: int, call: CallRecord | None) -> CallRec
 
 
 def _full_covariance(estimates: Estimates, row: int) -> FloatArray | None:
-    """Return the covariance `(6, 6)` of a pose, None where it is unknown."""
+    """Return the covariance `(6, 6)` of a pose; None if unknown."""
     if estimates.covariance is None or not np.isfinite(estimates.covariance[row]).all():
         return None
     return symmetric(estimates.covariance[row])

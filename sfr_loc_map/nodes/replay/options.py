@@ -1,4 +1,4 @@
-"""Options of a replay, and the parameters of the nodes that follow from them."""
+"""Options of a replay, and the node parameters derived from them."""
 
 from __future__ import annotations
 
@@ -28,56 +28,56 @@ from sfr_loc_map.scoring.inputs import Correction
 from sfr_loc_map.topics import RESULTS
 
 CONVERTED = "external/converted"
-"""Topic of converted results, where an external node itself publishes on the suite's."""
+"""Topic of converted results if the external node publishes on the topic of the suite."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExternalOptions:
-    """An external node in place of ours."""
+    """An external node in place of one of the suite's nodes."""
 
-    task: Task  #: What it does.
-    topic: str  #: What it publishes its results on.
-    command: str = ""  #: Command that starts it; empty: it runs already, or is started by the user.
-    #: Process whose CPU and memory are measured: number, or part of a command line; empty: that of the command.
+    task: Task  #: Task of the node.
+    topic: str  #: Topic of its results.
+    command: str = ""  #: Command that starts the node; empty: the user starts it.
+    #: Process whose CPU and memory are measured: process id or part of a command line; empty: that of the command.
     watch: str = ""
-    #: What its answers name, `parent -> child` or of a cloud `parent`; empty: what the first of them names.
+    #: Required frames of the answers: `parent -> child` of a pose, `parent` of a cloud. Empty: as in the first answer.
     frames: str = ""
-    timeout_s: float = 5.0  #: How long the answer to a pair is waited for, in lock step; what comes later is late.
-    start_timeout_s: float = 60.0  #: Timeout for its subscription to images.
-    #: In what its poses differ from those of RB in DS; for a cloud, its points from those in LM.
+    timeout_s: float = 5.0  #: Timeout of the answer to a pair, also the wait in lock step; later answers are late.
+    start_timeout_s: float = 60.0  #: Timeout of its subscription to images.
+    #: Convention of its poses relative to RB in DS; for a cloud, of its points relative to LM.
     convention: PoseConvention = field(default_factory=PoseConvention)
 
     @property
     def converted_topic(self) -> str:
-        """What the converted results are published on, for the monitor."""
+        """Topic on which the converted results are published for the monitor."""
         own = RESULTS[self.task]
         return CONVERTED if self.topic == own else own
 
 
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
-    """How a source is replayed."""
+    """Options of a replay."""
 
     localisation: LocalisationConfig  #: Parameters of the localiser.
     mapping: MappingConfig  #: Parameters of the mapper.
     score: ScoreConfig  #: Settings of the monitor's score.
-    limits: Path | None  #: Limits file of the monitor's verdicts, None for none.
-    start: StartPose | None  #: Pose of RB in DS at the start, with its stamp; None for the identity.
-    rate: float  #: 0: lock step, the result of each pair is awaited; otherwise a multiple of the recorded speed.
-    offset_s: float  #: Where it starts, seconds after the first message.
-    duration_s: float  #: How much of the source is played, seconds.
-    paused: bool  #: Whether it waits for the service ~/resume before the first pair.
+    limits: Path | None  #: Limits file for the monitor's verdicts; None: no limits.
+    start: StartPose | None  #: Pose of RB in DS at the start, with its stamp; None: identity.
+    rate: float  #: Multiple of the recorded speed; 0: lock step, which waits for the results of each pair.
+    offset_s: float  #: Start of the replay, s after the first message.
+    duration_s: float  #: Duration of the played interval of the source, s.
+    paused: bool  #: Whether the replay waits for the service ~/resume before the first pair.
     parameter_file: Path | None  #: ROS parameter file for all nodes; the parameters above override it.
-    monitor: Mapping[str, Any] = field(default_factory=dict)  #: More parameters of the monitor.
-    page: LiveProcess | None = None  #: Page that shows the run, None for none.
-    external: ExternalOptions | None = None  #: Node under test in place of one of ours, None for ours.
+    monitor: Mapping[str, Any] = field(default_factory=dict)  #: Other parameters of the monitor.
+    page: LiveProcess | None = None  #: Live page that shows the run; None: no page.
+    external: ExternalOptions | None = None  #: External node under test; None: only nodes of the suite.
 
 
 def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict[str, list[str]]:
     """Write the parameter files of the nodes into a folder; return the command line of each node by its name.
 
     The monitor runs in each replay, with or without a page, because a replay tests the three nodes together. The score
-    of the replay is that of its collected results. The report of the monitor is shown on the page alone.
+    of the replay is computed from the collected results. The report of the monitor is shown only on the page.
     """
     given = node_parameters(
         {
@@ -86,7 +86,7 @@ def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict
             "monitor": {**options.monitor, **changed(options.score, "score.")},
             "truth": _tracked_body(source),
             "extrinsics": _extrinsics(source),
-            # The pairs of a bag that is played as recorded are those of its reader.
+            # The nodes must form the same pairs as the reader of the bag.
             "sync": {"stamp_tolerance_s": STAMP_TOLERANCE_S},
         }
     )
@@ -98,7 +98,7 @@ def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict
     for node, parameters in given.items():
         if external is not None and node == external.task.node:
             continue
-        # in lock step each message is awaited
+        # in lock step no message may be lost
         parameters |= {"autostart": True, "output_reliability": "reliable", "input.reliability": "reliable"}
         path = folder / f"{node}.yaml"
         path.write_text(yaml.safe_dump({f"/**/{node}": {"ros__parameters": parameters}}), encoding="utf-8")
@@ -110,7 +110,7 @@ def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict
 
 
 def _tracked_body(source: Source) -> dict[str, Any]:
-    """Return the settings of the truth: poses of RB, or positions of a point on RB."""
+    """Return the settings of the ground truth, which has poses of RB or positions of a point on RB."""
     truth = None if source.loc is None else source.loc.ground_truth
     if not isinstance(truth, Truth):
         return {}
@@ -126,7 +126,7 @@ def _tracked_body(source: Source) -> dict[str, Any]:
 
 
 def _extrinsics(source: Source) -> dict[str, Any]:
-    """Return the pose of the rig on the rover."""
+    """Return the extrinsics of the localisation rig; empty if unknown."""
     if source.loc is None or source.loc.rig.T_rb_sb is None:
         return {}
     T_rb_sb = source.loc.rig.T_rb_sb
@@ -139,7 +139,7 @@ def is_ros_parameter_file(path: Path) -> bool:
 
 
 def first_pose(source: Source, start: str, offset_s: float) -> StartPose | None:
-    """Return the pose that a drive starts at, played from an offset; None for the identity, and without a drive."""
+    """Return the start pose of a drive that is played from an offset; None for the identity or without a drive."""
     if source.loc is None or start == "identity":
         return None
     with naming(source.path):
@@ -148,20 +148,20 @@ def first_pose(source: Source, start: str, offset_s: float) -> StartPose | None:
 
 
 def task_under_test(source: Source, external: str | None, method: str) -> Task | None:
-    """Return the task of an external node, None if ours run; ConfigError if the source leaves it open."""
+    """Return the task of an external node, None without one; raise a ConfigError if the task is ambiguous."""
     if external is not None:
         return Task(external)
     if method != "external":
         return None
     if source.loc is not None and source.nav is not None:
-        raise ConfigError("'--method external': which task? give --external localisation or mapping")
+        raise ConfigError("'--method external': the source has both tasks; give --external localisation or mapping")
     return Task.LOCALISATION if source.nav is None else Task.MAPPING
 
 
 def node_under_test(
     task: Task | None, given: Mapping[str, str], timeout_s: float, correction: Correction
 ) -> ExternalOptions | None:
-    """Return the options of an external node, None if ours run; ConfigError if an option does not fit the task."""
+    """Return the options of an external node, None without one; raise a ConfigError if an option does not apply."""
     if task is None:
         needless = [f"--{option}" for option, value in given.items() if value]
         needless += ["--convention or --apply-diagnosis"] if correction.is_wanted else []

@@ -1,4 +1,4 @@
-"""When a message of a replay is due, and which pairs have been published."""
+"""Determine when a message of a replay is due, and which pairs have been published."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from sfr_loc_map.topics import COMPRESSED_END
 
 
 class Pacer:
-    """Says when a message is due, by its stamp and a multiple of the recorded speed; each rig has its own clock."""
+    """Computes when a message is due, from its stamp and the rate; each rig has its own clock."""
 
     def __init__(self, rate: float) -> None:
-        """Start with the first message of each rig; a rate of 0: every message is due at once."""
+        """Take the rate, a multiple of the recorded speed; at a rate of 0, each message is due immediately."""
         self._rate = rate
         self._origins: dict[str, tuple[float, int]] = {}
 
     def restart(self) -> None:
-        """Start again with the next message, as after a pause."""
+        """Restart the clocks at the next message, as after a pause."""
         self._origins.clear()
 
     def wait_s(self, message: Message) -> float:
-        """Return for how long a message has to wait, 0 if it is due."""
+        """Return the time until a message is due, s; 0 if it is due."""
         if self._rate <= 0.0:
             return 0.0
         begin_s, first_ns = self._origins.setdefault(message.rig, (time.monotonic(), message.stamp_ns))
@@ -31,15 +31,15 @@ class Pacer:
 
 
 class PairTracker:
-    """Reports when all messages of a stereo pair, its pose too where it needs one, have been published."""
+    """Reports when all messages of a stereo pair, including a required pose, have been published."""
 
     def __init__(self, parts: Mapping[tuple[str, int], tuple[str, int]]) -> None:
-        """Start before the first message; `parts` are those of `parts_of_pairs`."""
+        """Start before the first message; `parts` is the result of `parts_of_pairs`."""
         self._pair_of = parts
-        self._missing = Counter(parts.values())  # messages of each pair
+        self._missing = Counter(parts.values())  # unpublished messages of each pair
 
     def add(self, message: Message) -> tuple[str, int] | None:
-        """Add a published message; return rig and stamp of the pair that it completes, None if it completes none."""
+        """Add a published message; return rig and stamp of the completed pair, or None."""
         pair = self._pair_of.get((message.topic.removesuffix(COMPRESSED_END), message.stamp_ns))
         if pair is None:
             return None

@@ -1,6 +1,6 @@
-"""Publishes the messages of a source, in lock step or at a rate; an operator may pause it.
+"""Publish the messages of a source, in lock step or at a rate; an operator may pause the replay.
 
-The services are named as those of the rosbag2 player: `~/pause` and `~/resume` (std_srvs/Trigger).
+The services have the names of the rosbag2 player: `~/pause` and `~/resume` (std_srvs/Trigger).
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from sfr_loc_map.nodes.ros.messages import header_msg, message_type, pose_msg
 from sfr_loc_map.nodes.ros.peer import POLL_S
 from sfr_loc_map.topics import INITIAL_POSE, INITIAL_POSE_SET
 
-START_TIMEOUT_S = 300.0  #: The first start after an installation compiles the kernels.
+START_TIMEOUT_S = 300.0  #: Long, because the first start after an installation compiles the kernels.
 SOURCE_DEPTH = 20
 
 
 class Player:
-    """Publishes messages until their end or until it is stopped."""
+    """Publishes messages until their end or until `stop`."""
 
     def __init__(self, peer: ReplayPeer, topics: Mapping[str, str], rate: float, *, paused: bool) -> None:
-        """Advertise the topics, given with their types, and the services."""
+        """Advertise topics, given as name and type, and the services."""
         self.stopped = False
         self._paused = paused
         self._peer = peer
@@ -38,22 +38,22 @@ class Player:
             name: peer.ros_node.create_publisher(message_type(kind), name, depth) for name, kind in topics.items()
         }
         self._initial_pose = peer.ros_node.create_publisher(PoseWithCovarianceStamped, INITIAL_POSE, depth)
-        self._poses_set: list[PoseWithCovarianceStamped] = []  # acknowledgements of Fast DDS come after up to 3 s
+        self._poses_set: list[PoseWithCovarianceStamped] = []  # acknowledgements; those of Fast DDS take up to 3 s
         peer.ros_node.create_subscription(PoseWithCovarianceStamped, INITIAL_POSE_SET, self._poses_set.append, depth)
         for name, is_pause in (("pause", True), ("resume", False)):
             peer.ros_node.create_service(Trigger, f"~/{name}", self._server(is_pause))
 
     def stop(self) -> None:
-        """Publish nothing more."""
+        """Stop publishing."""
         self.stopped = True
 
     def wait_until_ready(self) -> None:
-        """Wait until all nodes listen to this one and know its subscriptions."""
+        """Wait until all nodes subscribe to this node and have discovered its subscriptions."""
         node = self._peer.ros_node
         names = list(self._peer.supervisor.processes)
         resets = [node.create_client(Trigger, f"{name}/reset") for name in names]
         publishers = [*self._publishers.values()]
-        if Task.LOCALISATION.node in names:  # an external node may listen to it in any way
+        if Task.LOCALISATION.node in names:  # an external node need not subscribe to initialpose
             publishers.append(self._initial_pose)
 
         def ready() -> bool:
@@ -65,19 +65,19 @@ class Player:
         self._peer.wait_until_known()
 
     def set_pose(self, start: StartPose) -> None:
-        """Publish the pose at which localisation starts, in its own world frame, and wait until it is received."""
+        """Publish the start pose of the localisation, in its world frame, and wait until the node acknowledges it."""
         message = PoseWithCovarianceStamped(header=header_msg(start.stamp_ns or 0, ""))
         message.pose.pose = pose_msg(start.T_ds_rb, start.T_ds_rb.file_quat_xyzw)
         self._initial_pose.publish(message)
         if Task.LOCALISATION.node not in self._peer.supervisor.processes:
-            return  # an external node may listen to it or not
+            return  # an external node need not acknowledge initialpose
         problem = "localisation_node did not receive initialpose"
         self._peer.wait_for(lambda: bool(self._poses_set), ANSWER_TIMEOUT_S, lambda: problem)
 
     def play(self, messages: Iterator[Message], on_sent: Callable[[Message], None]) -> None:
         """Publish messages of the advertised topics when they are due.
 
-        `on_sent` is called after each and may wait for results.
+        `on_sent` is called after each message and may wait for results.
         """
         for message in messages:
             if message.topic not in self._publishers:

@@ -1,4 +1,4 @@
-"""CPU time and memory of running processes, sampled from outside."""
+"""Measure CPU time and memory of running processes by sampling from outside."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ METHOD = f"sum over the process tree, sampled {1 / PERIOD_S:.0f} times a second 
 
 
 def processes_named(text: str) -> list[int]:
-    """Return the process ids that `--watch` means: one by its number, or all whose name or command line has a text.
+    """Return the process ids for `--watch`: a given id, or all processes with the text in name or command line.
 
-    Those that another one of them has started are watched with it.
+    Descendants of a found process are omitted, because the process is watched with its descendants.
     """
     found: dict[int, list[psutil.Process]] = {}
     for process in psutil.process_iter():
@@ -29,18 +29,18 @@ def processes_named(text: str) -> list[int]:
             if str(process.pid) == text if text.isdigit() else named:
                 found[process.pid] = process.parents()
     if not found:
-        raise ConfigError(f"'--watch {text}': there is no such process; give its number or a part of its command line")
+        raise ConfigError(f"'--watch {text}': there is no such process; give a process id or a part of a command line")
     return [pid for pid, parents in found.items() if not any(parent.pid in found for parent in parents)]
 
 
 class ProcessWatch:
-    """Samples CPU and memory of processes and their descendants, from outside, in a thread of its own.
+    """Samples CPU time and memory of processes and their descendants, in its own thread.
 
-    A process that ends keeps the processor time of its last sample. A peak between two samples is missed.
+    An ended process keeps the processor time of its last sample. Peaks between two samples are missed.
     """
 
     def __init__(self, pids: Sequence[int]) -> None:
-        """Begin to sample; the processes are the roots of the trees."""
+        """Start sampling; `pids` are the roots of the process trees."""
         self._trees = [ProcessTree(pid) for pid in pids if psutil.pid_exists(pid)]
         self._begin_s = self._cpu_s = [tree.usage().cpu_s for tree in self._trees]
         self._peak_bytes = self._most = 0
@@ -50,7 +50,7 @@ class ProcessWatch:
         self._thread.start()
 
     def stop(self) -> None:
-        """Take the last sample; once is enough."""
+        """Take the last sample and end the thread; further calls have no effect."""
         if not self._stop.is_set():
             self._stop.set()
             self._thread.join()
@@ -58,7 +58,7 @@ class ProcessWatch:
 
     @property
     def usage(self) -> ProcessUsage | None:
-        """What was used since the watch began; None if nothing could be seen."""
+        """CPU time since the start and peak memory; None if the processes could not be observed."""
         if not self._peak_bytes:
             return None
         spent_s = sum(self._cpu_s) - sum(self._begin_s)

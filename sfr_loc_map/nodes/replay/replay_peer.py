@@ -1,4 +1,4 @@
-"""The peer of a replay: joins the graph, waits while it watches the nodes, calls their services."""
+"""The peer of a replay, which waits for the supervised nodes and calls their services."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ from sfr_loc_map.nodes.ros.services import call_service
 from sfr_loc_map.topics import ESTIMATE, REPORT, RESULTS, TRUE_POSES, call_topic
 
 ANSWER_TIMEOUT_S = 120.0
-SETTLE_S = 0.3  #: Time for the nodes to discover each other once this node has discovered all of them.
+SETTLE_S = 0.3  #: Time for the nodes to discover each other after this node has discovered all of them.
 PAGE_TIMEOUT_S = 30.0
 PAGE_TOPICS = (ESTIMATE, TRUE_POSES, REPORT)
-"""Topics that a page receives whatever it shows."""
+"""Topics to which a page always subscribes."""
 
 
 class ReplayPeer(Peer):
-    """A peer whose waiting fails (`NodeError`) as soon as a supervised node ends; a context manager."""
+    """A peer whose waits raise a NodeError as soon as a supervised node ends; a context manager."""
 
     def __init__(self, supervisor: Supervisor) -> None:
         super().__init__(PLAYER_NODE, parameters=True)
         self.supervisor = supervisor
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float, problem: Callable[[], str]) -> None:
-        """Spin until a condition holds, for a limited time; `problem` says what did not happen."""
+        """Spin until a condition holds; after the timeout, raise a NodeError with the text of `problem`."""
 
         def is_met() -> bool:
-            self._refuse_others()  # first: what they publish may be what the condition fails of
+            self._refuse_others()  # first, because messages of these nodes may be why the condition fails
             if condition():
                 return True
             self.supervisor.check()
             return False
 
         if not self.spin(timeout_s, is_met):
-            raise NodeError(f"{problem()} within {timeout_s:g} s: look at the load of this host and start again")
+            raise NodeError(f"{problem()} within {timeout_s:g} s: check the load of this host and start again")
 
     def wait_for_page(self, page: LiveProcess) -> bool:
-        """Wait, for a limited time, until a page receives what is played; return whether it does or has ended."""
+        """Wait until a page has subscribed or has ended; return False after the timeout."""
 
         def settled() -> bool:
             self.supervisor.check()
@@ -55,19 +55,19 @@ class ReplayPeer(Peer):
         return self.spin(PAGE_TIMEOUT_S, settled)
 
     def spin_for(self, seconds: float) -> None:
-        """Spin for some time."""
+        """Spin for a given time, then check the nodes."""
         self.spin(seconds)
         self.supervisor.check()
 
     def call_trigger(self, service: str, problem: str) -> str:
-        """Call a Trigger service, wait for its answer and return its text; NodeError if the service reports failure."""
+        """Call a Trigger service and return the text of its answer; raise a NodeError if the service failed."""
         answer = self.request(Trigger, service, Trigger.Request(), problem)
         if not answer.success:
             raise NodeError(f"{problem}: {answer.message}")
         return str(answer.message)
 
     def request(self, kind: type[Any], service: str, request: Any, problem: str) -> Any:  # noqa: ANN401 - any service
-        """Call a service and wait for its answer."""
+        """Call a service and return its answer."""
 
         def wait(condition: Callable[[], bool], seconds: float) -> bool:
             self.wait_for(condition, seconds, lambda: problem)
@@ -77,10 +77,10 @@ class ReplayPeer(Peer):
         return call_service(self.ros_node, kind, service, request, wait=wait, **bounds)
 
     def wait_until_known(self) -> None:
-        """Wait until each node knows all subscriptions of this one, and this one knows those of the monitor.
+        """Wait until each node has discovered all subscriptions of this node, and this node those of the monitor.
 
-        Endpoints are announced in the order in which they were made. The reader of a service's answer is made last, so
-        that a node that answers knows the others.
+        Endpoints are announced in the order of their creation. The reader of a service's answer is created last, so
+        that a node that answers has discovered the other endpoints.
         """
         for name in self.supervisor.processes:
             problem = f"{name} did not answer"
@@ -96,7 +96,7 @@ class ReplayPeer(Peer):
         self.spin_for(SETTLE_S)
 
     def _refuse_others(self) -> None:
-        """Make sure that no other program has nodes that would take part."""
+        """Raise a NodeError if another process has a node with the name of one of this replay."""
         found = self.ros_node.get_node_names_and_namespaces()
         for name in (PLAYER_NODE, *self.supervisor.processes):
             if found.count((name, self.ros_node.get_namespace())) > 1:

@@ -1,4 +1,4 @@
-"""What the nodes publish during a replay, as plain values."""
+"""Results that the nodes publish during a replay, as plain values."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from sfr_loc_map.runs.replay_result import CollectedRun, ExternalRun
 
 @dataclass(slots=True)
 class Results:
-    """What was published to the nodes, and what they have published so far."""
+    """Pairs that were published to the nodes, and results that the nodes have published."""
 
-    #: Stamp, position (m) and quaternion (x, y, z, w) of each odometry message, numbers as received.
+    #: Stamp, position (m) and quaternion (x, y, z, w) of each odometry message, as received.
     rows: list[tuple[int, tuple[float, ...], tuple[float, ...]]] = field(default_factory=list)
-    covariances: dict[int, FloatArray] = field(default_factory=dict)  #: Covariance `(6, 6)` of each odometry by stamp.
-    #: Calls by state (of the mapper) and stamp.
+    covariances: dict[int, FloatArray] = field(default_factory=dict)  #: Covariance `(6, 6)` of each pose by stamp.
+    #: Calls of each task by state (empty for localisation) and stamp.
     calls: dict[Task, dict[tuple[str, int], CallRecord]] = field(default_factory=lambda: {task: {} for task in Task})
     clouds: list[tuple[int, PointCloud]] = field(default_factory=list)  #: Stamp and points of each published cloud.
     #: Rig (`loc`, `nav`) and stamp of each pair that was published to the nodes.
     sent_pairs: set[tuple[str, int]] = field(default_factory=set)
-    #: What an external node answered, None without one; its poses are in `rows` as it published them.
+    #: Answers of an external node, None without one; its poses are in `rows` as published.
     answers: AnswerBook | None = None
     #: Stamp and points `(N, 3)` in LM of each cloud of an external node.
     points: list[tuple[int, FloatArray]] = field(default_factory=list)
-    external: ExternalRun | None = None  #: What is known of the external node at the end, None without one.
+    external: ExternalRun | None = None  #: Results of the external node at the end, None without one.
 
     @property
     def trajectory(self) -> Trajectory:
@@ -44,9 +44,9 @@ class Results:
 
     @property
     def records(self) -> list[CallRecord]:
-        """All calls: those of the localiser, with the covariances of their poses, then those of the mapper.
+        """All calls: first those of the localiser, with the covariances of their poses, then those of the mapper.
 
-        An external localiser has one for each pose, whether or not it reports its calls.
+        An external localiser has one call for each pose, even if it reports no calls.
         """
         calls = {stamp_ns: call for (_, stamp_ns), call in self.calls[Task.LOCALISATION].items()}
         if self.answers is not None and self.answers.rig == Task.LOCALISATION.rig:
@@ -60,28 +60,27 @@ class Results:
 
     @property
     def count(self) -> int:
-        """How many results there are."""
+        """Number of results."""
         calls = sum(map(len, self.calls.values()))
         return calls + len(self.rows) + len(self.clouds) + len(self.points)
 
     @property
     def map_count(self) -> int:
-        """How many maps of our mapper are complete: the cloud, and the call that made it."""
+        """Number of complete maps of our mapper, for which the cloud and its call were received."""
         mapped = self.calls[Task.MAPPING]
         return sum((MappingState.MAPPED_SET, stamp_ns) in mapped for stamp_ns, _ in self.clouds)
 
     def collected_run(self) -> CollectedRun:
-        """Return what came out of the replay, for its score and its files."""
+        """Return the results of the replay, for its score and its files."""
         (cloud, mapped_ns), points = self.last_map(), None
         if self.external is not None and self.external.score.task == Task.MAPPING:
             cloud, points, mapped_ns = self.external_map()
         return CollectedRun(self.trajectory, cloud, self.records, mapped_ns, self.external, points)
 
     def external_map(self) -> tuple[PointCloud | None, FloatArray | None, tuple[int, ...]]:
-        """Return the map of an external node: its cloud, or its points where they have no pixels; stamps of its pairs.
+        """Return the map of an external node: its cloud, or its points if they have no pixels, and stamps of its pairs.
 
-        Clouds of each played pair are taken together, each with the points of its pair; otherwise the last one is
-        taken for the map of all of them.
+        If each played pair has a cloud, the clouds are concatenated. Otherwise the last cloud is the map of all pairs.
         """
         pairs = tuple(self.sent_stamps(Task.MAPPING.rig))
         points, clouds = dict(self.points), dict(self.clouds)
@@ -110,7 +109,7 @@ class Results:
         return sorted(stamp_ns for each, stamp_ns in self.sent_pairs if each == rig)
 
     def has_pair(self, rig: str, stamp_ns: int) -> bool:
-        """Return whether the results of a pair are complete; those of an external node are once nothing is awaited."""
+        """Return whether the results of a pair are complete; with an external node, whether the pair is settled."""
         if self.answers is not None and rig == self.answers.rig:
             return self.answers.is_settled(stamp_ns)
         if rig == Task.LOCALISATION.rig:

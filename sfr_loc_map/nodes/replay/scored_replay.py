@@ -1,4 +1,4 @@
-"""A replay from its source to its score and files: the work of `sfr replay`."""
+"""Replay a source, score the results and write the files: the work of `sfr replay`."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from sfr_loc_map.scoring.replay_score import score_replay
 
 @dataclass(frozen=True, slots=True)
 class ScoredReplay:
-    """What came out of a replay."""
+    """The result of a replay."""
 
     result: CollectedRun
     score: Score
-    remarks: tuple[str, ...]  #: Messages for the user in addition to the score, one line each.
+    remarks: tuple[str, ...]  #: Remarks for the user in addition to the score, one line each.
     warning: str | None  #: Warning that many poses are lost or degraded; None if few are.
-    interrupted: str  #: What was finished, if a signal ended the replay; empty otherwise.
+    interrupted: str  #: Which part was played if a signal ended the replay; empty otherwise.
 
 
 def replay_and_score(
@@ -43,11 +43,11 @@ def replay_and_score(
     progress: Callable[[str], None],
     say: Callable[[str], None],
 ) -> ScoredReplay:
-    """Replay a source, write what came out to files, if any, and score it.
+    """Replay a source, write the results to files if given, and score the results.
 
-    `progress` is called with the rig of each pair that was played, `say` with a line of what is being done. The
-    correction is that of an external localiser's poses. Of a replay that a signal ended, what was played is scored;
-    KeyboardInterrupt if that is nothing.
+    `progress` is called with the rig of each played pair, `say` with a line about each step. The correction applies to
+    the poses of an external localiser. If a signal ends the replay, the played part is scored; without any result, a
+    KeyboardInterrupt is raised.
     """
     with naming(source.path):
         results, was_interrupted = replay(source, options, progress, say)
@@ -56,7 +56,7 @@ def replay_and_score(
         remarks = tuple(_remarks(results, options))
         result = with_converted_poses(results.collected_run(), source, options.score, correction)
     if files is not None:
-        files.remove()  # of an earlier run, which may have written more of them
+        files.remove()  # files of an earlier run, which may have written more of them
         save_replay(result, files)
     score = score_replay(
         source,
@@ -71,7 +71,7 @@ def replay_and_score(
     localised = [record for record in result.records if record.task is Task.LOCALISATION]
     states = f"{len(result.estimate)} poses, {states_text(result.records)}"
     total = sum(len(part) for part in (source.loc, source.nav) if part is not None)
-    interrupted = f"interrupted: {len(results.sent_pairs)} of {total} pairs were played, and scored"
+    interrupted = f"interrupted: {len(results.sent_pairs)} of {total} pairs were played and scored"
     return ScoredReplay(
         result,
         score,
@@ -82,7 +82,7 @@ def replay_and_score(
 
 
 def _remarks(results: Results, options: ReplayOptions) -> Iterator[str]:
-    """Yield what is missing of the results, and what an external node has answered; NodeError without any cloud."""
+    """Yield remarks on missing results and on the answers of an external node; raise a NodeError without a cloud."""
     theirs = None if options.external is None else options.external.task  # its answers are counted in the score
     played = len(results.sent_stamps(Task.LOCALISATION.rig))
     if (missing := played - len(results.rows)) > 0 and theirs is not Task.LOCALISATION:

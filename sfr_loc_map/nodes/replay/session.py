@@ -1,4 +1,4 @@
-"""Replays a source through the running nodes: start them, play, collect their results, end them."""
+"""Replay a source through the nodes: start the nodes, play, collect the results, end the nodes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Progress = Callable[[str], None]
 
 
 class Running(NamedTuple):
-    """What takes part in a replay."""
+    """Participants of a running replay."""
 
     peer: ReplayPeer
     player: Player
@@ -43,16 +43,16 @@ class Running(NamedTuple):
 
 
 def replay(source: Source, options: ReplayOptions, progress: Progress, say: Say) -> tuple[Results, bool]:
-    """Replay a source through the nodes; return what they published, and whether a signal ended it early.
+    """Replay a source through the nodes; return the results, and whether a signal ended the replay early.
 
-    `progress` is called with the rig of each pair that was played.
+    `progress` is called with the rig of each played pair.
     """
     with running(source, options, say) as parts:
         with signals.stopping(parts.player.stop) as interrupted:
-            say(f"plays from {options.offset_s:g} s")
+            say(f"playing from {options.offset_s:g} s")
             play(source, options, parts, progress)
             was_interrupted = interrupted()
-            signals.hold()  # what was played is there to be scored
+            signals.hold()  # the played part is still scored
         results = parts.collector.results
         if options.page is not None:
             parts.peer.call_trigger(f"{MONITOR_NODE}/finish", f"{MONITOR_NODE} did not publish its figures")
@@ -83,12 +83,13 @@ def play(source: Source, options: ReplayOptions, parts: Running, progress: Progr
 
 @contextmanager
 def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[Running]:
-    """Start the nodes of a replay as processes of their own, and end them with the `with` block."""
+    """Start each node of a replay as a process, and end the processes after the `with` block."""
     check_source(source, options.offset_s)
     environment.isolate()
     environment.prepare()
     topics = message_stream.topics_of(source)
-    if options.external is not None:  # whoever is on the domain may listen: the score has the truth from the source
+    # An external node must not receive the ground truth. The score reads the ground truth from the source.
+    if options.external is not None:
         topics = {name: kind for name, kind in topics.items() if name not in names(Role.TRUTH)}
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sfr-replay-")))
@@ -112,7 +113,7 @@ def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[Runnin
             publish_extrinsics(peer.ros_node, source.loc.rig.T_rb_sb)
         say("waiting for the nodes")
         if options.page is not None and not peer.wait_for_page(options.page):
-            say("the page is not connected yet: what is played before is missing there")
+            say("the page is not connected yet: it will lack the begin of the replay")
         player.wait_until_ready()
         if external is not None:
             rig = f"{external.options.task.rig}/"
@@ -121,17 +122,17 @@ def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[Runnin
 
 
 def _missing_poses(source: Source, results: Results) -> str:
-    """Return what the estimate lacks for the page; empty if nearly every image has a pose."""
+    """Return what the estimate lacks, as a text for the page; empty if nearly every image has a pose."""
     images = 0 if source.loc is None else len(source.loc)
     posed = len({stamp_ns for stamp_ns, _, _ in results.rows})
     return "" if images - posed <= MISSING_SHARE * images else "not every image of the source has a pose"
 
 
 def check_source(source: Source, offset_s: float = 0.0) -> None:
-    """Check what would fail late."""
+    """Check a source before the start of the nodes; raise an InputError if the replay would fail later."""
     if source.loc is not None and source.loc.rig.T_rb_sb is None:
         raise InputError(
-            f"'{source.path}' does not say where the stereo rig is on the rover (T_rb_locsb): give extrinsics in "
+            f"'{source.path}' has no extrinsics of the stereo rig on the rover (T_rb_locsb): give them in "
             f"sfr.yaml (sfr init DIR --from SRC), in rig.json, or on /tf_static of the bag"
         )
     if source.nav is not None:
@@ -140,4 +141,4 @@ def check_source(source: Source, offset_s: float = 0.0) -> None:
         raise InputError(f"'{source.path}' has no stereo pair: at least one is required")
     end_s = message_stream.end_of(source)
     if offset_s > end_s:
-        raise InputError(f"its last pair is at {end_s:.3f} s: an offset of {offset_s:g} s leaves nothing")
+        raise InputError(f"the last pair is at {end_s:.3f} s: an offset of {offset_s:g} s leaves no pair")

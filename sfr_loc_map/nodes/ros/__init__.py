@@ -1,1 +1,1 @@
-"""What every ROS node of the suite builds on: quality of service, messages, publishers and services of the graph."""
+"""Basic parts of the ROS nodes: environment, quality of service, messages, services, transport statistics."""

@@ -1,4 +1,4 @@
-"""What a process needs before and when it starts ROS: environment variables, a domain, `rclpy.init`."""
+"""Start ROS in a process: environment variables, domain, `rclpy.init`."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from typing import Any
 from sfr_loc_map.errors import NodeError
 
 PROFILE = Path(__file__).with_name("profiles") / "fastdds_shm.xml"
-"""Fast DDS profile with a shared-memory segment that holds large images and clouds."""
+"""Fast DDS profile with a shared-memory segment large enough for images and clouds."""
 PROFILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 """Environment variables from which Fast DDS 2 (ROS 2 Jazzy) and Fast DDS 3 read their profile."""
 EXPORT_LINE = f"export {' '.join(f'{name}={PROFILE}' for name in PROFILE_VARIABLES)}"
-"""What a camera driver's shell needs."""
-DOMAINS = 101  #: Domains 1 to 101 have ports below the ephemeral range.
+"""Command that selects the profile in the shell of a camera driver."""
+DOMAINS = 101  #: Highest domain chosen: the ports of domains 1 to 101 are below the ephemeral range.
 
 
 def prepare(environment: MutableMapping[str, str] = os.environ) -> None:
-    """Set missing variables; those that the user has set stay.
+    """Set missing environment variables; variables set by the user are kept.
 
-    An empty profile variable counts as not set: Fast DDS would report it as a broken file. The pip wheels of ROS do not
-    set the path of their package index.
+    An empty profile variable counts as missing, because Fast DDS would report an invalid file. AMENT_PREFIX_PATH is
+    set because the pip wheels of ROS do not set the path of their package index.
     """
     chosen = next(filter(None, map(environment.get, PROFILE_VARIABLES)), str(PROFILE))
     for name in PROFILE_VARIABLES:
@@ -32,13 +32,13 @@ def prepare(environment: MutableMapping[str, str] = os.environ) -> None:
 
 
 def see_whole_graph(environment: MutableMapping[str, str] = os.environ) -> None:
-    """Be a super client where a discovery server is used: others are told of nothing but what they subscribe to."""
+    """Become a super client of a discovery server; normal clients see only endpoints of their own topics."""
     if environment.get("ROS_DISCOVERY_SERVER") and not environment.get("ROS_SUPER_CLIENT"):
         environment["ROS_SUPER_CLIENT"] = "TRUE"
 
 
 def isolate(environment: MutableMapping[str, str] = os.environ) -> None:
-    """Choose a domain by the number of this process and stay on this host, unless the user chose."""
+    """Choose a domain from the process id and restrict discovery to this host, unless the user has set them."""
     if not environment.get("ROS_DOMAIN_ID"):
         environment["ROS_DOMAIN_ID"] = str(1 + os.getpid() % DOMAINS)
     if not environment.get("ROS_LOCALHOST_ONLY"):
@@ -46,9 +46,9 @@ def isolate(environment: MutableMapping[str, str] = os.environ) -> None:
 
 
 def start_ros(arguments: Sequence[str] = (), *, signals: bool = False) -> None:
-    """Start ROS with a command line; signals stay with the program unless ROS is to shut down by them.
+    """Start ROS with a command line. With `signals`, ROS installs its handlers and shuts down on signals.
 
-    Raises NodeError if it does not start: bad arguments or parameter files, a log folder that cannot be written.
+    Raises a NodeError for invalid arguments or parameter files, or a log folder that is not writable.
     """
     import rclpy
     from rclpy.signals import SignalHandlerOptions
@@ -57,5 +57,5 @@ def start_ros(arguments: Sequence[str] = (), *, signals: bool = False) -> None:
     prepare()
     try:
         rclpy.init(args=list(arguments), **options)
-    except Exception as error:  # rclpy's classes for these share no root
+    except Exception as error:  # rclpy's exceptions have no common base class
         raise NodeError(f"ROS does not start with these arguments and settings: {error}") from error

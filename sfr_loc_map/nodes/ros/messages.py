@@ -1,10 +1,10 @@
-"""Values as messages and back: stamps, poses, images, clouds, grids, tracks.
+"""Convert values to messages and back: stamps, poses, images, clouds, grids, tracks.
 
-Every field gets a plain Python number: message classes accept those of numpy silently and send something else. What
-does not hold what it should (NaN, too few bytes, another size or type) raises an InputError.
+Every field is set to a plain Python number, because message classes accept numpy numbers silently and send wrong
+values. Invalid messages (NaN, too few bytes, a wrong size or type) raise an InputError.
 
-The ROS orientation of RB in DS takes components in RB to DS, so it is `Transform.quat_xyzw`, the conjugate of the
-source document's `att_q_DsToRb`. Nothing else knows of that.
+The ROS orientation of RB in DS rotates components from RB to DS. It is therefore `Transform.quat_xyzw`, the conjugate
+of the source document's `att_q_DsToRb`. Only this module converts between the two.
 """
 
 from __future__ import annotations
@@ -48,23 +48,23 @@ from sfr_loc_map.mapping.terrain.terrain_grid import TerrainGrid
 
 _LETTERS = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
 POINT_TYPES = {np.dtype(name).type: code for code, name in enumerate(_LETTERS, PointField.INT8)}
-"""Codes of sensor_msgs/PointField."""
+"""Datatype codes of sensor_msgs/PointField by numpy type."""
 
 
 def header_msg(stamp_ns: int, frame_id: str) -> Header:
-    """Return a header."""
+    """Return a header with a stamp and a frame."""
     return Header(stamp=Time(nanoseconds=int(stamp_ns)).to_msg(), frame_id=frame_id)
 
 
 def byte_array(values: NDArray[Any]) -> array[int]:
-    """Return the bytes of an array as the one type that message fields take quickly."""
+    """Return the bytes of an array as `array.array`, the only type that message fields copy fast."""
     data = array("B")
     data.frombytes(np.ascontiguousarray(values).reshape(-1).view(np.uint8).data)
     return data
 
 
 def points_msg(records: NDArray[np.void], header: Header) -> PointCloud2:
-    """Return structured points `(N,)` or `(H, W)` as a message, not said to be dense; numbers lie at whole words."""
+    """Return structured points `(N,)` or `(H, W)` as a message with aligned fields and `is_dense` false."""
     dtype, shape = np.dtype(records.dtype.descr, align=True), (1, *records.shape)[-2:]
     layout: Mapping[str, Any] = dtype.fields or {}
     fields = [
@@ -79,7 +79,7 @@ def points_msg(records: NDArray[np.void], header: Header) -> PointCloud2:
 
 
 def points_of(message: PointCloud2, wanted: Mapping[str, Sequence[type[np.generic]]]) -> NDArray[np.void]:
-    """Return a view of the points `(H, W)` of a message with the wanted fields, of whatever layout."""
+    """Return a view of the points `(H, W)` of a message with the wanted fields; the message may have any layout."""
     what, found = f"cloud of stamp {stamp_of(message)}", {field.name: field for field in message.fields}
     order: Literal["<", ">"] = ">" if message.is_bigendian else "<"
     formats, offsets = [], []
@@ -92,7 +92,7 @@ def points_of(message: PointCloud2, wanted: Mapping[str, Sequence[type[np.generi
         formats.append(np.dtype(kind).newbyteorder(order))
         offsets.append(int(field.offset))
         if field.offset + formats[-1].itemsize > message.point_step:
-            raise InputError(f"{what}: field '{name}' lies beyond the {message.point_step} byte point")
+            raise InputError(f"{what}: field '{name}' exceeds the point of {message.point_step} bytes")
     height, width, step, row = (int(n) for n in (message.height, message.width, message.point_step, message.row_step))
     if row < step * width or len(message.data) < row * height:
         raise InputError(f"{what} is {width} x {height} points of {step} bytes in {len(message.data)}: too few")
@@ -103,29 +103,29 @@ def points_of(message: PointCloud2, wanted: Mapping[str, Sequence[type[np.generi
 
 
 def float_points_msg(values: FloatArray32, names: Sequence[str], header: Header) -> PointCloud2:
-    """Return float32 `(N, F)` or `(H, W, F)` as a cloud with F fields."""
+    """Return float32 values `(N, F)` or `(H, W, F)` as a cloud with F fields."""
     rows = np.ascontiguousarray(values, "<f4").view([(name, "<f4") for name in names])[..., 0]
     return points_msg(rows, header)
 
 
 def floats_of(message: PointCloud2, names: Sequence[str]) -> FloatArray32:
-    """Return the fields of a cloud as float32 `(H, W, F)`."""
+    """Return the named float32 fields of a cloud as `(H, W, F)`."""
     points = points_of(message, dict.fromkeys(names, (np.float32,)))
     return np.stack([points[name].astype(np.float32) for name in names], axis=-1)
 
 
-FIRST_VELOCITY_VARIANCE = 1.0  #: Of the velocity at the first pose, (m/s)^2 and (rad/s)^2: it has no pose before.
+FIRST_VELOCITY_VARIANCE = 1.0  #: Variance of the unknown velocity at the first pose, (m/s)^2 and (rad/s)^2.
 
 
 def pose_msg(pose: Transform, quat_xyzw: FloatArray) -> Pose:
-    """Return a pose of the child frame in the parent frame; the quaternion is sent as given."""
+    """Return the pose of the child frame in the parent frame; the quaternion is sent as given."""
     x, y, z = (float(v) for v in pose.translation)
     qx, qy, qz, qw = (float(v) for v in quat_xyzw)
     return Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
 
 
 def transform_from_pose(pose: Pose, name: str) -> Transform:
-    """Return `T_parent_child` of a pose message; `name` says what it is where it is none."""
+    """Return `T_parent_child` of a pose message; `name` describes the pose in the error message."""
     p, q = pose.position, pose.orientation
     try:
         return Transform.from_quat((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
@@ -134,19 +134,19 @@ def transform_from_pose(pose: Pose, name: str) -> Transform:
 
 
 def start_pose_of(message: PoseWithCovarianceStamped) -> StartPose:
-    """Return an external pose, which applies at its stamp; a stamp of zero is unknown."""
+    """Return an external pose, which applies at its stamp; a stamp of 0 means that the time is unknown."""
     pose = transform_from_pose(message.pose.pose, "initialpose")
     covariance = np.array(message.pose.covariance, np.float64).reshape(6, 6)
     if not is_plausible_covariance(covariance):
         raise InputError(
-            f"initialpose has a covariance that is none: it is symmetric, with variances from 0 to {MAX_VARIANCE:g}; "
-            f"zeros say exact"
+            f"initialpose: invalid covariance: it must be symmetric and positive semi-definite, with variances from 0 "
+            f"to {MAX_VARIANCE:g}; zeros mean an exact pose"
         )
     return StartPose(pose, covariance, stamp_of(message) or None)
 
 
 def odometry_msg(estimate: PoseEstimate, parent: str, child: str) -> Odometry:
-    """Return an estimate as odometry; the velocity is the mean one since the pose before, in RB there."""
+    """Return an estimate as odometry; the velocity is the mean velocity since the previous pose, in RB of that pose."""
     message = Odometry(header=header_msg(estimate.stamp_ns, parent), child_frame_id=child)
     message.pose.pose = pose_msg(estimate.T_ds_rb, estimate.T_ds_rb.quat_xyzw)
     message.pose.covariance = np.array(estimate.covariance, dtype=np.float64).reshape(36)
@@ -155,7 +155,7 @@ def odometry_msg(estimate: PoseEstimate, parent: str, child: str) -> Odometry:
 
 
 def _twist_msg(step: StepEstimate | None) -> TwistWithCovariance:
-    """Return the mean velocity of a step, with 9999 on the diagonal of its covariance where there is none."""
+    """Return the mean velocity of a step; without a step, zero with a covariance of 9999 on the diagonal."""
     if step is None:
         return TwistWithCovariance(covariance=(np.eye(6) * LOST_VARIANCE).reshape(36))
     velocity, covariance = np.zeros(6), np.eye(6) * FIRST_VELOCITY_VARIANCE
@@ -167,11 +167,11 @@ def _twist_msg(step: StepEstimate | None) -> TwistWithCovariance:
 
 
 OdometryRow = tuple[int, tuple[float, float, float], tuple[float, float, float, float]]
-"""Stamp (ns), position (m) and quaternion (x, y, z, w) of odometry, numbers as sent."""
+"""Stamp (ns), position (m) and quaternion (x, y, z, w) of odometry, as sent."""
 
 
 def odometry_row(message: Odometry) -> OdometryRow:
-    """Return stamp and pose of odometry; InputError if it has no attitude."""
+    """Return stamp and pose of odometry; raise an InputError if the pose is invalid."""
     stamp = stamp_of(message)
     p, q = message.pose.pose.position, message.pose.pose.orientation
     place, quat = (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
@@ -194,7 +194,7 @@ def transform_msg(header: Header, child: str, pose: Pose) -> TransformStamped:
 
 
 def tf_message_type() -> type[Any] | None:
-    """Return tf2_msgs/TFMessage, None where it is not installed (it is not part of the ROS wheels)."""
+    """Return tf2_msgs/TFMessage; None if tf2_msgs is not installed (it is not part of the ROS wheels)."""
     try:
         return message_type("tf2_msgs/msg/TFMessage")
     except NodeError:
@@ -202,7 +202,7 @@ def tf_message_type() -> type[Any] | None:
 
 
 def check_image(message: Image | CompressedImage, size: tuple[int, int]) -> None:
-    """Check the size that an image claims before anything is decoded or allocated: a small message may claim any."""
+    """Check the size that an image claims before memory is allocated, because a small message may claim any size."""
     if isinstance(message, Image):
         found: tuple[int, int] | None = (int(message.width), int(message.height))
     else:
@@ -219,7 +219,7 @@ def check_image(message: Image | CompressedImage, size: tuple[int, int]) -> None
 
 
 def image_msg(pixels: NDArray[np.generic], encoding: str, header: Header) -> Image:
-    """Return an image `(H, W)` or `(H, W, C)` of an encoding as a message."""
+    """Return an image `(H, W)` or `(H, W, C)` as a message with an encoding."""
     height, width = pixels.shape[:2]
     step = pixels.nbytes // max(height, 1)
     return Image(header=header, height=height, width=width, encoding=encoding, step=step, data=byte_array(pixels))
@@ -228,7 +228,7 @@ def image_msg(pixels: NDArray[np.generic], encoding: str, header: Header) -> Ima
 def disparity_msg(
     disparity_px: NDArray[np.float32], rig: StereoRig, searched: SearchRange, header: Header
 ) -> DisparityImage:
-    """Return a disparity image with a range that includes the parameters' range and all valid disparities."""
+    """Return a disparity image; its range includes the search range and all valid disparities."""
     height, width = disparity_px.shape
     low = min(searched.min_disparity_px, float(np.nanmin(disparity_px, initial=np.inf)))
     high = max(searched.max_disparity_px, float(np.nanmax(disparity_px, initial=-np.inf)))
@@ -242,7 +242,7 @@ def disparity_msg(
 
 
 def cloud_msg(cloud: PointCloud, stamp_ns: int, frame_id: str) -> PointCloud2:
-    """Return a cloud with the fields x y z sigma intensity u v pair, one row."""
+    """Return a cloud as one row of points with the fields x, y, z, sigma, intensity, u, v, pair."""
     message = points_msg(cloud.to_structured(), header_msg(stamp_ns, frame_id))
     message.is_dense = bool(np.isfinite(cloud.xyz).all())
     return message
@@ -255,17 +255,17 @@ def cloud_from_msg(message: PointCloud2) -> PointCloud:
 
 
 def xyz_from_msg(message: PointCloud2) -> FloatArray:
-    """Return the points `(N, 3)` of any cloud with float fields x, y and z; NaN where there is none."""
+    """Return the points `(N, 3)` of any cloud with float fields x, y and z; missing points stay NaN."""
     points = points_of(message, dict.fromkeys("xyz", (np.float32, np.float64)))
     return np.stack([points[name].reshape(-1).astype(np.float64) for name in "xyz"], axis=1)
 
 
 ELEVATION_FIELDS = ("x", "y", "z", "sigma", "slope", "roughness", "step", "count")
-"""Fields of a cell, all float32: its centre and height, metres; slope, radians; roughness and step, metres; points."""
+"""Float32 fields of a cell: centre, height and sigma, m; slope, rad; roughness and step, m; number of points."""
 
 
 def elevation_msg(grid: TerrainGrid, stamp_ns: int, frame_id: str) -> PointCloud2:
-    """Return a grid as an organised cloud: one point a cell, rows along y, columns along x, NaN where not known."""
+    """Return a grid as an organised cloud: one point per cell, rows along y, columns along x, NaN for unknown."""
     (rows, columns), (x0, y0), cell_m = grid.hazard.shape, grid.elevation.origin_m, grid.elevation.cell_m
     cells = np.empty((rows, columns, len(ELEVATION_FIELDS)), np.float32)
     cells[..., 0] = x0 + (np.arange(columns) + 0.5) * cell_m
@@ -278,7 +278,7 @@ def elevation_msg(grid: TerrainGrid, stamp_ns: int, frame_id: str) -> PointCloud
 
 
 def elevation_from_msg(message: PointCloud2) -> FloatArray32:
-    """Return the cells `(R, C, 8)` of a message as `elevation_msg` makes it, in the order of `ELEVATION_FIELDS`."""
+    """Return the cells `(R, C, 8)` of a message of `elevation_msg`, in the order of `ELEVATION_FIELDS`."""
     check_image_size(int(message.width), int(message.height), "the elevation grid")
     cells = floats_of(message, ELEVATION_FIELDS)
     if not np.isfinite(cells[..., :2]).all():
@@ -287,7 +287,7 @@ def elevation_from_msg(message: PointCloud2) -> FloatArray32:
 
 
 def hazard_msg(grid: TerrainGrid, stamp_ns: int, frame_id: str) -> OccupancyGrid:
-    """Return the hazard of the cells: 100 for one, 0 to 99 for none, -1 where not known."""
+    """Return the hazard of the cells: 100 for a hazard, 0 to 99 for traversable cells, -1 for unknown."""
     (rows, columns), (x0, y0) = grid.hazard.shape, grid.elevation.origin_m
     header = header_msg(stamp_ns, frame_id)
     origin = Pose(position=Point(x=float(x0), y=float(y0), z=0.0), orientation=Quaternion(w=1.0))
@@ -297,17 +297,18 @@ def hazard_msg(grid: TerrainGrid, stamp_ns: int, frame_id: str) -> OccupancyGrid
 
 
 def hazard_from_msg(message: OccupancyGrid) -> FloatArray32:
-    """Return the hazard `(R, C)` from 0 to 100, NaN where not known."""
+    """Return the hazard `(R, C)` from 0 to 100, NaN for unknown cells."""
     rows, columns = int(message.info.height), int(message.info.width)
     data = np.frombuffer(message.data, np.int8)
     if len(data) != rows * columns:
-        raise InputError(f"hazard of {columns} x {rows} cells has {len(data)}")
+        raise InputError(f"hazard of {columns} x {rows} cells has {len(data)} values")
     return np.where(data < 0, np.nan, data).astype(np.float32).reshape(rows, columns)
 
 
 TRACK_FIELDS = ("u", "v", "before_u", "before_v", "residual")
-"""Fields of a track, all float32: pixel in the left image of the pair and in the newest keyframe; root of chi-square
-per degree of freedom over that of the worst inlier (1 and more: outlier; NaN: not found)."""
+"""Float32 fields of a track: pixel in the left image of the pair, pixel in the newest keyframe, and residual. The
+residual is the root of chi-square per degree of freedom divided by the gate of an inlier (1 and more: outlier; NaN: not
+found)."""
 MAX_TRACKS = 100_000
 
 
@@ -319,7 +320,7 @@ def tracks_from_msg(message: PointCloud2) -> FloatArray32:
 
 
 def message_type(msgtype: str) -> type[Any]:
-    """Return the type of a name such as `sensor_msgs/msg/Image`; raises NodeError if its package is not installed."""
+    """Return the class of a name such as `sensor_msgs/msg/Image`; raise a NodeError if its package is missing."""
     package, _, name = msgtype.split("/")
     try:
         found: type[Any] = getattr(importlib.import_module(f"{package}.msg"), name)

@@ -1,4 +1,4 @@
-"""The node of a program that looks at the graph or takes part in it, beside the nodes of the suite."""
+"""The node of a program that observes the graph or takes part in it, beside the nodes of the suite."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 
 
 class Peer:
-    """Has a ROS node and an executor, which its owner spins; a context manager that leaves the graph and ends ROS."""
+    """A ROS node with an executor, which the owner spins; a context manager that leaves the graph and ends ROS."""
 
     def __init__(self, name: str, namespace: str = "", *, parameters: bool = False, remaps: Sequence[str] = ()) -> None:
-        """Join the graph, with the services of parameters if wanted; signals stay with the program.
+        """Join the graph, with parameter services if `parameters`. ROS installs no signal handlers.
 
-        `remaps` are rules `FROM:=TO` of ROS for the topics of this node.
+        `remaps` are ROS rules `FROM:=TO` for the topics of this node.
         """
         environment.see_whole_graph()
         environment.start_ros()
@@ -45,7 +45,7 @@ class Peer:
         try_shutdown()
 
     def spin(self, seconds: float, until: Callable[[], bool] = lambda: False) -> bool:
-        """Spin for some time, or until a condition holds; return whether it does."""
+        """Spin for a given time or until a condition holds; return whether the condition holds."""
         end = time.monotonic() + seconds
         while not until() and (left := end - time.monotonic()) > 0:
             self.executor.spin_once(timeout_sec=min(left, POLL_S))
@@ -60,9 +60,10 @@ class Peer:
         *,
         raw: bool = False,
     ) -> Subscription:
-        """Subscribe with a callback that is given each message, serialised if `raw`, and what its transport tells.
+        """Subscribe with a callback that receives each message, serialised if `raw`, and its message info.
 
-        Peers that do not fit are not told of: the nodes of the suite do, and each event costs the executor time.
+        Incompatible peers are not reported, because the nodes of the suite do so and each event type costs the
+        executor time.
         """
-        listener: Any = callback  # rclpy's types do not know of the information beside a message
+        listener: Any = callback  # rclpy's types lack the message info
         return self.ros_node.create_subscription(kind, topic, listener, qos, event_callbacks=NO_EVENTS, raw=raw)

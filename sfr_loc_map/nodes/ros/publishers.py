@@ -1,4 +1,4 @@
-"""The publishers of a topic as the graph shows them."""
+"""Query the publishers of a topic in the graph."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from rclpy.qos import ReliabilityPolicy
 
 from sfr_loc_map.doctor.silence import Publisher, Reliability
 
-UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  #: Name in ROS of the node of an endpoint that is not discovered yet.
+UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  #: Name that ROS reports for a node that is not discovered yet.
 
 
 def publishers_of(node: Node, topic: str) -> tuple[Publisher, ...]:
-    """Return the publishers of a topic by its full name."""
+    """Return the publishers of a topic, given by its full name."""
     infos = node.get_publishers_info_by_topic(topic)
     return tuple(Publisher(node_of(info), str(info.topic_type), reliability_of(info)) for info in infos)
 
 
 def node_of(info: Any) -> str:  # noqa: ANN401 - rclpy's TopicEndpointInfo
-    """Return the node of a publisher or subscription with its namespace."""
+    """Return the node name of a publisher or subscription, with its namespace."""
     name = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
     return "of unknown name" if info.node_name == UNKNOWN_NODE else name
 

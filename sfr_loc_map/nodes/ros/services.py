@@ -1,4 +1,4 @@
-"""Calls a service, and waits for its answer in the way of the caller."""
+"""Call a service, and wait for its answer with a function of the caller."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ def call_service(
     found_s: float,
     answer_s: float,
 ) -> Any:  # noqa: ANN401 - any service
-    """Return the answer of a service; NodeError if no node offers it in time, or it gives no answer in time.
+    """Return the answer of a service; raise a NodeError if the service is not offered or does not answer in time.
 
-    `wait` waits until a condition holds, for some seconds, and returns whether it holds.
+    `wait` waits until a condition holds, at most for a number of seconds, and returns whether the condition holds.
     """
     client = node.create_client(kind, name)
     try:

@@ -1,4 +1,4 @@
-"""Latency and losses of messages on their way from a publisher."""
+"""Latency and losses of messages in transport from a publisher."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from typing import Any
 
 from sfr_loc_map.doctor.transport import COMPARABLE_NS
 
-CLOCK_NOISE_NS = 1_000_000  # tolerance for the wrong order: clocks are read and rounded differently
+CLOCK_NOISE_NS = 1_000_000  # tolerance for negative latencies, because clocks are read and rounded differently
 
 
 def latencies(
     infos: Sequence[Mapping[str, Any]], stamp_ns: int, published_ns: int, node_time_ns: int
 ) -> dict[str, float]:
-    """Return the latencies of one result of some messages, seconds, as far as their clocks can be compared.
+    """Return the latencies of a result that was computed from messages, s; latencies of unrelated clocks are omitted.
 
-    `infos` is what the middleware tells of each message: it gives 0 for times that it does not know.
-    `latency_transport_s`: from the publisher's publish call to the receipt by the middleware, the slowest message;
-    `latency_receive_to_publish_s`: from the receipt of the last message to the publication (system time), with the wait
-    in queues; `latency_stamp_to_publish_s`: from the stamp to the same moment on the node's clock, which may be
-    simulated.
+    `infos` are the message infos of the middleware, in which unknown times are 0.
+    `latency_transport_s`: from the publish call of the publisher to the reception by the middleware, of the slowest
+    message. `latency_receive_to_publish_s`: from the reception of the last message to the publication of the result
+    (system time), including the wait in queues. `latency_stamp_to_publish_s`: from the stamp to the publication, on the
+    node's clock, which may be simulated.
     """
 
     def seconds(begin_ns: int, end_ns: int) -> float | None:
@@ -40,8 +40,8 @@ def latencies(
 class TransportGaps:
     """Counts messages that were published but not received, for topics with one publisher at a time.
 
-    A publisher numbers its messages from 1, so a lower number is a new publisher; its identity is not transmitted.
-    `count` is that of the messages received, `lost` that of the missing ones so far.
+    A publisher numbers its messages from 1. A lower number therefore indicates a new publisher, whose identity is not
+    transmitted. `count` is the number of received messages, `lost` the number of missing messages.
     """
 
     def __init__(self) -> None:
@@ -49,7 +49,7 @@ class TransportGaps:
         self._several = False
 
     def add(self, info: dict[str, Any]) -> int:
-        """Count the gap before a message, and return it."""
+        """Add the message info of a message; return the number of messages missing before that message."""
         number, last = int(info.get("publication_sequence_number") or 0), self._last
         self._last = number
         self.count += 1
@@ -58,7 +58,7 @@ class TransportGaps:
         return gap
 
     def set_several(self, several: bool) -> None:
-        """Count no gaps while several publishers number their messages, as the publisher of a number is unknown."""
+        """Disable the count of gaps while there are several publishers, because a number may belong to any of them."""
         if several and not self._several:
             self.lost = 0
         self._several = several

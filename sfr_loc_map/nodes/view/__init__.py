@@ -1,1 +1,1 @@
-"""Shows a running graph to the viewers of `live`: a feed of messages and maps, and an operator of services."""
+"""Connect the live page to a running graph: a feed of messages and maps, and an operator that calls services."""

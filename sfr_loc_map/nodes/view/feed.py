@@ -1,7 +1,7 @@
-"""Hands what the nodes publish to a `LiveState`, in a thread of its own.
+"""Passes the messages of the nodes to a `LiveState`, in its own thread.
 
-Small messages are always received; images, feature tracks and clouds only while a viewer shows them. Images beyond
-the rate that is shown are dropped before they are decoded.
+Small messages are always received; images, feature tracks and clouds only while a viewer shows them. Images above the
+displayed rate are dropped before decoding.
 """
 
 from __future__ import annotations
@@ -58,21 +58,21 @@ from sfr_loc_map.topics import (
     call_topic,
 )
 
-DEPTH = 200  #: Messages of poses, calls and diagnostics that wait to be received.
+DEPTH = 200  #: Queue depth of poses, calls and diagnostics.
 GRAPH_PERIOD_S = 0.5  #: Period at which the graph is examined and subscriptions follow the viewers.
-SPIN_S = 0.1  #: Longest wait of the executor, and with it for the end of the thread.
-IMAGE_PERIOD_S = 0.15  #: Shortest time between two image pairs that are shown.
-MAX_MAPS = 8  #: Clouds, elevation and hazard grids that wait; the oldest are dropped.
+SPIN_S = 0.1  #: Maximum wait of the executor, which bounds the time to end the thread.
+IMAGE_PERIOD_S = 0.15  #: Minimum interval between displayed image pairs.
+MAX_MAPS = 8  #: Maximum number of waiting clouds, elevation and hazard grids; the oldest are dropped.
 MAX_REASON_LETTERS = 300
 SHOWN_KINDS = (StatusKind.HEALTH, StatusKind.INPUT, StatusKind.FAULT)
-"""Statuses that are shown; calls are received as records."""
+"""Statuses that are displayed; calls are received as records."""
 BEST_EFFORT = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
 IMAGE_QOS = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
 TRUTH_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class RosFeed(Peer):
-    """Receives for the viewers of a state, in a thread of its own; a context manager."""
+    """Receives messages for the viewers of a state, in its own thread; a context manager."""
 
     def __init__(self, state: LiveState, namespace: str = "", remaps: Sequence[str] = ()) -> None:
         """Join the graph; `remaps` are those of the nodes, `FROM:=TO`."""
@@ -81,9 +81,9 @@ class RosFeed(Peer):
         self._space = namespace.strip("/")
         self._gaps: dict[str, TransportGaps] = {}
         self._subscriptions: dict[updates.View, list[Subscription]] = {}
-        self._image_topics: dict[str, str] = {}  # the subscribed topic of each image name
+        self._image_topics: dict[str, str] = {}  # subscribed topic of each image name
         self._depths: dict[str, SampleDepth] = {}
-        self._next_images: dict[str, tuple[float, int]] = {}  # by rig: when the next pair is due, stamp of the last
+        self._next_images: dict[str, tuple[float, int]] = {}  # by rig: time of the next pair, stamp of the last
         self._images = TrackedImages(self._show_image)
         self._maps = MapFeed(state, lambda: self._has_publisher(ELEVATION))
         self._map_worker = Worker("sfr-live-maps", Overload.ALL, MAX_MAPS, lambda error, was_message: None)
@@ -108,14 +108,14 @@ class RosFeed(Peer):
         while not self._closed.is_set():
             try:
                 self.executor.spin_once(timeout_sec=SPIN_S)
-            except Exception as error:  # one message must not stop the page
+            except Exception as error:  # an invalid message must not stop the page
                 if not self._closed.is_set():
                     self.ros_node.get_logger().error(f"live: {error!r}", throttle_duration_sec=5.0)
 
     # ---- subscriptions
 
     def _subscribe_to_figures(self) -> None:
-        """Subscribe to what is always received; true points, too, because they are published only once."""
+        """Subscribe to the small messages, and to the true points because they are published only once."""
         self._receive(Odometry, ESTIMATE, self._on_odometry, BEST_EFFORT)
         self._truth = TruthTopic(self._receive_truth)
         self._receive_map(TRUE_POINTS, PointCloud2, self._maps.add_true_points, TRUTH_QOS)
@@ -125,13 +125,13 @@ class RosFeed(Peer):
         self.subscribe(String, REPORT, self._on_report, LATCHED)
 
     def _receive_truth(self, msgtype: str) -> Callable[[], object]:
-        """Subscribe to true poses of a type; return what ends that."""
+        """Subscribe to true poses of a type; return the function that unsubscribes."""
         kind = messages.message_type(msgtype)
         subscription = self._receive(kind, TRUE_POSES, partial(self._on_truth, TruePoses(msgtype), kind), BEST_EFFORT)
         return partial(self.ros_node.destroy_subscription, subscription)
 
     def _follow_viewers(self, wanted: frozenset[updates.View]) -> None:
-        """Subscribe to the media that are shown, and to no others; a map without a grid is made of the cloud."""
+        """Subscribe only to the displayed media; maps include clouds, which replace a missing grid."""
         if updates.View.MAPS in wanted:
             wanted |= {updates.View.CLOUDS}
         for view in wanted - self._subscriptions.keys():
@@ -147,7 +147,7 @@ class RosFeed(Peer):
 
     def _subscribe_to(self, view: updates.View) -> list[Subscription]:
         match view:
-            case updates.View.IMAGES:  # the topics of the images follow once they have a publisher
+            case updates.View.IMAGES:  # image topics are subscribed to once they have a publisher
                 return [self._receive(PointCloud2, TRACKS, self._on_tracks, IMAGE_QOS)]
             case updates.View.CLOUDS:
                 return [self._receive_map(CLOUD, PointCloud2, self._maps.add_cloud, LATCHED)]
@@ -158,7 +158,7 @@ class RosFeed(Peer):
                 ]
 
     def _find_image_topic(self, name: str) -> None:
-        """Subscribe to the first of the topics of an image that has a publisher; otherwise report that none has."""
+        """Subscribe to the first published topic of an image; report if there is none."""
         if name in self._image_topics:
             return
         for ending, msgtype in IMAGES.items():
@@ -171,7 +171,7 @@ class RosFeed(Peer):
                 self._state.put(updates.ImageProblem(name, f"{full_name} has a publisher; no image has arrived yet"))
                 return
         topics = ", ".join(self.ros_node.resolve_topic_name(f"{name}/{ending}") for ending in IMAGES)
-        reason = f"no publisher of {topics}; other names are given by sfr live -r {name}/{RECTIFIED}:=TOPIC"
+        reason = f"no publisher of {topics}; set another name by sfr live -r {name}/{RECTIFIED}:=TOPIC"
         self._state.put(updates.ImageProblem(name, reason))
 
     def _has_publisher(self, topic: str) -> bool:
@@ -180,12 +180,12 @@ class RosFeed(Peer):
     def _receive(
         self, kind: type[Any], topic: str, callback: Callable[[bytes, float], None], qos: QoSProfile
     ) -> Subscription:
-        """Subscribe with a callback for serialised messages and the time when they were published, seconds."""
+        """Subscribe with a callback that receives serialised messages and their publication times, s."""
         gaps = self._gaps.setdefault(topic, TransportGaps())
 
         def received(raw: bytes, info: dict[str, Any]) -> None:
             gaps.add(info)
-            with suppress(SfrError, ValueError):  # the node that receives an invalid message reports it
+            with suppress(SfrError, ValueError):  # the receiving node reports invalid messages
                 callback(raw, (info.get("source_timestamp") or time.time_ns()) / NS_PER_S)
 
         return self.subscribe(kind, topic, received, qos, raw=True)
@@ -193,7 +193,7 @@ class RosFeed(Peer):
     def _receive_map(
         self, topic: str, kind: type[Any], add: Callable[[Any, float], None], qos: QoSProfile
     ) -> Subscription:
-        """Subscribe to maps, which are processed in another thread so that figures do not wait for them."""
+        """Subscribe to maps, which are processed in another thread so that they do not delay the figures."""
 
         def received(raw: bytes, published_s: float) -> None:
             self._map_worker.enqueue_droppable(lambda: add(deserialize_message(raw, kind), published_s))
@@ -251,7 +251,7 @@ class RosFeed(Peer):
         self._images.add_image(name, stamp_ns, image, published_s)
 
     def _is_shown(self, rig: str, stamp_ns: int) -> bool:
-        """Return whether an image is shown: both of a pair, and no more pairs than a screen needs."""
+        """Return whether an image is displayed: at most one pair per `IMAGE_PERIOD_S`, and both images of the pair."""
         due_s, shown_ns = self._next_images.get(rig, (0.0, -1))
         now_s = time.monotonic()
         if now_s < due_s:
@@ -272,7 +272,7 @@ class RosFeed(Peer):
     # ---- the graph
 
     def _examine_graph(self) -> None:
-        """Detect the nodes, and receive images and maps as the viewers request."""
+        """Detect the nodes, and subscribe to the media that the viewers display."""
         self._follow_viewers(self._state.wanted)
         published = self.ros_node.get_publishers_info_by_topic(self.ros_node.resolve_topic_name(TRUE_POSES))
         self._truth.follow([str(info.topic_type) for info in published])

@@ -1,4 +1,4 @@
-"""The page of a running graph as the program of a process."""
+"""Run the live page of a running graph as the main program of a process."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sfr_loc_map.live.server import LiveConfig, LiveServer, serve_until_signal
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.signals import handle_signals
 
-NICENESS = 5  #: A third of the processor time of the nodes if both need it (sched(7)).
+NICENESS = 5  #: Under full load, gives the page a third of the processor time of a node (sched(7)).
 
 
 def serve_page(
@@ -28,7 +28,7 @@ def serve_page(
     open_browser: bool = False,
     end_file: Path | None = None,
 ) -> None:
-    """Serve the page of the nodes in a namespace until a signal; `remaps` are those of the nodes, `FROM:=TO`."""
+    """Serve the page of the nodes in a namespace until a signal; `remaps` are the nodes' rules `FROM:=TO`."""
     from sfr_loc_map.nodes.view.feed import RosFeed
 
     with RosFeed(state, namespace, remaps):

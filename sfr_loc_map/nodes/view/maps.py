@@ -1,4 +1,4 @@
-"""Maps for the live page: the mapper's own grid where it publishes one, else one that is made of its cloud."""
+"""Maps for the live page: the grid of the mapper if published, otherwise a grid made from its cloud."""
 
 from __future__ import annotations
 
@@ -24,33 +24,33 @@ from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.topics import ELEVATION, TRUE_POINTS
 
 LAYERS = ("height", *messages.ELEVATION_FIELDS[3:])  #: Layers of an elevation message, after x and y.
-MAX_FUSIONS = 8  #: Fusions whose pairs are kept: clouds are received late if a viewer shows them late.
+MAX_FUSIONS = 8  #: Number of fusions whose pair stamps are kept for clouds that are received later.
 
 
 class MapFeed:
-    """Gives maps to a state: the mapper's own grid where it publishes one, else one that is made of its cloud.
+    """Passes maps to a state: the grid of the mapper if published, otherwise a grid made from its cloud.
 
-    Messages that are none raise an `SfrError`.
+    Invalid messages raise an `SfrError`.
     """
 
     def __init__(self, state: LiveState, has_grid: Callable[[], bool]) -> None:
-        """Start without a map; `has_grid` tells whether the mapper publishes a grid of its own."""
+        """Start without a map; `has_grid` returns whether the mapper publishes a grid."""
         self._has_grid = has_grid
         self._state, self._truth = state, media.CloudTruth()
-        self._fusions: OrderedDict[int, tuple[int, ...]] = OrderedDict()  # stamps of the pairs by that of the cloud
-        self._cloud: tuple[int, PointCloud, float] | None = None  # with its stamp and the time of its publication
+        self._fusions: OrderedDict[int, tuple[int, ...]] = OrderedDict()  # stamps of the pairs by stamp of the cloud
+        self._cloud: tuple[int, PointCloud, float] | None = None  # stamp, cloud, publication time
         self._points: tuple[int, FloatArray32, FloatArray32] | None = None
         self._hazard: tuple[int, FloatArray32] | None = None
         self._grid: updates.ElevationSample | None = None
 
     def add_true_points(self, message: PointCloud2, published_s: float) -> None:
-        """Take the true points of a pair in."""
+        """Add the true points of a pair."""
         size = int(message.width), int(message.height)
         check_image_size(*size, TRUE_POINTS)
         self._truth.add(stamp_of(message), points_image(message, size))
 
     def add_call(self, call: CallRecord) -> None:
-        """Take a call of the mapper in; that of a fusion names the pairs of its cloud, which it may follow."""
+        """Add a call of the mapper. The call of a fusion names the pairs of its cloud and may follow the cloud."""
         if call.state != MappingState.FUSED or not call.pair_stamps_ns:
             return
         self._fusions[call.stamp_ns] = call.pair_stamps_ns
@@ -61,12 +61,12 @@ class MapFeed:
             self._put()
 
     def add_cloud(self, message: PointCloud2, published_s: float) -> None:
-        """Take a cloud in."""
+        """Add a cloud."""
         self._cloud = stamp_of(message), messages.cloud_from_msg(message), published_s
         self._put_cloud()
 
     def _put_cloud(self) -> None:
-        """Show the cloud; its errors are known once the call of its fusion has named its pairs."""
+        """Pass on the cloud; its errors are known once the call of its fusion has named its pairs."""
         if self._cloud is None:
             return
         stamp_ns, cloud, published_s = self._cloud
@@ -83,8 +83,8 @@ class MapFeed:
         cells, stamp_ns = messages.elevation_from_msg(message), stamp_of(message)
         rows, columns = cells.shape[:2]
         axis, steps = (0, columns - 1) if columns > 1 else (1, rows - 1)
-        with np.errstate(over="ignore", invalid="ignore"):  # infinite ones are refused
-            # one cell alone has the side that is usual
+        with np.errstate(over="ignore", invalid="ignore"):  # infinite coordinates are refused below
+            # a single cell has the default size
             cell_m = float(cells[-1, -1, axis] - cells[0, 0, axis]) / steps if steps else media.CELL_M
             corner = cells[0, 0, :2] - 0.5 * cell_m
         origin = float(corner[0]), float(corner[1])
@@ -94,12 +94,12 @@ class MapFeed:
         self._put()
 
     def add_hazard(self, message: OccupancyGrid, published_s: float) -> None:
-        """Take a hazard grid in; it is shown with the elevation of its stamp."""
+        """Add a hazard grid, which is displayed with the elevation grid of the same stamp."""
         self._hazard = stamp_of(message), messages.hazard_from_msg(message)
         self._put()
 
     def _put(self) -> None:
-        """Show the grid with its errors and its hazard, in whatever order they come."""
+        """Pass on the grid, with errors and hazard as far as they were received."""
         grid = self._grid
         hazard = self._hazard
         points = self._points

@@ -1,4 +1,4 @@
-"""Carries out what an operator asks of the nodes on the live page: lifecycle transitions, services, bookmarks."""
+"""Execute the operator's commands from the live page: lifecycle transitions, services, bookmarks."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FOUND_S, ANSWER_S, POLL_S = 2.0, 10.0, 0.02
 
 
 class NodeOperator:
-    """Calls services of the nodes in the namespace of a node, which its owner spins in another thread."""
+    """Calls services of the suite's nodes through a ROS node in their namespace, which another thread spins."""
 
     actions = frozenset({*TRANSITIONS, *SERVICES, Action.BOOKMARK})
     node_actions: ClassVar[Mapping[str, tuple[Action, ...]]] = {
@@ -39,12 +39,12 @@ class NodeOperator:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._closed = Event()
-        # created here, so that a recording that is under way has found the publisher before the first bookmark
+        # Created here, so that a running recording has discovered the publisher before the first bookmark.
         events = PublisherEventCallbacks(use_default_callbacks=False)
         self._bookmarks = node.create_publisher(String, BOOKMARK, QoSProfile(depth=100), event_callbacks=events)
 
     def run(self, command: Command) -> str:
-        """Carry out a command and return what was done; in any thread but that of the executor."""
+        """Execute a command and return a text about the result; must not be called in the executor's thread."""
         node, action = command.node, command.action
         if action is Action.BOOKMARK:
             self._bookmarks.publish(String(data=command.text or "bookmark"))
@@ -62,7 +62,7 @@ class NodeOperator:
         raise InputError(f"'{node}' has no '{action}'")
 
     def close(self) -> None:
-        """End the calls that wait for an answer, so that their threads end before the node is destroyed."""
+        """Cancel pending calls, so that their threads end before the node is destroyed."""
         self._closed.set()
 
     def _call(self, kind: type[Any], name: str, request: Any) -> Any:  # noqa: ANN401 - any service

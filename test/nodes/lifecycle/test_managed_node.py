@@ -198,7 +198,7 @@ def test_a_node_at_its_defaults_serves_best_effort_cameras_and_says_what_is_lost
         peer.well(Level.WARN, "% of the images of 'loc' are lost in transport: start the process that publishes them")
 
         second = rclpy.create_node("localisation_node")
-        peer.well(Level.WARN, "another node of the name /localisation_node is in this ROS domain")
+        peer.well(Level.WARN, "another node named /localisation_node publishes in this ROS domain")
         second.destroy_node()
 
 

@@ -128,7 +128,7 @@ def test_a_start_pose_has_the_stamp_and_the_covariance_of_its_message() -> None:
     np.testing.assert_array_equal(found.covariance, covariance)
     assert start_pose_of(initial_pose(0, covariance)).stamp_ns is None
     for broken in (-np.eye(6), np.full((6, 6), np.nan), np.triu(np.ones((6, 6)))):
-        with pytest.raises(InputError, match="zeros say exact"):
+        with pytest.raises(InputError, match="zeros mean an exact pose"):
             start_pose_of(initial_pose(STAMP_NS, broken))
 
 
@@ -220,7 +220,7 @@ def test_points_of_any_float_layout_are_read(kind: str, code: int, order: str) -
         (lambda m: setattr(m, "data", m.data[:-1]), "too few"),
         (lambda m: setattr(m, "height", 2**31), "too few"),
         (lambda m: m.fields.pop(), "no field 'pair' of uint8"),
-        (lambda m: setattr(m.fields[0], "offset", 25), "beyond the 28 byte point"),
+        (lambda m: setattr(m.fields[0], "offset", 25), "exceeds the point of 28 bytes"),
         (lambda m: setattr(m, "row_step", 1), "too few"),
     ],
 )
