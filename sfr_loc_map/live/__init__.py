@@ -1,4 +1,4 @@
-"""Views of a run in progress: its state, the page with its server, the terminal, Foxglove. Imports no ROS."""
+"""Views of a run in progress: state, page and server, terminal, Foxglove. This package does not import ROS."""
 
 import lazy_loader
 

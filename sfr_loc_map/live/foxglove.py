@@ -1,4 +1,4 @@
-"""Serves a run over the Foxglove protocol, in a thread of its own beside the page or the terminal."""
+"""Serve a run over the Foxglove protocol, in its own thread beside the page or the terminal."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from sfr_loc_map.live.path import Point
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import CloudSample, ElevationSample, ImageSample, Media, View
 
-HOST = "127.0.0.1"  #: The protocol has no token, so that other hosts are refused; a tunnel (ssh -L) reaches it.
-BACKLOG_MESSAGES = 64  #: Maximum messages that wait for a client; the SDK drops the oldest.
-TICK_S, PERIOD_S = 0.1, 1.0  #: Time between two looks at images and maps, two messages of figures and paths.
+HOST = "127.0.0.1"  #: Only loopback, because the protocol has no token; other hosts need a tunnel (ssh -L).
+BACKLOG_MESSAGES = 64  #: Maximum number of messages that wait for a client; the SDK drops the oldest.
+TICK_S, PERIOD_S = 0.1, 1.0  #: Period of the check for new images and maps; period of figures and paths.
 FIGURES, ESTIMATE, TRUTH, POINTS, GRID = "/figures", "/path/estimate", "/path/truth", "/mapping/points", "/mapping/grid"
 IMAGES = ("/loc/left", "/loc/right", "/nav/left", "/nav/right")
 VIEWS = {**dict.fromkeys(IMAGES, View.IMAGES), POINTS: View.CLOUDS, GRID: View.MAPS}
-"""View that a feed prepares for a topic."""
+"""View that contains the media of each topic."""
 CHANNELS = {
     ESTIMATE: channels.PosesInFrameChannel,
     TRUTH: channels.PosesInFrameChannel,
@@ -37,26 +37,26 @@ FLOAT32 = messages.PackedElementFieldNumericType.Float32
 
 
 class FoxgloveServer:
-    """Serves a state at `url`, on a port of loopback (0: a free one); a context manager."""
+    """Serves a state at `url`, on a loopback port (0: any free port); a context manager."""
 
     def __init__(self, state: LiveState, port: int, title: str) -> None:
         self.url = ""
         self._state, self._port, self._title = state, port, title
         self._context = context = foxglove.Context()
         figures = foxglove.Channel(FIGURES, schema={"type": "object", "title": "sfr-live/1"}, context=context)
-        self._channels: dict[str, Any] = {FIGURES: figures}  # their classes have no common base
+        self._channels: dict[str, Any] = {FIGURES: figures}  # the classes have no common base
         self._channels |= {topic: kind(topic, context=context) for topic, kind in CHANNELS.items()}
         self._server: WebSocketServer | None = None
         self._stopped = Event()
         self._thread = Thread(target=self._run, name="sfr-live-foxglove", daemon=True)
 
     def __enter__(self) -> FoxgloveServer:
-        """Begin to serve; NodeError if the port is not available."""
+        """Start serving; raise a NodeError if the port is not available."""
         options: dict[str, Any] = {"message_backlog_size": BACKLOG_MESSAGES, "context": self._context}
         try:
             self._server = foxglove.start_server(name=f"sfr live {self._title}", host=HOST, port=self._port, **options)
         except Exception as error:
-            hint = "choose another --foxglove-port (0: a free one)"
+            hint = "choose another --foxglove-port (0: any free port)"
             raise NodeError(f"cannot listen on {HOST} port {self._port}: {error}; {hint}") from error
         self.url = f"ws://{HOST}:{self._server.port}"
         self._thread.start()
@@ -96,7 +96,7 @@ class FoxgloveServer:
 
 
 def _message(media: Media) -> Any:  # noqa: ANN401 - messages have no common class
-    """Return an image, a cloud (error NaN if unknown), or a map with its layers."""
+    """Return the message of an image, a cloud (error NaN if unknown), or a map with its layers."""
     stamp = _stamp(media.stamp_ns)
     if isinstance(media, ImageSample):
         frame = media.topic.replace("/", "_")
@@ -112,7 +112,7 @@ def _message(media: Media) -> Any:  # noqa: ANN401 - messages have no common cla
             fields=_fields(("x", "y", "z", "sigma", "error")),
             data=columns.tobytes(),
         )
-    assert isinstance(media, ElevationSample)  # no channel takes others
+    assert isinstance(media, ElevationSample)  # there are no other media
     layers = np.ascontiguousarray(media.layers, "<f4")
     return messages.Grid(
         timestamp=stamp,
@@ -128,7 +128,7 @@ def _message(media: Media) -> Any:  # noqa: ANN401 - messages have no common cla
 
 
 def _pose(place: Point) -> messages.Pose:
-    """Return a position; attitudes are not shown."""
+    """Return a pose with the identity as attitude, because attitudes are not displayed."""
     x, y, z = place
     level = messages.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
     return messages.Pose(position=messages.Vector3(x=x, y=y, z=z), orientation=level)

@@ -1,4 +1,4 @@
-"""The headline of a run in progress: its verdict with age, staleness or end, worded once for page and terminal."""
+"""The headline of a run: its verdict with age, staleness or end, in the same words for page and terminal."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ NO_FIGURES = Overall("waiting", "No figures yet: waiting for metrics/report of t
 
 @dataclass(frozen=True, slots=True)
 class Headline:
-    """What page and terminal show of a verdict."""
+    """Headline of page and terminal."""
 
-    icon: str  #: Sign.
-    style: str  #: Class of the style sheet: pass, fail, open, stale.
-    word: str  #: Verdict, with its age if it is stale.
-    age: str  #: Age of a verdict that is up to date; empty otherwise.
-    text: str  #: Sentences: end or reasons of staleness, the verdict over all limits, the worst limit.
+    icon: str
+    style: str  #: Class of the style sheet: pass, fail, open or stale.
+    word: str  #: Verdict, with its age if stale.
+    age: str  #: Age of an up-to-date verdict; empty otherwise.
+    text: str  #: Sentences about the end or the staleness, the verdict over all limits, and the worst limit.
 
 
 def headline(
@@ -33,7 +33,7 @@ def headline(
     ended_s: float | None,
     aborted: dict[str, Any] | None,
 ) -> Headline:
-    """Return the headline of a run. The order of precedence is aborted, ended, stale, up to date."""
+    """Return the headline of a run. The states take precedence in the order aborted, ended, stale, up to date."""
     shown = overall or NO_FIGURES
     judged = [shown.text]
     if bars and bars[0].margin:
@@ -51,5 +51,5 @@ def headline(
 
 
 def clock_time(at_s: float) -> str:
-    """Return the local time of day, as `20:41:03`."""
+    """Return the local time of day, such as `20:41:03`."""
     return time.strftime("%H:%M:%S", time.localtime(at_s))

@@ -1,4 +1,4 @@
-"""Single keys of a terminal."""
+"""Read single keys from a terminal."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ MAX_BYTES = 64
 
 
 class Keyboard:
-    """Reads single keys without waiting, where standard input is a terminal in the foreground; a context manager."""
+    """Reads single keys without blocking, if standard input is a terminal in the foreground; a context manager."""
 
     def __init__(self) -> None:
-        """Find out whether keys can be read: standard input must be the controlling terminal."""
+        """Check whether keys can be read: standard input must be the controlling terminal."""
         self._descriptor = sys.stdin.fileno() if sys.stdin is not None and sys.stdin.isatty() else -1
         try:
             self.is_there = self._descriptor >= 0 and os.tcgetpgrp(self._descriptor) == os.getpgrp()
@@ -36,7 +36,7 @@ class Keyboard:
             termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
 
     def pressed(self) -> str:
-        """Return the characters of the keys that were pressed."""
+        """Return the characters of the keys pressed since the last call."""
         if not self.is_there or not select.select([self._descriptor], [], [], 0.0)[0]:
             return ""
         return os.read(self._descriptor, MAX_BYTES).decode("utf-8", errors="replace")

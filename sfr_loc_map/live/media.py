@@ -1,4 +1,4 @@
-"""Images, clouds and maps from above, reduced for a screen."""
+"""Reduce images, clouds and maps from above for a screen."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from sfr_loc_map.live.updates import CloudSample, ElevationSample, ImageSample
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.topics import CLOUD, ELEVATION
 
-IMAGE_WIDTH = 640  #: Maximum width of a shown image, px.
-JPEG_QUALITY = 75  #: Of 100; artefacts are not visible at this size.
-MAX_POINTS = 40_000  #: Maximum number of shown points of a cloud.
-CELL_M = 0.1  #: Cell of a grid that is made of a cloud, m; that of the mapper by default.
-MAX_SIDE = 512  #: Maximum cells along an axis of a grid that is made of a cloud; a larger area has larger cells.
-MAX_CELLS = 30_000  #: Maximum number of shown cells.
-MAX_TRUE_PAIRS = 2 * MAX_PAIRS  #: Pairs whose true points are kept: those of a map, and those that arrive meanwhile.
-WORST = frozenset({"hazard", "step"})  #: Layers whose thinned cells show their maximum.
+IMAGE_WIDTH = 640  #: Maximum width of a displayed image, px.
+JPEG_QUALITY = 75  #: JPEG quality of at most 100; artefacts are not visible at this size.
+MAX_POINTS = 40_000  #: Maximum number of displayed points of a cloud.
+CELL_M = 0.1  #: Cell size of a grid made from a cloud, m; the mapper's default.
+MAX_SIDE = 512  #: Maximum cells along an axis of a grid made from a cloud; a larger area has larger cells.
+MAX_CELLS = 30_000  #: Maximum number of displayed cells.
+MAX_TRUE_PAIRS = 2 * MAX_PAIRS  #: Pairs whose true points are kept: the pairs of a map and later arrivals.
+WORST = frozenset({"hazard", "step"})  #: Layers of which a thinned cell has the maximum.
 
 
 def image_sample(
@@ -36,7 +36,7 @@ def image_sample(
 ) -> ImageSample:
     """Return an image, `(H, W)` grey or `(H, W, 3)` blue, green, red, reduced for the screen.
 
-    `full_shape` is the shape before it was reduced, if that was done already.
+    `full_shape` is the original shape if the image was reduced already.
     """
     shown = image
     height, width = image.shape[:2]
@@ -50,22 +50,22 @@ def image_sample(
 
 
 class CloudTruth:
-    """Keeps the true points of the last pairs by stamp, and compares points with those of their pixels."""
+    """Keeps the true points of the last pairs by stamp, and compares points with the true points of their pixels."""
 
     def __init__(self) -> None:
         self._truths: OrderedDict[int, PointImage] = OrderedDict()
 
     def add(self, stamp_ns: int, points: PointImage) -> None:
-        """Keep the true points of a pair, `(H, W, 3)` metres, LM."""
+        """Add the true points of a pair, `(H, W, 3)` in LM, m."""
         self._truths[stamp_ns] = points
         self._truths.move_to_end(stamp_ns)
         while len(self._truths) > MAX_TRUE_PAIRS:
             self._truths.popitem(last=False)
 
     def errors(self, cloud: PointCloud, pair_stamps_ns: Sequence[int]) -> FloatArray32 | None:
-        """Return the distances `(N,)` float32, metres, NaN for points without truth; None if no point has truth.
+        """Return the distances `(N,)` to the truth, m, NaN for points without truth; None if no point has truth.
 
-        The stamps are those of the cloud's pairs, in the order of the points' `pair`.
+        `pair_stamps_ns` are the stamps of the cloud's pairs; a point's `pair` is an index into them.
         """
         error = np.full(len(cloud), np.nan, np.float32)
         for number, stamp_ns in enumerate(pair_stamps_ns):
@@ -89,10 +89,10 @@ def cloud_samples(
     *,
     with_grid: bool = True,
 ) -> tuple[CloudSample, ElevationSample | None]:
-    """Return a cloud `(N, 3)` thinned for the screen, and a map from above with the means over each cell.
+    """Return a cloud `(N, 3)` thinned for the screen, and a map from above with the means of each cell.
 
-    Points that are not finite are ignored. Sigma and the distance to the truth are `(N,)`, metres; NaN or None if
-    unknown. An empty cloud has no map.
+    Points that are not finite are ignored. `sigma` and `error`, the distance to the truth, are `(N,)` in m, NaN or None
+    if unknown. An empty cloud has no map.
     """
     points = np.asarray(xyz, np.float32).reshape(-1, 3)
     known = np.isfinite(points).all(axis=1)
@@ -122,7 +122,7 @@ def cloud_samples(
 def cells_of(
     points: FloatArray32, origin_m: tuple[float, float], cell_m: float, shape: tuple[int, int]
 ) -> NDArray[np.intp]:
-    """Return the index of the cell of each point `(N, >= 2)`, row by row; -1 outside the grid."""
+    """Return the row-major index of the cell of each point `(N, >= 2)`; -1 outside the grid."""
     at = np.floor((points[:, :2] - np.asarray(origin_m, np.float32)) / cell_m).astype(np.intp)
     rows, columns = shape
     inside = (at >= 0).all(axis=1) & (at[:, 0] < columns) & (at[:, 1] < rows)
@@ -130,7 +130,7 @@ def cells_of(
 
 
 def means_of(cell: NDArray[np.intp], values: FloatArray32, size: int) -> NDArray[np.float64]:
-    """Return the mean of the finite values of each cell; NaN for an empty cell."""
+    """Return the mean of the finite values of each cell; NaN for a cell without values."""
     known = np.isfinite(values) & (cell >= 0)
     count = np.bincount(cell[known], minlength=size)
     total = np.bincount(cell[known], values[known].astype(np.float64), minlength=size)
@@ -146,7 +146,7 @@ def with_layer(sample: ElevationSample, name: str, values: NDArray[np.floating])
 
 
 def thinned(sample: ElevationSample) -> ElevationSample:
-    """Return a grid of at most `MAX_CELLS` cells: means, maxima of hazard and step, sums of counts."""
+    """Return a grid of about `MAX_CELLS` cells at most: means, maxima of hazard and step, sums of counts."""
     rows, columns, layers = sample.layers.shape
     every = max(int(np.ceil(np.sqrt(rows * columns / MAX_CELLS))), 1)
     if every == 1:

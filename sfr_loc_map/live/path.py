@@ -1,7 +1,7 @@
-"""The path of a run so far: each estimate with the truth of its stamp and the error between them.
+"""The path of a run so far: each estimate with the truth at its stamp and the error between them.
 
-The estimate is shown in the frame of the truth: `T_gt(0) inv(T_est(0)) T_est`, with the first pose that has a truth as
-0. The errors that are judged are those of the monitor's report.
+The estimate is displayed in the frame of the truth as `T_gt(0) inv(T_est(0)) T_est`, where 0 is the first pose with a
+truth. Judged errors are those of the monitor's report, not these.
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.updates import PoseSample, Track
 
 MAX_ROWS = 4000
-"""Poses that are kept; beyond them every other one is omitted, and from then on every other one of those to come."""
-MAX_TRUTHS, MAX_PENDING = 4000, 400  #: True poses that are kept, and estimates that wait for one.
-MAX_GAP_NS = NS_PER_S  #: Longest gap of the truth that is interpolated.
+"""Maximum number of poses. When exceeded, every second pose is dropped, and later poses are thinned likewise."""
+MAX_TRUTHS, MAX_PENDING = 4000, 400  #: Number of true poses kept; number of estimates that wait for a true pose.
+MAX_GAP_NS = NS_PER_S  #: Longest gap of the truth across which poses are interpolated.
 Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class PathRow:
-    """One estimate in the frame of the truth, metres."""
+    """An estimate in the frame of the truth, m."""
 
     n: int
     stamp_ns: int
     received_s: float
     published_s: float | None
     position_m: Point
-    covariance_xy_m2: Point | None  # variances of x and y, their covariance; None where lost or not known
+    covariance_xy_m2: Point | None  # variances of x and y, their covariance; None if lost or unknown
     lost: bool
     truth_m: Point | None
     error_m: Point | None
-    distance_m: float  # along the true path, along the estimated one without truth
+    distance_m: float  # along the true path; without truth, along the estimated path
 
     def to_plain(self) -> list[Any]:
-        """Return JSON values in the order of `ROW_FIELDS`; stamps have too many digits for a script."""
+        """Return JSON values in the order of `ROW_FIELDS`; stamps are strings, because JavaScript would round them."""
         return [
             str(value) if name == "stamp_ns" else value for name, value in zip(ROW_FIELDS, astuple(self), strict=True)
         ]
@@ -55,18 +55,18 @@ class LivePath:
     """Collects poses. Its memory is bounded."""
 
     def __init__(self) -> None:
-        self.version = -1  # changes whenever rows that were given out do not hold any more
-        self._may_be_late = True  # whether the run may have begun before the first pose here
+        self.version = -1  # changes whenever earlier rows become invalid
+        self._may_be_late = True  # whether the run may have started before the first received pose
         self._forget()
 
     def restart(self) -> None:
-        """Forget all poses: a new run begins, which is seen from its first pose."""
+        """Forget all poses at the start of a new run, whose first pose is received."""
         self._may_be_late = False
         self._forget()
 
     def _forget(self) -> None:
         self.version += 1
-        self.before_m = 0.0  # distance travelled before the first pose here
+        self.before_m = 0.0  # distance travelled before the first received pose
         self.rows: list[PathRow] = []
         self._count = 0
         self._every = 1
@@ -77,7 +77,7 @@ class LivePath:
         self._last: tuple[Point, Point | None, float] | None = None  # estimate as sent, truth, distance
 
     def add(self, sample: PoseSample, published_s: float | None = None) -> None:
-        """Add a pose, and when its image was published; the stamps of each track increase."""
+        """Add a pose, and the time when its image was published. The stamps of each track must increase."""
         if sample.track is Track.ESTIMATE:
             self._pending.append((sample, published_s))
         else:
@@ -88,21 +88,21 @@ class LivePath:
             estimate, published_s = self._pending[0]
             newest_ns = self._truths[-1][0] if self._truths else estimate.stamp_ns
             if 0 < estimate.stamp_ns - newest_ns <= MAX_GAP_NS:
-                return  # its truth may be on its way
+                return  # its truth may still arrive
             self._pending.popleft()
             self._add_row(estimate, published_s, pose_at(self._truths, estimate.stamp_ns, MAX_GAP_NS))
 
     def note_length(self, length_m: float) -> None:
-        """Note the length of the true path of the run by its score, which knows what was driven before the first pose.
+        """Note the length of the true path from the score, which includes the path before the first received pose.
 
-        A viewer that sees a run begin knows all of it.
+        The length is not needed for runs whose start was received.
         """
         if self._may_be_late and self._last is not None:
             self.before_m = max(length_m - self._last[2], 0.0)
 
     def _add_row(self, sample: PoseSample, published_s: float | None, truth: Transform | None) -> None:
         estimate, covariance = Transform.from_quat(sample.position, sample.quat_xyzw), sample.covariance
-        if truth is not None and self._positions_alone:  # the estimate is moved to it, not turned
+        if truth is not None and self._positions_alone:  # the estimate is aligned by translation only
             truth = Transform(estimate.rotation, truth.translation)
         if truth is not None and self._to_truth is None:
             to_truth = self._to_truth = truth @ estimate.inverse()
@@ -141,9 +141,9 @@ class LivePath:
                 self.version += 1
 
     def _distance_m(self, sent: Point, true_at: Point | None) -> float:
-        """Return the distance travelled: each step along the truth where both of its poses have one, else as estimated.
+        """Return the distance travelled. A step is measured along the truth if both of its poses have a truth.
 
-        The step from a pose without a truth to one with a truth is never from one frame to the other.
+        Otherwise the step is measured along the estimate, because estimate and truth may be in different frames.
         """
         distance_m = 0.0
         if self._last is not None:

@@ -1,9 +1,9 @@
 """The server of the live page: its files, the state as JSON, a websocket for each open page, commands.
 
-Access: on loopback no token is needed, but the host name of a request must be a loopback name, because a foreign name
-may resolve to this host (DNS rebinding). With another address each request needs the token: `?token=` once (a cookie
-keeps it) or `Authorization: Bearer`. Requests that originate from another page are refused. A command needs the word
-that the served page holds.
+Access: on loopback no token is required, but the host name of a request must be a loopback name, because a foreign name
+may resolve to this host (DNS rebinding). On another address each request requires the token: `?token=` once (a cookie
+keeps the token) or `Authorization: Bearer`. Requests that originate from another page are refused. A command requires
+the command token, which is part of the served page.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from sfr_loc_map.signals import stopping
 
 DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8080
 CONTENT_TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
-PLOTTING_LIBRARY = "plotly.min.js"  #: Served from the wheel of plotly.
+PLOTTING_LIBRARY = "plotly.min.js"  #: File of the plotly wheel.
 TOKEN_MARK = b"@COMMAND_TOKEN@"
 TOKEN_COOKIE = "sfr_live_token"
 COMMAND_HEADER = "X-SFR-Token"
@@ -59,29 +59,29 @@ REPORT_HEADERS = {
         "sandbox allow-scripts allow-modals allow-downloads; frame-ancestors 'none'"
     )
 }
-"""Of the report, which holds its own scripts: its origin is opaque, so that it cannot read the page."""
-CACHED = {"Cache-Control": "private, max-age=86400"}  #: Of the plotting library, 5 MB.
+"""Headers of the report. Its scripts run with an opaque origin, so that they cannot access the page."""
+CACHED = {"Cache-Control": "private, max-age=86400"}  #: Headers of the plotting library, which has 5 MB.
 MIN_TOKEN_LETTERS = 8
 MAX_PAGES = 32
-MAX_MESSAGE_BYTES = 4096  #: Of a command and of a message of a page.
+MAX_MESSAGE_BYTES = 4096  #: Maximum size of a command and of a message of a page.
 HEARTBEAT_S = 20.0  #: Period of the websocket's ping.
 SHUTDOWN_S = 1.0  #: Time for pending requests when the server ends.
 LAST_MESSAGE_S = 0.1  #: Time for the last message to the pages.
 TICK_S = 0.01  #: Changes within this time are sent together.
-END_PERIOD_S = 0.1  #: Period at which the end of the run is looked for.
-NODES_PERIOD_S = 0.25  #: Period of the message with the nodes' state, which also shows that the server is alive.
+END_PERIOD_S = 0.1  #: Period of the check whether the run is over.
+NODES_PERIOD_S = 0.25  #: Period of the nodes' state, also a sign of life of the server.
 
 
 @dataclass(frozen=True, slots=True)
 class LiveConfig:
-    """How the page is served."""
+    """Configuration of the server."""
 
-    host: str = param(DEFAULT_HOST, doc="Address to listen on; another than loopback needs a token.")
-    port: int = param(DEFAULT_PORT, doc="Port to listen on; 0: a free one.", low=0, high=65535)
-    token: str = param("", doc="Word that each request must have; needed where other hosts are let in.")
+    host: str = param(DEFAULT_HOST, doc="Address to listen on; addresses other than loopback require a token.")
+    port: int = param(DEFAULT_PORT, doc="Port to listen on; 0: any free port.", low=0, high=65535)
+    token: str = param("", doc="Token that each request must contain; required if other hosts have access.")
 
     def __post_init__(self) -> None:
-        """Check that other hosts need a token; ConfigError if it is missing or too short."""
+        """Raise a ConfigError if a required token is missing, or if the token is too short."""
         token = self.token
         if not token and not _is_loopback(self.host):
             raise ConfigError(f"'{self.host}' accepts other hosts: give --token, {MIN_TOKEN_LETTERS} letters or more")
@@ -93,14 +93,14 @@ class LiveServer:
     """Serves the page of a run at `url`. All methods but the constructor run in one event loop."""
 
     def __init__(self, config: LiveConfig, state: LiveState, title: str = "") -> None:
-        """Read the page's files; the title is shown in the header, for example a namespace."""
+        """Read the page's files; the title, for example a namespace, is displayed in the header."""
         self.state = state
         self.url = ""  # known once the page is served
         self._config, self._title = config, title
         self._command_token = secrets.token_urlsafe(18)
         self._files = _page_files(self._command_token)
         self._viewers: list[Viewer] = []
-        self._texts: dict[str, str] = {}  # the latest message of each kind that is the same for all pages
+        self._texts: dict[str, str] = {}  # latest message of each kind that is sent to all pages
         self._begin_s = time.time()
         self._nodes_sent_s = 0.0
         self._events_version = -1
@@ -160,7 +160,7 @@ class LiveServer:
             return await asyncio.get_running_loop().create_server(connections, host, port)
         except OSError as error:
             reason = error.strerror or str(error)
-            hint = "choose another --port (0: a free one)"
+            hint = "choose another --port (0: any free port)"
             raise NodeError(f"cannot listen on {host} port {port}: {reason}; {hint}") from error
 
     def _address(self, port: int) -> str:
@@ -177,10 +177,10 @@ class LiveServer:
 
         return wake
 
-    # ---- what changes
+    # ---- changes
 
     async def _send_changes(self) -> None:
-        """Notify the pages of each change, and periodically of the nodes."""
+        """Notify the pages of each change, and periodically of the nodes' state."""
         while True:
             with suppress(TimeoutError):
                 async with asyncio.timeout(NODES_PERIOD_S):
@@ -232,7 +232,7 @@ class LiveServer:
         return response
 
     def _refusal(self, request: web.Request) -> str:
-        """Return the reason why a request is refused, empty if it has access."""
+        """Return why a request is refused; empty if it has access."""
         host = request.headers.get("Host", "")
         origin = request.headers.get("Origin")
         token = self._config.token
@@ -248,7 +248,7 @@ class LiveServer:
 
     async def _get_file(self, request: web.Request) -> web.Response:
         name = request.match_info["name"] or "index.html"
-        if name not in self._files:  # no other file is ever served
+        if name not in self._files:  # only the listed files are served
             raise web.HTTPNotFound
         headers = CACHED if name == PLOTTING_LIBRARY else None
         content_type = CONTENT_TYPES[name.rpartition(".")[2]]
@@ -297,7 +297,7 @@ class LiveServer:
         async def send() -> None:
             with suppress(ConnectionError, TimeoutError):
                 await viewer.send_all(self._facts(time.time()))
-            transport.abort()  # without the closing handshake, which a page that does not read never answers
+            transport.abort()  # no closing handshake, because a page that does not read would never answer
 
         self._viewers.append(viewer)
         self._notify_viewers(time.time())
@@ -326,10 +326,10 @@ class LiveServer:
 async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, end_file: Path | None = None) -> None:
     """Serve until SIGINT, SIGTERM or SIGHUP; print the address when the page can be opened.
 
-    Once the run is over, `nodes/launch/live_process.py` writes to the file how it ended. The pages show that and can
-    still be opened.
+    Once the run is over, `nodes/launch/live_process.py` writes to the file how the run ended. The pages display the end
+    and can still be opened.
     """
-    taken = ""  # of the file
+    taken = ""  # content of the file that was processed last
 
     def announce(url: str) -> None:
         print(f"live: {url}", flush=True)
@@ -337,7 +337,7 @@ async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, 
             webbrowser.open(url)
 
     def take_end(file: Path) -> None:
-        """Show how the run ended, if the file has something new."""
+        """Display how the run ended, if the file has changed."""
         nonlocal taken
         text = ""
         with suppress(OSError):
@@ -374,7 +374,7 @@ async def serve_until_signal(server: LiveServer, *, open_browser: bool = False, 
 
 
 def _page_files(command_token: str) -> dict[str, bytes]:
-    """Return the files of the page and the plotting library by their names."""
+    """Return the files of the page and the plotting library by name."""
     folder = (files("sfr_loc_map.live") / "web").iterdir()
     found = {item.name: item.read_bytes() for item in folder if item.name.rpartition(".")[2] in CONTENT_TYPES}
     found["index.html"] = found["index.html"].replace(TOKEN_MARK, command_token.encode())
@@ -396,7 +396,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def _split(url: str) -> tuple[str, str]:
-    """Return the host name, and the host name with the port, of an address; both empty if it is invalid."""
+    """Return the host name and the host name with port of an address; both are empty if the address is invalid."""
     try:
         found = urlsplit(url)
         return found.hostname or "", found.netloc
@@ -405,11 +405,11 @@ def _split(url: str) -> tuple[str, str]:
 
 
 def _is_equal(given: str, wanted: str) -> bool:
-    # bytes of a header that are invalid UTF-8 are surrogates
+    # invalid UTF-8 bytes of a header are surrogates
     return hmac.compare_digest(given.encode(errors="surrogatepass"), wanted.encode())
 
 
 def _is_internal_error(record: logging.LogRecord) -> bool:
-    """Filter of log records: a malformed request is answered with its status and not logged."""
+    """Filter log records: a malformed request is answered with a status and not logged."""
     error = record.exc_info[1] if record.exc_info else None
     return not isinstance(error, http_exceptions.HttpProcessingError | web.RequestPayloadError)

@@ -1,4 +1,4 @@
-"""The state of a run in progress. One feed writes it, every view reads it; its memory is bounded."""
+"""The state of a run in progress, which one feed writes and all views read. Its memory is bounded."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.topics import ESTIMATE, REPORT, TRUE_POSES
 
 MAX_NODES, MAX_TOPICS, MAX_STAMPS, MAX_PROBLEMS, MAX_CALLS = 32, 32, 2000, 20, 600
-MAX_VALUES, MAX_LETTERS = 100, 300  #: Values of a node's health that are kept, and letters of each.
+MAX_VALUES, MAX_LETTERS = 100, 300  #: Number of values of a node's health that are kept, and length of each text.
 MAX_REPORT_CHARACTERS = 8_000_000
-CALL_TIMES = ("processing_time_s", "latency_transport_s", "latency_receive_to_publish_s")  #: Shown times.
+CALL_TIMES = ("processing_time_s", "latency_transport_s", "latency_receive_to_publish_s")  #: Displayed times.
 
 
 @dataclass(slots=True)
 class LiveNode:
-    """What a node reports: its last health, its last call, its last unusable input or internal fault."""
+    """The last reports of a node: health, call, and unusable input or internal fault."""
 
     name: str
     level: Level = Level.STALE
@@ -53,7 +53,7 @@ class LiveNode:
     periods: deque[float] = field(default_factory=lambda: deque(maxlen=5))
 
     def add(self, update: updates.Call | updates.Status) -> None:
-        """Process a call or a status."""
+        """Add a call or a status."""
         self.heard_s = max(self.heard_s, update.received_s)
         if isinstance(update, updates.Call):
             self.call = update.record
@@ -73,7 +73,7 @@ class LiveNode:
             self.values = {name[:MAX_LETTERS]: text[:MAX_LETTERS] for name, text in kept}
 
     def is_stale(self, now_s: float) -> bool:
-        """Return whether the node has been silent for too long."""
+        """Return whether the node has been silent for longer than `NODE_FRESHNESS`."""
         period = statistics.median(self.periods) if len(self.periods) > 2 else 0.0
         return NODE_FRESHNESS.is_stale(now_s - self.heard_s, period)
 
@@ -101,19 +101,19 @@ class LiveNode:
 
 
 class LiveReport:
-    """One report: its score, the JSON values of the score, and the tables and bars that are shown."""
+    """A report: the score, its JSON values, and the displayed tables and bars."""
 
     def __init__(self, score: Score, received_s: float) -> None:
         self.score, self.received_s, self.content = score, received_s, to_dict(score)
         self.overall, self.tables, self.bars = overall_of(score), score_tables(score), limit_bars(score)
 
     def ended(self, missing: str) -> LiveReport:
-        """Return the report of a run that is over, which may be incomplete; the figures are unchanged."""
+        """Return the report after the end of the run, when the run may be incomplete; the figures are unchanged."""
         score = judged_at_the_end(self.score, missing)
         return self if score is self.score else LiveReport(score, self.received_s)
 
     def to_plain(self) -> dict[str, Any]:
-        """Return what a page shows, as JSON values."""
+        """Return the content of a page as JSON values."""
         return {
             "overall": asdict(self.overall),
             "tables": [_table_to_plain(table) for table in self.tables],
@@ -153,29 +153,29 @@ def _table_to_plain(table: Table) -> dict[str, Any]:
 
 
 class LiveState:
-    """What is known of a run. Methods may be called in any thread; a reader of several attributes holds `lock`."""
+    """The state of a run. Methods may be called in any thread; a reader of several attributes must hold `lock`."""
 
     def __init__(self) -> None:
         self.lock = RLock()
         self._on_change: Callable[[], None] = lambda: None
         self._operator: updates.Operator | None = None
-        self._shown: dict[object, frozenset[updates.View]] = {}  # views that each viewer shows
+        self._shown: dict[object, frozenset[updates.View]] = {}  # displayed views of each viewer
         self._runs: CommonRuns[updates.PoseSample] = CommonRuns({track: RunOrder() for track in updates.Track})
         self.path = LivePath()
         self.report: LiveReport | None = None
         self.nodes: dict[str, LiveNode] = {}
         self.calls: deque[dict[str, Any]] = deque(maxlen=MAX_CALLS)  # JSON values, each with its number `n`
-        self.media: dict[str, updates.Media] = {}  # the newest of each topic
+        self.media: dict[str, updates.Media] = {}  # newest image or map of each topic
         self.image_problems: dict[str, str] = {}  # why images cannot be shown, by topic
         self.topics: dict[str, LiveTopic] = {}
-        self.lost: dict[str, int] = {}  # messages that did not arrive here, by topic
-        self.problems: deque[str] = deque(maxlen=MAX_PROBLEMS)  # inputs that could not be read, the latest last
+        self.lost: dict[str, int] = {}  # messages lost in transport to this process, by topic
+        self.problems: deque[str] = deque(maxlen=MAX_PROBLEMS)  # unreadable inputs, newest last
         self.timeline = Timeline()
-        self.ended_s: float | None = None  # time of the end; a run in progress is not incomplete
-        self.aborted: dict[str, Any] | None = None  # `by`: cause, `at`: time, seconds
-        self._report_page = b""  # report of a run that is over, HTML
+        self.ended_s: float | None = None  # time of the end, s; None during the run
+        self.aborted: dict[str, Any] | None = None  # `by`: cause; `at`: time, s
+        self._report_page = b""  # HTML report after the end of the run
         self._missing = ""  # what the estimate is known to lack at the end
-        self._result_s = 0.0  # time of the last result that contributes to the verdict
+        self._result_s = 0.0  # reception of the last result that contributes to the verdict, s
         self._published: OrderedDict[int, float] = OrderedDict()
         self._call_count = 0
 
@@ -188,12 +188,12 @@ class LiveState:
 
     @property
     def wanted(self) -> frozenset[updates.View]:
-        """Views that at least one viewer shows; a feed prepares no others."""
+        """Views that at least one viewer displays; a feed prepares only these."""
         with self.lock:
             return frozenset[updates.View]().union(*self._shown.values())
 
     def show(self, viewer: object, views: frozenset[updates.View]) -> None:
-        """Note which views a viewer shows."""
+        """Note which views a viewer displays."""
         with self.lock:
             self._shown[viewer] = views
 
@@ -203,28 +203,28 @@ class LiveState:
             self._shown.pop(viewer, None)
 
     def shown_media(self, viewer: object) -> dict[str, updates.Media]:
-        """Return, by topic, the newest images and maps of the views that a viewer shows."""
+        """Return, by topic, the newest images and maps of the views that a viewer displays."""
         with self.lock:
             views = self._shown.get(viewer, frozenset())
             return {topic: media for topic, media in self.media.items() if media.view in views}
 
     def call_on_change(self, callback: Callable[[], None]) -> None:
-        """Call a function after each record, in the thread of the feed."""
+        """Set a function that is called after each record, in the thread of the feed."""
         self._on_change = callback
 
     @property
     def report_page(self) -> bytes:
-        """Report of a run that is over, HTML; empty before."""
+        """HTML report after the end of the run; empty before."""
         return self._report_page
 
     # ---- commands
 
     def set_operator(self, operator: updates.Operator) -> None:
-        """Take who carries out commands, once nodes have been joined."""
+        """Set the operator, which executes commands, once the graph is joined."""
         self._operator = operator
 
     def close_operator(self) -> None:
-        """End the commands that are under way."""
+        """Cancel pending commands."""
         if self._operator is not None:
             self._operator.close()
 
@@ -237,15 +237,15 @@ class LiveState:
         return {"actions": [] if self._operator is None else list(self._operator.node_actions.get(node, ()))}
 
     def run(self, command: updates.Command) -> str:
-        """Carry out a command and return what was done; SfrError with the reason if it is impossible."""
+        """Execute a command and return a text about the result; raise an SfrError if the command fails."""
         if self._operator is None:
-            raise InputError(f"'{command.action}' is not possible (yet): no nodes have been joined")
+            raise InputError(f"'{command.action}' is not possible yet: the ROS graph is not joined")
         return self._operator.run(command)
 
     # ---- records
 
     def put(self, update: updates.Update) -> None:
-        """Process a record; an invalid record is reported as a problem."""
+        """Add a record; an invalid record is reported as a problem."""
         with self.lock:
             try:
                 if not math.isfinite(updates.time_of(update)):
@@ -256,20 +256,20 @@ class LiveState:
         self._on_change()
 
     def tick(self, now_s: float) -> None:
-        """Note as events what was not received until now: poses, and reports of nodes."""
+        """Add events for poses and reports of nodes that were not received in time."""
         with self.lock:
             if not self.ended:
                 self.timeline.look(now_s, self._silent_nodes(now_s))
 
     def stop(self, now_s: float) -> None:
-        """Note that no more is received, so that later silence is not reported as stale data."""
+        """Note that the reception has ended, so that later silence is not reported as stale data."""
         with self.lock:
             if self.ended_s is None:
                 self.timeline.end(now_s)
                 self.ended_s = now_s
 
     def end(self, missing: str = "", aborted: str = "", now_s: float = 0.0, report_page: bytes = b"") -> None:
-        """Note that the run is over, or was aborted: from now on an uncovered part of the drive is missing."""
+        """Note that the run is over or was aborted. From now on, an uncovered part of the drive counts as missing."""
         with self.lock:
             self.stop(now_s)
             self._missing = missing
@@ -298,7 +298,7 @@ class LiveState:
         return content | {"live": live | {"events": self.events_to_plain()}}
 
     def live_to_plain(self, now_s: float) -> dict[str, Any]:
-        """Return what `state.json` adds to the score as JSON values, except what changes with the report only."""
+        """Return the additions of `state.json` to the score as JSON values, except those of the report only."""
         with self.lock:
             silent = self._silent_nodes(now_s)
             report, rows = self.report, self.path.rows
@@ -341,16 +341,16 @@ class LiveState:
             }
 
     def _silent_nodes(self, now_s: float) -> dict[str, float]:
-        """Return the nodes that have been silent for too long, and since when."""
+        """Return the stale nodes, each with the time of its last report, s."""
         return {name: node.heard_s for name, node in self.nodes.items() if node.heard_s and node.is_stale(now_s)}
 
     def events_to_plain(self) -> list[dict[str, Any]]:
-        """Return the events of the run as JSON values; times are seconds of the clock."""
+        """Return the events of the run as JSON values, with times of the clock, s."""
         with self.lock:
             return self.timeline.to_plain()
 
     def _stale_reasons(self, topics: dict[str, Any], silent: dict[str, float], now_s: float) -> list[str]:
-        """Return why the shown data is stale; empty for a run that is over."""
+        """Return why the displayed data are stale; empty after the end of the run."""
         if self.ended:
             return []
         words = ((ESTIMATE, "pose"), (REPORT, "figures"))
@@ -389,10 +389,10 @@ class LiveState:
                 self._take_media(update)
 
     def _take_report(self, update: updates.Report) -> None:
-        """Show a report of the monitor."""
+        """Add a report of the monitor."""
         self._note_topic(REPORT, None, update.received_s)
         if (length := len(update.text)) > MAX_REPORT_CHARACTERS:
-            raise InputError(f"{REPORT} has {length} characters: up to {MAX_REPORT_CHARACTERS} are read")
+            raise InputError(f"{REPORT} has {length} characters: at most {MAX_REPORT_CHARACTERS} are read")
         report = LiveReport(from_json(update.text, REPORT), update.received_s)
         self.report = report.ended(self._missing) if self.ended else report
         judged = {bar.place: bar for bar in self.report.bars}
@@ -419,14 +419,14 @@ class LiveState:
             self.path.add(pose, self._published.get(pose.stamp_ns))
 
     def _take_status(self, update: updates.Status) -> None:
-        """Note the health of a node, an unusable input or an internal fault."""
+        """Add a node's health, unusable input or internal fault."""
         if not self.ended:
             self.timeline.take(update, update.received_s)
         if (node := self._node(update.node)) is not None:
             node.add(update)
 
     def _take_call(self, update: updates.Call) -> None:
-        """Note a call of a node."""
+        """Add a call of a node."""
         if not self.ended:
             self.timeline.take(update, update.received_s)
         if (node := self._node(update.node)) is not None:
@@ -443,12 +443,12 @@ class LiveState:
             self._published.popitem(last=False)
 
     def _take_image_problem(self, update: updates.ImageProblem) -> None:
-        """Note why an image is not shown."""
+        """Note why an image is not displayed."""
         if update.topic in self.image_problems or len(self.image_problems) < MAX_TOPICS:
             self.image_problems[update.topic] = one_line(update.text)[:MAX_LETTERS]
 
     def _take_graph(self, update: updates.GraphNodes) -> None:
-        """Note which nodes are in the graph, and what their transport lost."""
+        """Note which nodes are in the graph, and the lost messages by topic."""
         self.lost = dict(update.lost)
         for name in update.nodes:
             self._node(name)
@@ -456,7 +456,7 @@ class LiveState:
             node.in_graph = name in update.nodes
 
     def _take_media(self, update: updates.Media) -> None:
-        """Keep the last image, cloud or grid of a topic."""
+        """Add the newest image, cloud or grid of a topic."""
         before = self.media.get(update.topic)
         if before is None and len(self.media) >= MAX_TOPICS:
             return
@@ -467,7 +467,7 @@ class LiveState:
 
 
 def _state_to_plain(record: CallRecord | None) -> dict[str, str]:
-    """Return the state after a call with its reason, as JSON values; empty before the first call."""
+    """Return the state after a call with its reason as JSON values; both empty before the first call."""
     if record is None:
         return {"state": "", "reason": ""}
     return {"state": record.state, "reason": record.reason[:MAX_LETTERS]}

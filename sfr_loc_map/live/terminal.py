@@ -1,6 +1,6 @@
-"""A run on a terminal of 80 columns in progress, for example over ssh; one line a second without a terminal.
+"""Display a run in progress on a terminal of 80 columns, for example over ssh; without a terminal, one line per second.
 
-The strings are those of the tables. Verdicts and levels have a word and a sign; colour only repeats them.
+The strings are those of the tables. Verdicts and levels are given by a word and a sign, so that no colour is required.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from sfr_loc_map.message_types import Level
 from sfr_loc_map.report.tables import ABSENT, METRE, MIB, MILLISECOND, OPEN, VERDICTS, Table, fitting, number, to_rich
 
 PERIOD_S, LINE_PERIOD_S, KEY_PERIOD_S = 0.5, 1.0, 0.05
-"""Time between two drawings of the screen, two lines, two looks at the keys."""
+"""Period of the screen, of the lines without a terminal, and of the check for keys."""
 STYLES = {
     Level.OK: ("✔", "green"),
     Level.WARN: ("!", "yellow"),
     Level.ERROR: ("✖", "bold red"),
     Level.STALE: ("?", "bold yellow"),
 }
-"""Sign and style of a level."""
+"""Sign and style of each level."""
 LEVELS = {level.word: style for level, style in STYLES.items()}
 COLOURS = {style.css: style.colour for style in (*VERDICTS.values(), OPEN)} | {"stale": "bold yellow"}
 """Colour of each style of a headline."""
-WIDE = 80  #: Columns from which on all figures of a node are shown.
+WIDE = 80  #: Minimum width for all figures of a node, columns.
 
 
 class Terminal:
-    """Draws a state until q is pressed."""
+    """Displays a state until q is pressed."""
 
     def __init__(self, state: LiveState, title: str, console: Console | None = None) -> None:
         self._state, self._title = state, title
@@ -48,9 +48,9 @@ class Terminal:
         self._ended = False
 
     def show(self) -> None:
-        """Draw until q is pressed; KeyboardInterrupt by a signal. The terminal is then as it was before."""
+        """Display the state until q is pressed, then restore the terminal; a signal raises a KeyboardInterrupt."""
         console, due_s = self._console, 0.0
-        with suppress(AttributeError, ValueError):  # a terminal without these signs
+        with suppress(AttributeError, ValueError):  # replaces signs that the terminal lacks
             console.file.reconfigure(errors="replace")  # type: ignore[attr-defined]
         with ExitStack() as stack:
             keyboard, screen = None, None
@@ -73,12 +73,12 @@ class Terminal:
             self._print_line()
 
     def drawing(self, now_s: float) -> RenderableType:
-        """Return the whole screen, the most important first."""
+        """Return the content of the screen, the most important parts first."""
         with self._state.lock:
             live = self._state.live_to_plain(now_s)
             body = Group(*_parts(self._state, live, now_s, self._title, self._console.width))
         layout = Layout()
-        foot = Text("q ends", "reverse", no_wrap=True, overflow="ellipsis")
+        foot = Text("q: quit", "reverse", no_wrap=True, overflow="ellipsis")
         layout.split_column(Layout(body), Layout(foot, size=1))
         return layout
 
@@ -92,7 +92,7 @@ class Terminal:
 
 
 def one_line_of(state: LiveState, now_s: float) -> str:
-    """Return one line: verdict with its age or end, headline figures, state, nodes."""
+    """Return one line with the verdict and its age or end, headline figures, state and nodes."""
     with state.lock:
         live, report = state.live_to_plain(now_s), state.report
         shown = live["headline"]
@@ -181,7 +181,7 @@ def _now(live: dict[str, Any]) -> Iterator[str]:
 
 
 def _notes(state: LiveState, live: dict[str, Any]) -> Iterator[str]:
-    """Yield problems of nodes, dropped messages with their causes, unreadable inputs."""
+    """Yield problems of nodes, dropped messages by cause, and unreadable inputs."""
     for node in live["nodes"]:
         name = one_line(node["name"])
         if node["level"] in (Level.WARN.word, Level.ERROR.word):
@@ -193,4 +193,4 @@ def _notes(state: LiveState, live: dict[str, Any]) -> Iterator[str]:
     if state.report is not None:
         yield from (f"warning: {one_line(text)}" for text in state.report.score.warnings)
     if state.problems:
-        yield f"not readable: {state.problems[-1]}"
+        yield f"unreadable input: {state.problems[-1]}"

@@ -1,4 +1,4 @@
-"""Events of a run as time intervals: the state of localisation, nodes, jumps of the stamps, missed limits."""
+"""Events of a run as time intervals: localisation states, node states, jumps of the stamps, missed limits."""
 
 from __future__ import annotations
 
@@ -19,28 +19,29 @@ MAX_EVENTS, MAX_TEXT = 400, 200
 
 @dataclass(frozen=True, slots=True)
 class Freshness:
-    """Limits of the time without a message: what exceeds both is stale."""
+    """Limits of the time without a message; data that exceed both limits are stale."""
 
     after_s: float
-    periods: float  #: In periods of the messages.
+    periods: float  #: Multiple of the message period.
 
     def is_stale(self, silent_s: float, period_s: float) -> bool:
-        """Return whether messages of a period, 0 where the period is unknown, are absent for too long."""
+        """Return whether the silence is too long for messages of a period; 0 for an unknown period."""
         return silent_s > max(self.after_s, self.periods * period_s)
 
 
 NODE_FRESHNESS = Freshness(after_s=1.5, periods=1.6)
-"""A node reports its health each second by a timer, so that a single absent report counts."""
+"""A node reports its health once a second by a timer, so that one missing report makes it stale."""
 TOPIC_FRESHNESS = Freshness(after_s=1.6, periods=3.0)
-"""Messages of a topic follow its source, whose period varies: two may be absent."""
-FLICKER_S = 0.5  #: Shorter tracking between two intervals of one kind does not separate them, s.
-GAP_S, GAP_PERIODS = 2.0, 20.0  #: A step of the stamps above this time, s, and this many usual steps is an event.
+"""The period of a topic varies with its source, so that two messages may be missing."""
+FLICKER_S = 0.5  #: Tracking for less than this time does not separate two intervals of the same kind.
+GAP_S, GAP_PERIODS = 2.0, 20.0
+"""A step of the stamps is an event if it exceeds this time, s, and this multiple of the mean step."""
 LOCALISATION_NODE, POSE = Task.LOCALISATION.node, "pose"
 SILENT = "{}: silent"
 
 
 class EventKind(StrEnum):
-    """What an event is about."""
+    """Subject of an event."""
 
     TRACKING = "tracking"
     DEGRADED = "degraded"
@@ -55,7 +56,7 @@ class EventKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LiveTopic:
-    """When a topic was last received, its last stamp, and the smoothed time between two messages (0: unknown)."""
+    """Reception time and stamp of the last message of a topic, and the smoothed message period (0: unknown)."""
 
     stamp_ns: int | None
     received_s: float
@@ -63,26 +64,26 @@ class LiveTopic:
 
     @classmethod
     def after(cls, before: LiveTopic | None, stamp_ns: int | None, received_s: float) -> LiveTopic:
-        """Return the view after a message; `before` is the view until then."""
+        """Return the topic after a message; `before` is the previous value, None before the first message."""
         passed_s = 0.0 if before is None else max(received_s - before.received_s, 0.0)
         known = before is not None and before.period_s
         return cls(stamp_ns, received_s, 0.8 * known + 0.2 * passed_s if known else passed_s)
 
     def is_stale(self, now_s: float) -> bool:
-        """Return whether nothing was received for longer than the period explains; a single message has no period."""
+        """Return whether the topic has been silent for longer than `TOPIC_FRESHNESS`; False for an unknown period."""
         return self.period_s > 0.0 and TOPIC_FRESHNESS.is_stale(now_s - self.received_s, self.period_s)
 
     def to_plain(self, now_s: float, lost: int) -> dict[str, Any]:
         """Return the topic as JSON values."""
         stamp = None if self.stamp_ns is None else str(self.stamp_ns)
         age_s = round(max(now_s - self.received_s, 0.0), 3)
-        rate_hz = round(1.0 / self.period_s, 2) if self.period_s > 1e-6 else None  # unknown if all came at one time
+        rate_hz = round(1.0 / self.period_s, 2) if self.period_s > 1e-6 else None  # else all arrived together
         return {"stamp_ns": stamp, "age_s": age_s, "rate_hz": rate_hz, "stale": self.is_stale(now_s), "lost": lost}
 
 
 @dataclass(slots=True)
 class Event:
-    """One interval, seconds; `to_s` is None while it is in progress, and equal to `from_s` for an instant."""
+    """A time interval, s. `to_s` is None while the event is in progress, and equal to `from_s` for an instant."""
 
     lane: str
     from_s: float
@@ -92,15 +93,15 @@ class Event:
 
 
 class Timeline:
-    """Collects events, with times of the clock that the caller gives, seconds. Its memory is bounded."""
+    """Collects events, with times of the caller's clock, s. Its memory is bounded."""
 
     def __init__(self) -> None:
         self.version = 0  # changes with every event that begins or ends
         self.events: list[Event] = []
         self._open: dict[str, Event] = {}
-        self._call: CallRecord | None = None  # the localiser's last one
+        self._call: CallRecord | None = None  # last call of the localiser
         self._pose: LiveTopic | None = None
-        self._step_s = 0.0  # of the stamps of poses, smoothed
+        self._step_s = 0.0  # smoothed step of the stamps of poses
 
     def take(self, update: updates.Update, at_s: float) -> None:
         """Process a pose, a call or a status."""
@@ -114,35 +115,35 @@ class Timeline:
                 if self._pose is not None and POSE in self._open:
                     self._note_tracking(at_s, lost=self._open[POSE].kind is EventKind.LOST)
         elif isinstance(update, updates.Status) and update.kind is StatusKind.HEALTH:
-            is_bad = update.level is Level.ERROR and update.node != LOCALISATION_NODE  # a lost pose is another event
+            is_bad = update.level is Level.ERROR and update.node != LOCALISATION_NODE  # lost: another event
             kind = EventKind.NODE if is_bad else None
             if update.values.get("activity") == EventKind.COMPILING:
                 kind = EventKind.COMPILING
             self.note(update.node, at_s, kind, f"{update.node}: {update.message}")
 
     def begin_run(self, stamp_ns: int, at_s: float) -> None:
-        """Note that a new run begins with a stamp."""
+        """Add the jump of the stamps at the start of a new run."""
         if self._pose is None or self._pose.stamp_ns is None:
             return
         back_s = (self._pose.stamp_ns - stamp_ns) / NS_PER_S
-        self.mark(at_s, EventKind.CLOCK, f"stamps go back by {back_s:.1f} s")
+        self.mark(at_s, EventKind.CLOCK, f"stamps jump back by {back_s:.1f} s")
         self._pose = replace(self._pose, stamp_ns=None)
 
     def look(self, now_s: float, silent: Mapping[str, float]) -> None:
-        """Note missing poses, and nodes that have been silent since a time."""
+        """Add events for missing poses and for silent nodes, given with the time of their last report."""
         if self._pose is not None and self._pose.is_stale(now_s):
             self.note(POSE, self._pose.received_s, EventKind.STALE, "no pose")
         for node, since_s in silent.items():
             self.note(node, since_s, EventKind.NODE, SILENT.format(node))
 
     def judge(self, verdicts: Iterable[tuple[Verdict, str]], at_s: float) -> None:
-        """Note which limits are missed, each with its text."""
+        """Add events for missed limits, each with its text."""
         for item, text in verdicts:
             missed = EventKind.LIMIT if item.state == "fail" else None
             self.note(f"limit {item.name} {item.condition}", at_s, missed, text)
 
     def note(self, lane: str, at_s: float, kind: EventKind | None, text: str = "") -> None:
-        """Begin the event of a lane, continue it with another text, or end it (None)."""
+        """Start the event of a lane, update its text, or end it if `kind` is None."""
         now = self._open.get(lane)
         if now is not None and now.kind is kind:
             now.text = text[:MAX_TEXT]
@@ -169,12 +170,12 @@ class Timeline:
         self._open[lane] = self._add(Event(lane, at_s, None, kind, text[:MAX_TEXT]))
 
     def mark(self, at_s: float, kind: EventKind, text: str) -> None:
-        """Add an instant."""
+        """Add an instantaneous event."""
         self.version += 1
         self._add(Event(kind, at_s, at_s, kind, text[:MAX_TEXT]))
 
     def end(self, at_s: float) -> None:
-        """End all events that go on."""
+        """End all events in progress."""
         for lane in list(self._open):
             self.note(lane, at_s, None)
 
@@ -196,7 +197,7 @@ class Timeline:
         if self._pose is not None and self._pose.stamp_ns is not None:
             step_s = (pose.stamp_ns - self._pose.stamp_ns) / NS_PER_S
             if step_s > max(GAP_S, GAP_PERIODS * self._step_s) and self._step_s > 0.0:
-                self.mark(at_s, EventKind.CLOCK, f"stamps go on by {step_s:.1f} s at once")
+                self.mark(at_s, EventKind.CLOCK, f"stamps jump forward by {step_s:.1f} s")
             else:
                 self._step_s = step_s if self._step_s <= 0.0 else 0.8 * self._step_s + 0.2 * step_s
         self._pose = LiveTopic.after(self._pose, pose.stamp_ns, at_s)

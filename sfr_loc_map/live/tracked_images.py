@@ -1,4 +1,4 @@
-"""Images of both rigs for a screen; the left one of localisation with its feature tracks, while tracks arrive."""
+"""Images of both rigs for a screen. While tracks arrive, they are drawn on the left image of localisation."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from sfr_loc_map.localisation.estimate import LandmarkTracks
 from sfr_loc_map.localisation.visualisation import draw_landmarks
 
 LEFT, RIGHT = "loc/left", "loc/right"
-HOLD_S = 2.0  #: Images of localisation wait for the tracks of their stamp, if tracks arrived within this time.
-MAX_WAITING = 24  #: Images that wait for tracks: two seconds of both cameras at the rate that is shown.
+HOLD_S = 2.0  #: Localisation images wait for their tracks if tracks arrived within this time, s.
+MAX_WAITING = 24  #: Maximum number of waiting images: about 2 s of both cameras at the displayed rate.
 
 
 class TrackedImages:
-    """Hands images to `put`: at once, or together with the tracks of their stamp."""
+    """Passes images to `put`, immediately or with the tracks of their stamp."""
 
     def __init__(self, put: Callable[[ImageSample], None]) -> None:
         self._put = put
         self._waiting: OrderedDict[tuple[str, int], tuple[GreyImage, float]] = OrderedDict()
-        self._tracks_s = -HOLD_S  # when tracks arrived last, monotonic clock
+        self._tracks_s = -HOLD_S  # arrival of the last tracks, monotonic clock
 
     def is_waiting(self, stamp_ns: int) -> bool:
         """Return whether a left image of this stamp waits for tracks."""
         return (LEFT, stamp_ns) in self._waiting
 
     def add_image(self, topic: str, stamp_ns: int, image: GreyImage, published_s: float) -> None:
-        """Take an image in."""
+        """Add an image."""
         if topic in (LEFT, RIGHT):
             self._waiting[topic, stamp_ns] = image, published_s
             if len(self._waiting) > MAX_WAITING:
@@ -43,7 +43,7 @@ class TrackedImages:
         self._put(image_sample(topic, stamp_ns, image, published_s))
 
     def add_tracks(self, stamp_ns: int, tracks: FloatArray32) -> None:
-        """Show the images of a stamp with their tracks `(N, 5)`, of which the columns are those of the message."""
+        """Pass on the images of a stamp, the left one with its tracks `(N, 5)` in the columns of the message."""
         self._tracks_s = time.monotonic()
         left = self._waiting.pop((LEFT, stamp_ns), None)
         right = self._waiting.pop((RIGHT, stamp_ns), None)
@@ -58,7 +58,7 @@ class TrackedImages:
 def with_tracks(image: GreyImage, tracks: FloatArray32) -> ColourImage:
     """Return an image, reduced for the screen, with feature tracks `(N, 5)` drawn on it.
 
-    The columns are the pixel in this image, the pixel in the newest keyframe, and the residual over its gate.
+    The columns are the pixel in this image, the pixel in the newest keyframe, and the residual divided by its gate.
     """
     height, width = image.shape
     scale = min(IMAGE_WIDTH / width, 1.0)

@@ -1,6 +1,6 @@
-"""Records that a feed (the ROS node) hands to the live state, and commands of an operator to the nodes.
+"""Records that a feed (the ROS node) passes to the live state, and commands of an operator to the nodes.
 
-Times are seconds of the host's system clock, stamps are those of the messages.
+Times are of the host's system clock, s. Stamps are those of the messages.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.metrics.association import UPPER, lost_by_covariance
 from sfr_loc_map.runs.calls import CallRecord
 
-MAX_TEXT = 200  #: Maximum letters of a command's texts.
+MAX_TEXT = 200  #: Maximum length of a command's texts.
 
 
 class Track(StrEnum):
-    """Whose poses."""
+    """Source of poses."""
 
     ESTIMATE = "estimate"
     TRUTH = "truth"
 
 
 class View(StrEnum):
-    """What costs time to prepare, so that a feed prepares it only while a viewer shows it."""
+    """Media that are costly to prepare, so that a feed prepares them only while a viewer displays them."""
 
     IMAGES = "images"
     CLOUDS = "clouds"
@@ -40,7 +40,7 @@ class View(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """The monitor's report: JSON of a score."""
+    """The monitor's report: a score as JSON."""
 
     text: str
     received_s: float
@@ -48,7 +48,7 @@ class Report:
 
 @dataclass(frozen=True, slots=True)
 class PoseSample:
-    """One pose of RB in DS: metres, a unit quaternion, for estimates the covariance `(6, 6)` in ROS order."""
+    """A pose of RB in DS: position, m, unit quaternion, and for estimates the covariance `(6, 6)` in ROS order."""
 
     track: Track
     stamp_ns: int
@@ -65,7 +65,7 @@ class PoseSample:
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """One call of a node."""
+    """A call of a node."""
 
     node: str
     record: CallRecord
@@ -74,7 +74,7 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """One status of a node on /diagnostics: its health, an unusable input, or an internal fault."""
+    """A status of a node on /diagnostics: health, unusable input or internal fault."""
 
     node: str
     kind: StatusKind
@@ -86,7 +86,7 @@ class Status:
 
 @dataclass(frozen=True, slots=True)
 class Sampled:
-    """When the image of a stamp was published, to measure the delay of the results."""
+    """Publication time of an image, from which the latency of results is measured."""
 
     topic: str
     stamp_ns: int
@@ -95,7 +95,7 @@ class Sampled:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageSample:
-    """One image, reduced for the screen: a JPEG file, its width and height, and those before it was reduced."""
+    """An image reduced for the screen: JPEG data, width and height, and the original width and height."""
 
     view: ClassVar[View] = View.IMAGES
     topic: str
@@ -104,12 +104,12 @@ class ImageSample:
     size: tuple[int, int]
     full_size: tuple[int, int]
     published_s: float
-    track_count: int = 0  # feature tracks that are drawn on it
+    track_count: int = 0  # number of drawn feature tracks
 
 
 @dataclass(frozen=True, slots=True)
 class ImageProblem:
-    """Why the images of a topic cannot be shown; empty once they can."""
+    """Why the images of a topic cannot be displayed; empty if they can."""
 
     topic: str
     text: str
@@ -117,47 +117,47 @@ class ImageProblem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CloudSample:
-    """One cloud, thinned for the screen; metres, LM; float32, NaN if unknown."""
+    """A cloud thinned for the screen, in LM, m; float32, NaN if unknown."""
 
     view: ClassVar[View] = View.CLOUDS
     topic: str
     stamp_ns: int
     points: FloatArray32  # (N, 4): x, y, z, sigma
-    total: int  # points that it had
+    total: int  # number of points before thinning
     published_s: float
     error: FloatArray32 | None = None  # (N,) distance to the truth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ElevationSample:
-    """A map from above in cells, thinned for the screen; its layers are named height, sigma, error, hazard, ..."""
+    """A map from above, thinned for the screen; its layers are named height, sigma, error, hazard, ..."""
 
     view: ClassVar[View] = View.MAPS
     topic: str
     stamp_ns: int
     origin_m: tuple[float, float]  # corner of cell (0, 0), LM
-    cell_m: float  # of the shown cells
+    cell_m: float  # size of the displayed cells
     names: tuple[str, ...]
     layers: FloatArray32  # (rows along y, columns along x, names), NaN if unknown
     published_s: float
-    every: int = 1  # cells of the grid along each axis in a shown cell
+    every: int = 1  # grid cells per displayed cell along each axis
 
 
 @dataclass(frozen=True, slots=True)
 class GraphNodes:
-    """Which nodes of the suite are in the graph, and how many messages of each topic did not arrive at the feed."""
+    """Nodes of the suite that are in the graph, and the number of lost messages of each topic."""
 
     nodes: frozenset[str]
     received_s: float
     lost: Mapping[str, int] = field(default_factory=dict)
 
 
-Media = ImageSample | CloudSample | ElevationSample  #: Large: only the newest of each topic is kept.
+Media = ImageSample | CloudSample | ElevationSample  #: Large records, of which only the newest of each topic is kept.
 Update = Report | PoseSample | Call | Status | Sampled | Media | ImageProblem | GraphNodes
 
 
 def time_of(update: Update) -> float:
-    """Return when a record was received or its message published, seconds; 0 for a record without a time."""
+    """Return when a record was received or its message was published, s; 0 for a record without a time."""
     match update:
         case ImageProblem():
             return 0.0
@@ -180,7 +180,7 @@ class Action(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One request, with the node or the text of a bookmark if the action needs it."""
+    """A request, with the node or the text of a bookmark if the action requires it."""
 
     action: Action
     node: str = ""
@@ -188,7 +188,7 @@ class Command:
 
     @classmethod
     def parse(cls, text: bytes) -> Command:
-        """Return the command of untrusted JSON; InputError if it is invalid."""
+        """Return the command of untrusted JSON; raise an InputError if the command is invalid."""
         try:
             found = msgspec.json.decode(text, type=cls)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
@@ -197,7 +197,7 @@ class Command:
 
 
 class Operator(Protocol):
-    """Carries out commands by the nodes' services. `run` returns what was done, and may take seconds."""
+    """Executes commands through the nodes' services. `run` returns a text about the result and may take seconds."""
 
     @property
     def actions(self) -> frozenset[Action]: ...  # noqa: D102

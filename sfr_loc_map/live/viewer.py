@@ -1,7 +1,7 @@
-"""What one open page, a viewer of the state, is sent: all figures in their order, of each image and map the newest.
+"""Send the state to an open page: all figures in order, and only the newest image and map of each topic.
 
-A page takes what is new when its network has room. Nothing is queued for it but what the state keeps anyway. A page
-that does not read is disconnected.
+New data are sent when the network accepts them. Data are not queued per page; only the state stores them. A page that
+does not read is disconnected.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import ElevationSample, ImageSample, View
 
 SEND_TIMEOUT_S = 10.0  #: A page that accepts no data for this time is disconnected.
-PageMedia = ImageSample | ElevationSample  #: Shown by the page; clouds are left to Foxglove.
+PageMedia = ImageSample | ElevationSample  #: Media of the page; clouds are displayed only in Foxglove.
 
 
 def text_message(kind: str, content: dict[str, Any]) -> str:
-    """Return a message of figures: JSON with its kind as `type`."""
+    """Return a text message: JSON with the kind as `type`."""
     return json.dumps({"type": kind, **content}, allow_nan=False, separators=(",", ":"))
 
 
@@ -55,25 +55,25 @@ def binary_message(media: PageMedia) -> bytes:
 
 
 class Viewer:
-    """One open page: what it was sent, what it shows. Used by the event loop of the server alone."""
+    """An open page: the messages sent to it and the views that it displays. Used only in the server's event loop."""
 
     def __init__(self, state: LiveState, channel: web.WebSocketResponse) -> None:
         self._state, self._channel = state, channel
         self._changed = asyncio.Event()
-        self._texts: dict[str, str] = {}  # the latest of each kind of message that is the same for all pages
+        self._texts: dict[str, str] = {}  # latest message of each kind that is sent to all pages
         self._sent_texts: dict[str, str] = {}
-        self._sent_media: dict[str, PageMedia] = {}  # by topic, in the order in which they were sent
-        self._path_version = -1  # changes when the whole path has to be sent again
+        self._sent_media: dict[str, PageMedia] = {}  # by topic, oldest first
+        self._path_version = -1  # version of the path that was sent
         self._next_row = 0
         self._next_call = 0
 
     def notify(self, texts: dict[str, str]) -> None:
-        """Note that something has changed, with the latest messages that are the same for all pages."""
+        """Note a change, with the latest messages that are sent to all pages."""
         self._texts = texts
         self._changed.set()
 
     def receive(self, text: str) -> None:
-        """Take a message of the page: `{"type": "want", "views": [...]}` names the views that it shows."""
+        """Process a message of the page: `{"type": "want", "views": [...]}` names the displayed views."""
         content: Any = None
         with suppress(ValueError):
             content = parse_json(text)
@@ -83,7 +83,7 @@ class Viewer:
         self._changed.set()
 
     async def send_all(self, server: dict[str, Any]) -> None:
-        """Send what is new, without end; ConnectionError if the page is gone, TimeoutError if it accepts nothing."""
+        """Send new data until a ConnectionError (the page has left) or a TimeoutError (the page accepts no data)."""
         await self._send(text_message("hello", {"server": server, "row_fields": ROW_FIELDS}))
         while True:
             self._changed.clear()
@@ -103,7 +103,7 @@ class Viewer:
         return new
 
     def _new_rows(self) -> list[str]:
-        """Return the poses that are new to the page; all of them after the path was thinned or began again."""
+        """Return the poses that are new to the page; all poses after the path was thinned or restarted."""
         with self._state.lock:
             path = self._state.path
             is_whole = path.version != self._path_version
@@ -126,7 +126,7 @@ class Viewer:
         return [text_message("calls", {"calls": calls})]
 
     def _next_media(self) -> PageMedia | None:
-        """Return an image or map that the page shows and has not been sent: of the topic that waited longest."""
+        """Return a displayed image or map that was not sent yet, of the topic that has waited longest."""
         newest = self._state.shown_media(self)
         never_sent = [topic for topic in newest if topic not in self._sent_media]
         for topic in (*never_sent, *self._sent_media):

@@ -129,7 +129,7 @@ async def check_clock(browser: Browser, state: LiveState) -> None:
     for update in (update for number in (83, 84, 85) for update in frame(number, time.time())):
         later = update.stamp_ns + 3600 * NS_PER_S
         state.put(replace(update, stamp_ns=later) if isinstance(update, PoseSample) else update)
-    await browser.wait_for(f"{traces('events', 'hovertext')}.flat().join().includes('stamps go on by 3600')")
+    await browser.wait_for(f"{traces('events', 'hovertext')}.flat().join().includes('stamps jump forward by 3600')")
 
 
 async def check_commands(browser: Browser, operator: Recorder) -> None:

@@ -92,4 +92,4 @@ def test_a_stray_pose_leaves_the_path_as_it_is_and_three_in_a_row_begin_another_
             state.put(pose(track, number, drive(number)))
     assert [row.stamp_ns for row in state.path.rows] == [(number + 1) * NS_PER_S // 10 for number in range(3)]
     texts = [event["text"] for event in state.events_to_plain() if event["kind"] == "clock"]
-    assert texts == ["stamps go back by 4.0 s"]
+    assert texts == ["stamps jump back by 4.0 s"]

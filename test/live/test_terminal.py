@@ -113,7 +113,7 @@ def on_terminal(end: Any) -> tuple[str, int]:
         os._exit(0)
     fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
     text = b""
-    while b"q ends" not in text:
+    while b"q: quit" not in text:
         text += os.read(terminal, 4000)
     end(pid, terminal)
     with suppress(OSError):  # once the program has ended

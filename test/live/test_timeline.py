@@ -56,7 +56,7 @@ def test_what_happened_is_told_with_its_times() -> None:
     assert kinds[:6] == ["tracking", "degraded", "lost", "tracking", "stale", "tracking"]
     assert [begin for _, begin, _ in told[:6]] == [0.0, 2.0, 4.0, 4.5, 4.9, 9.0]
     texts = " ".join(event["text"] for event in state.events_to_plain())
-    for expected in ("stamps go on by 3600.1 s at once", "stamps go back by 3599.9 s", "mapping_node: out of memory"):
+    for expected in ("stamps jump forward by 3600.1 s", "stamps jump back by 3599.9 s", "mapping_node: out of memory"):
         assert expected in texts
     assert ": 27.9 mm, limit ≤ 0.001 mm, margin -27.9 mm" in texts
     assert all(end is not None for *_, end in told)

@@ -1,4 +1,4 @@
-// The page: receives what the server sends, keeps the latest, and draws the panels whose data has changed.
+// The page: receives the messages of the server and draws the panels whose data have changed.
 
 import { Connection, command } from "./connection.js";
 import { byId } from "./dom.js";
@@ -11,12 +11,12 @@ import { Run } from "./run.js";
 import { showTables } from "./tables.js";
 import { dressAllHelp } from "./terms.js";
 
-const PLOT_MS = 500; // shortest time between two drawings of a plot
+const PLOT_MS = 500; // minimum interval between two drawings of a plot
 const TICK_MS = 100;
 const run = new Run();
 const state = { isOpen: false, lostMs: 0, nowMs: Date.now() };
 
-// Each panel with the data that it shows; it is drawn again once one of them is another object or value.
+// Each panel with its data. A panel is redrawn when a value or object of its data has changed.
 const panels = [
   { id: "figures", show: showLimits, data: () => [run.report] },
   { id: "path", show: showPath, data: () => [run.poses, run.ended] },

@@ -1,4 +1,4 @@
-// The websocket, which reconnects by itself, and commands to the nodes.
+// The websocket, which reconnects automatically, and commands to the nodes.
 
 const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 2000;
@@ -6,7 +6,7 @@ const SILENT_MS = 1500; // the server sends the nodes' state four times a second
 const WATCH_MS = 500;
 
 export class Connection {
-  /** Connect. `on` has figures(message), media(header, bytes) and state(isConnected). */
+  /** Connect. `on` has the callbacks figures(message), media(header, bytes) and state(isConnected). */
   constructor(on) {
     this.on = on;
     this.views = [];
@@ -37,13 +37,13 @@ export class Connection {
     return this.socket.readyState === WebSocket.OPEN;
   }
 
-  /** Tell the server which views are shown, so that it sends no others. */
+  /** Report to the server which views are displayed, so that it sends only these. */
   want(views) {
     this.views = views;
     if (this.isOpen) this.socket.send(JSON.stringify({ type: "want", views }));
   }
 
-  /** A connection that is open and silent counts as lost. */
+  /** Report an open but silent connection as lost. */
   watch() {
     if (this.isOpen) this.on.state(performance.now() - this.heardMs < SILENT_MS);
   }
@@ -60,7 +60,7 @@ export class Connection {
   }
 }
 
-/** Ask something of the nodes; return what was done, or throw an error with the reason. */
+/** Send a command to the nodes; return the text of the result, or throw an error with the reason. */
 export async function command(content) {
   const token = document.querySelector('meta[name="command-token"]').content;
   const headers = { "Content-Type": "application/json", "X-SFR-Token": token };

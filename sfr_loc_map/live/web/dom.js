@@ -1,4 +1,4 @@
-// Elements and texts. Every text goes through textContent, so that no name can become markup.
+// Elements and texts. Every text is set by textContent, so that no name can become markup.
 
 export const byId = (id) => document.getElementById(id);
 
@@ -16,7 +16,7 @@ export function setText(target, text) {
   if (target.textContent !== text) target.textContent = text;
 }
 
-/** Set sign, text and style of a pill. */
+/** Set style, sign and text of a pill. */
 export function setPill(pill, style, icon, text, title = "") {
   pill.className = `pill ${style}`;
   setText(pill.querySelector(".icon"), icon);
@@ -33,19 +33,19 @@ export function short(value) {
   return String(Number(value.toPrecision(3)));
 }
 
-/** Return a length with the unit that suits it. */
+/** Return a length in mm below 0.1 m, otherwise in m. */
 export function length(metres) {
   return Math.abs(metres) < 0.1 ? `${short(metres * 1000)} mm` : `${short(metres)} m`;
 }
 
-/** Return the local time of seconds since 1970 with milliseconds, as plotly.js takes it. */
+/** Return the local time, with milliseconds, of seconds since 1970, in the format of plotly.js. */
 export function localTime(seconds) {
   const offset = 60 * new Date(seconds * 1000).getTimezoneOffset();
   return new Date((seconds - offset) * 1000).toISOString().slice(0, 23).replace("T", " ");
 }
 
-/** Return date and local time, as `2026-11-27 20:41:03`. */
+/** Return date and local time, such as `2026-11-27 20:41:03`. */
 export const dateTime = (seconds) => localTime(seconds).slice(0, 19);
 
-/** Return the local time of day, as `20:41:03`. */
+/** Return the local time of day, such as `20:41:03`. */
 export const clockTime = (seconds) => localTime(seconds).slice(11, 19);

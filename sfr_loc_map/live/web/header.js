@@ -1,4 +1,4 @@
-// The header: the verdict with its age or end, the state of localisation, nodes, connection.
+// The header: the verdict with its age or end, and the state of localisation, nodes and connection.
 
 import { byId, clockTime, dateTime, setPill, setText } from "./dom.js";
 
@@ -21,7 +21,7 @@ export function showHeader(run, connection) {
   document.body.classList.toggle("cut", isCut);
 }
 
-/** Show the headline of the server; without a connection, what is known since when. */
+/** Show the headline of the server; without a connection, the last verdict with its age. */
 function showVerdict(run, isCut, connection) {
   const pill = byId("verdict");
   const { icon, style, word, age, text } = run.nodes?.headline ?? NO_HEADLINE;

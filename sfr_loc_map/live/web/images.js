@@ -1,10 +1,10 @@
-// The images of both cameras. The server has drawn the feature tracks on the left one.
+// The images of both cameras. The server has drawn the feature tracks on the left image.
 
 import { byId, element, setText } from "./dom.js";
 
 const slots = new Map();
 
-/** Show the images of the chosen rig; without an image the reason. A red frame marks that localisation is lost. */
+/** Show the images of the chosen rig, or why an image is missing. A red frame indicates that tracking is lost. */
 export function showImages(run) {
   const rig = byId("rig").value;
   for (const side of ["left", "right"]) {

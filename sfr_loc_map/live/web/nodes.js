@@ -1,4 +1,4 @@
-// Health and lifecycle of each node, topics, drops by cause; the buttons that ask something of a node.
+// Health and lifecycle of each node, topics, drops by cause, and the buttons for commands to a node.
 
 import { command } from "./connection.js";
 import { byId, element, setText } from "./dom.js";
@@ -95,11 +95,11 @@ function addButton(card, name, action) {
   card.row.append(card.buttons[action]);
 }
 
-/** Return a button; an action that cannot be undone needs a second press. */
+/** Return a button; an action that cannot be undone requires a second press. */
 function makeButton(node, action, answer) {
   const button = element("button", "", action);
   button.type = "button";
-  let asks = 0; // the timer while it asks
+  let asks = 0; // timer during which a second press confirms
   const calm = () => {
     clearTimeout(asks);
     asks = 0;

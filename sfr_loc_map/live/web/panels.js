@@ -1,21 +1,21 @@
-// The other plots: limits, events, map from above, time and memory of the calls.
+// Other plots: limits, events, map from above, time and memory of the calls.
 
 import { byId, dateTime, length, localTime, setText } from "./dom.js";
 import { LEGEND_LINE_PX, axis, colour, draw, fitting, limitLine, plain, scaleOf, timeAxis } from "./plots.js";
 
-const SHARE_SHOWN = 1.5; // of a limit, at the end of its bar
+const SHARE_SHOWN = 1.5; // end of the axis, as a fraction of the limit
 const LIMIT_ROW_PX = 54;
 const NODES = { localisation_node: ["localisation", "estimate"], mapping_node: ["mapping", "under"] };
-const ROWS = ["run", "limits", "nodes", "localisation"]; // of the events, from below
+const ROWS = ["run", "limits", "nodes", "localisation"]; // rows of the events, from below
 const LANES = { tracking: "localisation", degraded: "localisation", lost: "localisation", stale: "localisation" };
 Object.assign(LANES, { node: "nodes", compiling: "nodes", limit: "limits", clock: "run", aborted: "run" });
 const EVENT_KINDS = { tracking: "under", degraded: "degraded", lost: "lost", stale: "stale", compiling: "accent" };
 Object.assign(EVENT_KINDS, { node: "open", limit: "fail", clock: "accent", aborted: "fail" });
 const EVENT_NAMES = { stale: "no pose (stale)", node: "node silent or in error", limit: "limit missed", clock: "jump of the stamps" };
-const HATCHED = { degraded: "/", stale: "\\" }; // told apart without colours
+const HATCHED = { degraded: "/", stale: "\\" }; // distinguishable without colours
 const MAP_UNITS = { hazard: ["hazard, %", 1], slope: ["slope, deg", 180 / Math.PI], count: ["points in a cell", 1] };
 
-/** Show each limit as a bar: the judged value as a share of the limit with its 95 % interval; the worst first. */
+/** Show each limit as a bar: the judged value as a fraction of the limit, with its 95 % interval; worst first. */
 export function showLimits(run) {
   const limits = run.report?.limits ?? [];
   const box = byId("limits-plot");
@@ -56,7 +56,7 @@ function label(row, yshift, text, fill) {
   return { x: 0, xanchor: "left", y: row, yshift, text, showarrow: false, bgcolor: colour("card"), font: { color: fill, size: 12 } };
 }
 
-/** Show what happened when: one row for localisation, nodes, limits and the run, coloured by the kind of event. */
+/** Show the events over time, with one row each for localisation, nodes, limits and the run, coloured by kind. */
 export function showEvents(run) {
   const now = run.ended ? run.nodes.ended_at : (run.nodes?.time_s ?? 0);
   const traces = Object.keys(EVENT_KINDS).map((kind) => eventTrace(kind, run.events.filter((event) => event.kind === kind), now));
@@ -82,7 +82,7 @@ function eventTrace(kind, events, now) {
     width: 0.7,
     marker: {
       color: colour(EVENT_KINDS[kind]),
-      line: { color: colour(EVENT_KINDS[kind]), width: 1 }, // visible, however short the event is
+      line: { color: colour(EVENT_KINDS[kind]), width: 1 }, // keeps short events visible
       pattern: { shape: HATCHED[kind] ?? "", fillmode: "overlay", fgcolor: colour("card") },
     },
     hovertext: events.map((event) => plain(`${event.text}: ${dateTime(event.from)}, ${seconds(event).toFixed(1)} s`)),
@@ -105,7 +105,7 @@ export function showMap(run) {
     y0: map ? map.origin_m[1] + map.cell_m / 2 : 0,
     dy: map?.cell_m,
     z: cells,
-    zmin: known[Math.floor(0.02 * known.length)], // so that a few outliers do not take all colours
+    zmin: known[Math.floor(0.02 * known.length)], // quantiles, so that outliers do not determine the colour scale
     zmax: known[Math.floor(0.98 * known.length)],
     colorscale: "Viridis",
     colorbar: { title: { text: title, side: "right" }, thickness: 12 },
@@ -125,7 +125,7 @@ function cellsOf(map, place, factor) {
   }));
 }
 
-/** Show time and memory of each call with their limits. */
+/** Show time and memory of each call, with their limits. */
 export function showCalls(run) {
   const limits = (run.report?.limits ?? []).filter((limit) => !limit.is_of_target);
   const times = [

@@ -1,13 +1,13 @@
-// The path from above, and the position errors that are judged.
+// The path from above, and the judged position errors.
 
 import { byId, element, length, short } from "./dom.js";
 import { LEGEND_LINE_PX, axis, colour, draw, fitting, limitLine, scaleOf } from "./plots.js";
 
-const ERROR_LINES = 120; // drawn at most, evenly spread over the path
-const ERROR_SHARE = 0.12; // the largest error is drawn with this share of the extent
+const ERROR_LINES = 120; // maximum number of drawn errors, evenly spread over the path
+const ERROR_SHARE = 0.12; // length of the largest drawn error, as a fraction of the extent
 const ELLIPSE_POINTS = 48;
 
-/** Show estimate and truth from above, x to the right and y up; each error and the last covariance are enlarged. */
+/** Show estimate and truth from above, x to the right and y up, with enlarged errors and last covariance. */
 export function showPath(run) {
   const poses = run.poses;
   const withTruth = poses.filter((pose) => pose.truth_m);
@@ -54,7 +54,7 @@ function extentOf(poses) {
   return Math.max(...sides, 1);
 }
 
-/** Return the factor, 1, 2 or 5 times a power of ten, that makes a length visible beside a path of some extent. */
+/** Return the factor, 1, 2 or 5 times a power of ten, by which a length is enlarged for a path of an extent. */
 function gainOf(size, extent) {
   if (!size) return 1;
   const wanted = (ERROR_SHARE * extent) / size;
@@ -62,7 +62,7 @@ function gainOf(size, extent) {
   return Math.max([5, 2, 1].find((factor) => factor * power <= wanted) * power, 1);
 }
 
-/** Return lines from the truth to the estimate, enlarged; a gap separates them. */
+/** Return enlarged lines from truth to estimate, separated by gaps. */
 function errorLines(poses, gain) {
   const every = Math.max(Math.ceil(poses.length / ERROR_LINES), 1);
   return poses
@@ -70,7 +70,7 @@ function errorLines(poses, gain) {
     .flatMap(({ truth_m: truth, error_m: error }) => [truth, [truth[0] + gain * error[0], truth[1] + gain * error[1]], [null, null]]);
 }
 
-/** Return the ellipse of a pose's covariance, of so many standard deviations. */
+/** Return the ellipse of a pose's covariance at a number of standard deviations. */
 function ellipseOf(pose, deviations) {
   if (!pose?.covariance_xy_m2) return [];
   const [xx, yy, xy] = pose.covariance_xy_m2;

@@ -1,30 +1,30 @@
-// Plots by plotly.js in the colours of the style sheet.
+// Plots with plotly.js in the colours of the style sheet.
 
 /* global Plotly */
 
 import { byId } from "./dom.js";
 
 const CONFIG = { displayModeBar: false, responsive: true, doubleClick: "autosize" };
-const LOGARITHMIC_FROM = 6; // times the median: a larger value would flatten the others on a linear scale
-const MOST_DETAILED_POWERS = 4; // of ten: over more of them the ticks between the powers would overlap
-const TIME_TICK_PX = 100; // width of a time of day with its distance to the next
-const HEIGHT_PX = 280; // of a plot without its legend
+const LOGARITHMIC_FROM = 6; // ratio of maximum to median above which a linear scale would flatten the other values
+const MOST_DETAILED_POWERS = 4; // number of powers of ten up to which ticks between the powers do not overlap
+const TIME_TICK_PX = 100; // distance between two ticks of the time of day
+const HEIGHT_PX = 280; // height of a plot without its legend
 const LEGEND_ROW_PX = 19;
-const LEGEND_ITEM_PX = 240; // widest usual entry of a legend
-const LETTER_PX = 6.4; // mean width of a letter, 12 px
-export const LEGEND_LINE_PX = 60; // the sample of a line before its name in a legend
+const LEGEND_ITEM_PX = 240; // width of a wide legend entry
+const LETTER_PX = 6.4; // mean width of a letter at 12 px
+export const LEGEND_LINE_PX = 60; // width of the line sample in a legend
 
 /** Return the value of a colour of the style sheet. */
 export function colour(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 }
 
-/** Return a text that plotly.js, which knows some markup, shows as it is. */
+/** Return a text with escaped markup, because plotly.js interprets some markup. */
 export function plain(text) {
   return String(text).replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;");
 }
 
-/** Return a text that fits into the width of a box beside `used` pixels, and that plotly.js shows as it is. */
+/** Return a text with escaped markup, shortened to the width of a box less `used` px. */
 export function fitting(id, text, used) {
   const letters = Math.max(Math.floor((byId(id).clientWidth - used) / LETTER_PX), 8);
   return plain(text.length > letters ? `${text.slice(0, letters - 1)}…` : text);
@@ -37,18 +37,18 @@ export function axis(title, more = {}) {
     gridcolor: colour("grid"),
     zerolinecolor: colour("line"),
     automargin: true,
-    exponentformat: "none", // coordinates of a map have millions of metres
+    exponentformat: "none", // map coordinates may be millions of metres
     ...more,
   };
 }
 
-/** Return a horizontal axis of the time of day, with as many ticks as the box of an id has room for. */
+/** Return a horizontal axis of the time of day; the number of ticks depends on the width of the box. */
 export function timeAxis(id) {
   const ticks = Math.max(Math.floor(byId(id).clientWidth / TIME_TICK_PX), 2);
   return axis("", { type: "date", nticks: ticks, tickangle: 0, ticks: "outside", ticklen: 4 });
 }
 
-/** Return the type of an axis for values from 0: logarithmic if the largest is far above the median. */
+/** Return the scale of an axis for values from 0: logarithmic if the maximum is far above the median. */
 export function scaleOf(values) {
   const positive = values.filter((value) => value > 0).sort((a, b) => a - b);
   const median = positive[Math.floor(positive.length / 2)];
@@ -58,7 +58,7 @@ export function scaleOf(values) {
   return { type: "log", tickvals: ticks, ticktext: ticks.map(inFull) };
 }
 
-/** Return the ticks around two values: 1, 2 and 5 times each power of ten, over a wide range the powers alone. */
+/** Return ticks around two values: 1, 2 and 5 times each power of ten; over a wide range, only the powers. */
 function logarithmicTicks(low, high) {
   const first = Math.floor(Math.log10(low));
   const powers = Array.from({ length: Math.ceil(Math.log10(high)) - first + 1 }, (_, number) => first + number);
@@ -66,7 +66,7 @@ function logarithmicTicks(low, high) {
   return powers.flatMap((power) => steps.map((step) => Number(`${step}e${power}`)));
 }
 
-/** Return a dashed horizontal line over the range of x that names a limit in the legend. */
+/** Return a dashed horizontal line over the range of x, which is named in the legend. */
 export function limitLine(xs, value, name) {
   return {
     x: [xs[0], xs.at(-1)],
@@ -77,7 +77,7 @@ export function limitLine(xs, value, name) {
   };
 }
 
-/** Draw traces in the box of an id; without any value the text `empty` is shown instead. */
+/** Draw traces in a box; without values, the text `empty` is shown. */
 export function draw(id, traces, layout = {}, empty = "no data yet") {
   const box = byId(id);
   const count = traces.reduce((sum, trace) => sum + (trace.z ?? trace.x).length, 0);
@@ -92,9 +92,9 @@ export function draw(id, traces, layout = {}, empty = "no data yet") {
     paper_bgcolor: "rgba(0,0,0,0)",
     plot_bgcolor: "rgba(0,0,0,0)",
     hovermode: "closest",
-    dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom", // a finger scrolls the page
+    dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom", // touch scrolls the page
     legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" },
-    uirevision: "kept", // a zoom survives new data
+    uirevision: "kept", // keeps the zoom when data change
     ...shown,
   };
   if (!count) {

@@ -1,4 +1,4 @@
-// What the page knows of the run: the latest of everything, and the poses and calls so far.
+// The data of the run: the latest messages, and the poses and calls so far.
 
 const MAX_CALLS = 600;
 
@@ -15,7 +15,7 @@ export class Run {
     this.map = null;
   }
 
-  /** Take a message of figures in. */
+  /** Add a message of figures. */
   take(message) {
     switch (message.type) {
       case "hello":
@@ -41,14 +41,14 @@ export class Run {
     }
   }
 
-  /** Take poses in: each row has the fields that the server has named first. */
+  /** Add poses, whose fields were named by the server's first message. */
   takePath(message) {
     const poses = message.rows.map((row) => Object.fromEntries(this.rowFields.map((name, place) => [name, row[place]])));
     this.poses = message.whole ? poses : this.poses.concat(poses);
     this.beforeM = message.before_m;
   }
 
-  /** Take an image or a map from above in. */
+  /** Add an image or a map from above. */
   takeMedia(header, bytes) {
     if (header.type === "image") this.images.set(header.topic, { ...header, blob: new Blob([bytes], { type: "image/jpeg" }) });
     else this.map = { ...header, values: new Float32Array(bytes) };

@@ -1,10 +1,10 @@
-// Tables of the score. Their strings are made by the server, which also makes the report's.
+// Tables of the score. The server creates their strings, as for the report.
 
 import { byId, element } from "./dom.js";
 import { TERMS, helpButton } from "./terms.js";
 
 const STYLES = { pass: "pass", fail: "fail" };
-const FIRST = ["headline", "verdicts", "covered", "map-covered", "readings"]; // the others are folded
+const FIRST = ["headline", "verdicts", "covered", "map-covered", "readings"]; // other tables are folded
 
 /** Show all tables of a report. */
 export function showTables(run) {
