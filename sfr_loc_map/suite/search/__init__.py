@@ -1,1 +1,1 @@
-"""Search for the worst case: which scenario within stated ranges has the least margin, and where failing begins."""
+"""Search for the worst case: the scenario with the least margin within given ranges, and where failures begin."""

@@ -1,4 +1,4 @@
-"""A search on the workers of a suite: every point is a normal result of the suite's folder."""
+"""Run a search on the workers of a suite; the runs of each point are stored as results in the suite's folder."""
 
 from __future__ import annotations
 
@@ -31,28 +31,28 @@ from sfr_loc_map.suite.search.worst_case import (
 SCHEMA = "sfr-search/1"
 CASE = "case.yaml"
 NOT_JUDGED = 2.0
-"""Ratio of a drive without the figure, as one that was lost: the requirement is missed, by an unknown amount."""
+"""Ratio of a drive that lacks the figure, for example a lost drive. It misses the limit by an unknown amount."""
 RunJobs = Callable[[Sequence[Job]], None]
-"""Runs jobs and keeps what comes of each in the folder of the suite."""
+"""Runs jobs and stores their results in the folder of the suite."""
 
 
 @dataclass(frozen=True, slots=True)
 class SearchResult:
-    """What a search found."""
+    """The result of a search."""
 
     specification: SearchSpecification
-    usual: Tried  #: The scenario as it is.
-    left_out: Mapping[Point, str]  #: Points whose scenario cannot be run, with the reason; they are no misses.
-    tried: tuple[Tried, ...]  #: The points of the search, in their order.
-    found: Tried  #: The one with the least margin.
-    case: Tried  #: The least change of the scenario that still fails; the found point if it does not fail.
+    usual: Tried  #: The unchanged scenario.
+    left_out: Mapping[Point, str]  #: Points whose scenario cannot be run, with the reason. They do not count as misses.
+    tried: tuple[Tried, ...]  #: Points of the search with a result, in the order of the search.
+    found: Tried  #: The point with the least margin.
+    case: Tried  #: The smallest change of the scenario that still fails; the found point if it does not fail.
     slices: tuple[Slice, ...]
     coverage: tuple[Coverage, ...]
     correlations: tuple[float, ...]  #: Rank correlation of each parameter with the ratio.
 
     @property
     def until_first_miss(self) -> int | None:
-        """Points until the first that misses the limit, None if none does."""
+        """Number of points up to the first miss; None without a miss."""
         return next((number for number, item in enumerate(self.tried, 1) if item.fails), None)
 
     def to_dict(self) -> dict[str, Any]:
@@ -82,7 +82,7 @@ class SearchResult:
         }
 
     def named(self, point: Point) -> dict[str, float]:
-        """Return a point by the names of its parameters."""
+        """Return the values of a point by parameter name."""
         pairs = zip(self.specification.parameters, point, strict=True)
         return {parameter.name: value for parameter, value in pairs}
 
@@ -90,16 +90,16 @@ class SearchResult:
 def run_search(
     specification: SearchSpecification, store: Store, run_jobs: RunJobs, *, at_random: bool = False
 ) -> SearchResult:
-    """Search, reduce the worst point and cut slices through it; points that have results are not run again."""
+    """Search, reduce the worst point and compute slices through it; points with results are not run again."""
     points = _Points(specification, store, run_jobs)
     try:
         return _search(specification, points, at_random=at_random)
-    finally:  # whatever ended the search, the folder has the plan of its results
+    finally:  # also after an interruption, the folder has the plan of its results
         store.plan(list(points.planned.values()))
 
 
 class _Points:
-    """Runs the points of a search, and keeps which jobs they have and which points cannot be run."""
+    """Runs the points of a search, and records their jobs and the points that cannot be run."""
 
     def __init__(self, specification: SearchSpecification, store: Store, run_jobs: RunJobs) -> None:
         self.planned: dict[str, Job] = {}
@@ -107,7 +107,7 @@ class _Points:
         self._specification, self._store, self._run_jobs = specification, store, run_jobs
 
     def evaluate(self, points: Sequence[Point]) -> list[float | None]:
-        """Return the largest ratio of each point, None if its scenario cannot be run."""
+        """Return the largest ratio of the runs of each point, None if its scenario cannot be run."""
         jobs = {point: self._specification.jobs_at(point) for point in points}
         by_key = {job.key: job for of_point in jobs.values() for job in of_point}
         self.planned |= by_key
@@ -135,16 +135,16 @@ def _search(specification: SearchSpecification, points: _Points, *, at_random: b
     (usual_ratio,) = points.evaluate([usual_point])
     if usual_ratio is None:
         reason = points.left_out[usual_point]
-        raise InputError(f"{specification.path}: the scenario as it is cannot be run: {reason}")
+        raise InputError(f"{specification.path}: the unchanged scenario cannot be run: {reason}")
     if not points.has_figure(usual_point):
         raise InputError(
-            f"{specification.path}: the scenario as it is has no {chosen.figure} {chosen.statistic} over "
+            f"{specification.path}: the unchanged scenario has no {chosen.figure} {chosen.statistic} over "
             f"{chosen.condition}; choose a figure and a condition that its drive has"
         )
     tried = list(search_worst(chooser, points.evaluate, chosen.runs, chosen.batch))
     if not tried:
         last_reason = [*points.left_out.values()][-1]
-        raise InputError(f"{specification.path}: no point can be run, the last because: {last_reason}")
+        raise InputError(f"{specification.path}: no point can be run; reason of the last point: {last_reason}")
     found = max(tried, key=lambda item: item.ratio)
     case = reduced(found, usual_point, points.evaluate)
     slices = slices_of(parameters, case, tried, chosen.slices, points.evaluate) if chosen.slices else []
@@ -162,13 +162,13 @@ def _search(specification: SearchSpecification, points: _Points, *, at_random: b
 
 
 def _is_open(store: Store, job: Job) -> bool:
-    """Return whether a job has to be run: it has no result, or the host is to blame that it has none."""
+    """Return whether a job must be run: it was not run yet, or failed for a reason other than invalid input."""
     state = store.state(job.key)
     return state == "waiting" or (state == "failed" and store.failure(job.key).cause is not FailureCause.BAD_INPUT)
 
 
 def _check_host(store: Store, jobs: Sequence[Job]) -> None:
-    """Raise InputError if a run failed and the scenario is not why."""
+    """Raise an InputError if a run failed for a reason other than its scenario."""
     for job in jobs:
         if _is_open(store, job):
             failure = store.failure(job.key)
@@ -178,18 +178,18 @@ def _check_host(store: Store, jobs: Sequence[Job]) -> None:
 
 
 def _worst_ratio(specification: SearchSpecification, store: Store, jobs: Sequence[Job]) -> float:
-    """Return the largest ratio of the runs of a point; a drive that was lost lacks the figure and is a miss."""
+    """Return the largest ratio of the runs of a point; a drive that lacks the figure (lost) is a miss."""
     ratios = [_ratio_of(specification, store, job) for job in jobs]
     return max(NOT_JUDGED if ratio is None else ratio for ratio in ratios)
 
 
 def _ratio_of(specification: SearchSpecification, store: Store, job: Job) -> float | None:
-    """Return the ratio of a run, None if it has no result or its result lacks the figure."""
+    """Return the ratio of a run, None if the result or the figure is missing."""
     return specification.ratio_of(store.score(job)) if store.state(job.key) == "done" else None
 
 
 def case_file(result: SearchResult) -> str:
-    """Return the file of a suite that runs the found case again."""
+    """Return the file of a suite that repeats the found case."""
     specification, point = result.specification, result.case.point
     settings = {**specification.changes, **specification.settings_at(point)}
     settings.pop("seed", None)

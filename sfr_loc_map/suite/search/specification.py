@@ -1,4 +1,4 @@
-"""The file of a search (docs/suites.md): a scenario, ranges of its parameters, and the figure with its limit."""
+"""Read the file of a search (docs/suites.md): a scenario, ranges of parameters, and a figure with its limit."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from sfr_loc_map.suite.running.job import Job, JobKind
 from sfr_loc_map.suite.running.specification import SuiteSettings, scenario_settings, simulated_source
 
 Point = tuple[float, ...]
-"""A value for each parameter of a search, in the order of the file."""
-CHOICES = (*STATISTICS, "value")  #: Statistics that a search can be about.
+"""Values of the parameters of a search, in the order of the file."""
+CHOICES = (*STATISTICS, "value")  #: Statistics that a search accepts.
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,44 +31,44 @@ class Parameter:
     name: str  #: Dotted name of a setting, or a name for the fault.
     low: float
     high: float
-    usual: float  #: Value without a search: that of the scenario, or the amount at which the fault has no effect.
-    fault: str = ""  #: The fault without its amount; empty of a setting.
-    is_whole: bool = False  #: Whether values are whole numbers.
+    usual: float  #: Value in the scenario, or the amount at which the fault has no effect.
+    fault: str = ""  #: The fault without its amount; empty for a setting.
+    is_whole: bool = False  #: Whether values are integers.
 
     @property
     def group(self) -> str:
-        """What the parameter is about: `faults`, or the section of the scenario."""
+        """Group of the parameter: `faults`, or the section of the scenario."""
         return "faults" if self.fault else self.name.partition(".")[0]
 
     def within(self, value: float) -> float:
-        """Return a value as the scenario takes it."""
+        """Return a value rounded for the scenario: to an integer, or to six digits."""
         return float(round(value)) if self.is_whole else float(f"{value:.6g}")
 
 
 @dataclass(frozen=True, slots=True)
 class SearchSettings:
-    """Single values of a search."""
+    """Scalar settings of a search."""
 
-    figure: str = param("position", doc="Figure of the score that is searched for (`figure` of its table).")
+    figure: str = param("position", doc="Figure whose worst case is searched (`figure` in the score's table).")
     statistic: str = param("mean_plus_3sigma", doc="Statistic of the figure.", choices=CHOICES)
-    part: str = param("", doc="Part of the figure; empty for the part that is judged.")
+    part: str = param("", doc="Part of the figure. Empty: the judged part.")
     condition: str = param("distance=5", doc="Condition of the sub-trajectories.")
     limit: float = param(0.1, doc="Upper limit of the figure, in its unit.", low=1e-12, high=1e12)
-    runs: int = param(100, doc="Points that are searched, before the found one is reduced.", low=1, high=10**6)
-    batch: int = param(4, doc="Points that are chosen at a time.", low=1, high=1000)
+    runs: int = param(100, doc="Number of points in the search, before the worst point is reduced.", low=1, high=10**6)
+    batch: int = param(4, doc="Number of points that are chosen and run together.", low=1, high=1000)
     seed: int = param(0, doc="Seed of the search.", low=0, high=2**31 - 1)
-    slices: int = param(5, doc="Points along each side of a slice; 0 for no slices.", low=0, high=50)
+    slices: int = param(5, doc="Number of points along each side of a slice. 0: no slices.", low=0, high=50)
 
 
 @dataclass(frozen=True, slots=True)
 class SearchSpecification:
-    """What is searched, and how a point becomes runs."""
+    """A search, and the conversion of its points to runs."""
 
     path: Path  #: The file.
     scenario: Path
     base: Mapping[str, object]  #: All settings of the scenario, with the changes of the file.
-    changes: Mapping[str, object]  #: Those that the file changes.
-    seeds: tuple[int, ...]  #: A point is as good as its worst seed.
+    changes: Mapping[str, object]  #: Settings that the file changes.
+    seeds: tuple[int, ...]  #: Seeds of each point, whose ratio is that of its worst seed.
     parameters: tuple[Parameter, ...]
     scoring: TrajectoryScoreConfig
     settings: SearchSettings
@@ -76,11 +76,11 @@ class SearchSpecification:
 
     @property
     def usual(self) -> Point:
-        """The scenario as it is."""
+        """Point of the unchanged scenario."""
         return tuple(parameter.usual for parameter in self.parameters)
 
     def settings_at(self, point: Point) -> dict[str, object]:
-        """Return the settings of the scenario that a point changes."""
+        """Return the settings of the scenario at a point."""
         pairs = zip(self.parameters, point, strict=True)
         return {
             parameter.name: int(value) if parameter.is_whole else value
@@ -97,7 +97,7 @@ class SearchSpecification:
         )
 
     def jobs_at(self, point: Point) -> list[Job]:
-        """Return the runs of a point, one for each seed."""
+        """Return the jobs of a point, one for each seed."""
         return [self._job(point, seed) for seed in self.seeds]
 
     def _job(self, point: Point, seed: int) -> Job:
@@ -116,14 +116,14 @@ class SearchSpecification:
         )
 
     def ratio_of(self, score: Score) -> float | None:
-        """Return the figure over its limit: more than 1 is a miss; None without the figure."""
+        """Return the figure divided by its limit, above 1 for a miss; None without the figure."""
         chosen = self.settings
-        value = score.number(chosen.figure, chosen.statistic, part=chosen.part or ANY)  # the score has one condition
+        value = score.number(chosen.figure, chosen.statistic, part=chosen.part or ANY)  # there is one condition
         return None if value is None else abs(value) / chosen.limit
 
 
 def load_search(path: Path) -> SearchSpecification:
-    """Read the file of a search; raise ConfigError with what is wrong."""
+    """Read the file of a search; raise a ConfigError if it is invalid."""
     content = load_yaml(path)
     scenario_name, changes = content.pop("scenario", None), content.pop("set", None) or {}
     ranges, seeds = content.pop("ranges", None), content.pop("seeds", [1])
@@ -137,7 +137,7 @@ def load_search(path: Path) -> SearchSpecification:
     if not is_list or not seeds:
         raise ConfigError(f"{path}: 'seeds' must be a list of whole numbers")
     if not isinstance(ranges, Mapping) or not ranges or not isinstance(changes, Mapping):
-        raise ConfigError(f"{path}: 'ranges' must map parameters to [LOW, HIGH], and 'set' settings to values")
+        raise ConfigError(f"{path}: 'ranges' must map parameters to [LOW, HIGH], and 'set' must map settings to values")
     scenario = path.absolute().parent / scenario_name
     given = scenario_settings(scenario)
     base = flatten(build(SimulationConfig, {**given, **changes}, origin=f"{path}: 'set'"))
@@ -158,7 +158,7 @@ def load_search(path: Path) -> SearchSpecification:
 def _parameter(name: str, value: object, base: Mapping[str, object], origin: str) -> Parameter:
     if isinstance(value, Mapping):
         if set(value) != {"fault", "range"}:
-            raise ConfigError(f"{origin} needs 'fault: KIND' and 'range: [LOW, HIGH]' of its amount")
+            raise ConfigError(f"{origin} requires 'fault: KIND' and 'range: [LOW, HIGH]' of its amount")
         if not re.fullmatch(r"[\w .-]+", name):
             raise ConfigError(f"{origin}: the name of a fault must be of letters, digits, spaces, points and dashes")
         low, high = _bounds(value["range"], origin)

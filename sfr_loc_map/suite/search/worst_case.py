@@ -1,7 +1,7 @@
-"""From ranges to the worst case: points that are chosen, the case reduced to what it needs, slices through it.
+"""Find the worst case within ranges: choose points, reduce the worst case to the required changes, compute slices.
 
-The search is deterministic: the same file, seed and results choose the same points. An interrupted search continues
-because points that have results are not run again.
+The search is deterministic: the same file, seed and results give the same points. An interrupted search can be
+continued, because points with results are not run again.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ from scipy.stats import spearmanr
 from sfr_loc_map.errors import MissingExtraError
 from sfr_loc_map.suite.search.specification import Parameter, Point
 
-BISECTIONS = 4  #: Halvings of the way from the usual value to the found one.
-CELLS = 3  #: Parts of a range in the coverage card.
-MAX_SLICED = 3  #: Parameters of the found case that slices are made of.
+BISECTIONS = 4  #: Number of bisections between the usual value and the found value.
+CELLS = 3  #: Number of cells per range in the coverage.
+MAX_SLICED = 3  #: Maximum number of parameters that are combined to slices.
 Evaluate = Callable[[Sequence[Point]], Sequence[float | None]]
-"""Runs points and returns the ratio of each: the figure over its limit, of the worst seed; None of a scenario that
+"""Runs points and returns the ratio of each: the figure divided by its limit, of the worst seed; None if the scenario
 cannot be run."""
 
 
 class Chooser(Protocol):
-    """Chooses points and learns their ratios."""
+    """Chooses points, informed by the ratios of earlier points."""
 
     def ask(self, count: int) -> list[Point]:
         """Return the next points."""
 
     def tell(self, points: Sequence[Point], ratios: Sequence[float | None]) -> None:
-        """Take what the points gave, in the order in which they were asked for; None is no result."""
+        """Add the ratios of the last points, in their order; None for a point without a result."""
 
 
 class RandomChooser:
-    """Uniform points: what a search is compared with."""
+    """Chooses uniform points, as a baseline for searches."""
 
     def __init__(self, parameters: Sequence[Parameter], seed: int) -> None:
         self._parameters = parameters
@@ -55,11 +55,11 @@ class RandomChooser:
         ]
 
     def tell(self, points: Sequence[Point], ratios: Sequence[float | None]) -> None:
-        """Learn nothing."""
+        """Ignore the ratios."""
 
 
 class TreeChooser:
-    """The tree-structured Parzen estimator of optuna (Bergstra et al. 2011), with all parameters together.
+    """The multivariate tree-structured Parzen estimator of optuna (Bergstra et al. 2011).
 
     The first point of each batch is uniform, so that the search does not stay at a local maximum.
     """
@@ -93,7 +93,7 @@ class TreeChooser:
         ]
 
     def tell(self, points: Sequence[Point], ratios: Sequence[float | None]) -> None:
-        """Take what the points gave; the sampler ignores points without a result."""
+        """Add the ratios of the last points; the sampler ignores points without a result."""
         for trial, ratio in zip(self._asked, ratios, strict=True):
             self._study.tell(trial, ratio, state=self._failed if ratio is None else None)
 
@@ -115,7 +115,7 @@ class Tried:
 
 
 def search_worst(chooser: Chooser, evaluate: Evaluate, runs: int, batch: int) -> Iterator[Tried]:
-    """Yield the points of a search that have a result, in the order in which they are chosen."""
+    """Yield the points of a search that have a result, in the order of their choice."""
     for begin in range(0, runs, batch):
         points = chooser.ask(min(batch, runs - begin))
         ratios = evaluate(points)
@@ -126,10 +126,10 @@ def search_worst(chooser: Chooser, evaluate: Evaluate, runs: int, batch: int) ->
 
 
 def reduced(found: Tried, usual: Point, evaluate: Evaluate) -> Tried:
-    """Return the least change of the usual scenario that still fails; the found point unless it fails.
+    """Return the smallest change of the scenario that still fails; the found point if it does not fail.
 
-    Each parameter in turn is set back to its usual value if the case still fails. Those that are left are moved as far
-    towards it as halving the way finds.
+    First, each parameter in turn is reset to its usual value if the case still fails with that value. Then each
+    remaining parameter is moved towards its usual value by bisection.
     """
     if not found.fails:
         return found
@@ -150,7 +150,7 @@ def reduced(found: Tried, usual: Point, evaluate: Evaluate) -> Tried:
 
 
 def _still_failing(case: Tried, point: Point, evaluate: Evaluate) -> Tried:
-    """Return a changed case if it fails, else the case itself."""
+    """Return the changed case if it fails, otherwise the unchanged case."""
     (ratio,) = evaluate([point])
     if ratio is None:
         return case
@@ -164,19 +164,19 @@ def _with(point: Point, index: int, value: float) -> Point:
 
 @dataclass(frozen=True, slots=True)
 class Slice:
-    """Ratios over a grid of two parameters, all others as in the found case."""
+    """Ratios over a grid of two parameters, with all other parameters as in the found case."""
 
     first: int  #: Index of the parameter along x.
     second: int  #: Index of the parameter along y.
     x: tuple[float, ...]
     y: tuple[float, ...]
-    ratios: tuple[tuple[float | None, ...], ...]  #: A row for each y; None where the scenario cannot be run.
+    ratios: tuple[tuple[float | None, ...], ...]  #: One row for each y; None if the scenario cannot be run.
 
 
 def slices_of(
     parameters: Sequence[Parameter], case: Tried, tried: Sequence[Tried], count: int, evaluate: Evaluate
 ) -> list[Slice]:
-    """Return slices through a case for each two of the parameters that matter most."""
+    """Return slices through a case for each pair of the most important parameters."""
     made = []
     for first, second in combinations(most_important(parameters, case, tried), 2):
         x, y = (_grid(parameters[index], count) for index in (first, second))
@@ -193,7 +193,7 @@ def _grid(parameter: Parameter, count: int) -> tuple[float, ...]:
 
 
 def most_important(parameters: Sequence[Parameter], case: Tried, tried: Sequence[Tried]) -> list[int]:
-    """Return at most three parameters: those that a case changes first, then by their correlation with the ratio."""
+    """Return at most three parameters: first those that the case changes, then by correlation with the ratio."""
     usual = [parameter.usual for parameter in parameters]
     correlations = rank_correlations(tried, len(parameters))
     order = sorted(
@@ -203,7 +203,7 @@ def most_important(parameters: Sequence[Parameter], case: Tried, tried: Sequence
 
 
 def rank_correlations(tried: Sequence[Tried], count: int) -> list[float]:
-    """Return Spearman's rank correlation of each parameter with the ratio; 0 where it is not defined."""
+    """Return Spearman's rank correlation of each parameter with the ratio; 0 if undefined."""
     ratios = [item.ratio for item in tried]
     found = []
     for index in range(count):
@@ -215,15 +215,15 @@ def rank_correlations(tried: Sequence[Tried], count: int) -> list[float]:
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Which combinations of thirds of ranges were run."""
+    """Which cells of a combination of parameter ranges were run; each range has three cells."""
 
-    parameters: tuple[str, ...]  #: One of each group: faults, terrain, light and so on.
+    parameters: tuple[str, ...]  #: One parameter of each group: faults, terrain, light and so on.
     cells: int
-    missing: tuple[tuple[tuple[float, float], ...], ...]  #: Range of each parameter of the cells that were never run.
+    missing: tuple[tuple[tuple[float, float], ...], ...]  #: Parameter ranges of each cell that was not run.
 
 
 def coverage_of(parameters: Sequence[Parameter], points: Sequence[Point]) -> list[Coverage]:
-    """Return a card for each combination of one parameter from each of up to three groups."""
+    """Return the coverage of each combination of one parameter from each of up to three groups."""
     groups: dict[str, list[int]] = {}
     for index, parameter in enumerate(parameters):
         groups.setdefault(parameter.group, []).append(index)

@@ -1,15 +1,16 @@
-"""Error budget of a scenario: how much of the position error each source of error causes.
+"""Error budget of a scenario: the contribution of each error source to the position error.
 
 Each drive is simulated and localised in all variants of `suite/running/variants.py`. Independent errors add in the mean
-square, and so do the shares:
+square. The fractions of a source s are therefore
 
-    alone       = (m(only it) - m(none)) / m(all)       first-order share
-    removed     = (m(all) - m(all but it)) / m(all)     share that vanishes without it
-    interaction = removed - alone                       what it causes together with other sources
+    alone       = (m(only s) - m(none)) / m(all)        first-order fraction
+    removed     = (m(all) - m(all but s)) / m(all)      fraction that vanishes without s
+    interaction = removed - alone                       fraction that s causes together with other sources
 
-m is the mean of |e|^2 over all sub-trajectories: the square of the mean plus the variance, summed over the axes, as
-ECSS-E-ST-60-10C adds errors (4.2). `m(none) / m(all)` is the share of what the budget does not name. The shares alone
-and this rest make 1 if the named sources do not interact; the sum is stated with its interval.
+where m is the mean of |e|^2 over all sub-trajectories: the squared mean plus the variance, summed over the axes, as
+ECSS-E-ST-60-10C adds errors (4.2). The rest `m(none) / m(all)` is the fraction due to sources that the budget does not
+name. If the named sources do not interact, the fractions `alone` and the rest add up to 1. The sum is reported with its
+interval.
 """
 
 from __future__ import annotations
@@ -27,22 +28,22 @@ from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, h
 
 @dataclass(frozen=True, slots=True)
 class DriveErrors:
-    """Errors of the sub-trajectories of one drive: their number, and by axis `(3,)` their mean and sigma, m."""
+    """Errors of the sub-trajectories of a drive: their number, and mean and sigma by axis `(3,)`, m."""
 
     n: int
     mean: FloatArray
-    sigma: FloatArray  #: With the divisor n - 1.
+    sigma: FloatArray  #: Standard deviation with the divisor n - 1.
 
     @property
     def sums(self) -> FloatArray:
-        """Number, sum by axis, sum of squares by axis `(7,)`: what adds up over drives."""
+        """Additive moments `(7,)`: number, sums by axis, sums of squares by axis."""
         squares = self.n * np.square(self.mean) + (self.n - 1) * np.square(self.sigma)
         return np.concatenate([[self.n], self.n * self.mean, squares])
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A figure of the budget; None is unknown, and an interval is None with fewer than `MIN_DRIVES` drives."""
+    """A figure of the budget, None if unknown, with its interval, None for fewer than `MIN_DRIVES` drives."""
 
     value: float | None = None
     ci95: tuple[float, float] | None = None
@@ -50,28 +51,28 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BudgetRow:
-    """What one source of error causes."""
+    """Contribution of an error source."""
 
     source: str
-    alone: Estimate  #: First-order share of the mean square.
-    removed: Estimate  #: Share of the mean square that vanishes without the source.
+    alone: Estimate  #: First-order fraction of the mean square.
+    removed: Estimate  #: Fraction of the mean square that vanishes without the source.
     interaction: Estimate  #: `removed` less `alone`.
-    mean_m: tuple[float, ...] | None  #: Mean error by axis that it adds alone.
-    sigma_m: tuple[float, ...] | None  #: Sigma by axis that it adds alone, in squares; 0 where it adds none.
+    mean_m: tuple[float, ...] | None  #: Mean error by axis due to the source alone.
+    sigma_m: tuple[float, ...] | None  #: Root of the variance by axis that the source alone adds, at least 0.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Budget:
-    """The error budget over one condition of the sub-trajectories."""
+    """The error budget for a condition of the sub-trajectories."""
 
     configuration: str
     condition: str
-    drives: int  #: Drives of which every variant has a result.
-    left_out: int  #: Drives of which a variant has none.
+    drives: int  #: Drives with results of all variants.
+    left_out: int  #: Drives that lack the result of a variant.
     rms_m: float | None  #: Root mean square error with all sources.
     rows: tuple[BudgetRow, ...]
-    rest: Estimate  #: Share of what the budget does not name.
-    total: Estimate  #: Sum of the shares alone and of the rest; 1 where the sources do not interact.
+    rest: Estimate  #: Fraction due to sources that the budget does not name.
+    total: Estimate  #: Sum of the fractions `alone` and the rest; 1 if the sources do not interact.
 
 
 def budget_of(
@@ -81,7 +82,7 @@ def budget_of(
     *,
     configuration: str = "default",
 ) -> Budget:
-    """Return the budget from the errors by variant and drive; drives that lack a variant are omitted."""
+    """Return the budget of errors by variant and drive; drives that lack a variant are omitted."""
     alone_in = {name: variant_name({name}, sources) for name in sources}
     missing_in = {name: variant_name(set(sources) - {name}, sources) for name in sources}
     needed = list(dict.fromkeys([ALL, NONE, *alone_in.values(), *missing_in.values()]))
@@ -134,7 +135,7 @@ def budget_of(
 
 
 class _Moments(NamedTuple):
-    """Moments of all errors of a variant, for the drives as they are and for each resampling."""
+    """Moments of all errors of a variant, for the original drives and for R resamplings."""
 
     mean_square: FloatArray  #: `(1 + R,)`, m^2.
     mean: FloatArray  #: By axis `(1 + R, 3)`, m.
@@ -142,7 +143,7 @@ class _Moments(NamedTuple):
 
 
 def _moments(sums: FloatArray) -> _Moments:
-    """Return the moments of sums `(1 + R, 7)`, as of `DriveErrors.sums`."""
+    """Return the moments of weighted sums `(1 + R, 7)` of `DriveErrors.sums`."""
     count, total, squares = sums[:, :1], sums[:, 1:4], sums[:, 4:]
     mean = total / count
     variance = (squares - count * np.square(mean)) / np.maximum(count - 1.0, 1.0)
@@ -150,13 +151,13 @@ def _moments(sums: FloatArray) -> _Moments:
 
 
 def _weights(drives: int) -> FloatArray:
-    """Return how often each drive counts: once each, then as resampled; without an interval only the first row."""
+    """Return the weights of the drives: a row of ones, then a row for each resampling if there is an interval."""
     once = np.ones((1, drives))
     return once if drives < MIN_DRIVES else np.vstack([once, drawn_weights(drives)])
 
 
 def _estimate(values: FloatArray, drives: int) -> Estimate:
-    """Return a figure from its value and those of the resamplings, with its interval."""
+    """Return a figure with its interval from its value and the values of the resamplings `(1 + R,)`."""
     value = float(values[0])
     if len(values) == 1:
         return Estimate(value)

@@ -1,9 +1,9 @@
-"""Suites compared with each other, figure by figure, over the drives that both have.
+"""Compare two suites figure by figure over their common drives.
 
-A figure is compared by the mean of its log ratios over the drives, with a sign-flip test: where two runs are equally
-good, each log ratio is as likely positive as negative, so the mean is compared with its distribution over all choices
-of signs (Fisher 1935; exact for up to 14 drives, drawn for more). No distribution of the errors is assumed, and one
-bad drive decides nothing.
+The test statistic of a figure is the mean log ratio over the drives. If two runs are equally good, each log ratio is as
+likely positive as negative. A sign-flip test therefore compares the mean with its distribution over all choices of
+signs (Fisher 1935), exactly for up to 14 drives and with random choices for more. The test does not assume a
+distribution of the errors, and a single bad drive cannot decide the outcome.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights
 from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary
 
 SIGNIFICANCE = 0.05
-COMPARED = (ComparedKind.ACCURACY, ComparedKind.MEMORY)  #: As ratios; times depend on what else the host did.
+COMPARED = (ComparedKind.ACCURACY, ComparedKind.MEMORY)  #: Times are excluded because they depend on the host's load.
 DRAWS, SEED = 20_000, 20260202
-MIN_TESTED = 6  #: With fewer drives no choice of signs has a probability under 0.03.
+MIN_TESTED = 6  #: With fewer drives, no p-value can be below 0.03.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveRatio:
-    """One figure of one drive in both suites."""
+    """A figure of a drive in both suites."""
 
     label: str
     first: float
@@ -41,24 +41,24 @@ class DriveRatio:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FigureComparison:
-    """One figure over the drives that two runs have in common; below 1 the other is better."""
+    """A figure over the common drives of two runs; the other run is better if the ratio is below 1."""
 
     runs: str  #: Task, configuration and faults.
-    baseline: str  #: Name of the run that it is compared with.
+    baseline: str  #: Name of the reference suite.
     kind: ComparedKind
     figure: str  #: Name with unit.
-    drives: int  #: Drives in both.
-    ratio: float  #: Geometric mean over the drives of other over first.
-    ci95: Interval | None  #: 95 % interval of the ratio, by resampling drives.
-    p: float | None  #: Probability of such a ratio by chance (sign-flip test).
-    p_corrected: float | None  #: The same, corrected for the number of comparisons (Holm).
+    drives: int  #: Number of common drives.
+    ratio: float  #: Geometric mean over the drives of the ratio other / first.
+    ci95: Interval | None  #: 95 % confidence interval of the ratio, by resampling drives.
+    p: float | None  #: p-value of the sign-flip test.
+    p_corrected: float | None  #: p-value corrected for the number of comparisons (Holm).
     outcome: Outcome
     worst: DriveRatio  #: Drive with the largest ratio.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SuiteComparison:
-    """Two suites: their names, the drives in both, those of either that are not in both, and all figures."""
+    """Two suites: names, number of common drives, number of drives in only one suite, and the compared figures."""
 
     names: tuple[str, str]
     common: int
@@ -66,19 +66,19 @@ class SuiteComparison:
     figures: tuple[FigureComparison, ...]
 
     def to_dict(self) -> dict[str, object]:
-        """Return it as JSON values."""
+        """Return the comparison as JSON values."""
         return {"schema": "sfr-suite-comparison/1", **to_plain(self)}
 
 
 def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> SuiteComparison:
-    """Return the comparison of two suites, of which the first is the reference; MetricsError if no drive is in both."""
+    """Compare a suite with the first suite, the reference; raise a MetricsError without a common drive."""
     mine, theirs = _by_pairing(first, other)
     common = [(drive, theirs[key]) for key, drive in mine.items() if key in theirs]
     if not common:
         raise MetricsError(
             f"'{names[0]}' and '{names[1]}' have no drive in common: run the same sources, faults and conditions"
         )
-    pairs: dict[tuple[str, FigureName], dict[str, list[DriveRatio]]] = {}  # by drive: repeats of one are of one
+    pairs: dict[tuple[str, FigureName], dict[str, list[DriveRatio]]] = {}  # by drive, with its repeats
     for drive, same in common:
         others, runs = figures_of(same.score), ", ".join(part for part in drive.group_key if part)
         for name, value in figures_of(drive.score).items():
@@ -92,7 +92,7 @@ def compare_suites(first: Summary, other: Summary, names: tuple[str, str]) -> Su
 
 
 def _by_pairing(*suites: Summary) -> list[dict[str, ScoredJob]]:
-    """Return the drives of each suite by what they share with others; a name of the only configuration is no part."""
+    """Return the drives of each suite by pairing key, which has no configuration if each suite has only one."""
     one = all(len({drive.job.configuration for drive in suite.drives}) == 1 for suite in suites)
     return [
         {drive.job.pairing + ("" if one else f" {drive.job.configuration}"): drive for drive in suite.drives}
@@ -133,10 +133,10 @@ def _compared(
 
 
 def sign_flip_p(log_ratios: FloatArray) -> float | None:
-    """Return the two-sided probability of a mean log ratio `(D,)` as large by chance; None with too few drives."""
+    """Return the two-sided p-value of the sum of log ratios `(D,)`; None for fewer than `MIN_TESTED` drives."""
     if len(log_ratios) < MIN_TESTED:
         return None
-    from scipy.stats import permutation_test  # it takes long to import
+    from scipy.stats import permutation_test  # slow import
 
     def size(logs: FloatArray, axis: int) -> FloatArray:
         return np.asarray(np.abs(logs.sum(axis=axis)))

@@ -1,4 +1,4 @@
-"""`sfr suite plan`: how many drives a requirement needs, from its terms and, of a suite, from the spread seen."""
+"""`sfr suite plan`: the number of drives that a requirement needs, from its terms and observed errors."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from sfr_loc_map.suite.statistics.summary import ScoredJob, samples_by_drive
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveCount:
-    """How many drives prove one requirement; None is unknown, or no number."""
+    """The number of drives that prove a requirement; None if unknown or if no number suffices."""
 
-    runs: str  #: Runs of the suite, empty without one.
-    limit: str  #: Name of the limit, empty without one.
+    runs: str  #: Runs of the suite; empty without a suite.
+    limit: str  #: Name of the limit; empty without a suite.
     prob: float
     confidence: float
     power: float
-    good: float  #: Share of failures that is acceptable.
-    without_failure: int  #: Drives without a failure.
-    fixed: int  #: Drives of the fixed plan with the stated power.
+    good: float  #: Acceptable failure rate.
+    without_failure: int  #: Required drives if none fails.
+    fixed: int  #: Required drives of the fixed plan with the given power.
     allowed: int  #: Failures that the fixed plan allows.
-    sequential: float  #: Expected drives of the sequential test at the share `good`.
-    sequential_at_none: float  #: The same where no drive fails.
-    drives: int | None = None  #: Drives that there are.
-    failures: int | None = None  #: Drives beyond the limit.
-    at_the_rate_seen: int | None = None  #: Drives if they fail as often as those seen.
-    if_normal: int | None = None  #: Drives if errors are declared to be normal, with the spread seen.
+    sequential: float  #: Expected drives of the sequential test at the failure rate `good`.
+    sequential_at_none: float  #: Expected drives of the sequential test if no drive fails.
+    drives: int | None = None  #: Drives in the suite.
+    failures: int | None = None  #: Drives in the suite that exceed the limit.
+    at_the_rate_seen: int | None = None  #: Required drives at the observed failure rate.
+    if_normal: int | None = None  #: Required drives for normal errors with the observed moments.
     state: VerdictState | None = None  #: Decision of the sequential test.
 
 
 def count_without_runs(terms: Terms) -> DriveCount:
-    """Return how many drives terms need."""
+    """Return the number of drives that terms require."""
     test = sequential_test(terms)
     plan = test.fixed_plan()
     return DriveCount(
@@ -57,10 +57,10 @@ def count_without_runs(terms: Terms) -> DriveCount:
 
 
 def drive_counts(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator[DriveCount]:
-    """Yield how many drives each limit with a share needs, over equal runs; ConfigError without such a limit."""
+    """Yield the number of drives for each group and limit with `prob`; raise a ConfigError without such a limit."""
     chosen = [] if limits is None else [item for item in limits.limits if item.terms is not None]
     if not chosen:
-        raise ConfigError("the suite has no limit with a share, such as position_bound_m: {limit: 0.1, prob: 0.95}")
+        raise ConfigError("the suite has no limit with 'prob', such as position_bound_m: {limit: 0.1, prob: 0.95}")
     members: dict[tuple[str, str, str], list[ScoredJob]] = {}
     for drive in drives:
         members.setdefault(drive.group_key, []).append(drive)
@@ -71,7 +71,7 @@ def drive_counts(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator
             if not samples:
                 continue
             interpretation = terms.interpretation
-            if interpretation is Interpretation.TEMPORAL:  # a drive is no sample of itself
+            if interpretation is Interpretation.TEMPORAL:  # a single drive is not a sample of drives
                 interpretation = Interpretation.ENSEMBLE
             sample = sample_over_drives(interpretation, samples)
             known = moments(sample)
@@ -90,4 +90,4 @@ def drive_counts(drives: Sequence[ScoredJob], limits: Limits | None) -> Iterator
 
 
 OF_RUNS = ("runs", "limit", "drives", "failures", "at_the_rate_seen", "if_normal", "state")
-"""Fields that depend on runs."""
+"""Fields that depend on the runs of a suite."""

@@ -1,4 +1,4 @@
-"""The figures of a drive by which suites are compared with each other."""
+"""The figures of a drive that comparisons of suites use."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from sfr_loc_map.metrics.config import CallKind, label_of
 from sfr_loc_map.metrics.score import Score
 
 MAP_ERRORS = [kind for kind in CATALOGUE if kind.subject is Subject.MAP and TOTAL in kind.compared]
-"""Errors of a map by which runs are compared."""
-LEAST_SHARE = 1e-4  #: Shares are compared in logarithms: that of a map that is covered as a whole.
+"""Map errors that are compared."""
+LEAST_SHARE = 1e-4  #: Uncovered fraction of a completely covered map, because fractions are compared as logarithms.
 
 
 class ComparedKind(StrEnum):
-    """What a compared figure is about."""
+    """Kind of a compared figure."""
 
     ACCURACY = "accuracy"
     NEES = "nees"
@@ -29,14 +29,14 @@ class ComparedKind(StrEnum):
 
 @dataclass(frozen=True, slots=True, order=True)
 class FigureName:
-    """A figure, smaller is better: what it is about, and its name with unit, such as `position over 5 m, m`."""
+    """A figure, of which smaller is better: kind and name with unit, such as `position over 5 m, m`."""
 
     kind: ComparedKind
     name: str
 
 
 def figures_of(score: Score) -> dict[FigureName, float]:
-    """Return the figures of a score that are defined; those but counts are positive."""
+    """Return the defined figures of a score; all figures except counts are positive."""
     found: dict[FigureName, float | None] = {}
     errors = [kind for kind in KINDS.values() if kind.subject is Subject.TRAJECTORY]
     for condition in score.conditions:
@@ -70,7 +70,7 @@ def figures_of(score: Score) -> dict[FigureName, float]:
 
 
 def map_error_of(score: Score) -> float:
-    """Return the error of a map by which results are ranked, 0 without one."""
+    """Return the map error by which results are ranked; 0 without a map."""
     errors = (score.number(kind.name, kind.compared[0], part=None) for kind in MAP_ERRORS)
     return next((error for error in errors if error is not None), 0.0)
 

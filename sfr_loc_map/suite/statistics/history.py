@@ -1,10 +1,10 @@
-"""Where the figures of a suite changed, night by night (docs/decisions/0008-history.md).
+"""Detect changes of a suite's figures from night to night (docs/decisions/0008-history.md).
 
-The last night, and the mean of the last four, is paired with up to 30 nights before. A figure of a drive is divided by
-the mean of its reference nights (paired ratio), and so is the mean over all drives, which shows a small change of all.
-Each ratio has the interval that Student's t predicts for nights like those before. A change is a ratio whose interval
-excludes 1. The level of the intervals is divided by the number of ratios of a night (Bonferroni), so that at most one
-night in 365 gives an alarm while nothing changes.
+The last night and the mean of the last four nights are compared with up to 30 reference nights. Each figure of a drive
+is divided by its mean over the reference nights (paired ratio). So is the mean over all drives, which reveals a small
+change that is common to all drives. Each ratio has a prediction interval of Student's t from the scatter of the
+reference nights. A change is reported if the interval excludes 1. The level of the intervals is divided by the number
+of ratios of a night (Bonferroni), so that without a change at most one night in 365 raises an alarm.
 """
 
 from __future__ import annotations
@@ -27,30 +27,30 @@ from sfr_loc_map.metrics.intervals import Interval
 from sfr_loc_map.metrics.score_json import MAX_NUMBER, to_plain
 from sfr_loc_map.suite.statistics.figures import ComparedKind, FigureName
 
-WINDOWS = (1, 4)  #: Nights whose mean is compared with those before: a large change at once, a small one later.
+WINDOWS = (1, 4)  #: Lengths of the mean, nights: 1 detects large changes immediately, 4 detects small changes later.
 FALSE_ALARM_RATE = 1.0 / 365.0  #: Probability of an alarm in a night without a change, over all figures and drives.
-REFERENCE = 30  #: Nights before that a night is compared with, at most.
-MIN_REFERENCE = 5  #: With fewer nights before, their scatter is unknown.
-MIN_DRIVES_OF_SCATTER = 6  #: With so many drives, the scatter over the drives replaces that of too few nights.
-MAX_FREEDOM = 5.0  #: Limit of the degrees of freedom: nights have heavier tails than a normal distribution.
-FALSE_NAMES = 0.1  #: Probability that an alarm names a drive that did not change, over all drives.
+REFERENCE = 30  #: Maximum number of reference nights.
+MIN_REFERENCE = 5  #: Minimum number of reference nights to estimate their scatter.
+MIN_DRIVES_OF_SCATTER = 6  #: Minimum number of drives whose scatter replaces that of too few nights.
+MAX_FREEDOM = 5.0  #: Upper bound of the degrees of freedom: nights have heavier tails than a normal distribution.
+FALSE_NAMES = 0.1  #: Probability that an alarm names any drive that did not change.
 
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """How a kind of figure is compared: in logarithms, as a count, or as it is."""
+    """Scale on which a kind of figure is compared: logarithm, count or identity."""
 
-    apply: Callable[[FloatArray], FloatArray]  #: Values as they are compared; NaN where undefined.
-    undo: Callable[[float], float]  #: The value that is compared as a number.
-    floor: float  #: Least standard deviation of a drive from night to night, however equal the nights are.
-    of_host: bool = False  #: Whether all drives of a night share what it depends on.
+    apply: Callable[[FloatArray], FloatArray]  #: Converts values to the scale; NaN if undefined.
+    undo: Callable[[float], float]  #: Converts a number on the scale to a value.
+    floor: float  #: Minimum standard deviation of a drive from night to night.
+    of_host: bool = False  #: Whether the figure depends on the host, which all drives of a night share.
 
 
 LOG = partial(Scale, lambda x: np.log(np.where(x > 0.0, x, np.nan)), lambda value: float(np.exp(value)))
 COUNT = Scale(lambda x: 2.0 * np.sqrt(x + 0.375), lambda value: max(0.0, (0.5 * value) ** 2 - 0.375), 1.0)
-"""`2 sqrt(n + 3/8)` (Anscombe 1948): of deviation 1."""
-#: Floors (chosen): relative changes that count as noise: 5 % of an error or a time,
-#: 10 % of a NEES, 2 % of memory, a tenth of the drives.
+"""Count n as `2 sqrt(n + 3/8)`, whose standard deviation is 1 for Poisson counts (Anscombe 1948)."""
+#: The floors are chosen: changes of 5 % of an error or a time, 10 % of a NEES, 2 % of memory and 10 % of the drives
+#: count as noise.
 SCALES: Mapping[ComparedKind, Scale] = {
     ComparedKind.ACCURACY: LOG(0.05),
     ComparedKind.NEES: LOG(0.1),
@@ -67,13 +67,13 @@ WITHOUT_RESULT = FigureName(ComparedKind.FAILED, "drives without a result, share
 
 def _figure(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= MAX_NUMBER:
-        raise ValueError(f"a figure is {value!r:.40}: a number from 0 on is required")
+        raise ValueError(f"a figure is {value!r:.40}: a number of at least 0 is required")
     return float(value)
 
 
 @dataclass(frozen=True, slots=True)
 class Night:
-    """One suite of a history: its name, its commit, and by drive the name, path and figures; none without a result."""
+    """A suite of a history: name, commit, and by drive the label, path and figures; no figures without a result."""
 
     name: str
     commit: str | None
@@ -83,7 +83,7 @@ class Night:
 
     @classmethod
     def read(cls, folder: Path) -> Night:
-        """Return the night whose results a folder holds, from its `suite.json`."""
+        """Read the night from `suite.json` of a folder."""
         path = folder / "suite.json"
         with refusing(f"no figures in '{path}'", f"make it with sfr suite report '{folder}'"):
             content = json.loads(path.read_text(encoding="utf-8"))
@@ -99,7 +99,7 @@ class Night:
         return cls(str(folder), commit, labels, paths, dict(zip(keys, figures, strict=False)))
 
     def without_configurations(self) -> Night:
-        """Return the suite with drives that are identified by their data alone."""
+        """Return the night with drives that are identified by their data only, not by their configuration."""
         of_drives = ({key.partition(" ")[0]: value for key, value in part.items()}
                      for part in (self.labels, self.paths, self.figures))  # fmt: skip
         return Night(self.name, self.commit, *of_drives)  # type: ignore[arg-type]
@@ -107,25 +107,25 @@ class Night:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Change:
-    """A change of one figure, from one night to the next."""
+    """A change of a figure from one night to the next."""
 
-    night: str  #: First night after it.
-    before_night: str  #: Last night before it.
-    commits: tuple[str | None, str | None]  #: Of the last night before and the first after.
+    night: str  #: First night after the change.
+    before_night: str  #: Last night before the change.
+    commits: tuple[str | None, str | None]  #: Commits of the last night before and the first night after the change.
     kind: ComparedKind
     figure: str  #: Name with unit.
     outcome: Outcome
-    drives: tuple[str, ...]  #: Drives that changed; all if none shows the change by itself, or more than half do.
-    paths: tuple[str, ...]  #: Their sources.
-    of: int  #: Drives that have the figure.
-    before: float  #: Mean over these drives before; geometric except of counts and fractions.
-    after: float  #: The same after.
-    ratio: float | None  #: After over before; None where before is 0.
+    drives: tuple[str, ...]  #: Changed drives; all drives if no single drive or more than half of them show the change.
+    paths: tuple[str, ...]  #: Sources of the changed drives.
+    of: int  #: Number of drives that have the figure.
+    before: float  #: Mean over the changed drives before the change; geometric except for counts and fractions.
+    after: float  #: Mean over the changed drives after the change.
+    ratio: float | None  #: `after / before`; None if `before` is 0.
     ci95: Interval | None  #: 95 % interval of the ratio.
 
     @property
     def range(self) -> str:
-        """The commits among which it is, as git takes them."""
+        """Range of commits that contains the change, in the notation of git."""
         return "..".join((commit or "unknown")[:SHORT_COMMIT] for commit in self.commits)
 
     @property
@@ -137,41 +137,41 @@ class Change:
 
     @property
     def command(self) -> str:
-        """The command that shows it."""
+        """Command that displays the change."""
         return f"sfr report {self.before_night} {self.night}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class History:
-    """Nights in their order."""
+    """The nights of a suite, in chronological order, with the detected changes."""
 
-    nights: tuple[str, ...]  #: Their names.
+    nights: tuple[str, ...]  #: Names of the nights.
     commits: tuple[str | None, ...]
-    false_alarm_rate: float  #: Probability of an alarm in a night without a change, at most.
-    changes: tuple[Change, ...]  #: In the order of the nights.
-    figures: Mapping[str, tuple[float | None, ...]]  #: Mean over the drives by night, by figure.
+    false_alarm_rate: float  #: Maximum probability of an alarm in a night without a change.
+    changes: tuple[Change, ...]  #: Changes in the order of the nights.
+    figures: Mapping[str, tuple[float | None, ...]]  #: Mean over the drives of each night, by figure.
 
     @property
     def worse(self) -> tuple[Change, ...]:
-        """Changes for the worse that no later change of the figure followed."""
+        """The last change of each figure, if it was for the worse."""
         last = {change.figure: change for change in self.changes}
         return tuple(change for change in last.values() if change.outcome is Outcome.WORSE)
 
     def to_dict(self) -> dict[str, object]:
-        """Return it as JSON values."""
+        """Return the history as JSON values."""
         changes = [to_plain(change) | {"command": change.command} for change in self.changes]
         return {"schema": "sfr-history/3", **to_plain(replace(self, changes=())), "changes": changes}
 
 
 def find_changes(nights: Sequence[Night]) -> History:
-    """Return how the figures changed over nights in the order of time; MetricsError for fewer than two."""
+    """Return the changes over nights in chronological order; raise a MetricsError for fewer than two nights."""
     if len(nights) < 2:
-        raise MetricsError(f"a history needs two suites or more, found {len(nights)}: give several folders")
-    if all(len({key.partition(" ")[2] for key in night.labels}) < 2 for night in nights):  # another name is no change
+        raise MetricsError(f"a history requires at least two suites, found {len(nights)}: give several folders")
+    if all(len({key.partition(" ")[2] for key in night.labels}) < 2 for night in nights):  # names may change
         nights = [night.without_configurations() for night in nights]
     keys = list(dict.fromkeys(key for night in nights for key in night.labels))
     if not keys:
-        raise InputError(f"no drive in {len(nights)} suites: give suites with a result each")
+        raise InputError(f"no drive in {len(nights)} suites: each suite must have a result")
     names = sorted({name for night in nights for figures in night.figures.values() for name in figures})
     tables = {
         name: np.array([[night.figures.get(key, {}).get(name, np.nan) for night in nights] for key in keys])
@@ -179,7 +179,7 @@ def find_changes(nights: Sequence[Night]) -> History:
     }
     there = np.array([[key in night.figures for night in nights] for key in keys])
     since = np.maximum.accumulate(np.array([[key in night.labels for night in nights] for key in keys]), axis=1)
-    tables[WITHOUT_RESULT] = np.where(since, 1.0 - there, np.nan)  # a drive that is omitted has none either
+    tables[WITHOUT_RESULT] = np.where(since, 1.0 - there, np.nan)  # an omitted drive has no result, either
     last = {key: night for night in nights for key in night.labels}
     changes, series = [], {}
     for name, table in tables.items():
@@ -220,24 +220,24 @@ def find_changes(nights: Sequence[Night]) -> History:
 
 @dataclass(frozen=True, slots=True)
 class FoundChange:
-    """A change in values `(drive, night)` as they are compared."""
+    """A change of values `(drive, night)`, on the scale of the comparison."""
 
-    night: int  #: First night after it.
-    drives: tuple[int, ...]  #: Drives that changed.
-    of: int  #: Drives with values before and after.
-    before: float  #: Mean over these drives before.
+    night: int  #: First night after the change.
+    drives: tuple[int, ...]  #: Changed drives.
+    of: int  #: Number of drives with values before and after.
+    before: float  #: Mean over the changed drives before the change.
     after: float
-    half_width: float  #: Of the 95 % interval of `after`, as predicted by the nights before.
-    window: int  #: Nights whose mean showed the change.
-    seen: int = 0  #: Night at which it was seen.
-    is_return: bool = False  #: Whether the figure came back to what it was before the last change.
+    half_width: float  #: Half-width of the 95 % prediction interval of `after` from the reference nights.
+    window: int  #: Number of nights whose mean revealed the change.
+    seen: int = 0  #: Night at which the change was detected.
+    is_return: bool = False  #: Whether the figure returned to its level before the previous change.
 
 
 def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[FoundChange]:
-    """Return the changes in values `(D, T)`, NaN where there is none.
+    """Return the changes of values `(D, T)` of drives and nights, NaN if missing.
 
-    The nights after a change are still compared with those before it. If the figure comes back within
-    `MIN_REFERENCE` nights, that is a second change; otherwise the new level is the reference from there on.
+    The nights after a change are compared with the same reference as the change. If the figure returns to its old level
+    within `MIN_REFERENCE` nights, the return is a second change. Otherwise the new level becomes the reference.
     """
     found: list[FoundChange] = []
     start, changed_at = 0, None
@@ -268,9 +268,9 @@ def changes_of(x: FloatArray, scale: Scale, false_alarm_rate: float) -> list[Fou
 
 
 def compare_nights(before: FloatArray, after: FloatArray, scale: Scale, false_alarm_rate: float) -> FoundChange | None:
-    """Return the change of the mean of nights `(D, W)` against the nights before `(D, N)`, None if there is none.
+    """Return the change of the mean of nights `(D, W)` relative to reference nights `(D, N)`, None without a change.
 
-    Half of the rate of false alarms is that of the mean over the drives, half that of the drives by themselves.
+    Half of the false-alarm rate is assigned to the mean over the drives, the other half to the single drives.
     """
     window = after.shape[1]
     usual, present = _mean(before.T), _mean(after.T)
@@ -281,7 +281,7 @@ def compare_nights(before: FloatArray, after: FloatArray, scale: Scale, false_al
     deviations = before[there] - usual[there, None]
     count = np.isfinite(deviations).sum(axis=1)
     variance = np.nansum(np.square(deviations), axis=1) / np.maximum(count - 1, 1)
-    if (long := count >= MIN_REFERENCE).any():  # a drive that never differed is taken as the median drive
+    if (long := count >= MIN_REFERENCE).any():  # a drive that never varied gets the median variance
         variance = np.maximum(variance, np.median(variance[long]))
     variance = np.maximum(variance, scale.floor**2)
     each = np.sqrt(variance * (1.0 / window + 1.0 / count))
@@ -315,7 +315,7 @@ def compare_nights(before: FloatArray, after: FloatArray, scale: Scale, false_al
 
 
 def _change_size(before: FloatArray, after: FloatArray) -> FloatArray:
-    """Return the shift from each of the last nights `(W)` on, in standard errors of equal nights."""
+    """Return the shift of the mean from each of the last nights `(W,)` to the end, in standard errors."""
     usual, nights = float(_mean(before.ravel())), _mean(after)
     lengths = np.arange(after.shape[1], 0, -1)
     shifts = np.array([nights[-length:].mean() - usual for length in lengths])
@@ -323,7 +323,7 @@ def _change_size(before: FloatArray, after: FloatArray) -> FloatArray:
 
 
 def _quantile(two_sided: float, freedom: FloatArray | float) -> FloatArray:
-    """Return how many deviations Student's t exceeds on both sides with a probability."""
+    """Return the two-sided quantile of Student's t for a probability of exceedance."""
     return np.asarray(-stdtrit(np.clip(freedom, 1.0, MAX_FREEDOM), 0.5 * two_sided))
 
 

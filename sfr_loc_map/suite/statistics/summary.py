@@ -1,9 +1,9 @@
-"""What follows from all results of a suite: counts, errors pooled over drives, verdicts, failures.
+"""Summarise the results of a suite: counts, errors pooled over drives, verdicts, failures.
 
-Drives with the same task, configuration and faults form a group. Its sub-trajectories are one sample, as the
-specification's statistics require [4.1.3]: counts, means and sigmas of the drives give count, mean and sigma of all
-values exactly (Chan, Golub, LeVeque 1983). The 95 % interval resamples whole drives, because errors within one drive
-are not independent.
+Drives with the same task, configuration and faults form a group. The sub-trajectories of a group are one sample, as the
+statistics of the specification require [4.1.3]. Count, mean and sigma of all values follow exactly from those of the
+drives (Chan, Golub, LeVeque 1983). The 95 % interval resamples whole drives, because errors within one drive are not
+independent.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ from sfr_loc_map.suite.statistics.figures import figures_of
 from sfr_loc_map.suite.statistics.resampling import MIN_DRIVES, drawn_weights, half_width
 
 SCHEMA = "sfr-suite/1"
-AXES = ("x", "y", "z")  #: Parts of the position error that are pooled.
+AXES = ("x", "y", "z")  #: Pooled parts of the position error.
 
 
 def group_key_of(job: Job) -> tuple[str, str, str]:
-    """Return what a job has in common with the others of its group: task, configuration, faults or variant."""
+    """Return the key of a job's group: task, configuration, faults or variant of a budget."""
     return job.kind.value, job.configuration, job.alteration
 
 
@@ -65,7 +65,7 @@ class ScoredJob:
 
     @property
     def group_key(self) -> tuple[str, str, str]:
-        """What it has in common with the drives of its group: task, configuration, faults or variant of a budget."""
+        """Key of the group: task, configuration, faults or variant of a budget."""
         return group_key_of(self.job)
 
     @property
@@ -74,7 +74,7 @@ class ScoredJob:
         return self.score.number("position", "mean_plus_3sigma")
 
     def names(self) -> dict[str, object]:
-        """Return what it is called, as JSON values."""
+        """Return the names of the job as JSON values."""
         job = self.job
         return {
             "key": job.key,
@@ -90,10 +90,10 @@ class ScoredJob:
 
 
 class GroupVerdict(Verdict, frozen=True, kw_only=True):
-    """The verdict on one limit over all drives of a group; its n is of sub-trajectories, or of drives."""
+    """The verdict on a limit over all drives of a group; `n` counts sub-trajectories or drives."""
 
-    over: str  #: `pooled` values of all drives, or the `worst drive` (figures that cannot be pooled).
-    missed_by: int  #: Drives that miss the limit on their own.
+    over: str  #: `pooled` values, the `worst drive` for figures that cannot be pooled, or `all drives` of a proof.
+    missed_by: int  #: Number of drives that miss the limit.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,34 +111,34 @@ class Group:
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """Task, configuration, faults, as those of its drives."""
+        """Task, configuration, faults: the group key of the drives."""
         return self.task, self.configuration, self.faults
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Summary:
-    """What follows from all results of a suite."""
+    """The summary of a suite's results."""
 
     tasks: int  #: Jobs of the suite.
     waiting: int  #: Jobs that were not run yet.
     groups: tuple[Group, ...]
-    drives: tuple[ScoredJob, ...]  #: Every result.
+    drives: tuple[ScoredJob, ...]  #: All results.
     failures: tuple[JobFailure, ...]
     refusals: tuple[Refusal, ...]
     code: str  #: Fingerprint of the code.
-    workers: tuple[WorkerRecord, ...] = ()  #: Workers of all its runs.
-    run: Mapping[str, object] = field(default_factory=dict)  #: Commit, branch and date of the code, host, time.
+    workers: tuple[WorkerRecord, ...] = ()  #: Workers of all runs of the suite.
+    run: Mapping[str, object] = field(default_factory=dict)  #: Commit, branch and date of the code; host and time.
     budgets: tuple[Budget, ...] = ()  #: Error budgets, by configuration and condition.
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of jobs, of those done, failed and waiting."""
+        """Number of all, done, failed and waiting jobs."""
         done, failed = len(self.drives), len(self.failures)
         return {"tasks": self.tasks, "done": done, "failed": failed, "waiting": self.waiting}
 
     @property
     def verdict(self) -> VerdictState | None:
-        """The verdict over all, None without limits; a job without result leaves it open."""
+        """The worst verdict, None without limits; incomplete at best if a job has no result."""
         states = [item.state for group in self.groups for item in group.verdicts]
         if not states:
             return None
@@ -146,26 +146,26 @@ class Summary:
 
     @property
     def on_limits(self) -> list[GroupVerdict]:
-        """The verdicts on limits; the others are on findings, contradictions and missing results, and on no figure."""
+        """The verdicts on limits. Verdicts on findings, contradictions and missing results have no figure."""
         return [item for group in self.groups for item in group.verdicts if item.figure is not None]
 
     @property
     def is_decided(self) -> bool:
-        """Whether sequential tests have decided every limit, so that no more drives are needed."""
+        """Whether sequential tests have decided all limits, so that no more drives are required."""
         return are_decided(self.groups)
 
     @property
     def completeness(self) -> Figure:
-        """The row of the tasks that were planned, and the fraction of them that has a result.
+        """The row with the number of planned tasks and the fraction that has a result.
 
-        Tasks that wait are not needed once sequential tests have decided every limit.
+        Waiting tasks are not required once sequential tests have decided all limits.
         """
         needed = self.tasks - self.waiting if self.is_decided else self.tasks
         planned = needed + len(self.refusals)
         return expected_row(RowPart(SUITE), len(self.drives), planned or None)
 
     def to_dict(self) -> dict[str, object]:
-        """Return it as JSON values; of each drive its key, names, verdicts, and the place of its score."""
+        """Return the summary as JSON values, for each drive with names, figures, verdicts and the file of its score."""
         named = ("verdict", "groups", "failures", "refusals", "workers", "budgets")
         parts = {name: to_plain(getattr(self, name)) for name in named}
         drives = [
@@ -185,7 +185,7 @@ class Summary:
 
 
 def are_decided(groups: Sequence[Group]) -> bool:
-    """Return whether sequential tests have decided every limit of some groups."""
+    """Return whether sequential tests have decided all limits of groups."""
     items = [item for group in groups for item in group.verdicts]
     return bool(items) and all(
         item.proof is not None
@@ -196,23 +196,23 @@ def are_decided(groups: Sequence[Group]) -> bool:
 
 
 def read_scored_job(job: Job, store: Store, limits: Limits | None) -> ScoredJob:
-    """Read the result of a job and judge it by the limits that are about its task."""
+    """Read the result of a job, and judge the result by the limits that apply to its tasks."""
     score = store.score(job)
     of_score = limits_about(limits, tasks_of(score))
     return ScoredJob(job, judged(score, of_score, partial=job.scoring.partial))
 
 
 class SequentialDecision:
-    """Whether sequential tests have decided every limit, while a suite runs; each result is read and judged once."""
+    """Checks during a suite whether all limits are decided by sequential tests; reads and judges each result once."""
 
     def __init__(self, store: Store) -> None:
-        """Read the results that are there."""
+        """Read the existing results."""
         self._store, self._limits = store, store.limits
         done = [job for job in store.jobs if store.state(job.key) == "done"]
         self._scored = {job.key: read_scored_job(job, store, self._limits) for job in done}
 
     def add(self, job: Job) -> None:
-        """Read what came of a job that has ended."""
+        """Read the result of an ended job."""
         if self._store.state(job.key) == "done":
             self._scored[job.key] = read_scored_job(job, self._store, self._limits)
         else:
@@ -220,7 +220,7 @@ class SequentialDecision:
 
     @property
     def is_made(self) -> bool:
-        """Whether no more drives are needed."""
+        """Whether no more drives are required."""
         jobs = self._store.jobs
         drives = [self._scored[job.key] for job in jobs if job.key in self._scored]
         unfinished = [job for job in jobs if job.key not in self._scored]
@@ -228,7 +228,7 @@ class SequentialDecision:
 
 
 def summarise(store: Store) -> Summary:
-    """Return what follows from the results of a suite's folder."""
+    """Return the summary of the results in a suite's folder."""
     jobs, limits = store.jobs, store.limits
     states = {job.key: store.state(job.key) for job in jobs}
     drives = [read_scored_job(job, store, limits) for job in jobs if states[job.key] == "done"]
@@ -247,7 +247,7 @@ def summarise(store: Store) -> Summary:
 
 
 def budgets_of(drives: Sequence[ScoredJob], planned: Sequence[Job]) -> Iterator[Budget]:
-    """Yield the error budget of each configuration and condition, of a suite that is a budget."""
+    """Yield the error budget of each configuration and condition; nothing if the suite is not a budget."""
     sources = error_sources_of([job.source.variant for job in planned])
     if not sources:
         return
@@ -263,7 +263,7 @@ def budgets_of(drives: Sequence[ScoredJob], planned: Sequence[Job]) -> Iterator[
 
 
 def _drive_errors(score: Score, condition: str) -> DriveErrors | None:
-    """Return the position errors of a drive over a condition; None with fewer than two sub-trajectories."""
+    """Return the position errors of a drive for a condition; None for fewer than two sub-trajectories."""
     rows = [row for axis in AXES if (row := _axis_row(score, "position", condition, axis)) is not None]
     if len(rows) < len(AXES) or any(row.mean is None or row.sigma is None for row in rows):
         return None
@@ -271,10 +271,10 @@ def _drive_errors(score: Score, condition: str) -> DriveErrors | None:
 
 
 def groups_of(drives: Sequence[ScoredJob], limits: Limits | None, unfinished: Sequence[Job] = ()) -> Iterator[Group]:
-    """Yield the groups of results, in the order in which they first occur.
+    """Yield the groups of results in the order of their first occurrence.
 
-    Within a group, results are in the order of the hashes of their drives and jobs, so that no figure and no verdict
-    depends on the order of the suite's file. `unfinished` are the jobs without a result.
+    Within a group, results are sorted by the hashes of their drives and jobs, so that figures and verdicts do not
+    depend on the order of the suite's file. `unfinished` are the jobs without a result.
     """
     members: dict[tuple[str, str, str], list[ScoredJob]] = {}
     for drive in drives:
@@ -308,10 +308,10 @@ def verdicts_over(
     of_suite: Collection[str] = (),
     next_drive: str | None = None,
 ) -> Iterator[GroupVerdict]:
-    """Yield the verdicts over drives with equal settings: those that need no limit, then one for each limit.
+    """Yield the verdicts over drives with equal settings: first those without a limit, then one for each limit.
 
-    `of_suite` are the parts that any result of the suite is about. A limit that is about none of them has not enough
-    data in every group. `next_drive` is the first drive, in the order of their hashes, that has no result yet.
+    `of_suite` are the tasks of all results of the suite. A limit for another task has not enough data in each group.
+    `next_drive` is the first drive without a result, in the order of the hashes.
     """
     scores = [score for _, score in results]
     wrong = [item for score in scores for item in finding_verdicts(score)]
@@ -326,13 +326,13 @@ def verdicts_over(
     if parts := [score for score in scores if score.incomplete is not None]:
         rows = [row for score in parts for row in score.rows("judged", subject=Subject.COMPLETENESS)[:1]]
         shares = [row.value for row in rows if row.value is not None]
-        # a drive that is not covered is no pass, whatever the figures of the others
+        # an incomplete drive prevents a pass, whatever the figures of the other drives
         whole = replace(incomplete_verdict(min(shares, default=None)), n=len(scores))
         yield _of_group(whole, "worst drive", len(parts))
     parts_judged = {part for score in scores for part in tasks_of(score)}
     for limit in () if limits is None else limits.limits:
         if task_of(limit) not in parts_judged and task_of(limit) in of_suite:
-            continue  # maps are not judged by the limits of drives
+            continue  # a limit of another task of the suite
         if limit.terms is not None:
             yield proof_over_drives(limit, limit.terms, results, next_drive)
             continue
@@ -342,11 +342,11 @@ def verdicts_over(
         worst_value = min(values, default=None) if limit.is_lower_bound else max(values, key=abs, default=None)
         over = "worst drive"
         count = len(values)
-        figure = LimitedFigure(worst_value)  # drives need no least number
+        figure = LimitedFigure(worst_value)  # no minimum number of drives is required
         if limit.condition is not None:
             of_all = figure_of(limit, Score(figures=pooled))
             over, count = "pooled", of_all.n or 0
-            if of_all.value is None and worst_value is not None:  # quantiles of drives give no quantile of all
+            if of_all.value is None and worst_value is not None:  # quantiles cannot be pooled
                 over = "worst drive"
                 of_all = of_all._replace(value=worst_value, interval=None, place=None)
             figure = of_all._replace(
@@ -356,12 +356,12 @@ def verdicts_over(
         verdict = replace(verdict_on(limit, figure, limits or Limits()), n=count)
         has_value = [bool(_count_of(limit, score)) for score in own]
         if not all(has_value):
-            verdict = of_incomplete(verdict)  # a drive that cannot be judged is no pass
+            verdict = of_incomplete(verdict)  # a drive that cannot be judged prevents a pass
         yield _of_group(verdict, over, sum(not meets(limit, found) for found in values))
 
 
 def independent_of_drives(limit: Limit, results: Sequence[tuple[str, Score]]) -> float:
-    """Return how many values of a limited figure are independent; repeats of one drive count as one of them."""
+    """Return the number of independent values of a limited figure; the repeats of a drive count once."""
     of_drives: dict[str, float] = {}
     for drive, score in results:
         if task_of(limit) in tasks_of(score):
@@ -370,7 +370,7 @@ def independent_of_drives(limit: Limit, results: Sequence[tuple[str, Score]]) ->
 
 
 def samples_by_drive(limit: Limit, results: Sequence[tuple[str, Score]]) -> dict[str, list[Sample]]:
-    """Return the errors to which a limit applies: those of each run, by drive."""
+    """Return the errors to which a limit applies, for each run by drive."""
     samples: dict[str, list[Sample]] = {}
     for drive, score in results:
         sample = sample_of(score, limit.limited.figure, limit.condition)
@@ -382,10 +382,10 @@ def samples_by_drive(limit: Limit, results: Sequence[tuple[str, Score]]) -> dict
 def proof_over_drives(
     limit: Limit, terms: Terms, results: Sequence[tuple[str, Score]], next_drive: str | None = None
 ) -> GroupVerdict:
-    """Return the verdict on a limit with a share and a confidence over drives.
+    """Return the verdict over drives on a limit with a probability and a confidence.
 
-    A sequential test takes the drives up to the first one that has no result, so that it does not matter which drives
-    happened to be finished.
+    A sequential test uses the drives before the first drive without a result, so that the verdict does not depend on
+    the order in which drives finish.
     """
     samples = samples_by_drive(limit, results)
     is_sequential = terms.good is not None and next_drive is not None
@@ -398,7 +398,7 @@ def proof_over_drives(
 
 
 def _count_of(limit: Limit, score: Score) -> float:
-    """Return of how many values the limited number of a drive is made, 0 where there is no number."""
+    """Return the number of values of a drive's limited figure; 0 if the figure is unknown."""
     found = figure_of(limit, score)
     if limit.condition is not None and found.row is not None:
         return 0.0 if found.row.unknown else float(found.row.n or 0)
@@ -410,7 +410,7 @@ def _of_group(verdict: Verdict, over: str, missed_by: int) -> GroupVerdict:
 
 
 def pool(results: Sequence[tuple[str, Score]], condition: str) -> Iterator[Figure]:
-    """Yield the pooled errors over one condition of scores, each with its drive; repeats are of one drive.
+    """Yield the pooled errors of scores for a condition; each score is given with its drive, which repeats share.
 
     Means and sigmas of a vector are pooled axis by axis.
     """
@@ -430,16 +430,16 @@ def pool(results: Sequence[tuple[str, Score]], condition: str) -> Iterator[Figur
 
 
 def _axis_row(score: Score, figure: str, condition: str, axis: str | None) -> Figure | None:
-    """Return the row of one axis of a figure; of a figure without axes the row of the reading that is judged."""
+    """Return the row of an axis of a figure; without axes, the row of the judged reading."""
     if axis is None:
         return score.judged_row(figure, condition=condition)
     return score.figure(figure, condition=condition, part=axis)
 
 
 def pooled_row(figure: str, condition: str, used: Sequence[tuple[str, Sequence[Figure]]]) -> Figure:
-    """Return mean, sigma and mean + 3 sigma of all values: of each result its drive and its rows by axis.
+    """Return mean, sigma and mean + 3 sigma of all values; `used` has the drive and the rows by axis of each result.
 
-    The interval resamples drives, each with all of its results; `independent` is the number of drives.
+    The interval resamples drives, each with all of its results. `independent` is the number of drives.
     """
     numbers = {drive: number for number, drive in enumerate(dict.fromkeys(drive for drive, _ in used))}
     many = len(numbers)
@@ -454,7 +454,7 @@ def pooled_row(figure: str, condition: str, used: Sequence[tuple[str, Sequence[F
     squares = np.square(sigmas) * (count[:, None] - 1.0)
     mean, sigma = (float(values[0]) for values in _pooled(count, means, squares, np.ones((1, len(count)))))
     found: dict[str, Any] = {"mean": mean, "sigma": sigma, "mean_plus_3sigma": mean + 3.0 * sigma}
-    if means.shape[1] == 1:  # of a figure that is no vector, with its sign
+    if means.shape[1] == 1:  # the mean of a scalar figure keeps its sign
         found["mean"] = float(count @ means[:, 0]) / total
     if many >= MIN_DRIVES and found["mean_plus_3sigma"] > 0.0:
         weights = drawn_weights(many)[:, [numbers[drive] for drive, _ in used]]
@@ -468,13 +468,13 @@ def pooled_row(figure: str, condition: str, used: Sequence[tuple[str, Sequence[F
 def _pooled(
     count: FloatArray, means: FloatArray, squares: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return norms of mean and sigma `(R,)` of all values, each drive counted as often as its weight `(R, D)`.
+    """Return the norms of mean and sigma `(R,)` of all values, with weights `(R, D)` of the results.
 
-    Of each drive there are its count `(D,)`, means `(D, d)` and sums of squared deviations from them `(D, d)`.
+    The results are given by counts `(D,)`, means `(D, d)` and sums of squared deviations from the means `(D, d)`.
     """
     total = weights @ count
     mean = (weights @ (count[:, None] * means)) / total[:, None]
-    # about the common mean of the drives as they are, so that nothing cancels
+    # moments about the unweighted common mean, to avoid cancellation
     centre = (count[:, None] * means).sum(axis=0) / count.sum()
     second = weights @ (squares + count[:, None] * np.square(means - centre))
     deviations = second - total[:, None] * np.square(mean - centre)

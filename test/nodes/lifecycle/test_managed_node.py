@@ -189,7 +189,7 @@ def test_a_node_at_its_defaults_serves_best_effort_cameras_and_says_what_is_lost
             send_infos(peer, "loc", LOC_RIG)
             send_pair(peer, "loc", loc_pair(index))
         peer.until(lambda: len(peer.odometry) == 2, "odometry of best-effort images")
-        assert "offers less" not in node.text
+        assert "offers weaker" not in node.text
         assert 0.0 < float(values_of(peer.well(Level.OK, "tracking"))["received_messages_hz"]) < 100.0
 
         (images,) = (item for item in node.node.subscriptions if item.topic_name == "/loc/left/image_rect")
@@ -205,10 +205,10 @@ def test_a_node_at_its_defaults_serves_best_effort_cameras_and_says_what_is_lost
 def test_quality_of_service_that_does_not_fit_is_named(ros: None, capfd: Capture) -> None:
     arguments = params("output_reliability:=best_effort", "health.period_s:=0.1")
     with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT, *arguments):
-        peer.well(Level.WARN, "a subscriber of /localisation/odometry requests more RELIABILITY than this node offers")
+        peer.well(Level.WARN, "a subscriber of /localisation/odometry requests stricter RELIABILITY than this node offers")
         best_effort = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
         peer.node.create_publisher(Image, "loc/left/image_rect", best_effort)
-        peer.well(Level.WARN, "a publisher of /loc/left/image_rect offers less RELIABILITY than this node requests")
+        peer.well(Level.WARN, "a publisher of /loc/left/image_rect offers weaker RELIABILITY than this node requests")
     topics = (f"/loc/{side}/{name}" for side in ("left", "right") for name in ("camera_info", "image_rect"))
     overrides = params(*(f"qos_overrides.{topic}.subscription.reliability:=best_effort" for topic in topics))
     with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT, *overrides):

@@ -136,6 +136,6 @@ def test_a_figure_that_the_scenario_does_not_have_is_no_worst_case(
     file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | change))
     store = Store(tmp_path / "out")
     host = Host(store, has_pieces=has_pieces)
-    with pytest.raises(InputError, match="as it is has no"):
+    with pytest.raises(InputError, match="the unchanged scenario has no"):
         run_search(load_search(file), store, host.run)
     assert host.done == 1
