@@ -89,7 +89,7 @@ def test_wheel_odometry_tells_where_to_look(ros: None, capfd: Capture) -> None:
         used = ["motion_prior" in decode_call(message.data, Task.LOCALISATION).statistics for message in peer.calls]
         assert used == [False, True, False, True]
         peer.publish(Odometry, "motion_prior", Odometry(child_frame_id="camera"))
-        node.wait_for("motion_prior is of 'camera', of 'rb' (parameter rb_frame) is required; ignored")
+        node.wait_for("motion_prior is in frame 'camera': frame 'rb' (parameter rb_frame) is required; ignored")
 
 
 def test_two_rovers_in_two_namespaces_do_not_hear_each_other(ros: None, capfd: Capture) -> None:

@@ -72,7 +72,7 @@ class StereoInputConfig:
     stamp_tolerance_s: float = param(
         STAMP_TOLERANCE_S,
         unit="s",
-        doc="Maximum stamp difference of left and right image; at most half a period is used. 0: equal stamps.",
+        doc="Maximum stamp difference of left and right image, always less than half a period. 0: equal stamps.",
         low=0.0,
         high=0.5,
     )
