@@ -205,7 +205,7 @@ def test_a_node_at_its_defaults_serves_best_effort_cameras_and_says_what_is_lost
 def test_quality_of_service_that_does_not_fit_is_named(ros: None, capfd: Capture) -> None:
     arguments = params("output_reliability:=best_effort", "health.period_s:=0.1")
     with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT, *arguments):
-        peer.well(Level.WARN, "a subscriber of /localisation/odometry requests stricter RELIABILITY than this node offers")
+        peer.well(Level.WARN, "a subscriber of /localisation/odometry requests stricter RELIABILITY")
         best_effort = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
         peer.node.create_publisher(Image, "loc/left/image_rect", best_effort)
         peer.well(Level.WARN, "a publisher of /loc/left/image_rect offers weaker RELIABILITY than this node requests")
