@@ -1,7 +1,7 @@
 """sfr_loc_map: stereo localisation, terrain mapping and the metrics that evaluate them.
 
 From Python: `import sfr_loc_map as sfr`, then `sfr.open`, `sfr.localise`, `sfr.map`, `sfr.score` (docs/python.md).
-These names are loaded when they are used: the import itself is quick.
+These names are loaded at their first use, so that the import itself is fast.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""The command line as a module: `python -m sfr_loc_map`."""
+"""Command line as a module: `python -m sfr_loc_map`."""
 
 from sfr_loc_map.cli.main import main
 

@@ -1,6 +1,6 @@
-"""The suite from Python: `import sfr_loc_map as sfr`; the same calls as the commands make (docs/python.md).
+"""Python interface: `import sfr_loc_map as sfr`. Functions and commands make the same calls (docs/python.md).
 
-Every public name stands in `sfr_loc_map` itself. What goes wrong is an `SfrError` whose text says what to do.
+Every public name can be imported from `sfr_loc_map` itself. Errors are `SfrError`s whose messages say what to do.
 """
 
 from __future__ import annotations
@@ -44,17 +44,17 @@ from sfr_loc_map.scoring.settings import ScoreSettings, score_settings
 C = TypeVar("C")
 PathLike = str | os.PathLike[str]
 SourceLike = PathLike | Source
-Start = str | Transform | StartPose  #: Where a drive starts: `identity`, `truth`, or a pose of RB in DS.
+Start = str | Transform | StartPose  #: Start of a drive: `identity`, `truth`, or a pose of RB in DS.
 Parameters = PathLike | Mapping[str, object]  #: Parameters: a YAML file, or values by name (`{"max_features": 300}`).
 Estimate = PathLike | Trajectory | PointCloud
 Truth = PathLike | Trajectory | Source
 
 
 def open(source: SourceLike, remap: Mapping[str, str] | None = None, config: str | Path | None = None) -> Source:
-    """Open a data set folder, ROS bag, KITTI or EuRoC sequence: the format is detected.
+    """Open a data set folder, ROS bag, KITTI or EuRoC sequence. The format is detected from the content.
 
-    Topics of a bag under other names are remapped: `{"/cam0/image": "loc/left/image_rect"}`. `config`: an `sfr.yaml`;
-    without it the one in or beside the source.
+    `remap` maps topics of a bag to those of the suite: `{"/cam0/image": "loc/left/image_rect"}`. `config` is an
+    `sfr.yaml`, by default the one in or beside the source.
     """
     if isinstance(source, Source):
         if remap is not None or config is not None:
@@ -95,10 +95,11 @@ def localise(
     config: Parameters | LocalisationConfig | None = None,
     method: str = OURS,
 ) -> Trajectory | Iterator[PoseEstimate]:
-    """Estimate the trajectory of a drive; the same call as `sfr localise`, whose options have the same names.
+    """Estimate the trajectory of a drive, like `sfr localise` with options of the same names.
 
-    `start` is `identity`, `truth` or a pose of RB in DS. With `live` it returns an iterator that gives each
-    `PoseEstimate` as soon as it is there. `config`: parameters, or of another method the file of its configuration.
+    `start` is `identity`, `truth` or a pose of RB in DS. With `live`, the result is an iterator that yields each
+    `PoseEstimate` as soon as it is estimated. `config` contains the parameters of the localiser. For another `method`,
+    `config` is the configuration file of that method.
     """
     opened = open(source)
     drive = drive_of(opened)
@@ -128,9 +129,9 @@ def map(
     config: Parameters | MappingConfig | None = None,
     method: str = OURS,
 ) -> PointCloud:
-    """Map up to three stereo pairs; the same call as `sfr map`, whose options have the same names.
+    """Map up to three stereo pairs, like `sfr map` with options of the same names.
 
-    `config` are parameters of the mapper, or of another method the file with its configuration.
+    `config` contains the parameters of the mapper. For another `method`, it is the configuration file of that method.
     """
     opened = open(source)
     panorama = panorama_of(opened)
@@ -151,13 +152,13 @@ def map(
 
 
 class ScoreOptions(ScoreSettings, total=False):
-    """Options of `sfr score` by the same names."""
+    """Options of `sfr score` with the same names."""
 
-    fused: bool  # whether the cloud is fused, for a file that does not say so
-    convention: Sequence[str]  # how the poses were written: `["frame=left_optical", "world=first_pose"]`
+    fused: bool  # whether the cloud is fused, for a file without this information
+    convention: Sequence[str]  # convention of the poses: `["frame=left_optical", "world=first_pose"]`
     apply_diagnosis: bool  # whether to correct the convention mismatch that explains the errors
-    max_difference: float  # longest difference of stamps paired for APE and RPE, s (0.01)
-    rpe_delta: str  # length of a relative error: `frames=1` or `distance=10`
+    max_difference: float  # maximum difference of stamps paired for APE and RPE, s (default 0.01)
+    rpe_delta: str  # interval of the RPE: `frames=1` or `distance=10`
 
 
 def score(
@@ -170,12 +171,12 @@ def score(
     stats: Sequence[PathLike] = (),
     **settings: Unpack[ScoreOptions],
 ) -> Score:
-    """Score an estimate, a trajectory or a cloud, against the truth; the same figures as `sfr score`.
+    """Score an estimated trajectory or cloud against the ground truth, with the same figures as `sfr score`.
 
-    Each may be in memory or a file. `conditions` are ends of sub-trajectories (`distance=5`, `time=60`, `frames=100`,
-    `distance=5,time=10` where both hold; distance=5 where none is given), `limits` a YAML file or its content, `align`
-    is `none`, `origin`, `se3` or `sim3` and `stats` files of `sfr localise --stats`, by default the one beside the file
-    of the estimate. What `sfr.localise` and `sfr.map` return needs none.
+    Estimate and truth may be objects or files. `conditions` are the ends of sub-trajectories: `distance=5` (default),
+    `time=60`, `frames=100`, or `distance=5,time=10` if both must hold. `limits` is a YAML file or its content. `align`
+    is `none`, `origin`, `se3` or `sim3`. `stats` are files from `sfr localise --stats`, by default the one beside the
+    file of the estimate. Results of `sfr.localise` and `sfr.map` contain their statistics.
     """
     known = get_type_hints(ScoreOptions)
     if unknown := sorted(set(settings) - set(known)):
@@ -199,7 +200,7 @@ def score(
 
 
 def _run(estimate: Estimate, truth: Truth, stats: tuple[Path, ...], fused: bool | None) -> Run:
-    """Return what there is to score: files are read as the command reads them."""
+    """Return the run to be scored. Files are read as by the command."""
     _check("estimate", estimate, Trajectory, PointCloud)
     _check("truth", truth, Trajectory, Source)
     place = truth.path if isinstance(truth, Source) else truth
@@ -241,12 +242,12 @@ def _named(path: Path, steps: Iterator[offline.Step]) -> Iterator[offline.Step]:
 
 
 def _texts(name: str, items: Sequence[str]) -> Sequence[str]:
-    """Return the texts of an argument; a single one is one, not its letters."""
+    """Return the strings of an argument; a single string becomes a list of one string."""
     texts = [items] if isinstance(items, str) or not isinstance(items, Iterable) else [*items]
     wrong = [text for text in texts if not isinstance(text, str)]
     if wrong:
         raise ConfigError(
-            f"{name} has {wrong[0]!r:.60}: texts are required, such as 'distance=5' or 'frame=left_optical'"
+            f"{name} has {wrong[0]!r:.60}: strings are required, such as 'distance=5' or 'frame=left_optical'"
         )
     return texts
 

@@ -1,9 +1,9 @@
-"""Outputs that are either complete or absent: one rule for every file and folder that the suite writes.
+"""Atomic outputs: every file and folder that the suite writes is either complete or absent.
 
-An output is written in a hidden folder `.NAME.xxxxxxxx.part` beside its place, and is renamed when it is complete. Only
-a regular file or an empty folder is replaced, and a full folder if that is wanted; of a link its target is replaced.
-The hidden folder of a killed process is removed by the next process that writes to the same name, because a process
-holds a lock on its folder while it writes.
+An output is written in a hidden folder `.NAME.xxxxxxxx.part` beside its final path, and is renamed when it is complete.
+Only regular files and empty folders are replaced; other folders are replaced on request. If the path is a link, the
+target of the link is replaced. A process holds a lock on its hidden folder while it writes. The next process that
+writes to the same name removes unlocked folders, which belong to killed processes.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from sfr_loc_map.inputs import special_kind
 from sfr_loc_map.signals import deferred_signals
 
 SUFFIX = ".part"
-BEFORE = "before"  #: Name, in the hidden folder, of what is about to be replaced.
-_RANDOM = "[a-z0-9_]" * 8  #: What `tempfile` puts into names.
+BEFORE = "before"  #: Name of the replaced output in the hidden folder.
+_RANDOM = "[a-z0-9_]" * 8  #: Pattern of the random characters that `tempfile` puts into names.
 
 
 @contextmanager
 def atomic_path(path: Path, *, any_folder: bool = False) -> Iterator[Path]:
-    """Yield a temporary path of the same file name; it becomes `path` if the block ends well, or nothing is left.
+    """Yield a temporary path with the same file name. It becomes `path` if the block succeeds, else it is removed.
 
-    With `any_folder` a folder that is not empty is replaced.
+    With `any_folder`, a folder that is not empty is replaced, too.
     """
     target = output_target(Path(path), any_folder=any_folder)
     try:
         with _scratch(target) as scratch:
             yield scratch / target.name
-            with deferred_signals():  # what was there is removed, too
+            with deferred_signals():  # a signal waits until the replaced output is removed
                 exchange(scratch / target.name, target) if any_folder else replace(scratch / target.name, target)
                 shutil.rmtree(scratch, ignore_errors=True)
     except OSError as error:
@@ -44,21 +44,21 @@ def atomic_path(path: Path, *, any_folder: bool = False) -> Iterator[Path]:
 
 
 def write_text(text: str, path: Path) -> None:
-    """Write a text file, whole or not at all."""
+    """Write a text file atomically."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def replace(new: Path, target: Path) -> None:
-    """Let a new file or folder take the place of a regular file, an empty folder or nothing."""
+    """Move a new file or folder to a path that is free, a regular file or an empty folder."""
     _check_free(target)
     os.replace(new, target)
 
 
 def exchange(new: Path, target: Path) -> None:
-    """Let a new file or folder take the place of what is at the target, if anything; that is then beside the new one.
+    """Move a new file or folder to a path. An existing target is moved beside the original path of the new one first.
 
-    A folder that is not empty is replaced in two steps; see `_scratch` for an end between them.
+    If the process ends between these two steps, the next call of `_scratch` restores the target.
     """
     if not target.exists():
         os.replace(new, target)
@@ -73,7 +73,7 @@ def exchange(new: Path, target: Path) -> None:
 
 
 def check_output(path: Path) -> None:
-    """Check that an output can be written, before the work for it is done."""
+    """Check that an output can be written, before it is computed."""
     target = output_target(Path(path))
     try:
         with _scratch(target):
@@ -83,11 +83,11 @@ def check_output(path: Path) -> None:
 
 
 def output_target(path: Path, *, any_folder: bool = False) -> Path:
-    """Return what is written or replaced for an output: the path, or what the link there points to."""
+    """Return the path that is written for an output: the path itself, or the target of a link."""
     if path.is_symlink():
         try:
             path = path.resolve(strict=True)
-        except (OSError, RuntimeError) as error:  # a circle of links
+        except (OSError, RuntimeError) as error:  # a cycle of links
             raise OutputError(
                 f"cannot write '{path}': it is a broken link; remove it or choose another name"
             ) from error
@@ -98,13 +98,13 @@ def output_target(path: Path, *, any_folder: bool = False) -> Path:
 
 @contextmanager
 def _scratch(target: Path) -> Iterator[Path]:
-    """Yield a new, locked, hidden folder beside an output, after those that nobody holds were removed.
+    """Yield a new, locked, hidden folder beside an output, after the removal of unlocked hidden folders.
 
-    What one of them has of an output that is gone, which it was about to replace, is put back first.
+    If the output is missing and an unlocked folder contains the replaced output, that output is restored first.
     """
     for name in glob.glob(f".{glob.escape(target.name)}.{_RANDOM}{SUFFIX}", root_dir=target.parent):
         left = target.parent / name
-        with suppress(OSError), _locked(left, fcntl.LOCK_EX | fcntl.LOCK_NB):  # else it is at work
+        with suppress(OSError), _locked(left, fcntl.LOCK_EX | fcntl.LOCK_NB):  # a locked folder is in use
             if (left / BEFORE).exists() and not target.exists():
                 os.rename(left / BEFORE, target)
             shutil.rmtree(left, ignore_errors=True)
@@ -118,7 +118,7 @@ def _scratch(target: Path) -> Iterator[Path]:
 
 @contextmanager
 def _locked(folder: Path, kind: int) -> Iterator[None]:
-    """Hold a lock on a folder, which ends with the process at the latest; it must be of this user."""
+    """Hold a lock on a folder of this user. The lock ends with the process at the latest."""
     lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     try:
         try:
@@ -138,7 +138,7 @@ def _check_free(path: Path) -> None:
         raise OutputError(f"'{path}' cannot be an output: give a path that ends in a name")
     try:
         if not path.parent.is_dir():
-            raise OutputError(f"cannot write '{path}': there is no folder '{path.parent}'; make it first")
+            raise OutputError(f"cannot write '{path}': there is no folder '{path.parent}'; create it first")
         kind = special_kind(path.stat().st_mode) if path.exists() else ""
         if path.is_dir() and any(path.iterdir()):
             kind = "a folder that is not empty"

@@ -8,33 +8,33 @@ import signal
 import sys
 from collections.abc import Collection
 
-LIBRARY_PATH = "LD_LIBRARY_PATH"  #: Variable of the dynamic linker that ROS needs.
+LIBRARY_PATH = "LD_LIBRARY_PATH"  #: Variable of the dynamic linker that ROS requires.
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
 _LIBRARY = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
-"""Loaded here: a child between fork and exec loads nothing."""
+"""C library, loaded at import because a child must not load a library between fork and exec."""
 
 
 def end_with_parent(number: signal.Signals, waiting: Collection[signal.Signals] = ()) -> None:
-    """Let the kernel send this process a signal when its parent ends (Linux); `waiting` ones come once unblocked."""
+    """Let the kernel send this process a signal when its parent ends (Linux), and block the signals in `waiting`."""
     signal.pthread_sigmask(signal.SIG_BLOCK, waiting)
     if _LIBRARY is not None:
         _LIBRARY.prctl(_PR_SET_PDEATHSIG, number)
 
 
 def adopt_descendants() -> None:
-    """Let the kernel make this process the parent of descendants whose parent ends (Linux), also of its later program.
+    """Let the kernel make this process the parent of descendants whose parent ends (Linux), even after exec.
 
-    A descendant that forks twice otherwise leaves the tree of processes whose memory and time are measured.
+    Otherwise a descendant that forks twice leaves the process tree whose memory and time are measured.
     """
     if _LIBRARY is not None:
         _LIBRARY.prctl(_PR_SET_CHILD_SUBREAPER, 1)
 
 
 def inherited_environment() -> dict[str, str]:
-    """Return this process's variables without those by which the dynamic linker loads other code (`LD_PRELOAD`)."""
+    """Return the environment without the variables that make the dynamic linker load other code (`LD_PRELOAD`)."""
     return {name: value for name, value in os.environ.items() if not name.startswith("LD_") or name == LIBRARY_PATH}
 
 
 def child_environment() -> dict[str, str]:
-    """Return the variables for a process that imports what this one does, whatever folder that is started in."""
+    """Return the environment for a process that imports the same modules from any working directory."""
     return inherited_environment() | {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}

@@ -1,7 +1,7 @@
-"""Parameters are declared once, as fields of frozen dataclasses; files and ROS parameters follow from them.
+"""Declaration of parameters as fields of frozen dataclasses, from which files and ROS parameters are derived.
 
-A field made by `param` carries its unit, range and text in its metadata. `flatten` gives the dotted names that ROS
-parameters and YAML files use, `build` makes the dataclass from such names and refuses unknown ones.
+The metadata of a field from `param` contain unit, range and description. `flatten` returns the dotted names that ROS
+parameters and YAML files use. `build` constructs the dataclass from such names and rejects unknown names.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def param(
     high: float | None = None,
     choices: tuple[str, ...] = (),
 ) -> Any:  # noqa: ANN401 - stands for the field's value, as dataclasses.field does
-    """Declare a parameter, of its default's type; numbers have a range."""
+    """Declare a parameter. Numbers require a range."""
     metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices}
     if isinstance(default, (list, dict)):
         raise TypeError("use a tuple: defaults are shared")
@@ -42,7 +42,7 @@ def param(
 
 @dataclass(frozen=True, slots=True)
 class ParamInfo:
-    """One parameter of a configuration class: its dotted name and everything declared about it."""
+    """Dotted name and declaration of a parameter of a configuration class."""
 
     name: str
     type: type
@@ -55,7 +55,7 @@ class ParamInfo:
 
 
 def parameters(config_type: type, prefix: str = "") -> Iterator[ParamInfo]:
-    """Yield every parameter of a configuration class, nested ones with dotted names."""
+    """Yield every parameter of a configuration class. Nested parameters have dotted names."""
     types = get_type_hints(config_type)
     for item in fields(config_type):
         kind = types[item.name]
@@ -67,7 +67,7 @@ def parameters(config_type: type, prefix: str = "") -> Iterator[ParamInfo]:
 
 
 def flatten(config: Any, prefix: str = "") -> dict[str, Any]:  # noqa: ANN401 - a mapping or configuration dataclass
-    """Return the values of a configuration, or nested names, by dotted name."""
+    """Return the values of a configuration, or of a nested mapping, by dotted name."""
     flat: dict[str, Any] = {}
     items = (
         config if isinstance(config, Mapping) else {item.name: getattr(config, item.name) for item in fields(config)}
@@ -81,13 +81,13 @@ def flatten(config: Any, prefix: str = "") -> dict[str, Any]:  # noqa: ANN401 - 
 
 
 def changed(config: Any, prefix: str = "") -> dict[str, Any]:  # noqa: ANN401 - any configuration dataclass
-    """Return the values of a configuration that are not its defaults, by dotted name, as YAML has them."""
+    """Return the values of a configuration that differ from the defaults, by dotted name; tuples become lists."""
     usual, values = flatten(type(config)(), prefix), flatten(config, prefix)
     return {n: list(v) if isinstance(v, tuple) else v for n, v in values.items() if v != usual[n]}
 
 
 def to_yaml_lines(config_type: type, indent: str) -> list[str]:
-    """Return all parameters of a configuration class as lines of YAML, each below its description, at the default."""
+    """Return the defaults of a configuration class as lines of YAML, each below the description of the parameter."""
     lines: list[str] = []
     groups: list[str] = []
     for info in parameters(config_type):
@@ -114,14 +114,17 @@ def _comment(info: ParamInfo) -> str:
 
 
 def yaml_text(value: object) -> str:
-    """Return a value as YAML in one line."""
+    """Return a value as one line of YAML."""
     plain = list(value) if isinstance(value, tuple) else value
     text = yaml.safe_dump(plain, default_flow_style=True, width=10**6, default_style='"' if plain == "" else None)
     return text.removesuffix("\n").removesuffix("\n...")
 
 
 def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "configuration") -> C:
-    """Make a configuration from dotted or nested names, the rest default; ConfigError, in one line, for all faults."""
+    """Return a configuration from values by dotted or nested name; missing values have their defaults.
+
+    Raises ConfigError, whose single line reports all faults.
+    """
     flat = flatten(values)
     known = {info.name: info for info in parameters(config_type)}
     problems = [f"unknown key '{name}'{suggestion(name, known)}" for name in flat if name not in known]
@@ -138,9 +141,9 @@ def build(config_type: type[C], values: Mapping[str, Any], *, origin: str = "con
 
 
 def _checked(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any parameter type
-    value = value.tolist() if hasattr(value, "tolist") else value  # of numpy
+    value = value.tolist() if hasattr(value, "tolist") else value  # numpy scalars and arrays
     if isinstance(value, bool) and "yes" in info.choices:
-        value = "yes" if value else "no"  # which YAML takes for truth values
+        value = "yes" if value else "no"  # YAML 1.1 reads yes and no as Booleans
     try:
         value = msgspec.convert(value, info.type)
     except msgspec.ValidationError as error:
@@ -155,7 +158,7 @@ def _checked(info: ParamInfo, value: Any) -> Any:  # noqa: ANN401 - any paramete
 
 
 def checked(config: C) -> C:
-    """Return a configuration whose values are those that `build` takes; ConfigError as it."""
+    """Return a configuration with the checks and conversions of `build`."""
     return build(type(config), flatten(config), origin=type(config).__name__)
 
 
@@ -171,18 +174,18 @@ def load_yaml(path: Path) -> dict[str, Any]:
     if content is None:
         return {}
     if not isinstance(content, dict):
-        raise ConfigError(f"'{path}' holds a {type(content).__name__}: a mapping of names to values is required")
+        raise ConfigError(f"'{path}' contains a {type(content).__name__}: a mapping of names to values is required")
     return content
 
 
 def _has_numbers(default: object) -> bool:
-    """Return whether a default is a number or holds some; an empty tuple stands for one of numbers."""
+    """Return whether a default is or contains a number. An empty tuple counts as a tuple of numbers."""
     values = default if isinstance(default, tuple) else (default,)
     return not values or any(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values)
 
 
 def suggestion(name: str, known: Collection[str]) -> str:
-    """Return what was meant by an unknown name, in brackets."""
+    """Return the known name most similar to an unknown name, or the first known names, in parentheses."""
     close = difflib.get_close_matches(name, known, n=1)
     return f" (did you mean '{close[0]}'?)" if close else f" (known: {', '.join(sorted(known)[:8])}, ...)"
 
@@ -204,14 +207,14 @@ SECTIONS = (
     *("topics", "frames", "calibration", "extrinsics", "sync", "truth"),
     *("localisation", "mapping", "monitor", "conditions", "limits"),
 )
-"""Sections of `sfr.yaml`, the one configuration of all commands and nodes."""
+"""Sections of `sfr.yaml`, the configuration file of all commands and nodes."""
 
 
 class NodeSection(NamedTuple):
-    """The parameters of the nodes that a section of `sfr.yaml` holds."""
+    """Node parameters that a section of `sfr.yaml` contains."""
 
-    prefix: str  #: First part of their names; empty: they have the names of the section.
-    nodes: tuple[str, ...]  #: Nodes that have them. A parameter file is read at the first one.
+    prefix: str  #: First part of the names of the node parameters; empty if the names have no prefix.
+    nodes: tuple[str, ...]  #: Nodes with these parameters. From a ROS parameter file, those of the first node are read.
 
 
 _LOCALISER, _MAPPER = Task.LOCALISATION.node, Task.MAPPING.node
@@ -223,12 +226,12 @@ NODE_SECTIONS = {
     "extrinsics": NodeSection("T_rb_locsb", (_LOCALISER,)),
     "sync": NodeSection("input", (_LOCALISER, _MAPPER)),
 }
-"""Sections whose values are parameters of the nodes."""
+"""Sections that contain node parameters."""
 _SECTION_OF_PREFIX = {known.prefix: name for name, known in NODE_SECTIONS.items() if known.prefix}
 
 
 def node_parameters(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return the parameters of each node from values of `NODE_SECTIONS` by dotted name."""
+    """Return the parameters of each node from the values of `NODE_SECTIONS` by dotted name."""
     found: dict[str, dict[str, Any]] = {node: {} for node in SUITE_NODES}
     for section, values in sections.items():
         prefix, nodes = NODE_SECTIONS[section]
@@ -239,15 +242,16 @@ def node_parameters(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, dict
 
 
 def read_sections(path: Path) -> dict[str, Any]:
-    """Return the values of a configuration file by section, as mappings of dotted names; ConfigError as `load_yaml`.
+    """Return the values of a configuration file by section, as mappings of dotted names.
 
     The file is an `sfr.yaml`, a ROS parameter file (`/**: ros__parameters:` or `NODE: ros__parameters:`), or a plain
-    mapping of parameter names of localiser or mapper, which come under an empty name.
+    mapping of parameter names of localiser or mapper. The section of a plain mapping has an empty name. Raises
+    ConfigError.
     """
     flat = flatten(load_yaml(path))
     of_nodes = [(*name.split(".ros__parameters.", 1), value) for name, value in flat.items() if ".ros__para" in name]
     sections: dict[str, Any] = {}
-    for node, name, value in sorted(of_nodes, key=lambda item: not item[0].startswith("/**")):  # what is for all first
+    for node, name, value in sorted(of_nodes, key=lambda item: not item[0].startswith("/**")):  # "/**" first
         first, _, rest = name.partition(".")
         section = _SECTION_OF_PREFIX.get(first)
         if section is None or (section == "sync" and rest != "stamp_tolerance_s"):
@@ -272,11 +276,11 @@ def read_sections(path: Path) -> dict[str, Any]:
 
 
 def section(path: Path | None, name: str) -> Mapping[str, Any]:
-    """Return the values of a section of a file that `read_sections` reads, none without one."""
+    """Return the values of a section of a configuration file; empty without a file or the section."""
     found: Mapping[str, Any] = {} if path is None else read_sections(path).get(name, {})
     return found
 
 
 def read_config(config_type: type[C], path: Path | None, part: str) -> C:
-    """Read the parameters of a part, as `localisation`, from a file that `read_sections` reads; None: defaults."""
+    """Read the parameters of a section, such as `localisation`, from a configuration file; None gives the defaults."""
     return build(config_type, section(path, part) or section(path, ""), origin=f"{path}, {part}")

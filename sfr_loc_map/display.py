@@ -1,4 +1,4 @@
-"""How values of the Python interface show themselves: one line in a console, a table in a notebook, in pandas."""
+"""Display of values of the Python interface: a line in a console, a table in a notebook or in pandas."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
 
 
 class Shown:
-    """Shows its facts in one line, and as an HTML table whose texts are escaped."""
+    """Base class that displays its facts in one line and as an HTML table with escaped texts."""
 
     __slots__ = ()
 
     def _facts(self) -> dict[str, str]:
-        """Return what is shown, by name."""
+        """Return the displayed facts by name."""
         raise NotImplementedError
 
     def __repr__(self) -> str:

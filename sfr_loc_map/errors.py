@@ -1,7 +1,7 @@
 """The errors of the suite: one root, one subclass per layer, and the exit code of each.
 
-A message is one line that says what was sought, what was found and what to do. The library raises; only
-`sfr_loc_map.cli` prints and exits.
+A message is one line that says what failed, what was found and what to do. The library raises errors; only
+`sfr_loc_map.cli` prints them and exits.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from typing import ClassVar
 
 
 class ExitCode(IntEnum):
-    """What a command exits with; the same table for all commands."""
+    """Exit codes of all commands."""
 
     OK = 0
     FAILED = 1
-    """A limit was missed, or the doctor found something."""
+    """A limit was missed, or the doctor found a problem."""
     BAD_INPUT = 2
-    """Input or usage."""
+    """The input or the usage is invalid."""
     NOT_JUDGED = 3
-    """Nothing could be judged; with `--lenient` 0."""
+    """No figure could be judged. With `--lenient` the exit code is 0."""
     INTERRUPTED = 130
-    """By SIGINT, SIGTERM or SIGHUP; what was finished is reported."""
+    """SIGINT, SIGTERM or SIGHUP interrupted the command. Finished results are reported."""
 
 
 class SfrError(Exception):
@@ -49,7 +49,7 @@ class OutputError(SfrError):
 
 
 class MetricsError(SfrError):
-    """Figures cannot be computed from what was given."""
+    """Figures cannot be computed from the given data."""
 
 
 class MappingError(SfrError):
@@ -61,7 +61,7 @@ class LocalisationError(SfrError):
 
 
 class NodeError(SfrError):
-    """A node, or the graph it lives in, cannot do its work."""
+    """A node or its ROS graph does not work as required."""
 
 
 class MethodError(SfrError):
@@ -69,30 +69,30 @@ class MethodError(SfrError):
 
 
 class MissingExtraError(SfrError):
-    """An optional part is not installed."""
+    """An optional dependency is not installed."""
 
 
 class FailedVerdictError(SfrError):
-    """A figure missed its limit, or the doctor found something: not an error of input."""
+    """A figure missed its limit, or the doctor found a problem. The input is valid."""
 
     exit_code = ExitCode.FAILED
 
 
 class NotJudgedError(SfrError):
-    """There is no figure to judge: no data, or estimate and truth that contradict each other by convention."""
+    """No figure can be judged: data are missing, or estimate and truth have different conventions."""
 
     exit_code = ExitCode.NOT_JUDGED
 
 
 class InterruptedRunError(SfrError):
-    """The user ended a run; says what was finished."""
+    """The user interrupted a run. The message says what was finished."""
 
     exit_code = ExitCode.INTERRUPTED
 
 
 @contextmanager
 def naming(source: object) -> Iterator[None]:
-    """Let the errors that come of a source name it."""
+    """Add the name of a source to the errors that it causes."""
     try:
         yield
     except (InputError, GeometryError, LocalisationError, MappingError) as error:

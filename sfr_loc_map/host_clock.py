@@ -1,4 +1,4 @@
-"""Whether the clock of this process, by which calls are measured, runs as that of the kernel."""
+"""Comparison of the clock of this process, which measures calls, with the clock of the kernel."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from sfr_loc_map.errors import MetricsError
 
 UPTIME = Path("/proc/uptime")  #: Seconds since the start of the host, as the kernel writes them, in steps of 10 ms.
 SYSTEM_CALLS = {"x86_64": 228, "aarch64": 113}  #: Numbers of the system call clock_gettime.
-MONOTONIC = 1  #: Its clock.
+MONOTONIC = 1  #: Number of the monotonic clock in that system call.
 _LIBRARY = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
 MOST_S, MOST_SHARE = 0.1, 0.01
-"""Largest difference between both clocks over a run: a few steps of the kernel's file, and a share of the run."""
+"""Maximum difference between the two clocks over a run: ten steps of the kernel's file plus 1 % of the run."""
 
 
 @contextmanager
 def checked_clock() -> Iterator[None]:
     """Compare the clock of this process with the kernel's over the `with` block; raise MetricsError if they differ.
 
-    A library that is loaded before all others (LD_PRELOAD) can slow the clock of a process and of all its children, so
-    that every time is too short. The kernel's file is not read by that clock. Without the file nothing is compared.
+    A preloaded library (LD_PRELOAD) can slow the clock of a process and of all its children, so that every measured
+    time is too short. The kernel's file does not depend on that clock. Without the file, nothing is compared.
     """
     begin_s = time.monotonic()
     kernel_begin_s = kernel_s()
@@ -37,7 +37,7 @@ def checked_clock() -> Iterator[None]:
 
 
 def check_passed(passed_s: float, kernel_passed_s: float) -> None:
-    """Raise MetricsError if the seconds by the clock of this process are not those by the kernel's."""
+    """Raise MetricsError if the elapsed time of this process's clock differs from that of the kernel's clock."""
     if abs(passed_s - kernel_passed_s) > MOST_S + MOST_SHARE * kernel_passed_s:
         raise MetricsError(
             f"times cannot be measured: {passed_s:.2f} s passed by the clock of this process and {kernel_passed_s:.2f} "
@@ -46,9 +46,9 @@ def check_passed(passed_s: float, kernel_passed_s: float) -> None:
 
 
 class CallClock:
-    """Measures calls by the clock of this process, and compares the sum with the kernel's clock over the same calls.
+    """Measures calls with the clock of this process, and compares the sum with the kernel's clock over the same calls.
 
-    A library that slows the clock in the calls and sets it right between them changes no time of the complete run.
+    A comparison over the complete run would miss a library that slows the clock in calls and corrects it between them.
     """
 
     def __init__(self) -> None:
@@ -60,7 +60,7 @@ class CallClock:
         self._begin_s = time.monotonic()
 
     def end(self) -> float:
-        """Return the seconds since the call began; MetricsError if the clocks differ over all calls."""
+        """Return the seconds since the call began; raise MetricsError if the clocks differ over all calls."""
         seconds = time.monotonic() - self._begin_s
         kernel_end_s = system_call_s()
         if self._kernel_begin_s is not None and kernel_end_s is not None:
@@ -77,8 +77,8 @@ class _Time(ctypes.Structure):
 def system_call_s() -> float | None:
     """Return the seconds of the monotonic clock by a system call; None on other systems and processors.
 
-    A library that is loaded before all others replaces the function of the clock. It can replace this one as well, for
-    which it has to be made.
+    A preloaded library usually replaces only the library function of the clock. A library that also replaces `syscall`
+    must be written for that purpose.
     """
     number = SYSTEM_CALLS.get(platform.machine()) if sys.platform.startswith("linux") else None
     now = _Time()
@@ -88,7 +88,7 @@ def system_call_s() -> float | None:
 
 
 def kernel_s() -> float | None:
-    """Return the seconds since the start of the host by the kernel, None where it does not report them."""
+    """Return the kernel's seconds since the start of the host; None if the kernel does not report them."""
     with suppress(OSError, ValueError):
         return float(UPTIME.read_text(encoding="ascii").split()[0])
     return None

@@ -1,8 +1,7 @@
-"""What comes from outside: files, JSON and YAML of bounded size and depth, texts made fit for a terminal, shared names.
+"""Input from outside: files, JSON and YAML of bounded size and depth, printable texts, and shared names.
 
-Everything that reads a file of another program comes through here. What is refused is raised as the error that the
-parser or the system itself would raise (`OSError`, `ValueError`, `yaml.YAMLError`); each reader says in its own words
-which file it needs.
+All files of other programs are read through this module. A rejected file raises the error that the parser or the system
+itself would raise (`OSError`, `ValueError`, `yaml.YAMLError`). Each reader then adds which file it requires.
 """
 
 from __future__ import annotations
@@ -25,43 +24,44 @@ import yaml
 
 from sfr_loc_map.errors import GeometryError, InputError
 
-if TYPE_CHECKING:  # messages and short files do without it
+if TYPE_CHECKING:  # not needed for messages and short files
     import numpy as np
     from numpy.typing import NDArray
 
 NS_PER_S = 1_000_000_000  #: Nanoseconds in a second.
 Side = Literal["left", "right"]
 SIDES: tuple[Side, Side] = ("left", "right")  #: The cameras of a stereo rig, in the order of all files and topics.
-LOST_VARIANCE = 9999.0  #: Variance on the whole diagonal of the covariance of a pose that is unknown (m^2, rad^2).
-JUMP_BACK_NS = NS_PER_S  #: A clock that goes back by more than this was set, or a bag was started again.
+LOST_VARIANCE = 9999.0  #: Diagonal of the covariance of an unknown pose, m^2 and rad^2.
+JUMP_BACK_NS = NS_PER_S  #: Minimum backward jump of stamps after a reset of the clock or a restart of a bag, ns.
 
 MB = 1_000_000
-MAX_TEXT_BYTES = MB  #: Largest settings file, rig or list of topics: a legitimate one has some kilobytes.
+MAX_TEXT_BYTES = MB  #: Maximum size of a configuration, rig or topic file. Typical files have a few kilobytes.
 MAX_JSON_BYTES = 64 * MB
 MAX_IMAGE_BYTES = 512 * MB
-IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".pgm", ".ppm")  #: Endings of files of images, in lower case.
+IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".pgm", ".ppm")  #: Suffixes of image files, in lower case.
 MAX_CLOUD_BYTES = 4096 * MB
-MAX_TABLE_BYTES = 256 * MB  #: Largest table of text: a trajectory of 1.5 million poses.
+MAX_TABLE_BYTES = 256 * MB  #: Maximum size of a text table: a trajectory of 1.5 million poses.
 MAX_TABLE_LINES = 4_000_000
 MAX_LINE_BYTES = 64_000
-BLOCK_BYTES = 4 * MB  #: Tables are read in blocks of whole lines of about so many: a million lines take much memory.
-FREE_BYTES = 64 * 2**20
+BLOCK_BYTES = 4 * MB  #: Approximate size of the blocks of whole lines in which tables are read, to save memory.
+FREE_BYTES = 64 * 2**20  #: Decompressed size that is always accepted.
 LARGEST_RATIO = 20
-"""What is compressed may become `FREE_BYTES`, or this many times its own size where that is more: images and points of
-real sensors do not compress so well."""
-MAX_DEPTH = 64  #: Deepest nesting of JSON and YAML.
-MAX_NODES = 100_000  #: Most values of a YAML file once its aliases are written out.
-MAX_DIGITS = 20  #: Longest integer of JSON and YAML: 64 bits have 19 digits and a sign.
-MAX_MESSAGE = 600  #: Characters of a message; the first and the last ones of a longer text are kept.
+"""Maximum ratio of a larger decompressed size to the compressed size. Images and points of real sensors have lower
+ratios."""
+MAX_DEPTH = 64  #: Maximum nesting depth of JSON and YAML.
+MAX_NODES = 100_000  #: Maximum number of values of a YAML file after expansion of its aliases.
+MAX_DIGITS = 20  #: Maximum length of an integer in JSON and YAML: 64 bits have 19 digits and a sign.
+MAX_MESSAGE = 600  #: Maximum length of a message, characters. The middle of a longer text is omitted.
 _TAIL = 200
 _LFS_POINTER = b"version https://git-lfs.github.com/spec/"
-_LONGEST_POINTER = 1024  #: Bytes of a pointer of Git LFS (git-lfs spec.md).
+_LONGEST_POINTER = 1024  #: Maximum size of a Git LFS pointer, bytes (git-lfs spec.md).
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]|[\ud800-\udfff]")
 _EXPONENT = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$")
 _UNPRINTABLE = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufeff\ufffe\uffff]"
 )
-"""Controls (C0 without tab and line feed, DEL, C1), marks of direction, separators of lines, surrogates."""
+"""Control characters (C0 without tab and line feed, DEL, C1), direction marks, line separators, surrogates, byte order
+marks and noncharacters."""
 _SPECIAL_FILES = {
     stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a named pipe",
@@ -72,7 +72,7 @@ _SPECIAL_FILES = {
 
 
 class Task(StrEnum):
-    """The two tasks of the suite, each with a rig of its own."""
+    """The two tasks of the suite, each with its own rig."""
 
     LOCALISATION = "localisation"
     MAPPING = "mapping"
@@ -84,12 +84,12 @@ class Task(StrEnum):
 
     @property
     def rig(self) -> str:
-        """Prefix of its image topics and name of its part of a data set: `loc` or `nav`."""
+        """Prefix of the task's image topics and name of its part of a data set: `loc` or `nav`."""
         return "loc" if self is Task.LOCALISATION else "nav"
 
     @property
     def node(self) -> str:
-        """Name of its node."""
+        """Name of the task's node."""
         return f"{self}_node"
 
 
@@ -101,12 +101,12 @@ SUITE_NODES = (*(task.node for task in Task), MONITOR_NODE)
 
 REFUSED: tuple[type[Exception], ...] = (OSError, ValueError, ArithmeticError, LookupError, TypeError, GeometryError)
 REFUSED += (yaml.YAMLError, csv.Error, SyntaxError)
-"""What parsers and checks raise for a broken input; of XML a SyntaxError."""
+"""Errors that parsers and checks raise for a broken input. The XML parser raises SyntaxError."""
 
 
 @contextmanager
 def refusing(where: str, advice: str = "correct the file") -> Iterator[None]:
-    """Turn what is raised for a broken input into an `InputError` in one line: WHERE: what is wrong; ADVICE."""
+    """Convert errors of a broken input to an `InputError` with one line: WHERE: what is wrong; ADVICE."""
     try:
         yield
     except REFUSED as error:
@@ -115,24 +115,24 @@ def refusing(where: str, advice: str = "correct the file") -> Iterator[None]:
 
 
 def stamp_of(message: Any) -> int:  # noqa: ANN401 - any message with a header
-    """Return the header's stamp of a message, nanoseconds."""
+    """Return the stamp in the header of a message, nanoseconds."""
     stamp = message.header.stamp
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
 
 def serialised_stamp(raw: bytes) -> int:
-    """Return the stamp of a message that begins with a header, without deserialising it (CDR, XTypes 1.3, 7.4)."""
+    """Return the stamp of a serialised message that begins with a header, nanoseconds (CDR, XTypes 1.3, 7.4)."""
     seconds, nanoseconds = struct.unpack_from("<iI" if raw[1] & 1 else ">iI", raw, 4)
     return int(seconds) * NS_PER_S + int(nanoseconds)
 
 
 def jumped_back(latest_ns: int, stamp_ns: int) -> bool:
-    """Return whether a stamp is so far before the latest one that the clock was set back or a new run has begun."""
+    """Return whether a stamp is so far before the latest one that the clock was reset or a new run has begun."""
     return latest_ns - stamp_ns >= JUMP_BACK_NS
 
 
 def special_kind(mode: int) -> str:
-    """Return what a file of this `st_mode` is if neither a regular file nor a folder, in words; else an empty text."""
+    """Return the kind of a special file with this `st_mode` in words; empty for a regular file or a folder."""
     return "" if stat.S_ISDIR(mode) else _SPECIAL_FILES.get(stat.S_IFMT(mode), "")
 
 
@@ -141,9 +141,12 @@ def _open_at_once(path: str, flags: int) -> int:
 
 
 def check_regular(path: Path) -> None:
-    """Raise OSError if a path is missing, or neither a regular file nor a link to one (a pipe would wait for ever)."""
+    """Raise OSError unless a path is a regular file or a link to a regular file. Reading a pipe could block forever.
+
+    A pointer of Git LFS is rejected, too.
+    """
     if "\0" in str(path):  # Python would raise a ValueError
-        raise OSError(errno.EINVAL, "its name holds a zero byte", str(path))
+        raise OSError(errno.EINVAL, "its name contains a zero byte", str(path))
     found = path.stat()
     if kind := _SPECIAL_FILES.get(stat.S_IFMT(found.st_mode)):
         raise OSError(errno.EINVAL, f"it is {kind}, not a file", str(path))
@@ -156,9 +159,9 @@ def check_regular(path: Path) -> None:
 
 
 def read_bytes(path: Path, limit: int) -> bytes:
-    """Return the content of a regular file of at most so many bytes; OSError if it cannot be read or is too large.
+    """Return the content of a regular file of at most `limit` bytes; raises OSError if this fails.
 
-    A file whose writer holds a lease is refused, because the writer could delay the reading for 45 s.
+    A file whose writer holds a lease is rejected, because the writer could delay the reading for 45 s.
     """
     check_regular(path)
     with open(path, "rb", opener=_open_at_once) as stream:
@@ -169,8 +172,11 @@ def read_bytes(path: Path, limit: int) -> bytes:
     return data
 
 
-def read_table(path: Path, needed: str = "the data set needs it") -> Iterator[bytes]:
-    """Yield a table of text in blocks of whole lines; InputError as `read_bytes`, or for too many or too long lines."""
+def read_table(path: Path, needed: str = "the data set requires it") -> Iterator[bytes]:
+    """Yield a text table in blocks of whole lines.
+
+    Raises InputError if the table cannot be read, is too large, or has too many or too long lines.
+    """
     lines = read = 0
     with refusing(f"cannot read '{path}'", needed):
         check_regular(path)
@@ -194,8 +200,8 @@ def read_table(path: Path, needed: str = "the data set needs it") -> Iterator[by
                 yield block
 
 
-def read_table_text(path: Path, needed: str = "the data set needs it") -> str:
-    """Return a table of text as a whole; InputError as `read_table`, or if it is no UTF-8."""
+def read_table_text(path: Path, needed: str = "the data set requires it") -> str:
+    """Return the complete text of a table; raises InputError like `read_table`, or if the text is not UTF-8."""
     with refusing(f"cannot read '{path}'", needed):
         return b"".join(read_table(path, needed)).decode("utf-8-sig")
 
@@ -206,28 +212,26 @@ def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:
 
 
 def expansion_limit(compressed: int) -> int:
-    """Return how many bytes something may become that is compressed to a number of bytes."""
+    """Return the maximum decompressed size, bytes, of data with a compressed size in bytes."""
     return max(FREE_BYTES, LARGEST_RATIO * compressed)
 
 
 def hash_path(path: Path) -> str:
-    """Return the SHA-256 of a file, or of the names and hashes of a folder's files that are not hidden."""
+    """Return the SHA-256 of a file, or of the names and hashes of all files in a folder that are not hidden."""
     path = Path(path)
     try:
         if path.is_file():
             with path.open("rb") as stream:
                 return hashlib.file_digest(stream, "sha256").hexdigest()
         if not path.is_dir():
-            raise InputError(f"there is no '{path}' to hash: give a file or folder")
+            raise InputError(f"cannot hash '{path}': it does not exist; give a file or folder")
         digest = hashlib.sha256()
         for name, file in sorted((file.relative_to(path).as_posix(), file) for file in path.rglob("*")):
             if file.is_file() and not any(part.startswith(".") for part in name.split("/")):
                 digest.update(f"{name}\0{hash_path(file)}\n".encode())
         return digest.hexdigest()
     except OSError as error:
-        raise InputError(
-            f"cannot read '{error.filename}' to hash it: {error.strerror}; check the permissions"
-        ) from error
+        raise InputError(f"cannot hash '{error.filename}': {error.strerror}; check the permissions") from error
 
 
 def hash_arrays(arrays: Iterable[NDArray[np.generic]]) -> str:
@@ -242,8 +246,8 @@ def hash_arrays(arrays: Iterable[NDArray[np.generic]]) -> str:
 def parse_json(text: str | bytes, parse_constant: Callable[[str], Any] | None = None) -> Any:  # noqa: ANN401 - any JSON
     """Return the value of a JSON text; `parse_constant` is called with NaN and Infinity, which are not JSON.
 
-    Raises ValueError if it is no JSON, nested too deeply, or holds an integer of more than 20 digits or half of a
-    surrogate pair, which no encoding takes.
+    Raises ValueError if the text is not JSON, is nested too deeply, or contains an integer of more than `MAX_DIGITS`
+    characters or half of a surrogate pair, which cannot be encoded.
     """
     text = text.decode("utf-8") if isinstance(text, bytes) else text
     try:
@@ -251,7 +255,7 @@ def parse_json(text: str | bytes, parse_constant: Callable[[str], Any] | None = 
     except RecursionError as error:
         raise ValueError("it is nested too deeply") from error
     level: list[Any] = [[value]]
-    for _ in range(MAX_DEPTH + 1):  # whoever walks through the value may do so by recursion
+    for _ in range(MAX_DEPTH + 1):  # callers may process the value recursively
         items = (item for part in level for item in (part.values() if isinstance(part, dict) else part))
         level = [item for item in items if isinstance(item, (dict, list))]
     if level:
@@ -263,14 +267,14 @@ def parse_json(text: str | bytes, parse_constant: Callable[[str], Any] | None = 
 
 def _integer(text: str) -> int:
     if len(text) > MAX_DIGITS:
-        raise ValueError(f"an integer of {len(text)} digits")
+        raise ValueError(f"an integer of {len(text)} digits is too long")
     return int(text)
 
 
 def parse_yaml(text: str) -> Any:  # noqa: ANN401 - any YAML
     """Return the value of a YAML text of plain types.
 
-    Raises YAMLError or ValueError if it is no YAML, nested too deeply, or its aliases stand for too many values.
+    Raises YAMLError or ValueError if the text is not YAML, is nested too deeply, or expands to too many values.
     """
     loader = _BoundedLoader(text)
     try:
@@ -279,14 +283,14 @@ def parse_yaml(text: str) -> Any:  # noqa: ANN401 - any YAML
             return None
         _expanded(node, {}, 0)
         return loader.construct_document(node)
-    except (AttributeError, TypeError, RecursionError) as error:  # of the library, for keys and tags it does not know
+    except (AttributeError, TypeError, RecursionError) as error:  # the library raises them for unknown keys and tags
         raise yaml.YAMLError(f"it cannot be read: {error}") from error
     finally:
         loader.dispose()
 
 
 class _BoundedLoader(yaml.SafeLoader):
-    """Loads plain types; nesting and integers are bounded."""
+    """Loader of plain types with bounded nesting and integers."""
 
     depth = 0
 
@@ -304,58 +308,58 @@ class _BoundedLoader(yaml.SafeLoader):
         for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
             if key.style is None and _EXPONENT.match(key.value):  # a name such as `1e-3`
                 key.tag = "tag:yaml.org,2002:str"
-            if (key.tag, key.value) in keys:  # the last one would count
-                raise yaml.YAMLError(f"'{key.value}' occurs twice, again in line {key.start_mark.line + 1}")
-            if key.tag != "tag:yaml.org,2002:merge":  # several are several maps
+            if (key.tag, key.value) in keys:  # the library would keep the last value
+                raise yaml.YAMLError(f"'{key.value}' occurs twice, the second time in line {key.start_mark.line + 1}")
+            if key.tag != "tag:yaml.org,2002:merge":  # several merge keys are several maps
                 keys.add((key.tag, key.value))
         return node
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
         if len(node.value) > 4 * MAX_DIGITS:
-            raise yaml.YAMLError(f"an integer of {len(node.value)} digits")
+            raise yaml.YAMLError(f"an integer of {len(node.value)} digits is too long")
         if node.value.lstrip("+-").isdecimal():  # `030` is 30 in YAML 1.2, 24 in 1.1
             return int(node.value)
         return int(super().construct_yaml_int(node))
 
 
 _BoundedLoader.add_constructor("tag:yaml.org,2002:int", _BoundedLoader.construct_yaml_int)
-# numbers as all else writes them: `1e-3` is one in YAML 1.2, a text in 1.1
+# `1e-3` is a number in YAML 1.2 and in other programs, but a string in YAML 1.1.
 _BoundedLoader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
 
 
 def _expanded(node: yaml.Node, sizes: dict[int, int], depth: int) -> int:
-    """Return how many values a node stands for once its aliases are written out; YAMLError if they are too many."""
+    """Return the number of values of a node after expansion of its aliases; raises YAMLError if it is too large."""
     if isinstance(node, yaml.ScalarNode):
         return 1
     if depth > MAX_DEPTH:
-        raise yaml.YAMLError("an alias stands within its own anchor, or it is nested too deeply")
+        raise yaml.YAMLError("an alias is within its own anchor, or the file is nested too deeply")
     if id(node) not in sizes:
         pairs = node.value if isinstance(node, yaml.MappingNode) else [node.value]
         sizes[id(node)] = 1 + sum(_expanded(item, sizes, depth + 1) for pair in pairs for item in pair)
     if sizes[id(node)] > MAX_NODES:
-        raise yaml.YAMLError(f"its aliases stand for more than {MAX_NODES} values")
+        raise yaml.YAMLError(f"its aliases expand to more than {MAX_NODES} values")
     return sizes[id(node)]
 
 
 def printable(text: str) -> str:
     r"""Return a text with unprintable characters written as in Python: ESC becomes `\x1b`.
 
-    A file can hold escape sequences that rename a window or overwrite lines, characters that turn the direction of
-    writing, halves of surrogate pairs that no encoding takes.
+    A file can contain escape sequences that rename a window or overwrite lines, characters that change the direction of
+    writing, and halves of surrogate pairs, which cannot be encoded.
     """
     return _UNPRINTABLE.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
 
 
 def one_line(text: str) -> str:
-    """Return a message as one printable line of bounded length; the middle of a longer one is omitted."""
+    """Return a message as one printable line of bounded length. The middle of a longer message is omitted."""
     line = printable(" ".join(text.split()))
     if len(line) <= MAX_MESSAGE:
         return line
     left_out = len(line) - MAX_MESSAGE
-    return f"{line[: MAX_MESSAGE - _TAIL]} ... ({left_out} characters left out) ... {line[-_TAIL:]}"
+    return f"{line[: MAX_MESSAGE - _TAIL]} ... ({left_out} characters omitted) ... {line[-_TAIL:]}"
 
 
 _COMMIT_FILE = Path(__file__).with_name("commit.txt")  # setup.py writes it
 GIT = _COMMIT_FILE.read_text(encoding="utf-8").split() if _COMMIT_FILE.is_file() else []
-"""Commit that the package was built from, `-dirty` if changed since, its branch and date; empty where not known."""
+"""Commit of the package, with `-dirty` if files were changed, branch and date of the build; empty if unknown."""
 COMMIT = GIT[0] if GIT else None

@@ -1,10 +1,11 @@
-"""Loads the kernels of a part; where they are not compiled yet, a process of its own compiles them first.
+"""Load the kernels of a part. If they are not compiled yet, a separate process compiles them first.
 
     python -m sfr_loc_map.kernels localisation mapping terrain
 
-The compiler takes some 300 MB, and a process does not give them back: in a first run after an installation they would
-be scored as memory of the localiser or the mapper. So a compilation that begins here is refused, this module is run
-beside, and what it left in the cache is loaded. Each part takes up to a minute of one core the first time.
+The compiler takes about 300 MB, which a process does not release. In the first run after an installation, this memory
+would be scored as memory of the localiser or the mapper. A compilation that begins in this process is therefore
+stopped, this module is run in a separate process, and the kernels are loaded from the cache. Each part takes up to a
+minute of one core the first time.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ from sfr_loc_map.child_process import child_environment, end_with_parent
 from sfr_loc_map.jit import KERNELS
 from sfr_loc_map.signals import END_SIGNALS
 
-COMPILE = "numba:compile"  # event: a kernel is compiled; none for one that is loaded from the cache
+COMPILE = "numba:compile"  # numba's event of a compilation; loading from the cache has no event
 POLL_S = 0.1
-PERIOD_S = 3.0  # of lines that say how far a compilation is
-SIGNAL_S = 1.0  # how long after a signal has ended the compiling process this one may still learn of it
+PERIOD_S = 3.0  # period of progress lines
+SIGNAL_S = 1.0  # maximum delay until this process receives the signal that ended the compiling process
 Say = Callable[[str], None]
 _ONE_AT_A_TIME = threading.Lock()
 
@@ -45,11 +46,11 @@ def load_kernels(
     say: Say = lambda line: print(line, file=sys.stderr, flush=True),
     is_wanted: Callable[[], bool] | None = None,
 ) -> None:
-    """Load all kernels of a part, so that no later call pays for it.
+    """Load all kernels of a part, so that no later call has to load or compile them.
 
-    Signals that end a program take effect, where Python handles them, when that is done. Kernels that had to be
-    compiled and are wanted no more end in KeyboardInterrupt: `is_wanted` says so where no exception does, as in a ROS
-    node, and the handlers of signals are then left as they are.
+    Signals that end a program are deferred until the kernels are loaded or the compilation has stopped. In a ROS node,
+    signals raise no exception. A node passes `is_wanted` instead, and its signal handlers are left unchanged. If the
+    kernels are no longer wanted, the compilation stops with KeyboardInterrupt.
     """
 
     def refuse(_: object) -> None:
@@ -60,14 +61,14 @@ def load_kernels(
             raise KeyboardInterrupt
 
     with _signals_deferred() if is_wanted is None else nullcontext(is_wanted) as goes_on, _ONE_AT_A_TIME:
-        with event.install_listener(COMPILE, _Listener(refuse)):  # it hears all threads
+        with event.install_listener(COMPILE, _Listener(refuse)):  # it is called in all threads
             try:
                 PARTS[part]()
                 return
-            except _NotCompiledError:  # refused all the while: other threads of the part have not ended yet
+            except _NotCompiledError:  # within the listener, because other threads may still run
                 _compile_beside(part, say, goes_on)
         guard = event.install_listener(COMPILE, _Listener(end_when_unwanted))
-        with guard, announce_compilation(say):  # of what could not be kept: the cache may be read-only
+        with guard, announce_compilation(say):  # for kernels that were not saved, as in a read-only cache
             PARTS[part]()
 
 
@@ -76,7 +77,7 @@ class _NotCompiledError(Exception):
 
 
 class _Listener(event.Listener):
-    """Calls a function with the kernel before each compilation, which an exception of it ends."""
+    """Calls a function with the kernel before each compilation. An exception in the function stops the compilation."""
 
     def __init__(self, before: Callable[[object], None]) -> None:
         self._before = before
@@ -90,9 +91,9 @@ class _Listener(event.Listener):
 
 @contextmanager
 def announce_compilation(say: Say) -> Iterator[None]:
-    """Say which of how many kernels is compiled within the `with` block, and how long it took; where none is, nothing.
+    """Report progress and duration of compilations within the `with` block.
 
-    Of those of the modules that are loaded a part uses nearly all.
+    The reported total is the number of kernels in all loaded modules. A part uses nearly all of them.
     """
     begin_s = said_s = 0.0
     done: set[object] = set()
@@ -103,7 +104,7 @@ def announce_compilation(say: Say) -> Iterator[None]:
         done.update({kernel} & KERNELS)
         if not begin_s:
             begin_s = said_s = now_s
-            say("compiles its kernels, once after an installation: this takes about a minute")
+            say("compiling kernels, once after an installation: this takes about a minute")
         elif now_s - said_s >= PERIOD_S:
             said_s = now_s
             say(f"compiling: kernel {len(done)} of at most {len(KERNELS)}")
@@ -116,14 +117,14 @@ def announce_compilation(say: Say) -> Iterator[None]:
 
 @contextmanager
 def _signals_deferred() -> Iterator[Callable[[], bool]]:
-    """Call Python's handlers of `END_SIGNALS` afterwards; yield what tells whether there was no such signal.
+    """Defer Python's handlers of `END_SIGNALS`; yield a function that returns whether no such signal was received.
 
-    numba loads compiled code in a callback from C. An exception of a handler there is discarded, and numba then calls a
+    Numba loads compiled code in a callback from C. An exception in a handler is discarded there, and numba then calls a
     kernel that is not loaded (SIGSEGV).
     """
     received: list[int] = []
     before: dict[int, Callable[[int, FrameType | None], Any]] = {}
-    if threading.current_thread() is threading.main_thread():  # no other may set handlers, or runs them
+    if threading.current_thread() is threading.main_thread():  # only it may set handlers, and only it runs them
         for number in END_SIGNALS:
             if callable(handler := signal.getsignal(number)):
                 before[number] = handler
@@ -157,12 +158,12 @@ def _compile_beside(part: str, say: Say, is_wanted: Callable[[], bool]) -> None:
     if not is_wanted():
         raise KeyboardInterrupt
     if child.returncode != 0:
-        say(f"the process that compiles ended with exit code {child.returncode}: the kernels are compiled here")
+        say(f"the compiling process ended with exit code {child.returncode}: kernels are compiled in this process")
 
 
 if __name__ == "__main__":
     end_with_parent(signal.SIGTERM)  # compilation ends with the process that waits for it
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # it goes to the whole terminal: no traceback beside the one who waits
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # a terminal signals both processes: avoid a second traceback
     with announce_compilation(lambda line: print(line, flush=True)):
         for part in sys.argv[1:]:
             PARTS[part]()

@@ -1,4 +1,4 @@
-"""The kernel's high-water mark of a process's resident memory (VmHWM), which is reset before what is measured."""
+"""High-water mark of a process's resident memory (VmHWM), which is reset before a measurement."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from contextlib import suppress
 
 
 def reset_peak(process: int | str) -> int | None:
-    """Reset the high-water mark of a process's resident memory; return what is resident, bytes.
+    """Reset the high-water mark of a process's resident memory; return the current resident memory, bytes.
 
-    The process is a number or `self`. None if the kernel has no mark that can be reset.
+    The process is a process id or `self`. The result is None if the mark cannot be reset.
     """
     try:
         with open(f"/proc/{process}/clear_refs", "wb", buffering=0) as marks:

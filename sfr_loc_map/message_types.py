@@ -1,4 +1,4 @@
-"""Names of the message types of ROS 2 that the suite reads and writes; levels and kinds of a status on /diagnostics."""
+"""Names of the ROS 2 message types that the suite reads and writes; levels and kinds of a status on /diagnostics."""
 
 from enum import IntEnum, StrEnum
 
@@ -32,16 +32,16 @@ class Level(IntEnum):
 
     @property
     def word(self) -> str:
-        """The level in the JSON of the live page, and for people."""
+        """Name of the level in texts and in the JSON of the live page."""
         return "warning" if self is Level.WARN else self.name.lower()
 
 
 class StatusKind(StrEnum):
-    """What a status of a node on /diagnostics is about; its name is `NODE: KIND`."""
+    """Kind of a node's status on /diagnostics. The name of the status is `NODE: KIND`."""
 
     HEALTH = "health"
     CALL = "call"
     INPUT = "input"
     """An input that cannot be used."""
     FAULT = "fault"
-    """An exception within the node that was not foreseen."""
+    """An unexpected exception in the node."""

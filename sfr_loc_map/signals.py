@@ -1,8 +1,9 @@
 """Signals that end a command: SIGINT, SIGTERM and SIGHUP.
 
-`cli.main` handles them from its start. What runs gets a KeyboardInterrupt, or what `stopping` was given is called; from
-`hold` on, when what was finished is written and children are ended, a signal is ignored. One wish often comes twice (a
-terminal and `timeout` signal a process and its group): a signal within a second of another one is part of it.
+`cli.main` handles these signals from its start. A signal raises KeyboardInterrupt or calls the function given to
+`stopping`. After `hold`, while finished results are written and children are ended, signals are ignored. A single
+request often causes two signals, because a terminal and `timeout` signal both a process and its group. A signal within
+a second of the previous one is therefore ignored.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ AGAIN_S = 0.1
 
 
 class _Wish:
-    """What a signal does at the moment."""
+    """Current handling of signals."""
 
     held = ignored = False
     last_s = -SAME_WISH_S
@@ -42,21 +43,21 @@ def handle_signals() -> None:
 
 
 def ignore_signals() -> None:
-    """Ignore signals for good: all is done, and the end of Python itself takes a moment."""
+    """Ignore signals permanently while Python itself exits."""
     for number in END_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 
 
 def hold() -> None:
-    """Ignore signals until the program ends, which is soon: what was finished is written, children are ended."""
+    """Ignore signals until the program ends. Meanwhile, finished results are written and children are ended."""
     _now.held = True
 
 
 @contextmanager
 def stopping(stop: Callable[[], object] = lambda: None) -> Iterator[Callable[[], bool]]:
-    """Let the first signal within the block call `stop`, the next one interrupt; give whether there was one.
+    """Let the first signal within the block call `stop` and the next one interrupt.
 
-    One that `hold` has ignored before counts.
+    Yield a function that returns whether a signal was received. A signal that was ignored after `hold` counts.
     """
     received, held = [True] * _now.ignored, _now.held
 
@@ -75,7 +76,7 @@ def stopping(stop: Callable[[], object] = lambda: None) -> Iterator[Callable[[],
 
 @contextmanager
 def deferred_signals() -> Iterator[None]:
-    """Let signals come after the block, and never to processes started within it that do not ask for them."""
+    """Block signals until the end of the `with` block. Processes started within the block inherit the blocking."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, END_SIGNALS)
     try:
         yield
@@ -96,7 +97,7 @@ def _received(number: int, frame: FrameType | None) -> None:
 
 
 def _unraisable(problem: Any) -> None:  # noqa: ANN401 - sys.UnraisableHookArgs is a name for type checkers alone
-    """Send a signal again whose exception was lost in a place that no exception can leave, as `__del__`."""
+    """Repeat a signal whose exception was lost where no exception can propagate, as in `__del__`."""
     if not issubclass(problem.exc_type, KeyboardInterrupt):
         sys.__unraisablehook__(problem)
         return

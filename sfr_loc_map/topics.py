@@ -1,4 +1,4 @@
-"""The topics of the suite: what each is for, its type, and whether it is recorded and read from a bag.
+"""The topics of the suite: role, type, and whether a topic is recorded and read from a bag.
 
 Names are relative, so that a namespace or a remapping applies to them. Every list of topics is a filter of `TOPICS`.
 """
@@ -18,7 +18,7 @@ IMAGES = {
     for image in (RECTIFIED, RAW)
     for end, kind in (("", message_types.IMAGE), (COMPRESSED_END, message_types.COMPRESSED))
 }
-"""Types of the images of a camera, by the last part of their topic; of several published ones the first is shown."""
+"""Message types of a camera's images by the last part of the topic. If several are published, the first is shown."""
 CAMERAS = tuple(f"{task.rig}/{side}" for task in Task for side in SIDES)
 NAV_POSE, INITIAL_POSE, MOTION_PRIOR, JOINTS = "nav/pose", "initialpose", "motion_prior", "joint_states"
 TRUE_POSES, TRUE_POINTS = "ground_truth/odometry", "ground_truth/points"
@@ -30,13 +30,13 @@ DIAGNOSTICS, TF, TF_STATIC, CLOCK = "/diagnostics", "/tf", "/tf_static", "/clock
 
 
 class Role(StrEnum):
-    """What a topic is for."""
+    """Purpose of a topic."""
 
     INPUT = "input"  #: Required by a node.
     OPTIONAL = "optional input"
     TRUTH = "truth"
-    RESULT = "result"  #: Of localisation or mapping.
-    REPORT = "report"  #: Of a node about itself, the run or its configuration.
+    RESULT = "result"  #: Result of localisation or mapping.
+    REPORT = "report"  #: Report of a node about itself, the run or its configuration.
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,14 +44,14 @@ class Topic:
     """One topic of the suite."""
 
     name: str
-    msgtype: str  #: Of true poses the first of several types.
+    msgtype: str  #: Message type; for true poses the first of several types.
     role: Role
     is_recorded: bool = True  #: Whether `sfr record` records it unless topics are chosen.
     is_read: bool = False  #: Whether it is read from a bag.
 
 
 def call_topic(task: Task) -> str:
-    """Return the topic of the calls of a node."""
+    """Return the topic of the call records of a task's node."""
     return f"{task.node}/call"
 
 
@@ -98,13 +98,13 @@ _TOPICS = (
     Topic(CLOCK, message_types.CLOCK, Role.OPTIONAL),
 )
 TOPICS = {topic.name: topic for topic in _TOPICS}
-"""All topics but single figures for plots (`metrics/position/mean`), which `REPORT` has together."""
+"""All topics except those of single figures for plots (`metrics/position/mean`). `REPORT` contains these figures."""
 RESULTS = {Task.LOCALISATION: ESTIMATE, Task.MAPPING: CLOUD}
 """Topics that carry the results of a task."""
 
 
 def names(*roles: Role, recorded: bool | None = None, read: bool | None = None) -> tuple[str, ...]:
-    """Return the names of the topics with one of some roles (none: all) that are recorded or read, if that is asked."""
+    """Return the names of the topics with one of the roles (default: all), filtered by `recorded` and `read`."""
     found = []
     for topic in TOPICS.values():
         is_asked = recorded in (None, topic.is_recorded) and read in (None, topic.is_read)

@@ -132,8 +132,8 @@ def test_wrong_calls_say_what_to_do(folder: Path, cloud: suite.PointCloud) -> No
         (lambda: suite.score(folder, folder, spacin=3), "no setting 'spacin'"),  # type: ignore[call-arg]
         (lambda: suite.score(folder, folder, frames="odd"), "must be truth or images"),
         (lambda: suite.score(cloud, folder, apply_diagnosis=True), "omit them for a cloud"),
-        (lambda: suite.score(cloud, folder, [5]), "conditions has 5: texts are required"),  # type: ignore[list-item]
-        (lambda: suite.score(cloud, folder, 5), "conditions has 5: texts are required"),  # type: ignore[arg-type]
+        (lambda: suite.score(cloud, folder, [5]), "conditions has 5: strings are required"),  # type: ignore[list-item]
+        (lambda: suite.score(cloud, folder, 5), "conditions has 5: strings are required"),  # type: ignore[arg-type]
         (lambda: suite.score(3, folder), "estimate is of type int: a path or a Trajectory or PointCloud"),  # type: ignore[arg-type]
         (lambda: suite.score(cloud, [1]), "truth is of type list"),  # type: ignore[arg-type]
         (lambda: suite.score(cloud, folder, limits=[1]), "limits is of type list"),  # type: ignore[arg-type]

@@ -114,7 +114,7 @@ def test_bad_estimate(sfr: Sfr, tmp_path: Path, out: Path, name: str, content: s
 @pytest.mark.parametrize(
     ("output", "words"),
     [
-        ("{tmp}/nowhere/o.{end}", "there is no folder .*; make it first"),
+        ("{tmp}/nowhere/o.{end}", "there is no folder .*; create it first"),
         ("{tmp}/out/o.xyz", "must end in"),
         ("/proc/sfr_o.{end}", "cannot write .*; check"),
     ],
