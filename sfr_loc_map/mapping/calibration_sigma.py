@@ -30,11 +30,11 @@ class CalibrationSigma(NamedTuple):
     `CalibrationUncertainty` has the configured values in deg and pixels.
     """
 
-    yaw_rad: float = 0.0  #: Of the right camera.
-    pitch_rad: float = 0.0  #: Of the right camera.
-    roll_rad: float = 0.0  #: Of the right camera.
-    focal_fraction: float = 0.0  #: Of the focal length.
-    baseline_fraction: float = 0.0  #: Of the baseline.
+    yaw_rad: float = 0.0  #: Yaw of the right camera.
+    pitch_rad: float = 0.0  #: Pitch of the right camera.
+    roll_rad: float = 0.0  #: Roll of the right camera.
+    focal_fraction: float = 0.0  #: Focal length, as a fraction.
+    baseline_fraction: float = 0.0  #: Baseline, as a fraction.
     distortion_rad: float = 0.0  #: Residual distortion along rows, as an angle.
 
 
@@ -46,8 +46,8 @@ def is_yaw_significant(rotation: CameraRotation, rig: StereoRig, configured: Cal
 def _yaw_threshold_rad(rotation: CameraRotation, rig: StereoRig, configured: CalibrationUncertainty) -> float:
     """Return the largest yaw that is not significant, rad.
 
-    Residual distortion can cause a saddle like a yaw. The accuracy of the yaw is therefore limited to the yaw whose
-    saddle equals the configured distortion in the corners.
+    Residual distortion can cause a saddle like that of a yaw. The accuracy of the yaw is therefore limited to the yaw
+    whose saddle equals the configured distortion in the corners.
     """
     corner_saddle = 0.25 * rig.width * rig.height / (rig.fx * rig.fy)  # x y in the corner, normalised coordinates
     distortion_rad = configured.distortion_px / (rig.fy * corner_saddle)
@@ -70,9 +70,9 @@ def calibration_sigma(rotation: CameraRotation, rig: StereoRig, configured: Cali
     roll may have other causes. Let `all` be the root mean square of the vertical disparity over the image, and `rest`
     the root mean square without offset and roll. The distortion is
 
-        min(max(configured, rest), all)    if the vertical disparity was measured max(configured, rest)
-        otherwise; the rest is then what the correction has removed 0                                  if the configured
-        distortion is 0
+        min(max(configured, rest), all)    if the vertical disparity was measured
+        max(configured, rest)              otherwise; `rest` then covers only what the correction has removed
+        0                                  if the configured distortion is 0
     """
     yaw_rad = math.radians(configured.yaw_deg)
     if is_yaw_significant(rotation, rig, configured):

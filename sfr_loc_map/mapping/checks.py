@@ -27,8 +27,8 @@ SWAPPED_FACTOR = 1.5
 """Images are probably swapped if exchanging them multiplies the number of matched pixels by more than this factor.
 Chosen by hand."""
 MIN_SWAPPED_FRACTION = 0.5
-"""Minimum fraction of matched pixels of the exchanged images if the images are swapped. On the same data sets, 0.75 or
-more of the pixels of swapped images match after the exchange, and 0.2 or less of the pixels of unrelated images."""
+"""Images are probably swapped only if more than this fraction of the pixels matches after the exchange. On the same
+data sets the fraction is 0.75 or more for swapped images, and 0.2 or less for unrelated images."""
 
 
 def check_index(index: int) -> None:
@@ -79,7 +79,7 @@ def check_matches(pair: StereoPair, disparity_map: DisparityMap, disparity_count
 
 
 def _likely_cause(pair: StereoPair, disparity_count: int) -> str:
-    """Return the likely cause of a mismatch, from matching downsampled images as given and exchanged."""
+    """Return the likely cause of a mismatch, from matching the downsampled images in both orders."""
     height, width = pair.left.shape
     size = (width // COARSE_FACTOR, height // COARSE_FACTOR)
     left = np.asarray(cv2.resize(pair.left, size, interpolation=cv2.INTER_AREA), np.uint8)

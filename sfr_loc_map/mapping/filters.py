@@ -15,8 +15,8 @@ VARIANCE_SIDE = 7  #: Side of the window of a local variance, pixels. Its 49 sam
 class SecondDifferences(NamedTuple):
     """Second differences of an image, `(H, W)` each."""
 
-    along_x: FloatImage  #: Along rows.
-    along_y: FloatImage  #: Along columns.
+    along_x: FloatImage  #: Differences along rows.
+    along_y: FloatImage  #: Differences along columns.
 
 
 def box_mean(image: FloatImage, side: int) -> FloatImage:

@@ -33,7 +33,7 @@ The stages of `Mapper.fuse`:
    the earlier pairs.
 3. `fuse_views` (`multiview/fusion`, `multiview/projection`) -> `FusedViews`: points on which pairs agree move along
    their rays to the inverse-variance weighted mean. Of several points that sample the same spot, one is kept. A point
-   is dropped if a pair with a larger weight observes a farther surface behind it.
+   is dropped if a pair with a larger weight observes a surface behind the point.
 4. `point_sigma` (`point_sigma`) -> `PointSigma`: sigma of the fused points, as for one pair.
 
 No stage changes its arguments. The only state of the mapper is its rig, its parameters and the disparity search range

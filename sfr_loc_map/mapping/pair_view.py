@@ -89,7 +89,7 @@ class ViewImages(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairView:
-    """One stereo pair as registration and fusion use it."""
+    """Data of one stereo pair for registration and fusion."""
 
     points: ViewPoints
     images: ViewImages  #: The disparities, and the sigmas and grey levels of the points at their pixels.

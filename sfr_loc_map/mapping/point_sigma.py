@@ -19,18 +19,19 @@ image_noise.noise_variance             variance of a residual, which divides the
 variational_refinement.linearise       information and information vector / max(mean chi2 / mean weight,
                                        `block_variance_ratio` of the noise, at least 1), means over WINDOW_CELLS
 uncertainty.disparity_sigma            variance 1 / (8 sqrt(h s)) + (SMOOTHING_BIAS curvature)^2 s / h +
-                                       (CREASE_BIAS crease)^2, with the information h less NOISE_INFORMATION, at least
-                                       MIN_INFORMATION, the smoothness weight s, the curvature at most
-                                       MAX_CURVATURE_MEDIANS medians and the crease at most MAX_CREASE_PX; means over
-                                       WINDOW_CELLS, of the crease over CREASE_CELLS; sigma at most MAX_SIGMA_PX
+                                       (CREASE_BIAS crease)^2. The information h is reduced by NOISE_INFORMATION and at
+                                       least MIN_INFORMATION, s is the smoothness weight, the curvature is at most
+                                       MAX_CURVATURE_MEDIANS medians, and the crease is at most MAX_CREASE_PX. Means
+                                       are over WINDOW_CELLS, for the crease over CREASE_CELLS. Sigma is at most
+                                       MAX_SIGMA_PX
 hole_filling.fill_holes                max(sigma, MIN_FILLED_SIGMA_PX) at filled pixels
 reprojection.points_from_disparity     abs(ray) Z^2 / (fx baseline) sigma, from pixels to metres
 multiview.fusion (only fused points)   variance c sigma^2 + (1 - c) sum w_i^2 s_i^2 / (sum w_i)^2, with the weights
                                        w_i = feather / s_i^2 and c = COMMON_VARIANCE
-_widened_sigma                         (1 + SIGMA_GROWTH f) sigma, f the saturated fraction of a square of side
+_widened_sigma                         (1 + SIGMA_GROWTH f) sigma, with the saturated fraction f of a square of side
                                        NEARBY_SIDE_PX (`saturation`)
 total_sigma                            variance sigma^2 + r^2 (a^2 (fx / d)^2 + focal^2 + baseline^2), with the angle a
-                                       of the uncertainty of `calibration_sigma`
+                                       of `total_sigma` from the result of `calibration_sigma`
 =====================================  =================================================================================
 
 A significant yaw and a pitch above its threshold are added to the configured values in quadrature. A set of pairs uses
@@ -67,9 +68,9 @@ from sfr_loc_map.mapping.disparity.saturation import Saturation
 from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
 
 SIGMA_GROWTH = F(1.5)
-"""Relative growth of sigma in a completely saturated neighbourhood. In images that are half clipped, the factor `1 +
-1.5 f` for the saturated fraction f exceeds the growth of the median error. For f up to 0.7 it is at most 12 % below the
-growth of the 99.7 % quantile of the error (measurements/mapper_trials.md)."""
+"""Relative growth of sigma in a completely saturated neighbourhood. In images that are half clipped, the factor
+`1 + 1.5 f` for the saturated fraction f exceeds the growth of the median error. For f up to 0.7 it is at most 12 %
+below the growth of the 99.7 % quantile of the error (measurements/mapper_trials.md)."""
 SIGMA_FACTORS = F(1.0) + SIGMA_GROWTH / F(255.0) * np.arange(256, dtype=F)
 """Factor on sigma, indexed by `Saturation.nearby_fraction_255`. Beside saturated pixels the measured noise is too
 small, because clipping removes noise."""

@@ -1,7 +1,7 @@
 """The disparity field on cells of 2 x 2 pixels, computed from an initial disparity and interpolated at pixels.
 
-Images are padded, so that their cells can be grouped up to the coarsest grid of the refinement. Fields on cells `(h,
-w)` cover the padded image, and disparities `(H, W)` cover the original image.
+Images are padded, so that their cells can be grouped up to the coarsest grid of the refinement. Fields on cells
+`(h, w)` cover the padded image, and disparities `(H, W)` cover the original image.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def _cells_from_pixels(disparity: FloatImage) -> FloatImage:
 
 @jit_rows
 def _extended_from_farther(cells: FloatImage) -> FloatImage:
-    """Return the cells, where missing disparities are those of the farther neighbour along the row.
+    """Return the cells with missing disparities taken from the farther neighbour along the row.
 
     Most cells without a disparity are occluded in the right image, and the occluded surface is the farther one.
     """

@@ -50,8 +50,8 @@ def conjugate_gradient_step(
 ) -> FloatImage:
     """Return the change of a field on one grid `(h, w)`, pixels, at most `MAX_SOLVED_STEP_PX`.
 
-    The change s solves `(diag(information) + A' W A) s = information_vector - A' W A field` approximately, by a fixed
-    number of preconditioned conjugate gradient iterations. The notation is that of Shewchuk (1994), section B3:
+    The change s solves `(diag(information) + A' W A) s = information_vector - A' W A field` approximately, by at most
+    `iterations` preconditioned conjugate gradient iterations. The notation is that of Shewchuk (1994), section B3:
     direction d, residual r, preconditioner M, `delta = r' M r`, `alpha = delta / d' q` with q the matrix times d, and
     `beta` the ratio of successive deltas.
     """

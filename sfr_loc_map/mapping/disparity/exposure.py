@@ -13,9 +13,9 @@ from sfr_loc_map.mapping.disparity.photometric_residual import photometric_resid
 
 EXPOSURE_STRIDE = 4  #: Exposures are compared on every fourth pixel of every fourth row, which is enough for quantiles.
 MIN_GREY = 2.0
-"""Pixels up to this grey level may be saturated and are excluded from the exposure. Saturation itself means 0 or 255
-(`saturation`). Chosen by hand."""
-MAX_GREY = 253.0  #: Pixels from this grey level may be saturated and are excluded from the exposure. Chosen by hand.
+"""Pixels up to this grey level may be saturated and are excluded from the exposure. Pixels count as saturated only at 0
+and 255 (`saturation`). Chosen by hand."""
+MAX_GREY = 253.0  #: Pixels from this grey level on may be saturated and are excluded as well. Chosen by hand.
 EXPOSURE_QUANTILES = (0.1, 0.5, 0.9)  #: Quantiles of the grey levels that are compared; outliers are beyond them.
 MIN_GREY_RANGE = 8.0
 """Minimum range between the outer quantiles for a gain, grey levels. Rounding changes the ratio of smaller ranges by

@@ -108,7 +108,7 @@ def fill_holes(disparity_map: DisparityMap) -> DisparityMap:
     """Return the disparity map with filled holes; completely saturated neighbourhoods stay invalid.
 
     The standard deviation of a filled disparity is at least `MIN_FILLED_SIGMA_PX`. The map is returned unchanged if
-    fewer than `MIN_SAMPLES` valid pixels beside holes are available for the maximum cost.
+    fewer than `MIN_SAMPLES` samples are available for the maximum cost.
     """
     measured = disparity_map.valid
     unsaturated = ~disparity_map.saturation.saturated
@@ -150,7 +150,7 @@ def _scene(disparity_map: DisparityMap, px: FloatImage, valid: Mask, allowed: Ma
 
 
 def _filled(scene: HoleScene, cost_limit: np.float32, min_margin: np.float32) -> FilledPixels:
-    """Return the disparities after one pass.
+    """Return the disparities and the accepted pixels of one pass.
 
     A proposed disparity is accepted if enough of its neighbours are on its surface and the right image does not
     contradict it (`_on_their_surface`).

@@ -22,8 +22,8 @@ MIN_PER_BIN = 50  #: Minimum number of residuals in each range: the variance is 
 SAMPLED_PIXELS = np.s_[::8, ::4]  #: Pixels whose residuals are used to measure the noise: 30 000 of 1 megapixel.
 SAMPLED_CELLS = np.s_[::4, ::2]  #: The cells of these pixels.
 MIN_LEVEL_VARIANCE = 1.0
-"""Lower bound of the variance of the grey levels, grey levels squared: it is a divisor, and closer levels give no
-slope."""
+"""Lower bound of the variance of the grey levels, grey levels squared. The variance is a divisor, and close grey levels
+do not determine a slope."""
 NOISE_MASK = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]], F)
 """Difference of two Laplacians, which cancels smooth structure (Immerkaer 1996)."""
 NOISE_GAIN = 6.0  #: Factor by which the mask amplifies white noise: the root of its sum of squares.

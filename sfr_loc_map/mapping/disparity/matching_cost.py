@@ -53,16 +53,16 @@ class ConstantCost(NamedTuple):
 
     cost: np.float32  #: Weighted mean absolute difference, grey levels; `NO_COST` outside the right image.
     #: Mean absolute difference of 3 x 3 pixels, grey levels; `NO_COST` if the window is outside the right image. It is
-    #: 0 if a part of the window is inside but none of these pixels, as in the training of the network.
+    #: 0 if a part of the window is inside but none of the 3 x 3 pixels is, as in the training of the network.
     close_cost: np.float32
-    effective_pixels: np.float32  #: Number of pixels with equal weights that have the same variance of the mean.
+    effective_pixels: np.float32  #: Number of equally weighted pixels whose mean has the same variance.
 
 
 class PlaneCost(NamedTuple):
     """Matching cost of a pixel on a plane."""
 
     cost: np.float32  #: Weighted mean absolute difference, grey levels; `NO_COST` outside the right image.
-    effective_pixels: np.float32  #: Number of pixels with equal weights that have the same variance of the mean.
+    effective_pixels: np.float32  #: Number of equally weighted pixels whose mean has the same variance.
 
 
 @jit_rows_inline
@@ -80,7 +80,7 @@ def constant_cost(left: FloatImage, right: FloatImage, y: int, x: int, disparity
     last = min(x + WINDOW_RADIUS, cols - 1 + whole, cols - 1)
     for v in range(max(0, y - WINDOW_RADIUS), min(rows, y + WINDOW_RADIUS + 1)):
         for u in range(first, last + 1):
-            value = linear(right[v, u - whole], right[v, u - whole - 1], fraction)  # `fraction` to the left
+            value = linear(right[v, u - whole], right[v, u - whole - 1], fraction)  # sampled `fraction` to the left
             difference = min(abs(value - left[v, u]), MAX_DIFFERENCE)
             weight = _support_weight(left, y, x, v, u)
             total += weight * difference

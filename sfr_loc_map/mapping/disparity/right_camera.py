@@ -1,7 +1,7 @@
 """The rotation of the right camera relative to its calibration, from the vertical disparity of a pair.
 
-A camera that is rotated by the small angles `w` about its axes (x right, y down, z forward) observes the point `(x,
-y)`, in normalised coordinates, to first order at
+A camera that is rotated by the small angles `w` about its axes (x right, y down, z forward) observes the point
+`(x, y)`, in normalised coordinates, to first order at
 
     x' = x - wy (1 + x^2) + wz y + wx x y
     y' = y + wx (1 + y^2) - wz x - wy x y
@@ -26,8 +26,8 @@ from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.vertical_disparity import fit_vertical_disparity
 
 MIN_ROTATION_COUNT = 5000
-"""Minimum number of valid samples for measuring the rotation: five times that of the correction, because five
-coefficients are fitted, of which the saddle is the least observable."""
+"""Minimum number of valid samples for measuring the rotation: five times that of the correction, because there are five
+coefficients, of which the saddle is the least observable."""
 MIN_ROTATION_PX = 0.05
 """Minimum vertical disparity at the image edge that counts as a rotation, pixels. Smaller values are measurement noise
 (about 0.02 pixels) or residual distortion."""

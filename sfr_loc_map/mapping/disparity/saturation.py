@@ -11,11 +11,11 @@ from sfr_loc_map.geometry.arrays import F, FloatImage, GreyImage, Mask
 from sfr_loc_map.mapping.filters import square
 
 SATURATED_SQUARE_PX = 5
-"""A pixel is invalid if the square with this side around the pixel is completely saturated, pixels. Its slope, computed
-from five columns and three rows, is then 0."""
+"""Side of the square around a pixel, pixels. If the square is completely saturated, the pixel is invalid. Its slope,
+computed from five columns and three rows, is then 0."""
 NEARBY_SIDE_PX = 11
-"""Side of the square in which saturated pixels increase the sigma of a pixel (`point_sigma`), pixels.
-Chosen by hand: the refinement smooths over a few cells of two pixels."""
+"""Side of the square in which saturated pixels increase the sigma of a pixel (`point_sigma`), pixels. Chosen by hand:
+the refinement smooths over a few cells of two pixels."""
 
 SATURATED_GREY_LEVELS = np.where(np.isin(np.arange(256), (0, 255)), 255, 0).astype(np.uint8)
 """Lookup table by grey level: 255 if the level is saturated, otherwise 0."""
@@ -33,7 +33,7 @@ class Saturation:
 def measure_saturation(left: GreyImage, right: GreyImage, disparity_px: FloatImage) -> Saturation:
     """Return the saturation around each pixel and its corresponding pixel.
 
-    The disparities are defined everywhere.
+    The disparities must be defined everywhere.
     """
     saturated_left = cv2.LUT(left, SATURATED_GREY_LEVELS)
     saturated_right = cv2.LUT(right, SATURATED_GREY_LEVELS)
@@ -47,7 +47,7 @@ def measure_saturation(left: GreyImage, right: GreyImage, disparity_px: FloatIma
 
 
 def _warped(right: cv2.typing.MatLike, disparity_px: FloatImage) -> cv2.typing.MatLike:
-    """Return the right image at the pixels of the left one, 0 outside."""
+    """Return the right image at the pixels of the left image, 0 outside."""
     rows, cols = disparity_px.shape
     x = np.arange(cols, dtype=F) - disparity_px
     y = np.arange(rows, dtype=F)[:, None].repeat(cols, axis=1)

@@ -18,18 +18,18 @@ to the variance of a residual. The slope is measured in the mean of both images,
 residual's variance."""
 MIN_INFORMATION = F(1e-3)  #: Lower bound of the information of a cell, 1 / px^2; it must not be 0.
 MAX_SIGMA_PX = F(2.0)
-"""Upper bound of the standard deviation, pixels. Chosen by hand: the closed form is linear, and an error of more than
-one or two pixels is a wrong match, which the validity tests detect."""
+"""Upper bound of the standard deviation, pixels. Chosen by hand: the closed form assumes linearity, and an error of
+more than one or two pixels is a wrong match, which the validity tests detect."""
 SMOOTHING_BIAS = F(0.34)
-"""Error per pixel of second difference and per squared smoothing radius, in cells. Chosen on rendered ground of several
-kinds, with several illuminations and cameras (measurements/mapper_trials.md)."""
+"""Error in pixels at a second difference of 1 pixel and a smoothing radius of 1 cell. Chosen on rendered ground of
+several kinds, with several illuminations and cameras (measurements/mapper_trials.md)."""
 MAX_CURVATURE_MEDIANS = 10.0
 """For the smoothing bias, second differences are clipped to this multiple of their median. Larger second differences
 are creases, which have a separate term. Chosen by hand, like `variational_refinement.EDGE_FACTOR`: normally distributed
 second differences do not reach it."""
 CREASE_BIAS = F(1.2)
-"""Error per pixel of second difference above the median. Chosen like `SMOOTHING_BIAS`: beside edges and creases the
-error is about as large as the second difference."""
+"""Error in pixels at a second difference of 1 pixel above the median. Chosen like `SMOOTHING_BIAS`: beside edges and
+creases the error is about as large as the second difference."""
 CREASE_CELLS = 3
 """Side of the window over which the second difference of a crease is averaged, cells. A window of five cells
 overestimates the error 1 to 6 pixels away from a crease (measurements/mapper_trials.md)."""

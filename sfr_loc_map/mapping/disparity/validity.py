@@ -84,7 +84,7 @@ def status_before_wrong_surface(
 
 
 def _changed_mask(initial_px: FloatImage, disparity_px: FloatImage) -> Mask:
-    """Return the mask of the pixels `(H, W)` that were changed too much; `initial_px` is NaN where unmatched."""
+    """Return the mask of the pixels `(H, W)` that the refinement changed too much; `initial_px` may be NaN."""
     change_px = np.abs(disparity_px - initial_px)
     sampled = change_px[::CHANGE_STRIDE, ::CHANGE_STRIDE]
     change_sigma_px = mad_sigma(sampled[np.isfinite(sampled)])

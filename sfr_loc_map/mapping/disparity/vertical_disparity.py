@@ -25,7 +25,7 @@ DAMPING = 1e-9
 """Added to the diagonal of the normal equations, as a fraction of their trace, so that they can be inverted. The
 weakest shape, a saddle in normalised coordinates, has about 1e-3 of the trace."""
 DIFFERENCE = np.array([[-1.0, 0.0, 1.0]], F)  #: Taps of the Sobel operator along the derivative.
-SMOOTHING = np.array([[0.125, 0.25, 0.125]], F)  #: Its taps across the derivative, scaled to slopes per pixel.
+SMOOTHING = np.array([[0.125, 0.25, 0.125]], F)  #: Sobel taps across the derivative, scaled to slopes per pixel.
 
 
 class VerticalFit(NamedTuple):
@@ -57,7 +57,7 @@ def fit_vertical_disparity(
         return None
     r = residual[usable].astype(np.float64)
     cv2.patchNaNs(residual_image, 0.0)  # in place: `r` is a copy
-    mean = cv2.scaleAdd(residual_image, 0.5, left)  # of both images; the left image where the right image is unknown
+    mean = cv2.scaleAdd(residual_image, 0.5, left)  # mean of both images; the left image outside the right
     difference = cv2.filter2D(mean, -1, DIFFERENCE.T)[::SAMPLING_STRIDE]
     slope = cv2.filter2D(difference, -1, SMOOTHING)[:, ::SAMPLING_STRIDE][usable].astype(np.float64)
     right_column = np.float64(SAMPLING_STRIDE) * column - disparity_px[sampled][usable].astype(np.float64)

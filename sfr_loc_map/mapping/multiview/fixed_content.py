@@ -1,6 +1,6 @@
 """Content that stays at its pixels while the camera moves: the rover's own body, or rows of another pair.
 
-An image contains rows of another pair if it was only partially transferred, or if a part of an image was repeated.
+An image contains rows of another pair if it was only partially transferred or if rows were repeated.
 
 Such content is not ground, and each pair would map it to a different position. A region is fixed if two pairs have the
 same grey levels and the same disparities at the same pixels, although ground there would have moved in the image.
@@ -24,15 +24,15 @@ from sfr_loc_map.mapping.findings import Findings
 from sfr_loc_map.mapping.pair_view import PairView
 
 STRIDE = 3
-"""Every third pixel of every third row is compared. These pixels are called samples, and their images are `(h, w)`.
-They are dense enough, because the smallest region is `REGION_SAMPLES` samples wide."""
+"""Every third pixel of every third row is compared. These pixels are called samples, and images of samples are
+`(h, w)`. The samples are dense enough, because the smallest region is `REGION_SAMPLES` samples wide."""
 WINDOW_SAMPLES = 9  #: Side of the window over which grey levels are compared, samples: 27 pixels.
 MIN_SIMILARITY = F(0.8)
 """Minimum similarity of the grey levels of fixed content. The similarity is 1 for equal windows, and 0.8 if the noise
 has half the standard deviation of the content."""
 MIN_WINDOW_FRACTION = F(0.6)  #: Minimum fraction of the window with points of both pairs. Chosen by hand.
 MIN_MOTION_PX = 8.0
-"""Minimum motion of ground in the image, pixels. With less motion, a third of a window, ground is similar to itself."""
+"""Minimum motion of ground in the image, pixels: a third of a window. With less motion, ground is similar to itself."""
 REGION_SAMPLES = 5
 """Side of the smallest region, samples: 15 pixels, about half of the window. Chosen by hand."""
 MIN_REGION_FRACTION = 0.003  #: Minimum fraction of the image that is removed. Chosen by hand.

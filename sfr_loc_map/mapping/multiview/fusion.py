@@ -4,8 +4,8 @@ Every point is projected into the disparity images of the other pairs. If both r
 the point moves along its own ray to the inverse-variance weighted mean, so that the points of all pairs are on one
 surface. If another pair with a larger weight observes a farther surface at that pixel, both pairs are in conflict, and
 the point is dropped. A nearer surface of the other pair only hides the point. A conflict with one pair outweighs
-agreement with a third pair, because a missing point is preferred to a wrong point. The weight of a point is `1 /
-sigma^2`, reduced near the image border. If both weights are equal, the earlier pair is preferred.
+agreement with a third pair, because a missing point is preferred to a wrong point. The weight of a point is
+`1 / sigma^2`, reduced near the image border. If both weights are equal, the earlier pair is preferred.
 
 The remaining points are kept, each on the ray of its own pixel. At grazing angles, the rows of one image are
 centimetres apart on the ground, and the rows of another pair are between them. If two points sample the same spot, the

@@ -22,8 +22,8 @@ FEATHER_PX = 48.0
 SHIFT_PX = 8
 """Offset along both axes at which grey levels are also compared, pixels. It corresponds to a pose error of about 0.5
 deg at a focal length of 800 pixels."""
-MIN_OVERLAP = 1000  #: Minimum number of common points for judging poses: it gives spreads to 7 %.
-MIN_DEPTH_M = 1e-3  #: Minimum depth of a projected point, metres: it must be in front of the camera.
+MIN_OVERLAP = 1000  #: Minimum number of common points for judging poses: their spread is then accurate to 7 %.
+MIN_DEPTH_M = 1e-3  #: Minimum depth of a projected point, metres: points behind the camera are ignored.
 
 
 def point_weights(view: PairView) -> FloatArray32:
@@ -34,7 +34,7 @@ def point_weights(view: PairView) -> FloatArray32:
 
 
 class Observations(NamedTuple):
-    """How a view observes N points, `(N,)` float32 each."""
+    """Observations of N points by a view, `(N,)` float32 each."""
 
     #: Observed range minus the range of the point, along the ray of this view, metres; NaN if the point is not
     #: observed.
@@ -50,7 +50,7 @@ class ObservedPoints(NamedTuple):
     """The M of N points that another view observes."""
 
     indices: NDArray[np.intp]  #: `(M,)`, indices of the points.
-    observations: Observations  #: How the view observes them, `(M,)` each.
+    observations: Observations  #: Observations of these points, `(M,)` each.
 
     def difference_sigma(self, fusion_sigma: FloatArray32) -> FloatArray32:
         """Return the standard deviation of the range differences `(M,)`, metres, given the sigma of the N points.

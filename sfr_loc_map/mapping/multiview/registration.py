@@ -1,8 +1,8 @@
 """Registration of views: each pair is moved to agree with the earlier pairs where they overlap.
 
-The six parameters of a motion maximise the posterior of the residuals of range and grey level, with Cauchy weights that
-are updated in each step, and of a normal prior on the error of the given pose. Gauss-Newton steps with numerical
-derivatives find the maximum, coarse to fine in the blur of the grey levels.
+The six parameters of a motion maximise a posterior. It combines the residuals of range and grey level, with Cauchy
+weights that are updated in each step, and a normal prior on the error of the given pose. Gauss-Newton steps with
+numerical derivatives find the maximum, coarse to fine in the blur of the grey levels.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from sfr_loc_map.mapping.pair_view import PairView, ViewImages, ViewPoints
 from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
 
 ENOUGH_POINTS = 10_000
-"""Points of each other view are thinned by an integer stride to between once and twice this number, which is enough for
-six parameters."""
+"""Points of each other view are thinned by an integer stride, so that one to two times this number remain. This is
+enough for six parameters."""
 BLURS_PX = (12.0, 5.0, 2.0, 0.7)
 """Standard deviations of the Gaussians that blur the compared images, pixels. A rotation of 1 deg moves content by 14
 pixels at a focal length of 800 pixels."""

@@ -87,7 +87,7 @@ class CellGrid:
 def _smallest_cell(x_m: float, y_m: float) -> float:
     """Return the smallest cell size, metres, for which a rectangle has at most `MAX_CELLS` cells.
 
-    At most `(x / c + 2) (y / c + 2)` cells of size c cover the rectangle. The result solves a quadratic equation in c.
+    At most `(x / c + 2) (y / c + 2)` cells of size c cover the rectangle, which gives a quadratic equation in c.
     """
     spare = MAX_CELLS - 4
     return float((x_m + y_m + np.hypot(x_m + y_m, np.sqrt(spare * x_m * y_m))) / spare)

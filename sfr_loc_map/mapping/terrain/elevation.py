@@ -57,10 +57,10 @@ def elevation_model(
     The height of a cell is the weighted mean of its n points' heights. The weight w is the inverse of the random
     variance of a height (`_height_variance_ratio`). The variance of a cell is the sum of three parts:
 
-    - the harmonic mean of the variances of its points, `n / sum w`: the errors of neighbouring points are correlated,
-      so that averaging does not reduce them;
+    - the harmonic mean of the random variances of its heights, `n / sum w`: the errors of neighbouring points are
+      correlated, so that averaging does not reduce them;
     - the variance of the mean due to different heights h within the cell, `sum w (h - mean)^2 / sum w / n`;
-    - the weighted mean of the total minus the random variance of the heights, which is common to all points.
+    - the weighted mean of the common variance of the heights, which is the total minus the random variance.
     """
     inside = np.flatnonzero(cell_of_point >= 0)
     if not len(inside):
