@@ -253,7 +253,7 @@ def _texts(name: str, items: Sequence[str]) -> Sequence[str]:
 
 
 def _check(name: str, value: object, *kinds: type) -> None:
-    """Raise ConfigError, which names the argument, if its value is neither a path nor of these kinds."""
+    """Raise ConfigError with the name of the argument if its value is neither a path nor one of `kinds`."""
     if not isinstance(value, (str, os.PathLike, *kinds)):
         known = " or ".join(kind.__name__ for kind in kinds)
         raise ConfigError(f"{name} is of type {type(value).__name__}: a path or a {known} is required")

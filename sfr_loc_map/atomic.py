@@ -56,7 +56,7 @@ def replace(new: Path, target: Path) -> None:
 
 
 def exchange(new: Path, target: Path) -> None:
-    """Move a new file or folder to a path. An existing target is moved beside the original path of the new one first.
+    """Move a new file or folder to a target. An existing target is first moved to `BEFORE` beside the new one.
 
     If the process ends between these two steps, the next call of `_scratch` restores the target.
     """

@@ -32,7 +32,7 @@ NS_PER_S = 1_000_000_000  #: Nanoseconds in a second.
 Side = Literal["left", "right"]
 SIDES: tuple[Side, Side] = ("left", "right")  #: The cameras of a stereo rig, in the order of all files and topics.
 LOST_VARIANCE = 9999.0  #: Diagonal of the covariance of an unknown pose, m^2 and rad^2.
-JUMP_BACK_NS = NS_PER_S  #: Minimum backward jump of stamps after a reset of the clock or a restart of a bag, ns.
+JUMP_BACK_NS = NS_PER_S  #: Minimum backward jump of stamps that indicates a reset clock or a restarted bag, ns.
 
 MB = 1_000_000
 MAX_TEXT_BYTES = MB  #: Maximum size of a configuration, rig or topic file. Typical files have a few kilobytes.
@@ -43,10 +43,10 @@ MAX_CLOUD_BYTES = 4096 * MB
 MAX_TABLE_BYTES = 256 * MB  #: Maximum size of a text table: a trajectory of 1.5 million poses.
 MAX_TABLE_LINES = 4_000_000
 MAX_LINE_BYTES = 64_000
-BLOCK_BYTES = 4 * MB  #: Approximate size of the blocks of whole lines in which tables are read, to save memory.
+BLOCK_BYTES = 4 * MB  #: Approximate size of the blocks of whole lines in which tables are read, to limit memory.
 FREE_BYTES = 64 * 2**20  #: Decompressed size that is always accepted.
 LARGEST_RATIO = 20
-"""Maximum ratio of a larger decompressed size to the compressed size. Images and points of real sensors have lower
+"""Maximum ratio of decompressed to compressed size above `FREE_BYTES`. Images and points of real sensors have lower
 ratios."""
 MAX_DEPTH = 64  #: Maximum nesting depth of JSON and YAML.
 MAX_NODES = 100_000  #: Maximum number of values of a YAML file after expansion of its aliases.

@@ -57,7 +57,7 @@ class _KernelCache(FunctionCache):
         with self._guard_against_spurious_io_errors():
             try:
                 return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
-            except (ImportError, AttributeError):  # The entry predates a moved struct: numba checks its age too late.
+            except (ImportError, AttributeError):  # numba unpickles an outdated entry before it checks the entry's age
                 self._cache_file.flush()  # type: ignore[no-untyped-call]
                 return None
 
@@ -98,7 +98,7 @@ def _name_runtime() -> None:
 
 
 def _nothing() -> None:
-    """Replace numba's search for extensions in all installed packages before a kernel is loaded."""
+    """Do nothing, in place of numba's search for extensions in all installed packages before a kernel is loaded."""
 
 
 _ROWS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}

@@ -61,7 +61,7 @@ def load_kernels(
             raise KeyboardInterrupt
 
     with _signals_deferred() if is_wanted is None else nullcontext(is_wanted) as goes_on, _ONE_AT_A_TIME:
-        with event.install_listener(COMPILE, _Listener(refuse)):  # it is called in all threads
+        with event.install_listener(COMPILE, _Listener(refuse)):  # called in every thread
             try:
                 PARTS[part]()
                 return

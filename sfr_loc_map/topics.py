@@ -12,7 +12,7 @@ from sfr_loc_map import message_types
 from sfr_loc_map.inputs import SIDES, Task
 
 RECTIFIED, RAW = "image_rect", "image_raw"
-COMPRESSED_END = "/compressed"  #: End of the name of a topic of compressed images, in ROS and in the suite.
+COMPRESSED_END = "/compressed"  #: Suffix of topics with compressed images, in ROS and in the suite.
 IMAGES = {
     f"{image}{end}": kind
     for image in (RECTIFIED, RAW)
@@ -46,8 +46,8 @@ class Topic:
     name: str
     msgtype: str  #: Message type; for true poses the first of several types.
     role: Role
-    is_recorded: bool = True  #: Whether `sfr record` records it unless topics are chosen.
-    is_read: bool = False  #: Whether it is read from a bag.
+    is_recorded: bool = True  #: Whether `sfr record` records the topic by default.
+    is_read: bool = False  #: Whether the topic is read from a bag.
 
 
 def call_topic(task: Task) -> str:

@@ -79,7 +79,7 @@ class NormalEquations(NamedTuple):
     information: FloatArray  #: `(6 K + 1, 6 K + 1)`.
     rhs: FloatArray  #: `(6 K + 1,)`.
     blocks: LandmarkBlocks  #: Blocks of the landmarks.
-    motions_by_poses: FloatArray  #: `(K, 6 K + 1, 6 K + 1)` derivatives from the function `motions_by_poses`.
+    motions_by_poses: FloatArray  #: `(K, 6 K + 1, 6 K + 1)` Jacobians of the motions relative to each host.
 
 
 class _System(NamedTuple):
@@ -193,7 +193,7 @@ def _add_to_landmark(r: _Residual, jacobian: FloatArray, weighted: FloatArray, o
 
 @jit_fast_ir_inline
 def _add_offset(r: _Residual, by_landmark: FloatArray, coupling: FloatArray, last: int) -> _OffsetTerms:
-    """Add a right position to the coupling with the right-image offset; return its terms of the offset."""
+    """Add a right position to the coupling with the right-image offset; return its contribution to the offset terms."""
     row = r.row
     residual = r.px
     weighted_u = r.weight * r.uu
@@ -355,9 +355,9 @@ def _linearise(problem: BundleProblem, blocks: LandmarkBlocks) -> tuple[FloatArr
 def linearise(problem: BundleProblem) -> NormalEquations:
     """Linearise the landmarks and eliminate them, half of the observations in each of two threads.
 
-    The unknowns are the poses and, last, the offset in pixels by which all positions in right images are too far right.
-    A single landmark does not show such a calibration error. Landmarks at different depths show the offset, because
-    depths from motion must agree with depths from stereo.
+    The unknowns are the poses and, last, the offset in pixels by which all positions in right images are displaced to
+    the right. A single landmark does not show this calibration error. Landmarks at different depths show the offset,
+    because depths from motion must agree with depths from stereo.
     """
     count = len(problem.host)
     size = 6 * len(problem.keyframes.rotations) + 1

@@ -4,7 +4,7 @@ A rotation of a few hundredths of a degree is the most common error of a rig aft
 
 - Pitch and roll appear in every stereo match as vertical disparity.
 - Yaw changes all depths and therefore scales the path. The bundle adjustment estimates the yaw from the disagreement of
-  depths from stereo with depths from motion. It assumes a constant yaw within a window.
+  depths from stereo with depths from motion. The adjustment assumes a constant yaw within a window.
 - Drift is a rotation of the right camera within a window. It shifts right images relative to the landmarks of earlier
   keyframes. Each pair shows the shift to a hundredth of a pixel, and the drift is followed from pair to pair.
 
@@ -71,8 +71,8 @@ MIN_MATCHES: Final = 20
 """Minimum number of stereo matches of a keyframe that updates pitch and roll: ten for each unknown."""
 VERTICAL_NOISE_PX: Final = 0.15
 """Standard deviation of the vertical disparity of a match, px: the scale of the robust weight. Chosen by hand above the
-usual residual of an inlier (0.1 px). A larger value gives wrong matches more weight; a smaller one leaves fewer
-matches with weight."""
+usual residual of an inlier (0.1 px). A larger value gives wrong matches more weight; a smaller one lowers the weight of
+correct matches."""
 VERTICAL_ITERATIONS: Final = 5
 """Iterations of the robust fit of pitch and roll. Chosen by hand. With fewer iterations, wrong matches keep more
 weight; with more, a keyframe takes longer."""
@@ -89,7 +89,7 @@ residuals of a lens vary smoothly. With more blocks, each has fewer landmarks; w
 block is missed."""
 SIGHTINGS: Final = 8
 """Number of pairs in which a landmark is assumed to be observed with the same error. Chosen by hand. With a larger
-number, lens errors are attributed to chance; with a smaller one, chance is reported as lens errors."""
+number, lens errors are attributed to chance; with a smaller one, random errors are reported as lens errors."""
 FIRST_LENS_PX: Final = 0.08  #: Prior RMS of residual disparities due to lens errors, px. KITTI has 0.07 to 0.09 px.
 LENS_PAIRS: Final = 20
 """Number of initial pairs in which `FIRST_LENS_PX` is the minimum RMS. Chosen by hand: two seconds at 10 Hz. With more

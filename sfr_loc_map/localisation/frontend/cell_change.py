@@ -21,11 +21,11 @@ NOISE_CORRELATION: Final = 0.35
 """Maximum correlation of neighbouring pixels in a residual of pure noise. The standard error of a correlation from 49
 products is 0.14, so that noise exceeds 0.35 in about one of a hundred cells."""
 MIN_CHANGE: Final = 0.03
-"""Minimum ratio of the covariance of neighbouring residuals to the smaller gradient variance in a changed cell. Content
-that moves by a third of a pixel exceeds this ratio."""
+"""Minimum ratio of the covariance of neighbouring residuals to the gradient variance (`_gradient_variance`) in a
+changed cell. Content that moves by a third of a pixel exceeds this ratio."""
 MAX_CELL_NOISE: Final = 0.33
-"""Maximum ratio of the residual variance to the smaller gradient variance in a stationary cell. With more noise, a
-motion of half a pixel would not be detected."""
+"""Maximum ratio of the residual variance to the gradient variance in a stationary cell. With more noise, a motion of
+half a pixel would not be detected."""
 MIN_GRADIENT: Final = 1.0
 """Minimum gradient variance of a textured cell, grey levels squared per pixel squared. Rounding to whole grey levels
 contributes at most 0.17."""

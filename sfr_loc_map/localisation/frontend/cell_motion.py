@@ -31,7 +31,7 @@ NEAR: Final = 4
 contains about a hundred landmarks in an image of 512 x 512 px."""
 STATIONARY_PX: Final = 0.25
 """Maximum predicted image motion of a stationary cell, px. It is below the motion that is detected as a change."""
-MOVED_PX: Final = 2.0  #: Minimum predicted image motion of a moving cell, px: six times the detected motion.
+MOVED_PX: Final = 2.0  #: Minimum predicted image motion of a moving cell, px: six times what is detected as a change.
 MOTION_QUANTILE: Final = 0.9  #: Quantile of the landmarks' image motion that is reported; outliers may exceed it.
 MAX_MOTION_PX: Final = 10.0
 """Maximum image motion of a landmark, px. Larger motions are clipped, so that one wrong landmark does not dominate the
@@ -42,7 +42,7 @@ class Explained(NamedTuple):
     """Agreement of a pose with a pair, for M landmarks and R x C cells."""
 
     motion_px: float  #: Quantile `MOTION_QUANTILE` of the image motion of the landmarks, px; 0 without landmarks.
-    cell_index: NDArray[np.intp]  #: `(M,)` numbers of the cells that contain the projections; R * C outside.
+    cell_index: NDArray[np.intp]  #: `(M,)` numbers of the cells that contain the landmarks' projections; R * C outside.
     on_static: Mask  #: `(M,)` landmarks whose host pixels are in stationary cells.
     on_fixed: Mask  #: `(M,)` outliers whose host pixels are in cells fixed to the camera.
     unexplained: Mask  #: `(M,)` outliers in view whose host pixels and projections are outside all fixed cells.
@@ -76,7 +76,7 @@ class _Neighbourhood(NamedTuple):
 def _around(values: FloatArray, row: int, column: int, reach: int) -> _Neighbourhood:
     """Return the sum and the minimum of the values up to `reach` cells away.
 
-    Numba's own functions for them would load scipy.linalg.
+    Numba's own `sum` and `min` would load scipy.linalg.
     """
     total = 0.0
     smallest = np.inf

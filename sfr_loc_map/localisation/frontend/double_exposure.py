@@ -2,7 +2,7 @@
 
 Frame grabbers and compressed streams may blend an image with the previous image. Each patch then shows the sum of two
 exposures, taken at two poses. Both exposures are predicted from the texture T of the patch in its host keyframe. The
-homography H of each pose maps the host image to the image. At a pixel x, the model is
+homography H of each pose maps the host image to the tracked image. At a pixel x of the tracked image, the model is
 
     image(x) = a T(H_shown^-1 x) + b T(H_other^-1 x) + constant + noise
 
@@ -28,7 +28,7 @@ from sfr_loc_map.localisation.small_linalg import fill_inverse_4
 MIXTURE_LEVEL: Final = 1  #: Pyramid level of the comparison. Keyframes keep this level; it has half the image noise.
 MIXTURE_HALF: Final = 3
 """Half width of a patch, px of the level. Chosen by hand: 49 px of the level determine four factors and cover 14 x 14
-px of the image. More of the larger patches would contain the edge of a stone; smaller patches give noisier factors."""
+px of the image. Larger patches contain edges of stones more often; smaller patches give noisier factors."""
 MIXTURE_SIDE: Final = 2 * MIXTURE_HALF + 1  #: Side of a patch, pixels of the level.
 MIN_EXPOSURE_CONTRAST: Final = 2.0
 """Minimum standard deviation of each exposure and of the image in a patch, grey levels. Chosen by hand above the noise
@@ -40,7 +40,7 @@ if the projections of the patch from the two poses are less than about two pixel
 SHOWN, SHIFT_X, SHIFT_Y, OTHER, IMAGE = range(5)
 """Columns of the least-squares problem: tracked exposure, its derivatives along x and y, other exposure, image."""
 MIN_FACTORS: Final = 1e-6  #: Minimum of |a| + |b|. The weight is finite even if the image resembles neither exposure.
-RIDGE: Final = 1e-6  #: Relative and absolute increase of the diagonal of a normal matrix: it is positive definite.
+RIDGE: Final = 1e-6  #: Relative and absolute increase of a normal matrix's diagonal, for a positive definite matrix.
 
 
 DEVIATION_RATIO: Final = 1.858
@@ -161,7 +161,7 @@ def _fill_products(columns: FloatArray, products: FloatArray, with_image: FloatA
 
 @jit_fast
 def _weights(image: FloatImage, hosted: _Hosted) -> FloatArray:
-    """Return the weight of the other exposure in each patch `(N,)`; NaN if it is not determined."""
+    """Return the weight of the other exposure in each patch `(N,)`; NaN if the weight cannot be estimated."""
     count = len(hosted.uv)
     weights = np.full(count, np.nan)
     work = _Workspace(

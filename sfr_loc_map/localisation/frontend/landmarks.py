@@ -114,7 +114,7 @@ class Patches:
 class Landmarks:
     """M active landmarks as arrays. A landmark is a pixel of its host keyframe with an inverse depth."""
 
-    rows: NDArray[np.intp]  #: `(M,)` rows in the sliding window, increasing.
+    rows: NDArray[np.intp]  #: `(M,)` increasing rows of the landmarks in the arrays of the sliding window.
     host: NDArray[np.int64]  #: `(M,)` numbers of the host keyframes in the window.
     planes: LocalPlanes  #: Planes around the patches: host cameras, host pixels, inverse depths and slopes.
     estimates: LandmarkEstimates  #: Host rays and inverse depths, with their covariance given the poses.
@@ -147,7 +147,7 @@ class Landmarks:
         return self.subset(kept)
 
     def among(self, others: Landmarks) -> Mask:
-        """Return the mask `(M,)` of the landmarks that `others`, landmarks of the same window, contain."""
+        """Return the mask `(M,)` of the landmarks that are also in `others`, which belongs to the same window."""
         places = np.searchsorted(others.rows, self.rows)
         return np.asarray(np.append(others.rows, -1)[places] == self.rows)
 

@@ -19,11 +19,11 @@ MIN_POWER = 1e-3
 """Minimum power (sum of squares about the mean) of a textured patch, grey levels squared. It prevents a division by
 zero. Any patch that is not constant after rounding to whole grey levels exceeds it."""
 SAMPLED_PX = 1.001
-"""Minimum distance of a sampled position from the width and the height of the image, px. Interpolation requires the
+"""Minimum difference between the width or height of the image and a sampled position, px. Interpolation requires the
 next pixel, and rounding to float32 changes a position by less than 0.001 px."""
 COARSE_SAMPLED_PX = 1.01
 """`SAMPLED_PX` for the coarse levels, used by the alignment and by the estimate of double exposures. Chosen by hand. In
-six runs of the sample with injected faults, 1.001 px changed the last digits of poses and no state."""
+six runs of the sample with injected faults, 1.001 px changed only the last digits of poses and no state."""
 MIN_WARP_SCALE = 1e-6
 """Minimum ratio of a pixel's depth to the depth at the centre of its patch. It prevents a division by zero."""
 Patch = NDArray[np.float32]  #: Values of one patch `(S * S,)` row by row, or of several patches; float32.
@@ -190,9 +190,9 @@ def warped_normal(by: LocalWarp, det: float, xx: float, xy: float, yy: float) ->
 
 @jit_fast
 def templates_of(patches: Patch) -> Templates:
-    """Return the templates of patches `(N, 3, S * S)` from `cut_patches`, which are modified in place and kept.
+    """Return the templates of patches `(N, 3, S * S)` from `cut_patches`.
 
-    The moments of a patch without texture are 0.
+    The patches are modified in place and become the values of the templates. The moments of a textureless patch are 0.
     """
     values = patches
     moments = np.zeros((len(patches), 6))

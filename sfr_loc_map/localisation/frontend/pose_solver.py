@@ -3,7 +3,7 @@
 A landmark is a host pixel with an inverse depth (`projection.py`). The residual of landmark n has four rows, u, v in
 the left image and u, v in the right image. Its covariance is `S_n = R_n + J_n P_n J_n^T`, where R_n is the tracking
 noise, P_n the covariance of the landmark, and J_n the Jacobian with respect to the landmark. Weighting by the inverse
-of S_n is equivalent to a joint estimate of the landmark that is then marginalised.
+of S_n is equivalent to estimating the landmark jointly and marginalising it.
 """
 
 from __future__ import annotations

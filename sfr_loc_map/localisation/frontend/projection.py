@@ -174,7 +174,7 @@ def linearise_landmark(
         gx = gradient(focal_per_depth, s, r_wc[0, axis], r_wc[0, 2])
         gy = gradient(focal_per_depth, s, r_wc[1, axis], r_wc[1, 2])
         gz = gradient(focal_per_depth, s, r_wc[2, axis], r_wc[2, 2])
-        # The derivative of d by the position is -rho; a rotation w of the camera changes the pixel by (g x d) . w.
+        # d changes by -rho times the motion of the camera; a rotation w changes the pixel by (g x d) . w.
         by_rotation = cross(Vector(gx, gy, gz), point)
         by_target[i, 0] = -inverse_depth * gx
         by_target[i, 1] = -inverse_depth * gy

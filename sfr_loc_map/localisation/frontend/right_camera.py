@@ -38,7 +38,7 @@ class RightOffset(NamedTuple):
 
     u: float = 0.0  #: Offset along the row at the image centre (yaw), pixels, positive to the right.
     v: float = 0.0  #: Offset along the column at the image centre (pitch), pixels, positive downwards.
-    roll: float = 0.0  #: Rotation about the optical axis, pixels at a distance of the focal length.
+    roll: float = 0.0  #: Rotation about the optical axis, pixels at one focal length from the image centre.
 
     def at(self, uv: FloatArray, camera: StereoCamera) -> FloatArray:
         """Return the offsets `(N, 2)` at pixels `(N, 2)` of the right image: the flow field of a small rotation."""
@@ -102,7 +102,7 @@ def right_shift(
 def _in_both_images(
     landmarks: LandmarkEstimates, observations: StereoObservations
 ) -> tuple[LandmarkEstimates, StereoObservations]:
-    """Return the landmarks observed in both images among about `ENOUGH_LANDMARKS` of them, with their observations."""
+    """Select about `ENOUGH_LANDMARKS` landmarks; return those observed in both images, with their observations."""
     count = len(observations.uv)
     chosen = np.arange(0, count, max(1, count // ENOUGH_LANDMARKS))
     in_both = chosen[np.isfinite(observations.uv[chosen, 0] + observations.uv[chosen, 2])]

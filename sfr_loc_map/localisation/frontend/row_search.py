@@ -32,11 +32,11 @@ MIN_PEAK_DISTANCE = 2
 def _fill_scores(
     image: FloatImage, template: Patch, power: np.float32, u: int, v: int, sums: Patch, scores: FloatArray
 ) -> None:
-    """Fill the correlations of a template with the patches along a row, in reverse order.
+    """Fill the correlations of a template with the patches along a row.
 
-    The first patch is centred at the pixel (u, v), and there is one patch for each score. The score of a textureless
-    patch is -1. `sums` `(3, P)` is a workspace for the sums over each patch: values, squares, products with the
-    template.
+    The first patch is centred at the pixel (u, v), and there is one patch for each score. Scores are in reverse order
+    of the patches. The score of a textureless patch is -1. `sums` `(3, P)` is a workspace for the sums over each patch:
+    values, squares, products with the template.
     """
     places = len(scores)
     size = template.size

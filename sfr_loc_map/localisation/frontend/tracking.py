@@ -55,8 +55,8 @@ PIXEL_FLOOR = 0.05
 (measurements/localiser_trials.md, "What limits it, and what was tried")."""
 RESIDUAL_GAIN = 1.2  #: Ratio of the noise variance to the squared residual of a patch. Chosen on rendered drives.
 EDGE_RESIDUALS = (0.5, 4.0)
-"""Minimum and maximum ratio of a residual to the median residual. `PIXEL_FLOOR` is multiplied by the square of the
-ratio, 0.25 to 16, in images from `EDGE_FOCAL_PX` on (measurements/localiser_trials.md, "Images of a megapixel: the sun
+"""Minimum and maximum ratio of a residual to the median residual. From a focal length of `EDGE_FOCAL_PX`, `PIXEL_FLOOR`
+is multiplied by the square of this ratio, 0.25 to 16 (measurements/localiser_trials.md, "Images of a megapixel: the sun
 and the edges of stones")."""
 MIN_RESIDUAL = 1e-6  #: Minimum of the median residual, grey levels. It prevents a division by zero.
 EDGE_FOCAL_PX = 600.0
@@ -216,7 +216,7 @@ class Tracker:
         return self.solve(landmarks, self.observe(frame, landmarks, start, offset), start)
 
     def refine_from_afar(self, frame: StereoFrame, landmarks: Landmarks, start: Pose, offset: RightOffset) -> Tracks:
-        """Refine a pose with an error of several pixels, after an alignment on level 0."""
+        """Align a pose with an error of several pixels on level 0, then refine it."""
         return self.refine(frame, landmarks, self.align(frame.left, landmarks, [start], (0,)), offset)
 
     def complete(
