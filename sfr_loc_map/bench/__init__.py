@@ -1,1 +1,1 @@
-"""Benchmarks that run one drive after the other without Dask: several methods, or one fault at a time."""
+"""Benchmarks of several methods, or of single faults, which run sequentially without Dask."""

@@ -1,4 +1,4 @@
-"""Our localiser on data with one fault at a time: the error of each pose beside the standard deviation stated of it."""
+"""Benchmark of our localiser with single injected faults: errors of the poses relative to their stated sigmas."""
 
 from __future__ import annotations
 
@@ -39,31 +39,31 @@ FAULTS = (
     "reflection:start=20", "scratch", "ghost:share=0.3", "interlaced:share=0.3", "shear:share=0.3",
     "yaw:amount=0.3", "shift",
 )  # fmt: skip
-"""Faults of real rovers; 0.06 deg of rotation of the right camera is about half a pixel at 512 px and 60 deg."""
-LIMIT = 5.0  #: Largest error over the stated 3 sigma that still counts as stated: 15 sigma is no chance (chosen).
-VALID = ("initialising", "tracking")  #: States whose pose and covariance are to be used.
+"""Faults of real rovers. A rotation of 0.06 deg is about half a pixel at 512 px and 60 deg field of view."""
+LIMIT = 5.0  #: Largest ratio of error to stated 3 sigma that is not silent: 15 sigma cannot be random (chosen).
+VALID = ("initialising", "tracking")  #: States in which pose and covariance are valid.
 
 
 class Honesty(StrEnum):
-    """How errors were reported."""
+    """How the localiser reported its errors."""
 
-    SILENT = "silent"  #: Beyond the limit, and called tracking.
-    SAID = "said"  #: Degraded or lost pairs, and none beyond the limit that was called tracking.
-    STATED = "stated"  #: All errors within the limit, and no pair degraded or lost.
+    SILENT = "silent"  #: Errors beyond the limit in pairs with the state tracking.
+    SAID = "said"  #: Degraded or lost pairs, and no silent errors.
+    STATED = "stated"  #: No degraded or lost pairs, and all errors within the limit.
 
 
 @dataclass(frozen=True, slots=True)
 class StatedErrors:
-    """Errors over the stated 3 sigma on one drive, over pairs that are called tracking (or initialising)."""
+    """Ratios of error to stated 3 sigma on one drive, over the pairs in a valid state (tracking or initialising)."""
 
-    tracking: int  #: Number of such pairs.
-    degraded: int  #: Number of pairs whose state is degraded.
-    lost: int  #: Number of pairs whose state is lost.
-    position_ratio: float | None  #: Largest position error over its stated 3 sigma (root of the covariance's trace).
-    attitude_ratio: float | None  #: The same of the attitude.
-    step_ratio: float | None  #: Largest error, of translation or rotation, of the step to such a pair, likewise.
-    beyond_share: float | None  #: Share of such pairs with any of them beyond `LIMIT`.
-    largest_error_m: float | None  #: Largest position error of such pairs, metres.
+    tracking: int  #: Number of pairs in a valid state.
+    degraded: int  #: Number of degraded pairs.
+    lost: int  #: Number of lost pairs.
+    position_ratio: float | None  #: Largest position error over its 3 sigma (root of the covariance's trace).
+    attitude_ratio: float | None  #: Largest attitude error over its 3 sigma.
+    step_ratio: float | None  #: Largest error of a step, translation or rotation, over its 3 sigma.
+    beyond_share: float | None  #: Fraction of valid pairs with a ratio above `LIMIT`.
+    largest_error_m: float | None  #: Largest position error of valid pairs, metres.
 
     @property
     def honesty(self) -> Honesty:
@@ -75,25 +75,25 @@ class StatedErrors:
 
 @dataclass(frozen=True, slots=True)
 class FaultEntry:
-    """Figures of one drive; position and heading are mean + 3 sigma of the pairs that are not lost."""
+    """Figures of one drive; position and heading errors are mean + 3 sigma over the pairs that are not lost."""
 
     pairs: int
     position_m: float | None
     heading_deg: float | None
-    longest_lost: int  #: Number of pairs of the longest run of lost pairs.
+    longest_lost: int  #: Largest number of consecutive lost pairs.
     vertical_offset_px: float | None  #: At the last pair, as estimated by the localiser.
     disparity_offset_px: float | None  #: At the last pair, as estimated by the localiser.
     stated: StatedErrors
 
     def content(self) -> dict[str, Any]:
-        """Return the entry of the JSON."""
+        """Return the entry for the JSON file."""
         figures = asdict(self)
         stated = figures.pop("stated")
         return {**figures, **stated, "honesty": self.stated.honesty.value}
 
 
 def stated_errors(estimates: Sequence[PoseEstimate], truth: Trajectory) -> StatedErrors:
-    """Return how the errors of a drive compare with what is stated; pairs without truth of their stamp are omitted."""
+    """Compare the errors of a drive with the stated sigmas; pairs without a true pose at their stamp are omitted."""
     states = [str(estimate.state.value) for estimate in estimates]
     valid = [estimate for estimate, state in zip(estimates, states, strict=True) if state in VALID]
     errors, sigmas = error_and_sigma(valid, truth)
@@ -114,10 +114,10 @@ def stated_errors(estimates: Sequence[PoseEstimate], truth: Trajectory) -> State
 def error_and_sigma(
     estimates: Sequence[PoseEstimate], truth: Trajectory, *, steps: bool = False
 ) -> tuple[FloatArray, FloatArray]:
-    """Return errors and standard deviations `(N, 2)` of position (m) and attitude (rad) where there is truth.
+    """Return errors and sigmas `(N, 2)` of position, m, and attitude, rad, at stamps with a true pose.
 
-    The standard deviations are those stated, with the noise of the truth. Of `steps`: the same of the steps to these
-    poses, 0 where there is no step between stamps with truth.
+    The sigmas combine the stated covariance and the noise of the ground truth. With `steps`, the values are those of
+    the steps to these poses; errors are 0 if a step has no true pose at both ends.
     """
     noise = (truth.sigma_m, np.radians(truth.sigma_deg)) if isinstance(truth, Truth) else (0.0, 0.0)
     at = {int(stamp): index for index, stamp in enumerate(truth.stamps_ns)}
@@ -146,15 +146,15 @@ def benchmark_faults(
     seed: int = 0,
     progress: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
-    """Return the JSON of the localiser's figures on a drive with truth, for `none` and each fault (joined by `+`).
+    """Return the JSON content of the localiser's figures on a drive with ground truth, for `none` and each fault.
 
-    Interrupted, those of the faults that are done.
+    Several faults may be joined by `+`. After an interrupt, the content has the finished faults.
     """
     truth = sequence.ground_truth
     assert truth is not None
     parsed = {"none": [], **{text: [parse_fault(part) for part in text.split("+")] for text in faults}}
     entries: dict[str, FaultEntry] = {}
-    missing: dict[str, str] = {}  # why a fault has no figures
+    missing: dict[str, str] = {}  # reasons of faults without figures
     try:
         for name, injected in parsed.items():
             drive = FaultyLoc(sequence, injected, seed)

@@ -1,8 +1,8 @@
-"""Several methods on the same pairs in the same run: accuracy, time and memory of each, as JSON.
+"""Comparison of several methods on the same pairs: accuracy, time and memory, as JSON.
 
-Each pass gives all pairs to one method after the other, alone on the machine: tasks of a suite run at the same time,
-so that their times cannot be compared. A method that works in the background between calls gets the pairs at the rate
-of their stamps. Figures are medians over the passes.
+In each pass, the methods process all pairs one after the other, so that their times can be compared. (Tasks of a suite
+run concurrently.) A method that works in the background between calls receives the pairs at the rate of their stamps.
+Figures are medians over the passes.
 """
 
 from __future__ import annotations
@@ -49,17 +49,17 @@ SCHEMA = "sfr-bench/1"
 CLOCK = "host monotonic"
 MEMORY = f"{METHOD}; largest of all calls"
 LIMITS = MethodLimits(call_timeout_s=900.0, memory_mb=16_000, restarts=0)
-"""Of a method in a comparison; some dense matchers take minutes."""
+"""Limits of a method in a comparison; some dense matchers take minutes per pair."""
 COMPARED = ("accuracy", "time_s", "memory_bytes")
-"""Parts of an entry of which the ratios of ours to the others are reported."""
+"""Parts of an entry for which ratios of our method to the others are reported."""
 Opened = TypeVar("Opened", IsolatedLocaliser, IsolatedMapper)
 Figures: TypeAlias = "dict[str, float | Figures | None]"
-"""Numbers of a pass by their names, in groups of numbers, or medians or ratios of such; None is unknown."""
+"""Figures of a pass, or their medians or ratios: numbers by name, or nested groups of numbers; None if unknown."""
 
 
 @dataclass(slots=True, eq=False)
 class MethodRun:
-    """Calls of one method in one pass, and the result of each."""
+    """Calls and results of one method in one pass."""
 
     version: str
     idle_bytes: int | None
@@ -69,7 +69,7 @@ class MethodRun:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """Figures of one method: the medians over its passes, and those of each pass."""
+    """Figures of one method: the medians over the passes, and the figures of each pass."""
 
     version: str
     medians: Figures
@@ -80,20 +80,20 @@ class Entry:
 class Comparison:
     """Figures of several methods on the same pairs."""
 
-    entries: dict[str, Entry]  #: By the name of the method, ours first.
-    failed: dict[str, str]  #: Why a method has no entry, by its name.
-    findings: dict[str, list[str]]  #: What was observed of a method during its calls, by its name.
-    interrupted: str = ""  #: How many of the passes were done, if the user interrupted the comparison.
+    entries: dict[str, Entry]  #: Figures by method name, ours first.
+    failed: dict[str, str]  #: Reasons of methods without an entry, by method name.
+    findings: dict[str, list[str]]  #: Findings during the calls, by method name.
+    interrupted: str = ""  #: Number of finished passes, if the user interrupted the comparison.
 
     @property
     def ratios(self) -> dict[str, Figures]:
-        """Ratios of ours to each of the other methods."""
+        """Ratios of our method to each other method."""
         ours = self.entries[OURS_IN_TABLES].medians
         others = {name: entry.medians for name, entry in self.entries.items() if name != OURS_IN_TABLES}
         return {name: ratios({part: ours.get(part) for part in COMPARED}, figures) for name, figures in others.items()}
 
     def content(self) -> dict[str, Any]:
-        """Return the parts of the JSON."""
+        """Return the content for the JSON file."""
         entries = {
             name: {"version": entry.version, **entry.medians, "runs": list(entry.passes)}
             for name, entry in self.entries.items()
@@ -104,11 +104,11 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassInput(Generic[Opened]):
-    """Input of all methods, and how they are called."""
+    """The pairs of a pass, and the functions that start and call a method."""
 
-    items: Callable[[], Iterable[Any]]  #: Yields the pairs, posed ones for mappers, from the start.
+    items: Callable[[], Iterable[Any]]  #: Yields the pairs from the start; with poses for mappers.
     open: Callable[[Method], Opened]  #: Starts a method.
-    #: Gives it a pair, with its number and the seconds since the first; returns its result and what it did.
+    #: Passes a pair, its index and its time since the first pair, s, to a method; returns the result and the call.
     call: Callable[[Opened, Any, int, float], tuple[Any, MethodCall]]
     rate_scale: float = 1.0  #: Factor on the rate of the recording, for methods that work in the background.
 
@@ -116,7 +116,7 @@ class PassInput(Generic[Opened]):
 def methods_to_compare(
     task: Task, peer_python: Path | None = None, vocabulary: Path | None = None, added: Sequence[str] = ()
 ) -> tuple[list[Method], dict[str, str]]:
-    """Return the methods of a comparison, ours first, those added last, and why others cannot be run, by name."""
+    """Return the methods of a comparison, ours first and `added` last, and the reasons of missing peers, by name."""
     ours, *others = BUILT_IN[task].values()
     present, missing = [replace(ours, name=OURS_IN_TABLES), *others], {}
     for name, peer in PEERS[task].items():
@@ -142,10 +142,10 @@ def compare_localisers(
     hidden: Sequence[Path],
     progress: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
-    """Return the JSON of the figures of localisers, ours with its parameters first, on a drive.
+    """Compare localisers on a drive; return the JSON content, with our localiser and its parameters first.
 
-    Their accuracy is reported if the drive has a truth. Methods that work in the background get the pairs at
-    `rate_hz`, None: as recorded.
+    The accuracy is reported if the drive has a ground truth. Methods that work in the background receive the pairs at
+    `rate_hz`, or at the recorded rate if None.
     """
     head = _head("localise", len(sequence), repeat) | {"conditions": list(scoring.conditions)}
     stamps_ns = sequence.stamps_ns
@@ -153,7 +153,7 @@ def compare_localisers(
     usual_ns = float(np.median(steps_ns)) if len(steps_ns) else 0.0
     recorded_hz = NS_PER_S / usual_ns if usual_ns > 0.0 else 10.0
     rate_hz = rate_hz or recorded_hz
-    # the rover frame in the left camera: all methods estimate the same pose
+    # the rover's frame is the left camera, so that all methods estimate the same pose
     rig = replace(sequence.rig, T_rb_sb=sequence.rig.T_sb_left.inverse())
 
     def call(
@@ -163,17 +163,17 @@ def compare_localisers(
         return None if estimate.state is TrackingState.LOST else estimate.T_ds_rb, done
 
     def figures(run: MethodRun) -> Figures:
-        """Return the frames without a pose, and mean + 3 sigma of each error (m, deg) by condition."""
+        """Return the number of lost frames, and mean + 3 sigma of each error, m and deg, by condition."""
         lost = np.array([pose is None for pose in run.results], np.bool_)
         found: Figures = {"lost": int(lost.sum())}
         if sequence.ground_truth is None:
             return found
-        # the frame of the stereo rig is used for the rover's if its pose is unknown
+        # if the extrinsics are unknown, SB is used as the rover's frame
         T_rb_left = sequence.rig.T_sb_left if sequence.rig.T_rb_sb is None else sequence.rig.T_rb_left
         T_ds_first, T_left_rb = T_ds_rb @ T_rb_left, T_rb_left.inverse()
         stamped, T_first_left = [], Transform.identity()
         for stamp_ns, pose in zip(stamps_ns, run.results, strict=True):
-            T_first_left = T_first_left if pose is None else pose  # the last known one counts
+            T_first_left = T_first_left if pose is None else pose  # a lost frame has the last known pose
             stamped.append((stamp_ns, T_ds_first @ T_first_left @ T_left_rb))
         estimates = Estimates.of(Trajectory.from_poses(stamped), lost)
         score = Score(figures=score_trajectory(estimates, sequence.ground_truth, scoring).figures)
@@ -190,7 +190,7 @@ def compare_localisers(
 
 
 def accuracy(score: Score, condition: str, reading: str) -> Figures:
-    """Return the number of sub-trajectories of a condition, and mean + 3 sigma of each error (m, deg) by a reading."""
+    """Return the number of sub-trajectories of a condition, and mean + 3 sigma of each error, m and deg."""
     position = score.figure("position", condition=condition, part=reading)
     return {
         "count": 0 if position is None else position.n,
@@ -209,9 +209,9 @@ def compare_mappers(
     hidden: Sequence[Path],
     progress: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
-    """Return the JSON of the figures of mappers, ours with its parameters first, on the pairs of a source.
+    """Compare mappers on the pairs of a source; return the JSON content, with our mapper and its parameters first.
 
-    Each pair is a map of its own. All methods search the same disparities.
+    Each pair is mapped separately. All methods search the same disparity range.
     """
     rig, items = sequence.rig, list(sequence.pairs())
     count = search_range(rig, config).count
@@ -240,7 +240,7 @@ def compare_mappers(
 
 
 def run_pass(method: Method, given: PassInput[Opened], progress: Callable[[], None] = lambda: None) -> MethodRun:
-    """Process all pairs with a method; MethodError if it does not start, or its process ends."""
+    """Process all pairs with a method; MethodError if the process does not start or has ended."""
     with checked_clock(), given.open(method) as opened:
         run = MethodRun(opened.record.version or "", opened.idle_bytes)
         scale = given.rate_scale if method.background else 1.0
@@ -268,7 +268,7 @@ def _compared(
     repeat: int,
     progress: Callable[[], None],
 ) -> Comparison:
-    """Repeat the passes; a method that has failed is ignored, but ours must run. Interrupted, those that are done."""
+    """Repeat the passes. A failed method is skipped, unless it is ours. An interrupt keeps the finished passes."""
     methods = [replace(methods[0], config=json.dumps(asdict(config))), *methods[1:]]
     runs: dict[str, list[MethodRun]] = {}
     failed: dict[str, str] = {}
@@ -327,7 +327,7 @@ def _costs(run: MethodRun) -> Figures:
 
 
 def medians(passes: Sequence[Figures]) -> Figures:
-    """Return the median of each number over the passes that have it."""
+    """Return the median of each number over the passes that have this number."""
     found: Figures = {}
     for name in dict.fromkeys(name for figures in passes for name in figures):
         values = [figures.get(name) for figures in passes]
@@ -341,7 +341,7 @@ def medians(passes: Sequence[Figures]) -> Figures:
 
 
 def ratios(ours: Figures, other: Figures) -> Figures:
-    """Return the magnitude of ours over the other's for each number that both have; None where the other's is 0."""
+    """Return `abs(ours / other)` for each number that both have; None if the other's number is 0."""
     found: Figures = {}
     for name, a in ours.items():
         b = other.get(name)

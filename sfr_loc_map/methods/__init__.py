@@ -1,4 +1,4 @@
-"""Localisers and mappers under test: ours and others, each in a process of its own."""
+"""Localisers and mappers under test, each in its own process."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Whether the configuration of a method under test contains the ground truth of its drive."""
+"""Check that the configuration of a method under test does not contain the ground truth of the drive."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 STRIDES = (1, 4)
-"""Numbers from x to y and from y to z: of a table of poses, and of a table of matrices."""
-SAME_M = 0.001  #: Coordinates are compared after rounding to 1 mm, the coarsest resolution of usual files.
-MOST_POSITIONS = 10  #: A start, a goal or a few waypoints are honest settings.
-FAR_M = 1e9  #: Larger numbers, such as stamps, are no coordinates; their multiples of 1 mm exceed 64 bits.
+"""Distance from x to y and from y to z in the list of numbers: in a table of poses, and in a table of matrices."""
+SAME_M = 0.001  #: Coordinates are rounded to 1 mm, the coarsest resolution of common files.
+MOST_POSITIONS = 10  #: Allowed positions, because a start, a goal or waypoints are legitimate settings.
+FAR_M = 1e9  #: Larger numbers, such as stamps, are not coordinates, and overflow 64 bits in mm.
 
 
 def units_of(positions: FloatArray) -> set[tuple[int, ...]]:
-    """Return positions `(N, 3)` as whole numbers of `SAME_M`, each once."""
+    """Return the set of positions `(N, 3)` as integer multiples of `SAME_M`."""
     return {tuple(row) for row in np.rint(positions / SAME_M).astype(np.int64).tolist()}
 
 
 def check_configuration(text: str, truth: Trajectory | None) -> None:
-    """Raise ConfigError if the text of a configuration has many positions of the ground truth.
+    """Raise ConfigError if the text of a configuration contains more than `MOST_POSITIONS` true positions.
 
-    A copy that was changed, for instance scaled or compressed, is not detected.
+    A modified copy, for example scaled or compressed, is not detected.
     """
     if truth is None or not text:
         return
     numbers = np.array([float(word) for word in NUMBER.findall(text)], np.float64)
     numbers = np.where(np.abs(numbers) < FAR_M, numbers, np.nan)
     true = units_of(truth.positions)
-    named = true | units_of(truth.positions @ OPTICAL_IN_BODY)  # files of KITTI have the axes of a camera
+    named = true | units_of(truth.positions @ OPTICAL_IN_BODY)  # KITTI files use the axes of a camera
     found = set[tuple[int, ...]]()
     for stride in STRIDES:
         count = len(numbers) - 2 * stride

@@ -1,4 +1,4 @@
-"""A localiser under test in a process of its own: whatever it does, each pair has an estimate, lost if need be."""
+"""A localiser under test in its own process. Each pair has an estimate, which is lost if the localiser fails."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from sfr_loc_map.methods.method_process import MethodCall, MethodFailureError
 from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.records import FindingKind
 
-SYMMETRY = 1e-6  #: Largest asymmetry of a covariance, over its largest element.
-STEP_NUMBERS = 48  #: Length of the uncertainty of a step.
+SYMMETRY = 1e-6  #: Largest asymmetry of a covariance, relative to its largest element.
+STEP_NUMBERS = 48  #: Number of values in the uncertainty of a step.
 
 
 class IsolatedLocaliser(IsolatedMethod):
-    """A localiser; after a new start it continues at the last known pose."""
+    """A localiser; after a restart the localiser continues at the last known pose."""
 
     def __init__(
         self,
@@ -36,11 +36,11 @@ class IsolatedLocaliser(IsolatedMethod):
         rate_hz: float = 0.0,
         hidden: Sequence[Path],
     ) -> None:
-        """Start it at a pose; pairs come at a rate, and what is hidden cannot be read by it."""
+        """Start the localiser, which cannot read `hidden`, at a pose; pairs arrive at `rate_hz`."""
         super().__init__(method, rig, limits, T_ds_rb=T_ds_rb, rate_hz=rate_hz, hidden=hidden)
 
     def localise(self, pair: StereoPair, since_start_s: float = 0.0) -> tuple[PoseEstimate, MethodCall]:
-        """Return the estimate at one pair, lost if the method gave no valid one, and what the call did."""
+        """Localise one pair; return the estimate, which is lost if the result is invalid, and the call."""
         if self._is_given_up:
             return self._lost(pair, MethodCall(reason="not started again"))
         call = MethodCall()
@@ -67,7 +67,7 @@ class IsolatedLocaliser(IsolatedMethod):
 
 
 def _pose(numbers: Pose | None) -> Transform | None:
-    """Return the pose of RB in DS, None if the method does not know it."""
+    """Return the pose of RB in DS; None if the method returned no pose."""
     if numbers is None:
         return None
     matrix = _array(numbers, (4, 4), "pose")

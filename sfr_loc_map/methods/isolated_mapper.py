@@ -1,4 +1,4 @@
-"""A mapper under test in a process of its own: whatever it does, each pair has a map, empty if need be."""
+"""A mapper under test in its own process. Each pair has a map, which is empty if the mapper fails."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from sfr_loc_map.methods.registry import Method, MethodLimits
 from sfr_loc_map.metrics.records import FindingKind
 
 F = np.float32
-DISPARITY_SIGMA_PX = F(0.5)  #: Standard deviation that is assumed of a disparity of a matcher, which states none.
+DISPARITY_SIGMA_PX = F(0.5)  #: Standard deviation assumed for disparities of matchers, which do not estimate it.
 
 
 class IsolatedMapper(IsolatedMethod):
-    """A mapper, which maps a set of pairs in one call, or pair by pair and then may fuse them."""
+    """A mapper, which maps a set of pairs in one call, or maps single pairs and may then fuse the maps."""
 
     def __init__(
         self,
@@ -42,13 +42,13 @@ class IsolatedMapper(IsolatedMethod):
         disparities: int = 0,
         hidden: Sequence[Path],
     ) -> None:
-        """Start it; matchers search a number of disparities, and what is hidden cannot be read by it."""
+        """Start the mapper, which cannot read `hidden`; matchers search this number of disparities."""
         super().__init__(method, rig, limits, T_ds_rb=Transform.identity(), disparities=disparities, hidden=hidden)
-        self.maps_sets: bool = self._started().maps_sets  # in one call, which then is the only one
-        self._is_complete = True  # whether each pair so far has been mapped
+        self.maps_sets: bool = self._started().maps_sets  # all pairs of a map in a single call
+        self._is_complete = True  # whether all pairs so far were mapped
 
     def map_set(self, pairs: Sequence[PosedStereoPair]) -> tuple[list[PairMap], FusedMap, MethodCall]:
-        """Return what one call makes of one to three pairs: each pair's part of the cloud, the cloud, what it did."""
+        """Map one to three pairs in one call; return the part of the cloud of each pair, the cloud, and the call."""
         cloud, call = PointCloud.empty(), MethodCall()
         warnings: tuple[str, ...] = ()
         stamps_ns = tuple(item.pair.stamp_ns for item in pairs)
@@ -66,7 +66,7 @@ class IsolatedMapper(IsolatedMethod):
         return maps, FusedMap(cloud, cloud.sigma, T_lm_left, call.statistics, warnings), call
 
     def map_pair(self, pair: StereoPair, T_lm_navsb: Transform, index: int) -> tuple[PairMap, MethodCall]:
-        """Return the points that one pair sees, none where the method gave no valid ones, and what the call did."""
+        """Map one pair; return its points, which are empty if the result is invalid, and the call."""
         T_lm_left = T_lm_navsb @ self._rig.T_sb_left
         disparity, cloud = None, PointCloud.empty(fused=False)
         warnings: tuple[str, ...] = ()
@@ -101,7 +101,7 @@ class IsolatedMapper(IsolatedMethod):
         return PairMap(stamp_ns, cloud, cloud.sigma, T_lm_left, shown, figures, warnings)
 
     def fuse(self, maps: Sequence[PairMap], last: StereoPair) -> tuple[FusedMap, MethodCall | None]:
-        """Return one cloud of the pairs' maps, and what the call did; points stand side by side if it cannot fuse."""
+        """Return one cloud of all maps, and the call; the points are concatenated if the method does not fuse."""
         call: MethodCall | None = None
         cloud = PointCloud.concatenate([item.cloud for item in maps])
         if self._process is not None and self._process.fuses and self._is_complete:
@@ -117,7 +117,7 @@ class IsolatedMapper(IsolatedMethod):
     def _called(
         self, kind: str, pairs: Sequence[StereoPair], about: Sequence[OrderedPair]
     ) -> tuple[MethodCall, Answer]:
-        """Return what a call took, and its answer; the arrays of the call before are removed."""
+        """Return the call and its answer; the arrays of the previous call are removed."""
         if self._is_given_up:
             raise MethodFailureError(FindingKind.CRASHED, "not started again")
         process = self._started()
@@ -132,7 +132,7 @@ class IsolatedMapper(IsolatedMethod):
         return Path(f"{self._process.output}.{what}.npy")
 
     def _array(self, what: str, limit: int, fields: Collection[str] = ()) -> NDArray[Any]:
-        """Return an array of the last answer; the method owns the folder and can write anything there."""
+        """Return an array of the last answer, with checks, because the method can write anything to this folder."""
         try:
             return parse_npy(read_bytes(self._file(what), limit), fields)
         except (OSError, ValueError) as error:

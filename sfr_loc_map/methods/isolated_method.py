@@ -1,4 +1,4 @@
-"""A method under test in a process of its own, which is started again when it was lost."""
+"""A method under test in its own process, which is restarted after it was lost."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sfr_loc_map.metrics.records import FindingKind, MethodRecord
 
 
 class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
-    """The process of a method: what a localiser and a mapper have in common."""
+    """The process of a method; the common part of localisers and mappers."""
 
     def __init__(
         self,
@@ -29,7 +29,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         disparities: int = 0,
         hidden: Sequence[Path],
     ) -> None:
-        """Start it; it cannot read what is hidden."""
+        """Start the process, which cannot read the hidden paths."""
         self._method, self._rig, self._hidden = method, rig, hidden
         self._limits = limits or MethodLimits()
         self._rate_hz, self._disparities = rate_hz, disparities
@@ -38,7 +38,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         self._process: MethodProcess | None = None
         process = self._started()
         self.record: MethodRecord = method.record(process.version, process.isolation)
-        self.idle_bytes: int | None = process.idle_bytes  # resident after warm-up, None if that is unknown
+        self.idle_bytes: int | None = process.idle_bytes  # resident memory after warm-up, None if unknown
 
     def __enter__(self) -> Self:
         return self
@@ -48,11 +48,11 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
 
     @property
     def is_alive(self) -> bool:
-        """Whether its process exists."""
+        """Whether the process exists."""
         return self._process is not None
 
     def close(self) -> None:
-        """End its process."""
+        """End the process."""
         if self._process is not None:
             self._process.close()
 
@@ -61,7 +61,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         return self._process is None and self._starts > self._limits.restarts
 
     def _started(self) -> MethodProcess:
-        """Return its process; a lost one is started again, at the last known pose."""
+        """Return the process; a lost process is restarted at the last known pose."""
         if self._process is None:
             self._starts += 1
             self._process = MethodProcess(
@@ -76,7 +76,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
         return self._process
 
     def _failed(self, error: MethodFailureError) -> MethodCall:
-        """Return what it did wrong, and forget a process that has ended."""
+        """Return a call with the finding of an error; drop the process if it has ended."""
         if error.ended:
             self._process = None
         again = f"; not started again after {self._starts} starts" if error.ended and self._is_given_up else ""
@@ -84,7 +84,7 @@ class IsolatedMethod(AbstractContextManager["IsolatedMethod"]):
 
 
 def check_stamp(pair: StereoPair, answer: Answer) -> None:
-    """Refuse the answer to another pair; an answer without a stamp is taken for this pair's."""
+    """Reject an answer with the stamp of another pair; an answer without a stamp is accepted."""
     stamp_ns = answer.get("stamp_ns", pair.stamp_ns)
     if stamp_ns != pair.stamp_ns:
         text = f"answered for stamp {stamp_ns}, asked for {pair.stamp_ns}"

@@ -1,9 +1,10 @@
-"""What the process of a method may read and write; docs/decisions/0010-isolation.md.
+"""Files that the process of a method may read and write; see docs/decisions/0010-isolation.md.
 
-It may read programs, libraries, the interpreter with its packages, its own code, and what the variables
-SFR_METHOD_FILES and PYTHONPATH name; of these no path that may hold the truth (`Source.truth_paths`). Its own code is a
-package, or a file or library with the code in its folder. Other files of this folder and the working directory are
-not readable, because converted or recorded copies of the truth can be there. It may write a scratch folder of its own.
+The process may read programs, libraries, the interpreter with its packages, the method's own code, and the paths in the
+variables SFR_METHOD_FILES and PYTHONPATH. Paths that may hold the ground truth (`Source.truth_paths`) are excluded. The
+method's own code is a package, or a file or library with the other code in the same folder. Other files in this folder
+and in the working directory are not readable, because they may be copies of the ground truth. The process may write
+only to its scratch folder and to devices.
 """
 
 from __future__ import annotations
@@ -21,18 +22,18 @@ from sfr_loc_map.child_process import LIBRARY_PATH, child_environment, inherited
 from sfr_loc_map.methods.registry import Method
 from sfr_loc_map.metrics.records import MethodKind
 
-OWN_FILES = "SFR_METHOD_FILES"  #: Variable with more paths that methods may read, as of PATH.
+OWN_FILES = "SFR_METHOD_FILES"  #: Variable with additional readable paths, separated as in PATH.
 SYSTEM = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/sbin", "/etc", "/opt", "/nix", "/snap", "/sys")
 FACTS = ("cpuinfo", "meminfo", "stat", "version", "filesystems", "loadavg", "sys/kernel", "sys/vm", "driver")
 DEVICES = ("null", "zero", "full", "random", "urandom", "tty", "dri", "kfd", "nvidia*")
 PACKAGE = Path(__file__).parents[1]
-PACKAGES = ("site-packages", "dist-packages")  #: Names of the folders of installed packages.
-CODE = ("*.py", "*.so", "*.so.*")  #: Modules and libraries, by the ends of their names.
+PACKAGES = ("site-packages", "dist-packages")  #: Folder names of installed packages.
+CODE = ("*.py", "*.so", "*.so.*")  #: File patterns of modules and libraries.
 KERNELS = "sfr_loc_map.methods.child.numba_cache"
 
 
 def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> dict[str, list[str]]:
-    """Return what a method may list, read and write, its scratch folder included and hidden paths excluded."""
+    """Return the paths that a method may list, read and write, with the scratch folder and without hidden paths."""
     code = code_of(method)
     pythons = [method.python, method.python.resolve()]
     prefixes = [Path(sys.prefix), Path(sys.base_prefix), *(path.parent.parent for path in pythons)]
@@ -43,21 +44,21 @@ def rules_of(method: Method, folder: Path, hidden: Sequence[Path]) -> dict[str, 
     own = [PACKAGE, Path.home() / ".cache" / "numba", *code]
     wanted: list[str | Path] = [*SYSTEM, *(f"/proc/{name}" for name in FACTS), *prefixes, *named, *own]
     hidden = [path.resolve() for path in hidden]
-    names = [path.resolve().parent for path in (PACKAGE, *code)]  # which the interpreter lists to find a package
+    names = [path.resolve().parent for path in (PACKAGE, *code)]  # the interpreter lists these to find packages
     read: list[Path] = []
     for path in dict.fromkeys(Path(item).resolve() for item in wanted):
         parts = list(_without(path, hidden))
         read += parts
         if parts != [path] and path.is_dir():
             names.append(path)
-    read.append(Path("/proc/self"))  # read only, so that the process cannot reset the high-water mark of its memory
+    read.append(Path("/proc/self"))  # read-only, so that the process cannot reset its peak memory
     devices = [path for name in DEVICES for path in glob(f"/dev/{name}")]
     write = [folder, *(part for path in devices for part in _without(Path(path), hidden))]
     return {"names": list(map(str, names)), "read": list(map(str, read)), "write": list(map(str, write))}
 
 
 def code_of(method: Method) -> list[Path]:
-    """Return the files and folders of a method's own code; of a class of a package, the package or module alone."""
+    """Return the files and folders of a method's own code; for a class in a package, only the package or module."""
     code = _code_beside(Path(method.adapter)) if Path(method.adapter).is_absolute() else []
     if method.kind is MethodKind.LIBRARY:
         return [*code, *_code_beside(Path(method.target))]
@@ -75,7 +76,7 @@ def code_of(method: Method) -> list[Path]:
 
 
 def _code_beside(file: Path) -> list[Path]:
-    """Return a file, and the modules, libraries and packages in its folder."""
+    """Return a file, and all modules, libraries and packages in its folder."""
     folder = file.parent
     modules = [path for pattern in CODE for path in folder.glob(pattern)]
     packages = [path.parent for path in folder.glob("*/__init__.py")]
@@ -83,19 +84,19 @@ def _code_beside(file: Path) -> list[Path]:
 
 
 def environment_of(method: Method, folder: Path) -> dict[str, str]:
-    """Return the variables of a method's process, which finds code and kernels where this one does."""
+    """Return the environment of a method's process, which finds code and compiled kernels where this process does."""
     if method.kind is MethodKind.PEER:
         return {**inherited_environment(), "TMPDIR": str(folder)}
     found = child_environment()
     found |= {"TMPDIR": str(folder), "NUMBA_CACHE_DIR": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
     found["NUMBA_CACHE_LOCATOR_CLASSES"] = f"{KERNELS}.BesideSources,{KERNELS}.OfUser,UserProvidedCacheLocator"
-    if method.kind is MethodKind.PYTHON:  # the current folder of this process is searched first
+    if method.kind is MethodKind.PYTHON:  # this process's working directory is searched first
         found["PYTHONPATH"] = os.pathsep.join((str(Path.cwd()), found["PYTHONPATH"]))
     return {name: value for name, value in found.items() if name not in ("PWD", "OLDPWD", "_")}
 
 
 def _without(path: Path, hidden: Sequence[Path]) -> Iterator[Path]:
-    """Yield a path, or what is in it, except hidden paths."""
+    """Yield a path, or the parts of it that contain no hidden paths."""
     if any(path == item or item in path.parents for item in hidden):
         return
     if not any(path in item.parents for item in hidden):

@@ -1,4 +1,4 @@
-"""The process of a method: images in shared memory, orders and replies as lines of JSON, limits of time and memory."""
+"""The process of a method, with images in shared memory, JSON messages, and limits of time and memory."""
 
 from __future__ import annotations
 
@@ -37,25 +37,24 @@ from sfr_loc_map.metrics.call_meter import CallUsage
 from sfr_loc_map.metrics.records import FindingKind
 
 EXIT_TIMEOUT_S = 10.0
-POLL_S = 0.05  #: Period of the checks of memory while a call runs.
+POLL_S = 0.05  #: Period of memory checks during a call.
 SHARED_MEMORY = Path("/dev/shm")
 MB = 1_000_000
 LEAK_CALLS, LEAK_BYTES = 50, 40 * MB
-"""A method leaks if its memory grows by so much over so many calls, and the least of each fifth of the calls exceeds
-that of the fifth before. A saw-tooth does not hide such a growth. Our own window of keyframes fills up by 24 MB."""
+"""Number of calls and growth, bytes, of a leak. The minimum of each fifth of the calls must exceed the minimum of the
+previous fifth, so that a saw-tooth does not hide the growth. Our own keyframe window grows by 24 MB while it fills."""
 MISSTATED_S, MISSTATED_RATIO = 1.0, 0.5
-"""The times that a process states may differ from the measured ones, summed over its calls, by so many seconds, and by
-that fraction. The measured time includes copies of the images, the reading of the result and its transfer; a busy host
-delays single calls."""
+"""Allowed difference, s and fraction, of the sums of stated and measured times. The measured time includes copies of
+the images and the transfer of the result, and a busy host delays single calls."""
 MISSTATED_CALL_S = 0.01
-"""Likewise for each call. A transfer takes 5 ms, which exceeds 1 s over a drive of 200 pairs of a fast method."""
+"""Allowed difference per call, s. A transfer takes 5 ms, which adds up to 1 s in 200 calls."""
 LONGEST_ANSWER = 16_000_000  #: Bytes.
 
 T = TypeVar("T")
 
 
 def leak_in(resident: Sequence[int]) -> str:
-    """Return the finding of a leak in the memory after each of the last calls, empty if there is none."""
+    """Return the finding of a leak, from the memory after each of the last calls; empty without a leak."""
     if len(resident) < LEAK_CALLS:
         return ""
     least = np.array(resident)[-LEAK_CALLS:].reshape(5, -1).min(axis=1)
@@ -63,17 +62,18 @@ def leak_in(resident: Sequence[int]) -> str:
     if growth <= LEAK_BYTES or (np.diff(least) <= 0).any():
         return ""
     return (
-        f"{FindingKind.LEAKING}: keeps {growth / (0.8 * LEAK_CALLS) / MB:.1f} MB more after each of {LEAK_CALLS} calls"
+        f"{FindingKind.LEAKING}: memory grows by {growth / (0.8 * LEAK_CALLS) / MB:.1f} MB per call "
+        f"over {LEAK_CALLS} calls"
     )
 
 
 def is_misstated(measured_s: float, stated_s: float, calls: int) -> bool:
-    """Return whether stated times differ from the measured ones by more than copies and transfers explain."""
+    """Return whether stated and measured times differ by more than copies and transfers explain."""
     return abs(measured_s - stated_s) > max(MISSTATED_S, MISSTATED_RATIO * measured_s, MISSTATED_CALL_S * calls)
 
 
 class MethodFailureError(MethodError):
-    """A call of a method gave no valid result: of what kind, and whether its process is gone."""
+    """A call returned no valid result; `kind` classifies the failure, `ended` is True if the process has ended."""
 
     def __init__(self, kind: FindingKind, text: str, *, ended: bool = False) -> None:
         super().__init__(text)
@@ -82,33 +82,33 @@ class MethodFailureError(MethodError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MethodCall:
-    """What one call of a method under test took, stated and did wrong."""
+    """Resource use, result and findings of one call of a method under test."""
 
-    usage: CallUsage = field(default_factory=lambda: CallUsage(math.nan))  # NaN where it did not return
-    finding: str = ""  # what it did wrong, `KIND: text`; empty for nothing
-    reason: str = ""  # why its pose is degraded or lost
+    usage: CallUsage = field(default_factory=lambda: CallUsage(math.nan))  # NaN if the call did not return
+    finding: str = ""  # misbehaviour, `KIND: text`; empty if there is none
+    reason: str = ""  # why the pose is degraded or lost
     statistics: Mapping[str, float] = field(default_factory=dict)
-    covariance: FloatArray | None = None  # of the pose
+    covariance: FloatArray | None = None  # `(6, 6)` covariance of the pose
     step: FloatArray | None = None  # `(48,)` uncertainty of the step
 
 
 def _ending(code: int) -> str:
-    """Describe the exit code of a process, which is the negative number of the signal that ended it, if one did."""
+    """Describe the exit code of a process; a negative code is the number of the signal that killed the process."""
     name = next((item.name for item in signal.Signals if item == -code), f"signal {-code}")
     return f"with {code}" if code >= 0 else f"by {name}"
 
 
 def numbers_of(pose: Transform) -> Pose:
-    """Return the matrix `(4, 4)` of a transform, row by row, as it is sent to a method."""
+    """Return the matrix `(4, 4)` of a transform, row by row, for a method."""
     numbers: Pose = pose.matrix.ravel().tolist()
     return numbers
 
 
 class MethodProcess:
-    """A method's process, warmed up and waiting once constructed, of a stated `version`.
+    """The process of a method, which is warmed up once constructed.
 
-    It `maps_sets` of pairs in one call, or `fuses` pairs that it has mapped, or neither.
-    The arrays of its results are at `output`, followed by an ending that says what they are.
+    A mapper `maps_sets` of pairs in one call, or `fuses` maps of single pairs, or neither. Arrays of the results are at
+    `output` plus a suffix for their kind.
     """
 
     def __init__(
@@ -122,20 +122,21 @@ class MethodProcess:
         disparities: int = 0,
         hidden: Sequence[Path],
     ) -> None:
-        """Start it, shut off from hidden files, and wait until it is warmed up; the pose is that at the first pair."""
+        """Start the process without access to `hidden`, and wait for its warm-up; `T_ds_rb` is the initial pose."""
         self._limits = limits
         shared = SHARED_MEMORY if os.access(SHARED_MEMORY, os.W_OK) else None
         self._folder = Path(tempfile.mkdtemp(prefix="sfr_method_", dir=shared))
-        self._log = (self._folder / "log").open("w+b", buffering=0)  # open here, so that no lease of the log is granted
+        # open in this process, so that the kernel grants no lease of the log
+        self._log = (self._folder / "log").open("w+b", buffering=0)
         self.output = str(self._folder / "result")
-        self._is_in_memory = shared is not None  # whether files of the folder take memory
+        self._is_in_memory = shared is not None  # whether the files of the folder use memory
         images = self._folder / "images"
         self._images = np.asarray(np.memmap(images, np.uint8, "w+", shape=(MAX_PAIRS, 2, rig.height, rig.width)))
-        self._unread = b""  # of its standard output
+        self._unread = b""  # bytes of the standard output
         self._method_pid = 0
         self._tree: ProcessTree | None = None
-        self._ended = TreeUsage()  # when the last call ended
-        self._peak_bytes = 0  # largest sampled sum of the present call
+        self._ended = TreeUsage()  # at the end of the last call
+        self._peak_bytes = 0  # largest sampled memory of the current call
         self._resident: deque[int] = deque(maxlen=LEAK_CALLS)
         self._measured_s = self._stated_s = 0.0  # summed over the calls since the last finding
         self._stated_calls = 0
@@ -179,7 +180,7 @@ class MethodProcess:
         self._ended = self._tree.usage()
 
     def _started(self, method: Method, hidden: Sequence[Path]) -> subprocess.Popen[bytes]:
-        """Start the supervisor, which starts the loop with the adapter of the method."""
+        """Start the supervisor, which starts `loop.py` with the adapter of the method."""
         work = self._folder / "work"
         work.mkdir()
         rules = json.dumps(rules_of(method, self._folder, hidden))
@@ -201,10 +202,10 @@ class MethodProcess:
     def call(
         self, kind: str, pairs: Sequence[StereoPair], about: Sequence[OrderedPair], since_start_s: float = 0.0
     ) -> tuple[MethodCall, Answer]:
-        """Show it pairs, give an order and return what the call took, and what its adapter reports.
+        """Share the pairs, send an order, and return the call and the answer of the adapter.
 
-        The call begins before the images are shared, because the method could work as soon as they are there.
-        MethodFailureError says what the method did if there is no result.
+        The call begins before the images are shared, because the method could already work on them. MethodFailureError
+        describes the failure if there is no valid result.
         """
         assert self._tree is not None
         order = Order(call=kind, pairs=list(about), since_start_s=since_start_s, output=self.output)
@@ -212,7 +213,7 @@ class MethodProcess:
         self._peak_bytes = 0
         reset_peak(self._method_pid)
         self._clock.begin()
-        self._log.truncate(0)  # the words of this call are kept, for the case that it crashes
+        self._log.truncate(0)  # the log then holds only this call, for the message after a crash
         for images, pair in zip(self._images, pairs, strict=False):
             images[0], images[1] = pair.left, pair.right
         reply = self._exchange(order, Reply, self._limits.call_timeout_s)
@@ -221,9 +222,9 @@ class MethodProcess:
         if "fault" in reply:
             raise MethodFailureError(FindingKind(reply["fault"]), reply.get("text", ""))
         if "result" not in reply or "seconds" not in reply:
-            raise MethodFailureError(FindingKind.INVALID_RESULT, "no answer of its adapter: no result")
+            raise MethodFailureError(FindingKind.INVALID_RESULT, "the adapter returned no result")
         answer, stated_s = reply["result"], reply["seconds"]
-        # the mark is that of the method alone; the sampled sum includes the processes that it has started
+        # the peak covers only the method itself; the sampled sum includes its child processes
         peak = peak_of(self._method_pid)
         peak = None if peak is None else max(peak, self._peak_bytes)
         above = None if peak is None or self.idle_bytes is None else max(peak - self.idle_bytes, 0)
@@ -242,7 +243,7 @@ class MethodProcess:
         self._resident.append(resident_bytes)
         finding = leak_in(self._resident)
         if finding:
-            self._resident.clear()  # reported once for each growth
+            self._resident.clear()  # each growth is reported once
         return finding
 
     def _misstatement(self, measured_s: float, stated_s: float) -> str:
@@ -251,7 +252,7 @@ class MethodProcess:
         self._stated_calls += 1
         if not is_misstated(self._measured_s, self._stated_s, self._stated_calls):
             return ""
-        text = f"states {self._stated_s:.3f} s for calls that took {self._measured_s:.3f} s from request to answer"
+        text = f"reports {self._stated_s:.3f} s for calls that took {self._measured_s:.3f} s from request to answer"
         self._measured_s = self._stated_s = 0.0
         self._stated_calls = 0
         return f"{FindingKind.MISSTATED}: {text}"
@@ -266,7 +267,7 @@ class MethodProcess:
         try:
             return msgspec.convert(json.loads(line), kind)
         except (ValueError, RecursionError) as error:
-            self._end(FindingKind.INVALID_RESULT, f"no answer of its adapter ({error}): {line[:80]!r}", error)
+            self._end(FindingKind.INVALID_RESULT, f"invalid answer of the adapter ({error}): {line[:80]!r}", error)
 
     def _line(self, timeout_s: float) -> bytes:
         assert self._process.stdout is not None
@@ -289,7 +290,7 @@ class MethodProcess:
         return line
 
     def _look(self) -> TreeUsage:
-        """Return what its processes take; end them if that exceeds the memory limit."""
+        """Return the resource use of the processes; end them if they exceed the memory limit."""
         usage = TreeUsage() if self._tree is None else self._tree.usage()
         usage = replace(usage, rss_bytes=usage.rss_bytes + self._file_bytes())
         self._peak_bytes = max(self._peak_bytes, usage.rss_bytes)
@@ -300,7 +301,7 @@ class MethodProcess:
         return usage
 
     def _file_bytes(self) -> int:
-        """Return the memory of the files that the method can write, which is that of no process."""
+        """Return the memory of the files that the method can write, which counts for no process."""
         return bytes_of_files(self._folder, but=self._folder / "images") if self._is_in_memory else 0
 
     def _end(self, kind: FindingKind, text: str, error: Exception | None = None) -> NoReturn:
@@ -318,7 +319,7 @@ class MethodProcess:
         self._end(FindingKind.CRASHED, f"{how}: {last}")
 
     def close(self) -> None:
-        """End the process and all that it has started, now."""
+        """End the process and its descendants immediately."""
         self._process.terminate()
         try:
             self._process.wait(EXIT_TIMEOUT_S)

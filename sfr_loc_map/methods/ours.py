@@ -1,4 +1,4 @@
-"""The suite's own localiser and mapper, made as any candidate is: of a rig and a text, parameters in YAML or JSON."""
+"""The suite's own localiser and mapper with the interface of a candidate: a rig, and parameters as YAML or JSON."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sfr_loc_map.mapping.mapper import Mapper
 
 
 def localiser(rig: StereoRig, config: str) -> Localiser:
-    """Return our localiser at the identity."""
+    """Return our localiser, which starts at the identity."""
     return Localiser(rig, build(LocalisationConfig, yaml.safe_load(config) or {}), Transform.identity())
 
 

@@ -1,4 +1,4 @@
-"""What a process and all that it has started take, as the kernel reports it from outside of them."""
+"""Resource use of a process and its descendants, as reported by the kernel."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ BLOCK_BYTES = 512  #: Unit of `st_blocks`.
 
 @dataclass(frozen=True, slots=True)
 class TreeUsage:
-    """Use of a tree of processes, summed over its members."""
+    """Resource use of a process tree, summed over all processes."""
 
-    cpu_s: float = 0.0  #: Processor time since they began, also of those that have ended.
-    rss_bytes: int = 0  #: Resident memory; pages that several share count for each.
+    cpu_s: float = 0.0  #: Processor time, including that of ended processes.
+    rss_bytes: int = 0  #: Resident memory; a shared page counts once for each process.
     threads: int = 0
     processes: int = 0
 
 
 class ProcessTree:
-    """A process with all its descendants; of a supervisor the descendants alone."""
+    """A process and its descendants; a supervisor itself is not counted."""
 
     def __init__(self, root: int, *, is_supervisor: bool = False) -> None:
         self._root = psutil.Process(root)
         self._is_supervisor = is_supervisor
 
     def usage(self) -> TreeUsage:
-        """Return what the members take now."""
+        """Return the present resource use."""
         cpu_s = 0.0
         rss_bytes = 0
         threads = 0
@@ -38,7 +38,7 @@ class ProcessTree:
         with suppress(psutil.Error):
             members += self._root.children(recursive=True)
             if self._is_supervisor:
-                cpu_s += sum(self._root.cpu_times()[2:4])  # of the descendants that it has waited for
+                cpu_s += sum(self._root.cpu_times()[2:4])  # of ended descendants
         for member in members:
             with suppress(psutil.Error), member.oneshot():
                 cpu_s += sum(member.cpu_times()[:4])
@@ -48,7 +48,7 @@ class ProcessTree:
 
 
 def bytes_of_files(folder: Path, but: Path) -> int:
-    """Return the storage of the files below a folder, except one; files that vanish meanwhile are ignored."""
+    """Return the storage of all files below a folder except `but`; files that vanish meanwhile are ignored."""
     blocks = 0
     for parent, _, names in os.walk(folder):
         for name in names:

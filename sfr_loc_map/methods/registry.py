@@ -1,6 +1,6 @@
-"""Methods under test: which there are, how each is named and how its process is started.
+"""Registry of the methods under test: their names, and how their processes are started.
 
-A method is named by its name here, or as `package.module:Class`, `file.py:Class` or `lib:PATH.so`.
+A method is given by its registered name, or as `package.module:Class`, `file.py:Class` or `lib:PATH.so`.
 """
 
 from __future__ import annotations
@@ -31,32 +31,32 @@ HEADER = "sfr_candidate.h"
 
 @dataclass(frozen=True, slots=True)
 class MethodLimits:
-    """What a method may take before its process is ended."""
+    """Limits of a method. A process that exceeds a limit is killed."""
 
-    call_timeout_s: float = param(120.0, unit="s", doc="Longest time of a call.", low=0.05, high=1e6)
-    start_timeout_s: float = param(900.0, unit="s", doc="Longest time of start and warm-up.", low=0.05, high=1e6)
-    memory_mb: int = param(4000, unit="MB", doc="Resident memory at which it is ended.", low=50, high=10**6)
-    restarts: int = param(3, doc="Times that it is started again after its process was lost.", low=0, high=1000)
+    call_timeout_s: float = param(120.0, unit="s", doc="Timeout of a call.", low=0.05, high=1e6)
+    start_timeout_s: float = param(900.0, unit="s", doc="Timeout of start and warm-up.", low=0.05, high=1e6)
+    memory_mb: int = param(4000, unit="MB", doc="Resident memory at which the process is killed.", low=50, high=10**6)
+    restarts: int = param(3, doc="Number of restarts after the process was lost.", low=0, high=1000)
 
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """A localiser or mapper that runs in a process of its own."""
+    """A localiser or mapper that runs in its own process."""
 
-    name: str  # as it was chosen
+    name: str  # as selected by the user
     task: Task
     kind: MethodKind
     adapter: str  # file of `adapters/`, or an absolute path
-    target: str = ""  # what the adapter loads: `package.module:Class`, the path of a library
-    config: str = ""  # text of its configuration
-    background: bool = False  # works between calls: in a benchmark it runs alone, at the recording's rate
-    sha256: str | None = None  # of the file that it is loaded from; None where it is not one file
+    target: str = ""  # loaded by the adapter: `package.module:Class` or the path of a library
+    config: str = ""  # text of the configuration
+    background: bool = False  # works between calls; a benchmark then sends pairs at the rate of the recording
+    sha256: str | None = None  # of the loaded file; None if the method is not a single file
     about: str = ""
-    python: Path = field(default_factory=lambda: Path(sys.executable))  # interpreter that has it
-    vocabulary: str = ""  # file of a method that needs one
+    python: Path = field(default_factory=lambda: Path(sys.executable))  # interpreter that has the method
+    vocabulary: str = ""  # vocabulary file, if required
 
     def record(self, version: str | None, isolation: str | None = None) -> MethodRecord:
-        """Return what the score says of it."""
+        """Return the record of the method in the score."""
         config_sha256 = hashlib.sha256(self.config.encode()).hexdigest() if self.config else None
         return MethodRecord(
             name=self.name,
@@ -70,11 +70,11 @@ class Method:
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """A method of others that a user may have installed in another interpreter; `sfr bench` compares with it."""
+    """A third-party method that may be installed in another interpreter; `sfr bench` includes it in comparisons."""
 
     method: Method
-    modules: tuple[str, ...]  #: What its interpreter must have.
-    install: str  #: The command that installs it.
+    modules: tuple[str, ...]  #: Modules that the interpreter must have.
+    install: str  #: Command that installs the method.
     needs_vocabulary: bool = False
 
     @property
@@ -113,11 +113,11 @@ _PEERS = (
 )
 BUILT_IN = {task: {item.name: item for item in _BUILT_IN if item.task == task} for task in Task}
 PEERS = {task: {item.name: item for item in _PEERS if item.method.task == task} for task in Task}
-"""Methods that have a name, by task."""
+"""Registered methods by task and name."""
 
 
 def config_text(path: Path | None) -> str:
-    """Return the text of a method's configuration, empty without one."""
+    """Return the text of a method's configuration; empty without a path."""
     try:
         return "" if path is None else read_text(path)
     except (OSError, ValueError) as error:
@@ -125,13 +125,13 @@ def config_text(path: Path | None) -> str:
 
 
 def find_method(spec: str, task: Task, config: str = "") -> Method:
-    """Return the method that a text names; raise MethodError if there is none."""
+    """Return the method of a specification; MethodError if there is no such method."""
     if spec in BUILT_IN[task]:
         return replace(BUILT_IN[task][spec], config=config)
     if spec.startswith(LIBRARY_PREFIX):
         path = Path(spec.removeprefix(LIBRARY_PREFIX)).resolve()
         if not path.is_file():
-            raise MethodError(f"method '{spec}': there is no library '{path}', build it (docs/candidates.md)")
+            raise MethodError(f"method '{spec}': there is no library '{path}'; build it (docs/candidates.md)")
         library = (LIBRARY_ADAPTER, str(path), config)
         return Method(spec, task, MethodKind.LIBRARY, *library, background=True, sha256=hash_path(path))
     if ":" not in spec:
@@ -142,13 +142,14 @@ def find_method(spec: str, task: Task, config: str = "") -> Method:
     place = Path(spec.rpartition(":")[0])
     sha256 = hash_path(place) if place.suffix == ".py" and place.is_file() else None
     if place.suffix == ".py" and sha256 is None:
-        raise MethodError(f"method '{spec}': there is no file '{place}', give the file that has the class")
-    target = spec if sha256 is None else f"{place.resolve()}:{spec.rpartition(':')[2]}"  # it has a folder of its own
+        raise MethodError(f"method '{spec}': there is no file '{place}'; give the file of the class")
+    # an absolute path, because the process has another working directory
+    target = spec if sha256 is None else f"{place.resolve()}:{spec.rpartition(':')[2]}"
     return Method(spec, task, MethodKind.PYTHON, CLASS_ADAPTER, target, config, background=True, sha256=sha256)
 
 
 def find_peer(peer: Peer, python: Path | None, vocabulary: Path | None = None) -> tuple[Method | None, str]:
-    """Return a peer's method in an interpreter, or None and the reason why it cannot be run."""
+    """Return the method of a peer in an interpreter, or None and the reason why the method cannot be run."""
     if python is None:
         return None, f"not looked for: give --peer-python, an interpreter with it ({peer.install})"
     code = f"import importlib.util as u, sys; sys.exit(0 if all(map(u.find_spec, {peer.modules!r})) else 3)"
@@ -161,12 +162,12 @@ def find_peer(peer: Peer, python: Path | None, vocabulary: Path | None = None) -
     if not peer.needs_vocabulary:
         return replace(peer.method, python=python), ""
     if vocabulary is None or not vocabulary.is_file():
-        return None, f"needs its vocabulary, '{vocabulary}' is no file: give --vocab FILE"
+        return None, f"needs a vocabulary, but '{vocabulary}' is not a file: give --vocab FILE"
     return replace(peer.method, python=python, vocabulary=str(vocabulary.resolve())), ""
 
 
 def listed_methods() -> list[dict[str, str | None]]:
-    """Return the methods that have a name; the version of a peer is unknown without starting it."""
+    """Return the registered methods; the version of a peer is unknown before it is started."""
     import cv2
 
     versions = {OURS: __version__, "opencv": cv2.__version__, "sgbm": cv2.__version__}
@@ -181,13 +182,13 @@ def listed_methods() -> list[dict[str, str | None]]:
 
 
 def record_of_ours(task: Task, settings: Mapping[str, object] = MappingProxyType({})) -> MethodRecord:
-    """Return what the score says of the suite's own method, with the settings that are not its defaults."""
+    """Return the record of the suite's own method in the score, with the settings that differ from the defaults."""
     text = json.dumps(dict(settings), sort_keys=True) if settings else ""
     return replace(BUILT_IN[task][OURS], config=text).record(__version__)
 
 
 def header_folder() -> Path:
-    """Return the folder of the header of candidates in C, of the sources or of what is installed."""
+    """Return the folder of the header for C candidates, in the source tree or in the installation."""
     for parent in Path(__file__).resolve().parents[2:]:
         for place in ("include", "share/sfr_loc_map/include"):
             if (parent / place / HEADER).is_file():

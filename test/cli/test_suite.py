@@ -149,7 +149,7 @@ def test_the_calls_beside_an_estimate_are_judged_as_by_score(sfr: Sfr, tmp_path:
     estimate = suite.parent / "drive0.csv"
     stamps = np.loadtxt(estimate, np.int64, delimiter=",", skiprows=1, usecols=0)
     calls = [CallRecord(int(stamp), 0.1, TrackingState.TRACKING) for stamp in stamps]
-    calls[7] = replace(calls[7], finding="leaking: keeps 3 MB more after each call")
+    calls[7] = replace(calls[7], finding="leaking: memory grows by 3.0 MB per call over 50 calls")
     save_stats(stats_beside(estimate), calls, MethodRecord(name="theirs", version=None, kind=MethodKind.PYTHON))
     alone = sfr("score", estimate, suite.parent / "truth0.csv", "--condition", "distance=1")
     assert alone.code == 1, alone.err

@@ -1,7 +1,6 @@
-"""A shared library with the interface of `sfr_candidate.h` as a method.
+"""Adapter for shared libraries with the interface of `sfr_candidate.h`.
 
-What it returns is checked: sizes, marks behind what it may write, status, count. The caller checks the meaning of the
-numbers.
+The adapter checks sizes, guard bytes behind the output buffers, status and count. The caller checks the values.
 """
 
 from __future__ import annotations
@@ -24,10 +23,10 @@ if TYPE_CHECKING:
 
 ABI = 2
 STATES = (TrackingState.INITIALISING, TrackingState.TRACKING, TrackingState.DEGRADED, TrackingState.LOST)
-"""By the number of the status in the header."""
-MARK = np.full(64, 0xA5, np.uint8)  #: Behind each thing that a candidate writes.
+"""States by their number in the header."""
+MARK = np.full(64, 0xA5, np.uint8)  #: Guard bytes behind each output buffer.
 MESSAGE_SIZE = 512
-# the structs of the header, none of which has padding
+# the structs of the header, which have no padding
 RIG = np.dtype([
     ("size", "u4"), ("width", "i4"), ("height", "i4"), ("reserved", "i4"),
     ("fx", "f8"), ("fy", "f8"), ("cx", "f8"), ("cy", "f8"), ("baseline_m", "f8"),
@@ -45,26 +44,26 @@ Pointer = ctypes.c_void_p
 
 
 def room_for(dtype: np.dtype[Any], count: int = 1) -> tuple[NDArray[Any], Image]:
-    """Return zeros that a candidate may write, and the mark behind them."""
+    """Return a zeroed output buffer and the guard bytes behind it."""
     room = np.concatenate((np.zeros(count * dtype.itemsize, np.uint8), MARK))
     return room[: -len(MARK)].view(dtype), room[-len(MARK) :]
 
 
 class Library:
-    """A library that was loaded, its version checked, its candidate made."""
+    """A loaded library whose version was checked, with its candidate."""
 
     def __init__(self, setup: Setup) -> None:
-        """Load it and make the candidate; end with one line if there is none, or of another interface."""
+        """Load the library and create the candidate; SystemExit with one line if this fails."""
         try:
             self.functions = ctypes.CDLL(setup["target"])
         except OSError as error:
             raise SystemExit(f"cannot load the library: {error}") from error
         self.abi = self.function("abi", ctypes.c_uint32)()
         if not 1 <= self.abi <= ABI:
-            raise SystemExit(f"built for version {self.abi} of sfr_candidate.h, this suite has {ABI}: build it again")
+            raise SystemExit(f"built for version {self.abi} of sfr_candidate.h, this suite has {ABI}: rebuild it")
         stated = self.function("version", ctypes.c_char_p)()
         self.version = "not stated" if stated is None else stated.decode("utf-8", "replace")
-        self.function("destroy", None, Pointer)  # must be there; the process ends before it could be called
+        self.function("destroy", None, Pointer)  # required but never called, because the process exits
         create = self.function("create", Pointer, Pointer, ctypes.c_char_p, ctypes.c_char_p, ctypes.c_size_t)
         message, rig = ctypes.create_string_buffer(MESSAGE_SIZE), np.zeros(1, RIG)
         rig["size"] = RIG.itemsize
@@ -106,7 +105,7 @@ class LibraryLocaliser(Library):
         return lambda: (process(candidate, stamp_ns, *places), *written, pose_mark, mark)
 
     def report(self, answer: Any, order: Order) -> Answer:  # noqa: ANN401 - as of the call
-        """Return pose, covariance and state; raise ValueError if the candidate failed, or wrote what it may not."""
+        """Return pose, covariance and state; ValueError if the candidate failed or wrote beyond a buffer."""
         failed, _, _, (pose,), covariance, (status,), *marks = answer
         if failed:
             raise ValueError(f"sfr_candidate_process returned {failed}")
@@ -131,7 +130,7 @@ class LibraryLocaliser(Library):
 
 
 class LibraryMapper(Library):
-    """`sfr_candidate_map_pairs`, or in its place `sfr_candidate_map`."""
+    """`sfr_candidate_map_pairs`, or `sfr_candidate_map` if the library does not have the former."""
 
     def __init__(self, setup: Setup) -> None:
         super().__init__(setup)
@@ -166,7 +165,7 @@ class LibraryMapper(Library):
         return lambda: (run(candidate, *words), count, fused, points, mark, lefts, rights, given)
 
     def report(self, answer: Any, order: Order) -> Answer:  # noqa: ANN401 - as of the call
-        """Save the points; raise ValueError if the candidate failed, or wrote what it may not."""
+        """Save the points; ValueError if the candidate failed or wrote beyond the buffer."""
         failed, (count,), (fused,), points, mark, lefts, *_ = answer
         if failed:
             raise ValueError(f"sfr_candidate_{self._name} returned {failed}")

@@ -1,7 +1,7 @@
-"""A plain stereo odometry of OpenCV's own building blocks: corners, optical flow, PnP from pair to pair.
+"""Basic stereo odometry with OpenCV: corners, optical flow, and PnP between consecutive pairs.
 
-Corners (Shi-Tomasi) get their depth by pyramidal Lucas-Kanade flow to the right image, are tracked by the same flow
-to the next left image and back, and give the motion by PnP with RANSAC, refined on its inliers.
+Pyramidal Lucas-Kanade flow matches Shi-Tomasi corners to the right image, which gives their depth, and tracks them to
+the next left image and back. The motion is estimated by PnP with RANSAC and refined on the inliers.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 FEATURES = 2000
 QUALITY, SPACING_PX = 0.003, 8.0
-RETURN_PX = 1.0  #: Largest distance of a corner from its position after flow forth and back.
+RETURN_PX = 1.0  #: Largest distance of a corner from its position after forward and backward flow.
 ROW_PX = 1.0  #: Largest vertical disparity of a corner.
 MIN_INLIERS = 8
 
@@ -36,12 +36,12 @@ def flow(image: NDArray[np.uint8], other: NDArray[np.uint8], corners: Corners) -
 
 
 class OpenCvOdometry:
-    """The odometry as a reference method."""
+    """Stereo odometry as a reference method."""
 
     version = cv2.__version__
 
     def __init__(self, setup: Setup) -> None:
-        """Take the camera from the setup; warm up on noise, so that no call includes the start of threads."""
+        """Read the camera from the setup, and warm up on noise so that no call includes the start of threads."""
         camera = setup["camera"]
         fx, fy, cx, cy = camera["fx"], camera["fy"], camera["cx"], camera["cy"]
         self._camera_matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
@@ -67,13 +67,13 @@ class OpenCvOdometry:
         return lambda: self._step(left, right)
 
     def report(self, answer: FloatArray | None, order: Order) -> Answer:
-        """Return the pose of RB in DS, None when lost."""
+        """Return the pose of RB in DS; None if lost."""
         if answer is None:
             return {"T_ds_rb": None}
         return {"T_ds_rb": (self._T_ds_first_left @ answer @ self._T_left_rb).ravel().tolist()}
 
     def _step(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> FloatArray | None:
-        """Return the pose `(4, 4)` of the left camera in its first one, None where it is unknown."""
+        """Return the pose `(4, 4)` of the left camera in the first left camera; None if unknown."""
         moved = np.eye(4) if self._previous is None else self._motion(left)
         if moved is not None:
             self._pose = self._pose @ moved
@@ -81,7 +81,7 @@ class OpenCvOdometry:
         return None if moved is None else self._pose
 
     def _points(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[NDArray[np.float32], FloatArray]:
-        """Return corners `(N, 2)` and their points `(N, 3)`, metres, in the left camera."""
+        """Return corners `(N, 2)` and the points `(N, 3)` of these corners in the left camera, metres."""
         corners = np.reshape(cv2.goodFeaturesToTrack(left, FEATURES, QUALITY, SPACING_PX), (-1, 2)).astype(np.float32)
         if not len(corners):
             return corners, np.zeros((0, 3))
@@ -94,7 +94,7 @@ class OpenCvOdometry:
         return corners, rays * depth[:, None]
 
     def _motion(self, left: NDArray[np.uint8]) -> FloatArray | None:
-        """Return the pose `(4, 4)` of the camera in the previous one, None where too few corners agree."""
+        """Return the pose `(4, 4)` of the left camera in the previous left camera; None with too few inliers."""
         assert self._previous is not None
         image, corners, points = self._previous
         if len(corners) < MIN_INLIERS:

@@ -1,4 +1,4 @@
-"""OpenCV's semi-global matching as commonly used: three-way form, block 3, images padded on the left."""
+"""OpenCV's semi-global matching with common settings: three-way mode, block size 3, images padded on the left."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BLOCK = 3
 
 
 class OpenCvStereo:
-    """Disparities of the left image, NaN where none."""
+    """Disparities of the left image, NaN where invalid."""
 
     version = cv2.__version__
 

@@ -1,4 +1,4 @@
-"""ORB-SLAM3 (stereo) by its Python wheel `pyorbslam3`, GPL-3: it runs in a process of its own only."""
+"""ORB-SLAM3 (stereo) by the Python package `pyorbslam3`; because of its licence, GPL-3, only in a separate process."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from sfr_loc_map.methods.child.loop import Answer, Order, Setup
 
-# the settings format before 1.0: with that of 1.0 the wheel's stereo sensor ends at start-up
+# settings format before 1.0, because the stereo sensor of the package exits at start-up with format 1.0
 SETTINGS = {
     "Camera.type": '"PinHole"',
     "Camera.k1": 0.0,
@@ -58,10 +58,10 @@ def settings_text(setup: Setup) -> str:
 
 
 class OrbSlam3:
-    """Pose of RB from that of the left camera in its first one, as known right after each pair."""
+    """Poses of RB from the poses of the left camera relative to the first pair, as estimated right after each pair."""
 
     def __init__(self, setup: Setup) -> None:
-        """Load the vocabulary; the system cannot be warmed up: its first call starts the map."""
+        """Load the vocabulary. The system cannot be warmed up, because its first call starts the map."""
         import pyorbslam3  # type: ignore[import-not-found,unused-ignore]
 
         self.version = metadata.version("pyorbslam3")
@@ -82,7 +82,7 @@ class OrbSlam3:
         return lambda: self._slam.track_stereo(left, right, seconds)
 
     def report(self, answer: Any, order: Order) -> Answer:  # noqa: ANN401
-        """Return the pose of RB in DS, None when lost."""
+        """Return the pose of RB in DS; None if lost."""
         T_first_left = np.asarray(answer.pose_wc, np.float64)
         if not answer.pose_valid or not np.isfinite(T_first_left).all():
             return {"T_ds_rb": None}

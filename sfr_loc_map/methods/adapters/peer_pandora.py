@@ -1,4 +1,4 @@
-"""Pandora with libSGM, the dense stereo of CNES (Apache-2.0), run in its own process."""
+"""Pandora with libSGM, the dense stereo matcher of CNES (Apache-2.0)."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ PIPELINE: dict[str, dict[str, Any]] = {
     "filter": {"filter_method": "median", "filter_size": 3},
     "validation": {"validation_method": "cross_checking_accurate"},
 }
-INVALID = 0b01111000011  #: Bits of the validity mask of pixels without disparity.
+INVALID = 0b01111000011  #: Bits of the validity mask that mark pixels without a disparity.
 
 
 class Pandora:
-    """Disparities of the left image, NaN where none."""
+    """Disparities of the left image, NaN where invalid."""
 
     def __init__(self, setup: Setup) -> None:
         import pandora  # type: ignore[import-not-found,unused-ignore]
@@ -55,7 +55,7 @@ class Pandora:
             paths = [os.path.join(folder, f"{name}.tif") for name in ("left", "right")]
             for path, image in zip(paths, (left, right), strict=True):
                 cv2.imwrite(path, image)
-            # Pandora's disparity is the column in the right image less that in the left one
+            # Pandora's disparity is the right column minus the left column
             sides = (
                 {"img": paths[0], "nodata": -9999, "disp": [1 - self._disparities, 0]},
                 {"img": paths[1], "nodata": -9999, "disp": [0, self._disparities - 1]},

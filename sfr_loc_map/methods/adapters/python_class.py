@@ -1,8 +1,8 @@
-"""A Python class as a method: `Class(rig, config)` with `process(pair)`; a mapper with `map_pairs(pairs)`.
+"""Adapter for Python classes: `Class(rig, config)` with `process(pair)` for localisers, `map_pairs(pairs)` for mappers.
 
-A mapper may have `process(pair, T_lm_navsb, index)` and `fuse(results)` in place of it. `warm_up()`, `reset(T_ds_rb)`,
-`version` and `statistics` are used where the class has them
-(docs/candidates.md); the suite's own localiser and mapper are nothing else.
+Instead of `map_pairs`, a mapper may have `process(pair, T_lm_navsb, index)` and `fuse(results)`. `warm_up()`,
+`reset(T_ds_rb)`, `version` and `statistics` are optional (docs/candidates.md). The suite's own localiser and mapper use
+this adapter, too.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ if TYPE_CHECKING:
 
 
 def _transform(numbers: Pose | None) -> Transform:
-    assert numbers is not None  # a mapper has the pose of its cameras
+    assert numbers is not None  # mappers always receive the pose of the cameras
     matrix = np.reshape(np.asarray(numbers, np.float64), (4, 4))
     return Transform(matrix[:3, :3].copy(), matrix[:3, 3].copy())
 
 
 class PythonClass:
-    """What both kinds of methods have in common."""
+    """The common part of localisers and mappers."""
 
-    calls: tuple[str, ...] = ("process",)  # of which it must have one
+    calls: tuple[str, ...] = ("process",)  # the class must have one of these
 
     def __init__(self, setup: Setup) -> None:
         T_rb_sb = None if setup["T_rb_sb"] is None else _transform(setup["T_rb_sb"])
         rig = replace(StereoRig(**setup["camera"]), T_rb_sb=T_rb_sb)
-        # `package.module:Name` or `path/to/file.py:Name`; the current folder is searched first
+        # `package.module:Name` or `path/to/file.py:Name`; the working directory is searched first
         place, _, name = setup["target"].rpartition(":")
         is_file = place.endswith(".py")
         sys.path.insert(0, str(Path(place).resolve().parent) if is_file else "")
@@ -61,10 +61,10 @@ class PythonClass:
 
 
 class PythonLocaliser(PythonClass):
-    """A localiser: its result is a `PoseEstimate`, a `Transform`, a matrix `(4, 4)`, or None where it is lost."""
+    """A localiser that returns a `PoseEstimate`, a `Transform`, a matrix `(4, 4)`, or None if lost."""
 
     def __init__(self, setup: Setup) -> None:
-        """Tell it the first pose; without `reset` its poses are relative to that."""
+        """Set the initial pose by `reset`; without `reset`, poses of the method are relative to the initial pose."""
         super().__init__(setup)
         start = _transform(setup["T_ds_rb"])
         resets = self.has("reset")
@@ -79,7 +79,7 @@ class PythonLocaliser(PythonClass):
         return lambda: self.method.process(pair)
 
     def report(self, answer: object, order: Order) -> Answer:
-        """Return the pose as 16 numbers, None when lost, and what else the estimate says."""
+        """Return the pose as 16 numbers, None if lost, and the other fields of the estimate."""
         if answer is None:
             return {"T_ds_rb": None}
         report: Answer = {"statistics": _figures(self.method)}
@@ -100,7 +100,7 @@ class PythonLocaliser(PythonClass):
 
 
 class PythonMapper(PythonClass):
-    """A mapper: its result has a `cloud`, or is a `PointCloud`; that of one pair may be a disparity image `(H, W)`."""
+    """A mapper that returns a `PointCloud` or an object with a `cloud`; or, for one pair, a disparity image."""
 
     calls = ("map_pairs", "process")
 
@@ -110,7 +110,7 @@ class PythonMapper(PythonClass):
         self._results: list[Any] = []
 
     def prepare(self, left: GreyImage, right: GreyImage, order: Order) -> Callable[[], Any]:
-        """Return the call: that for a set, for one pair, or the fusion of all."""
+        """Return the call that maps a set or one pair, or fuses all pairs."""
         if order["call"] == "set":
             pairs = [
                 PosedStereoPair(StereoPair(item["stamp_ns"], *images), _transform(item["T_lm_navsb"]))
@@ -124,7 +124,7 @@ class PythonMapper(PythonClass):
         return lambda: self.method.process(pair, T_lm_navsb, about["index"])
 
     def report(self, answer: Any, order: Order) -> Answer:  # noqa: ANN401 - as the class says
-        """Save the points and the disparities; raise TypeError if there is neither."""
+        """Save the points and the disparities; TypeError if the result has neither."""
         if self.fuses and order["call"] == "pair":
             self._results.append(answer)
         cloud = answer if isinstance(answer, PointCloud) else getattr(answer, "cloud", None)

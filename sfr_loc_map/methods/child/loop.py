@@ -1,20 +1,18 @@
-"""Gives stereo pairs to one method and measures its calls: `python loop.py ADAPTER.py`, orders on standard input.
+"""Passes stereo pairs to a method and measures its calls: `python loop.py ADAPTER.py`, orders on standard input.
 
-The process that asks and the process of the method exchange lines of JSON: a `Setup`, answered by a `Hello`, then an
-`Order` for each call, answered by a `Reply`. Images are in a file of `(N, 2, H, W)` bytes. The method gets copies of
-the images of its order, which it may keep. `ADAPTER.py` has `open_method(setup)`, which warms the method up and
-returns an object with
+The client and this process exchange lines of JSON: a `Setup`, answered by a `Hello`, then an `Order` for each call,
+answered by a `Reply`. Images are in a file of `(N, 2, H, W)` bytes. The method receives copies of the images, which the
+method may keep. `ADAPTER.py` defines `open_method(setup)`, which warms the method up and returns an object with
 
 - `version`: text;
-- `prepare(left, right, order)`: returns the call, a function without arguments; images are `(H, W)`, of a set
-  `(n, H, W)`;
-- `report(answer, order)`: returns the `Answer`; arrays are saved to `order["output"]` with an ending of their own:
-  `.cloud.npy`, or `.disparity.npy`.
+- `prepare(left, right, order)`: returns the call, a function without arguments; images are `(H, W)`, or `(n, H, W)` for
+  a set;
+- `report(answer, order)`: returns the `Answer`; arrays are saved to `order["output"]` plus `.cloud.npy` or
+  `.disparity.npy`.
 
-Time and memory are measured by the process that asks, from the order to the answer with all results written. The
-seconds in the reply are those of the call alone by the clock of this process, which the method could change. An error
-that the method raises is a reply, too. This file requires Python and numpy alone, because it runs in the interpreter
-that has the method.
+The client measures time and memory, from the order to the answer with all results written. The seconds in the reply
+cover only the call, by a clock that the method could manipulate. An exception of the method is also a reply. This file
+requires only Python and numpy, because it runs in the interpreter of the method.
 """
 
 from __future__ import annotations
@@ -32,7 +30,7 @@ Pose = list[float]  #: A matrix `(4, 4)`, row by row.
 
 
 class Camera(TypedDict):
-    """The rectified stereo camera, with the fields of `StereoRig`: pixels, and metres."""
+    """The rectified stereo camera, with the fields of `StereoRig`, in pixels and metres."""
 
     width: int
     height: int
@@ -44,62 +42,62 @@ class Camera(TypedDict):
 
 
 class Setup(TypedDict):
-    """What an adapter is told at the start."""
+    """Parameters of an adapter at the start."""
 
     task: str  #: `localisation` or `mapping`.
-    target: str  #: What the adapter loads: `package.module:Class`, `FILE.py:Class`, the path of a library.
+    target: str  #: Loaded by the adapter: `package.module:Class`, `FILE.py:Class` or the path of a library.
     config: str  #: Text of the method's configuration.
     images: str  #: File of the images.
     camera: Camera
-    T_rb_sb: Pose | None  #: Pose of the stereo rig in RB, None if it is unknown.
-    T_rb_left: Pose  #: Pose of the left camera in RB; the identity if it is unknown.
-    T_ds_rb: Pose  #: First pose of RB.
+    T_rb_sb: Pose | None  #: Pose of the stereo rig in RB; None if unknown.
+    T_rb_left: Pose  #: Pose of the left camera in RB; the identity for mappers.
+    T_ds_rb: Pose  #: Initial pose of RB.
     rate_hz: float  #: Rate of the pairs.
     disparities: int  #: Number of disparities that a matcher searches.
-    vocabulary: str  #: File of a method that needs one, otherwise empty.
+    vocabulary: str  #: Path of a vocabulary file; empty if not required.
 
 
 class Hello(TypedDict):
     """Answer to the setup."""
 
     version: str
-    fuses: bool  #: Maps that were made pair by pair are fused by a call of their own.
-    maps_sets: bool  #: All pairs of a map are mapped in one call.
+    fuses: bool  #: Whether a separate call fuses the maps of single pairs.
+    maps_sets: bool  #: Whether one call maps all pairs of a map.
 
 
 class OrderedPair(TypedDict):
     """A stereo pair of an order."""
 
     stamp_ns: int
-    index: int  #: Number of the pair in the map, from 0.
+    index: int  #: Index of the pair in the map, from 0.
     T_lm_navsb: Pose | None  #: Pose of the mapping cameras; None for a localiser.
 
 
 class Order(TypedDict):
     """One call."""
 
-    call: str  #: `pair`, `set` (one to three pairs in one call), or `fuse` (the maps of the pairs before).
-    pairs: list[OrderedPair]  #: The pairs of the call; of `fuse` the last one before.
-    since_start_s: float  #: Time of the pair since the first one.
-    output: str  #: Path of the arrays of the answer, before their endings.
+    call: str  #: `pair`, `set` (one to three pairs in one call), or `fuse` (the maps of the previous pairs).
+    pairs: list[OrderedPair]  #: The pairs of the call; for `fuse`, the last mapped pair.
+    since_start_s: float  #: Time of the pair since the first pair.
+    output: str  #: Path of the arrays of the answer, without the suffixes.
 
 
 class Answer(TypedDict, total=False):
-    """What a call gave; what is omitted is not stated by the method."""
+    """Result of a call; the method may omit any field."""
 
-    stamp_ns: int  #: Of the last pair of the order.
+    stamp_ns: int  #: Stamp of the last pair of the order.
     T_ds_rb: Pose | None  #: Pose of RB; None if the localiser is lost.
-    covariance: list[float] | None  #: Of the pose, `(6, 6)` row by row, in DS.
+    covariance: list[float] | None  #: Covariance of the pose, `(6, 6)` row by row, in DS.
     step: list[float] | None  #: Uncertainty of the step, 48 numbers.
     state: str  #: State of the localiser.
-    reason: str  #: Why it is degraded or lost.
+    reason: str  #: Why the pose is degraded or lost.
     statistics: dict[str, float]
-    fused: bool  #: Whether surfaces that several pairs see are in the cloud once.
+    fused: bool  #: Whether the pairs were fused to one surface.
     warnings: list[str]
 
 
 class Reply(TypedDict, total=False):
-    """Answer to an order: the result with its time, or a fault with its text."""
+    """Answer to an order: the result and the time of the call, or a fault and its text."""
 
     seconds: float
     result: Answer
@@ -122,7 +120,7 @@ def main() -> None:
     for line in sys.stdin:
         order = json.loads(line)
         _answer(answers, _obey(method, np.array(images[: len(order["pairs"])]), order))
-    os._exit(0)  # some methods crash in their destructors; all answers have been written
+    os._exit(0)  # some methods crash in their destructors; all answers are already written
 
 
 def _obey(method: Any, images: Any, order: Order) -> Reply:  # noqa: ANN401

@@ -1,6 +1,6 @@
-"""Where numba finds compiled kernels in a process that may not write beside the sources: of this package there.
+"""Locators with which numba loads this package's compiled kernels in a process that must not write to their cache.
 
-Named in NUMBA_CACHE_LOCATOR_CLASSES; kernels of a method under test are kept in NUMBA_CACHE_DIR.
+NUMBA_CACHE_LOCATOR_CLASSES lists these classes. Kernels of a method under test are cached in NUMBA_CACHE_DIR.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ PACKAGE = str(Path(__file__).parents[2])
 
 
 class _Kept:
-    """What makes a locator take kernels that are there already."""
+    """Makes a locator accept a folder that already has kernels of this package."""
 
     def ensure_cache_path(self) -> None:
-        """Raise OSError where there are none of this package's for a source."""
+        """Raise OSError if the folder has no kernels of this package for the source file."""
         source: Any = self._py_file  # type: ignore[attr-defined]
         name = os.path.splitext(os.path.basename(source))[0]
         place = self.get_cache_path()  # type: ignore[attr-defined]
@@ -28,8 +28,8 @@ class _Kept:
 
 
 class BesideSources(_Kept, caching.InTreeCacheLocator):
-    """Beside the sources."""
+    """Kernels beside the sources."""
 
 
 class OfUser(_Kept, caching.UserWideCacheLocator):
-    """In the user's own folder."""
+    """Kernels in the user's cache folder."""

@@ -1,12 +1,12 @@
-"""Shuts off a command from files and network: `python shut_in.py RULES COMMAND...`; requires nothing but Linux.
+"""Runs a command without access to other files and TCP: `python shut_in.py RULES COMMAND...`; requires only Linux.
 
-RULES are JSON: folders whose `names` may be listed, paths that may be read (`read`), and paths that may be written as
-well (`write`). Paths that do not exist are ignored. The command runs in a child process under a Landlock domain (kernel
-5.13), which requires no privilege. The first line on standard output is JSON: process number of the command, and what
-the process is shut off from.
+RULES are JSON: folders that may be listed (`names`), paths that may be read (`read`), and paths that may be read and
+written (`write`). Missing paths are ignored. The command runs in a child process in a Landlock domain (Linux 5.13),
+which requires no privileges. The first line on standard output is JSON: the process id of the command, and the
+restrictions in force.
 
-This process stays behind as the supervisor. Descendants of the command that lose their parent become its children. When
-the command has ended, the supervisor kills them all and ends as the command did. docs/decisions/0010-isolation.md.
+This process remains as the supervisor, and adopts orphaned descendants of the command. When the command has ended, the
+supervisor kills all descendants and exits with the status of the command. See docs/decisions/0010-isolation.md.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ import struct
 import sys
 
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER, PR_SET_NO_NEW_PRIVS = 1, 36, 38
-CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446  # numbers of the calls, on every architecture
-RIGHTS_BY_ABI = (13, 14, 15, 15, 16)  # number of rights on files that a version of Landlock has
+CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446  # system call numbers, on every architecture
+RIGHTS_BY_ABI = (13, 14, 15, 15, 16)  # number of file rights of each Landlock ABI version
 EXECUTE, WRITE_FILE, READ_FILE, READ_DIR, TRUNCATE, IOCTL_DEV = (1 << bit for bit in (0, 1, 2, 3, 14, 15))
-MAKE_DEVICES, MAKE_LINKS = 1 << 6 | 1 << 10 | 1 << 11, 1 << 12  # named pipes among them: a reader would block
+MAKE_DEVICES, MAKE_LINKS = 1 << 6 | 1 << 10 | 1 << 11, 1 << 12  # includes named pipes, which would block a reader
 OF_FILES = EXECUTE | WRITE_FILE | READ_FILE | TRUNCATE | IOCTL_DEV
 READ = EXECUTE | READ_FILE | READ_DIR
-TCP, TCP_ABI = 3, 4  # rights to bind and to connect, and the version of Landlock that has them
-SCOPES, SCOPES_ABI = 3, 6  # signals and abstract sockets, likewise
-LARGEST_FILE = 4_000_000_000  #: Bytes. Bounds what a command that writes for ever can take of a disk.
+TCP, TCP_ABI = 3, 4  # rights to bind and connect, and the first ABI version with them
+SCOPES, SCOPES_ABI = 3, 6  # signals and abstract sockets, and the first ABI version with them
+LARGEST_FILE = 4_000_000_000  #: Bytes. Limits the disk use of a command that writes endlessly.
 LIBC = ctypes.CDLL(None, use_errno=True)
 
 
@@ -39,7 +39,7 @@ def _checked(result: int, what: str) -> int:
 
 
 def shut_off(names: list[str], read: list[str], write: list[str]) -> list[str]:
-    """Restrict this process and its descendants; return what they are shut off from. OSError without Landlock."""
+    """Restrict this process and its descendants; return the restrictions. OSError without Landlock."""
     abi = _checked(LIBC.syscall(CREATE_RULESET, None, 0, 1), "Landlock")
     rights_on_files = (1 << RIGHTS_BY_ABI[min(abi, len(RIGHTS_BY_ABI)) - 1]) - 1
     attributes = struct.pack("=QQQ", rights_on_files, TCP * (abi >= TCP_ABI), SCOPES * (abi >= SCOPES_ABI))
@@ -54,7 +54,7 @@ def shut_off(names: list[str], read: list[str], write: list[str]) -> list[str]:
             rule = struct.pack("=Qi", allowed, place)
             _checked(LIBC.syscall(ADD_RULE, ruleset, 1, rule, 0), f"Landlock, {path}")
             if path == "/proc/self":
-                os.set_inheritable(place, True)  # the kernel drops the rule with the last reference to the folder
+                os.set_inheritable(place, True)  # the rule ends with the last reference to the folder
             else:
                 os.close(place)
     _checked(LIBC.prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0), "no_new_privs")
@@ -65,10 +65,10 @@ def shut_off(names: list[str], read: list[str], write: list[str]) -> list[str]:
 
 
 def supervise(command: int) -> None:
-    """Wait for the command, kill what it has left, and end as the command did."""
+    """Wait for the command, kill its remaining descendants, and exit with its status."""
     signal.signal(signal.SIGTERM, lambda *_: os.kill(command, signal.SIGKILL))
     for stream in (0, 1, 2):
-        os.close(stream)  # the end of the command is the end of its streams
+        os.close(stream)  # so that the streams end with the command
     ended, status = os.wait()
     while ended != command:
         ended, status = os.wait()
@@ -88,7 +88,7 @@ def _children() -> list[int]:
 
 
 def main() -> None:
-    """Start the supervised child, shut it off, report what could be done, and become the command."""
+    """Start and restrict the supervised child, report the restrictions, and execute the command."""
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     LIBC.prctl(PR_SET_CHILD_SUBREAPER, 1)
     LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
