@@ -1,12 +1,12 @@
-"""Compare the localiser of two checkouts on many drives, bit by bit.
+"""Check that the localisers of two checkouts return bit-identical results on many drives.
 
     PYTHONPATH=. python tools/compare_localiser.py record OUT.json SRC...
     PYTHONPATH=. python tools/compare_localiser.py compare OLD.json NEW.json
 
-`record` runs the localiser of this checkout on each source: without faults, with ten injected faults, with poses from
-outside, with wheel odometry and with missing pairs. The file holds, for each run and each pair, a digest of the pose,
-the covariance, the step, the state, the reason and the statistics. `compare` lists the runs that differ, each with the
-first differing pair, and exits with 1 if there are any.
+`record` runs the localiser of this checkout on each source: without faults, with injected faults, with external poses,
+with wheel odometry and with missing pairs. The file has a digest of pose, covariance, step, state, reason and
+statistics for each pair of each run. `compare` lists the runs that differ, with the first differing pair, and exits
+with 1 if a run differs.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from sfr_loc_map.localisation.estimate import PoseEstimate, StartPose
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.runs.offline import start_pose
 
-PAIRS = 70  #: Pairs of a run with a fault.
+PAIRS = 70  #: Number of pairs of all runs but the plain run.
 FAULTS = (
     "body:amount=0.3",
     "object:amount=0.35,share=0.3,burst=25",
@@ -57,12 +57,12 @@ COVARIANCE = np.diag([0.01, 0.02, 0.03, 1e-4, 2e-4, 3e-4])
 
 
 class Run(NamedTuple):
-    """One run: its pairs, and what is given to the localiser before and with each of them."""
+    """One run: the pairs, and the external inputs of the localiser."""
 
     drive: LocSequence
-    poses: dict[int, StartPose]  #: Pose from outside before the pair of this number.
-    with_odometry: bool = False  #: Whether the true motion, 2 % too long, is given as wheel odometry.
-    left_out: frozenset[int] = frozenset()  #: Numbers of missing pairs.
+    poses: dict[int, StartPose]  #: External pose before the pair of this index.
+    with_odometry: bool = False  #: Whether the true motion, 2 % too long, is passed as wheel odometry.
+    left_out: frozenset[int] = frozenset()  #: Indices of missing pairs.
 
 
 def runs(sequence: LocSequence) -> Iterator[tuple[str, Run]]:
@@ -121,7 +121,7 @@ def digest(estimate: PoseEstimate) -> str:
 
 
 def record(out: Path, sources: list[str]) -> int:
-    """Run the localiser on all sources and write the digests."""
+    """Run the localiser on all sources and write the digests to a file."""
     found: dict[str, list[str]] = {}
     for source in sources:
         sequence = open_source(Path(source)).loc
@@ -137,7 +137,7 @@ def record(out: Path, sources: list[str]) -> int:
 
 
 def compare(old: Path, new: Path) -> int:
-    """List the runs that differ."""
+    """Print the runs that differ; return 1 if a run differs."""
     before, after = (json.loads(path.read_text(encoding="utf-8")) for path in (old, new))
     differing = [name for name in sorted(before | after) if before.get(name) != after.get(name)]
     for name in differing:

@@ -1,19 +1,19 @@
-"""Record what the mapper returns for real and rendered pairs, and compare two records.
+"""Record the mapper's results for real and rendered pairs, and compare two records.
 
     PYTHONPATH=. python tools/compare_mapper.py record BEFORE.json sample/sample.mcap SRC...
     PYTHONPATH=. python tools/compare_mapper.py compare BEFORE.json AFTER.json
     PYTHONPATH=. python tools/compare_mapper.py time OTHER_TREE SRC...
 
-`record` hashes every output: disparities, points, sigma, statistics, warnings, fused clouds and terrain grids. A change
-of the structure alone leaves all hashes as they are. Each source is mapped three times: as given, with fitted poses,
-and with a right camera that is turned, unequally exposed and partly saturated, so that the corrections are part of the
-record. Where the source has truth, the record also holds the accuracy. Hashes depend on the processor, so both records
-have to be made on the same machine.
+`record` hashes every output: disparities, points, sigma, statistics, warnings, fused clouds and terrain grids.
+Refactoring must not change any hash. Each source is mapped three times: as given, with fitted poses, and with disturbed
+images. Disturbed images have a rotated right camera, unequal exposure and saturated rows, so that the record covers the
+corrections. If the source has a ground truth, the record also has the accuracy. Hashes depend on the processor, so both
+records must be made on the same machine.
 
-`compare` prints the outputs that differ and both accuracies. It exits with 1 if an output differs.
+`compare` prints the outputs that differ and both accuracies, and exits with 1 if an output differs.
 
-`time` maps the sources by this tree and by another one in turns, each in a process of its own. It prints the median
-process time of each call, the peak memory, and the ratios.
+`time` maps the sources alternately by this tree and by another tree, each time in a new process. The command prints the
+medians of the process time of each call and of the peak memory, and their ratios.
 """
 
 from __future__ import annotations
@@ -45,15 +45,15 @@ from sfr_loc_map.mapping import FusedMap, Mapper, MappingConfig, PairMap, point_
 from sfr_loc_map.mapping.config import MAX_PAIRS
 
 RIGHT_ROTATION_DEG = (0.06, 0.4, 0.08)  #: Pitch, yaw and roll of the right camera of the disturbed pairs.
-GAIN, OFFSET = 0.85, 18.0  #: Exposure of the right image of the disturbed pairs; the offset in grey levels.
+GAIN, OFFSET = 0.85, 18.0  #: Gain and offset, grey levels, of the right image of the disturbed pairs.
 SATURATED_FRACTION = 0.1  #: Fraction of the rows of the disturbed pairs that are white.
-ROUNDS = 9  #: Processes of each tree that `time` starts.
+ROUNDS = 9  #: Number of processes of each tree that `time` starts.
 
 Images = NDArray[np.float32]
 
 
 def open_pairs(path: Path) -> tuple[StereoRig, list[PosedStereoPair]]:
-    """Return the rig and up to three pairs of a source; a drive's first pairs are mapped from one pose."""
+    """Return the rig and up to three pairs of a source; the first pairs of a drive all get the identity pose."""
     source = open_source(path)
     if source.nav is not None:
         return source.nav.rig, list(source.nav.pairs())
@@ -64,7 +64,7 @@ def open_pairs(path: Path) -> tuple[StereoRig, list[PosedStereoPair]]:
 
 def true_disparities(path: Path, rig: StereoRig, pairs: Sequence[PosedStereoPair]) -> Iterator[Images | None]:
     """Yield the true disparity `(H, W)` of each pair, pixels, NaN where unknown; None without truth."""
-    kitti = path / "disparity.png"  # disparity times 256, 0 where unknown
+    kitti = path / "disparity.png"  # disparity * 256, 0 where unknown
     for item in pairs:
         if kitti.exists():
             stored = np.asarray(cv2.imread(str(kitti), cv2.IMREAD_UNCHANGED), np.float32)
@@ -77,7 +77,7 @@ def true_disparities(path: Path, rig: StereoRig, pairs: Sequence[PosedStereoPair
 
 
 def disturbed(pair: StereoPair, rig: StereoRig) -> StereoPair:
-    """Return the pair with a right camera that is turned and unequally exposed, and with saturated rows."""
+    """Return the pair with a rotated, unequally exposed right camera and with saturated rows."""
     K = rig.camera_matrix
     turn = K @ matrix_from_rotvec(np.radians(RIGHT_ROTATION_DEG)) @ np.linalg.inv(K)
     size = (rig.width, rig.height)
@@ -103,7 +103,7 @@ def digest(value: object) -> str:
 
 
 def hashes_of_map(result: PairMap | FusedMap) -> dict[str, str]:
-    """Return the hash of each output of a call by name."""
+    """Return the hashes of the outputs of a call by name."""
     cloud = result.cloud
     found = {name: digest(getattr(cloud, name)) for name in ("xyz", "sigma", "intensity", "u", "v", "pair", "fused")}
     found["stamps"] = digest(cloud.pair_stamps_ns)
@@ -119,7 +119,7 @@ def hashes_of_map(result: PairMap | FusedMap) -> dict[str, str]:
 
 
 def hashes_of_terrain(fused: FusedMap, rig: StereoRig, config: MappingConfig) -> dict[str, str]:
-    """Return the hash of each grid and of the points' covariances; the reason where no grid can be made."""
+    """Return the hashes of the terrain grids and of the point covariances, or of the error if there is no grid."""
     try:
         grid = terrain_grid(fused.cloud, config.terrain, fused.T_lm_left, fused.random_sigma)
     except MappingError as error:
@@ -132,7 +132,7 @@ def hashes_of_terrain(fused: FusedMap, rig: StereoRig, config: MappingConfig) ->
 
 
 def visible_in_both(truth_px: Images) -> NDArray[np.bool_]:
-    """Return the pixels `(H, W)` of known disparity whose partner is inside the right image and not occluded there."""
+    """Return the mask `(H, W)` of pixels with a known disparity that are visible in the right image."""
     rows, cols = truth_px.shape
     y, x = np.nonzero(np.isfinite(truth_px))
     disparity = truth_px[y, x]
@@ -147,7 +147,7 @@ def visible_in_both(truth_px: Images) -> NDArray[np.bool_]:
 
 
 def sigma_in_pixels(result: PairMap, sigma: Images, rig: StereoRig) -> NDArray[np.float64]:
-    """Return the standard deviations `(N,)` of a pair's ranges in pixels of disparity `(H, W)`, NaN without a point."""
+    """Return the disparity sigma `(H, W)`, pixels, of range sigmas `(N,)`; NaN for pixels without a point."""
     cloud = result.cloud
     x = (cloud.u - rig.cx) / rig.fx
     y = (cloud.v - rig.cy) / rig.fy
@@ -158,7 +158,7 @@ def sigma_in_pixels(result: PairMap, sigma: Images, rig: StereoRig) -> NDArray[n
 
 
 def accuracy(result: PairMap, truth_px: Images, item: PosedStereoPair, rig: StereoRig) -> dict[str, float]:
-    """Return the accuracy of a pair's map where its true disparity is known."""
+    """Return the accuracy of a pair's map over the pixels with a known true disparity."""
     nearest_px = rig.fx * rig.baseline_m / MappingConfig().max_range_m
     known = visible_in_both(truth_px) & (truth_px >= nearest_px)
     error_px = np.abs(result.disparity_px - truth_px)
@@ -192,7 +192,7 @@ def accuracy(result: PairMap, truth_px: Images, item: PosedStereoPair, rig: Ster
 
 
 def record_source(path: Path) -> dict[str, Any]:
-    """Return the hashes and the accuracy of a source."""
+    """Return the hashes and accuracies of a source."""
     rig, pairs = open_pairs(path)
     truths = list(true_disparities(path, rig, pairs))
     spoilt = [replace(item, pair=disturbed(item.pair, rig)) for item in pairs]
@@ -223,7 +223,7 @@ def record_source(path: Path) -> dict[str, Any]:
 
 
 def record(output: Path, sources: Sequence[Path]) -> None:
-    """Write the record of the sources that exist."""
+    """Write the record of all sources that exist."""
     present = [path for path in sources if path.exists()]
     for path in set(sources) - set(present):
         print(f"{path}: not found, skipped", file=sys.stderr)
@@ -231,7 +231,7 @@ def record(output: Path, sources: Sequence[Path]) -> None:
 
 
 def compare(before: Path, after: Path) -> int:
-    """Print what differs between two records; return 1 if an output differs."""
+    """Print the differences of two records; return 1 if an output differs."""
     old, new = (json.loads(path.read_text(encoding="utf-8")) for path in (before, after))
     count = 0
     for source in sorted(old.keys() | new.keys()):
@@ -252,7 +252,7 @@ def compare(before: Path, after: Path) -> int:
 
 
 def measure(sources: Sequence[Path]) -> dict[str, float]:
-    """Return the process time of the calls of each source, s, and the peak memory of the process, MiB."""
+    """Return the process time of each call, s, and the peak memory of the process, MiB, by source."""
     found = {}
     for path in sources:
         rig, pairs = open_pairs(path)
@@ -272,7 +272,7 @@ def measure(sources: Sequence[Path]) -> dict[str, float]:
 
 
 def time_trees(other: Path, sources: Sequence[Path]) -> None:
-    """Print the medians of this tree, of another one, and their ratio."""
+    """Print the medians of this tree and of another tree, and their ratios."""
     here = Path(__file__).resolve().parents[1]
     taken: dict[Path, list[dict[str, float]]] = {here: [], other.resolve(): []}
     script = f"import json, sys; sys.path.insert(0, {str(here / 'tools')!r}); import compare_mapper as c\n"
@@ -289,7 +289,7 @@ def time_trees(other: Path, sources: Sequence[Path]) -> None:
 
 
 def main() -> int:
-    """Run a command of the module's text."""
+    """Run the command on the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
     for name, first in (("record", "output"), ("compare", "before"), ("time", "tree")):

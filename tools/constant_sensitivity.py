@@ -1,11 +1,11 @@
-"""Errors of the localiser with one constant after the other at another value.
+"""Sensitivity of the localiser's errors to single constants.
 
     PYTHONPATH=. python tools/constant_sensitivity.py SRC... [--only NAME]
 
-For each value: root mean square error of position and attitude of all sub-trajectories of 2 m, relative to that with
-the values in the source, as the geometric mean over the drives, and the processor time. Only constants that are read at
-each call can be changed in this way; those of compiled kernels cannot. A figure of a single drive changes by a fifth
-with any small change (`measurements/localiser_trials.md`).
+For each value, the tool prints the root mean square errors of position and attitude over all sub-trajectories of 2 m,
+and the processor time. All are ratios to the run with the values in the source, as geometric means over the drives.
+Only constants that are read at each call can be changed, but not those of compiled kernels. Figures of a single drive
+change by a fifth with any small change (`measurements/localiser_trials.md`).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.motion_size import size_of
 from sfr_loc_map.runs.offline import start_pose
 
-PAIRS = 120  #: Pairs of a drive.
+PAIRS = 120  #: Largest number of pairs of a drive.
 SUB_TRAJECTORY_M = 2.0
 VALUES: dict[str, tuple[object, ...]] = {
     "frontend.tracking.LIMITS": (
@@ -60,7 +60,7 @@ VALUES: dict[str, tuple[object, ...]] = {
 
 
 class Errors(NamedTuple):
-    """Root mean square errors of sub-trajectories, and the processor time of a pair."""
+    """Root mean square errors of sub-trajectories, and the processor time per pair."""
 
     position_m: float
     attitude_rad: float
@@ -68,7 +68,7 @@ class Errors(NamedTuple):
 
 
 def run(drive: LocSequence) -> Errors:
-    """Return the errors of a drive."""
+    """Localise a drive and return the errors."""
     localiser = Localiser(drive.rig, LocalisationConfig(), start_pose(drive, "truth"))
     truth = drive.ground_truth
     if truth is None:
@@ -85,7 +85,7 @@ def run(drive: LocSequence) -> Errors:
 
 
 def sub_trajectory_errors(true: Sequence[Transform], found: Sequence[Transform]) -> list[Transform]:
-    """Return the errors of all sub-trajectories of a length."""
+    """Return the errors of all sub-trajectories of `SUB_TRAJECTORY_M`."""
     steps = np.diff([pose.translation for pose in true], axis=0)
     travelled = np.concatenate(([0.0], np.cumsum(np.linalg.norm(steps, axis=1))))
     ends = np.searchsorted(travelled, travelled + SUB_TRAJECTORY_M)
@@ -104,7 +104,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="constants whose name contains this")
     options = parser.parse_args()
     drives = [drive_of(open_source(Path(source))) for source in options.sources]
-    run(drives[0])  # compiles
+    run(drives[0])  # compiles the kernels
     before = np.array([run(drive) for drive in drives])
     for name, values in VALUES.items():
         if options.only not in name:

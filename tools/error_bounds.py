@@ -1,14 +1,14 @@
-"""Bounds of the errors of the localiser and the mapper, by the noise of the images alone: the records.
+"""Lower bounds of the errors of the localiser and the mapper that follow from image noise.
 
-Poses: Cramer-Rao bound. The position of a patch of unknown texture has the information of its gradients over the
-variance of the noise (Robinson and Milanfar 2004) in each image; all poses and landmarks of a sub-trajectory are
-estimated at once. Disparities: least error of a Gaussian field whose spectrum is that of the true disparities in each
-part of the image (Wiener), with the information of the gradients along rows.
+The bound of poses is the Cramer-Rao bound. The information of a patch position is that of the patch's gradients over
+the noise variance (Robinson and Milanfar 2004) in each image. All poses and landmarks of a sub-trajectory are estimated
+jointly. The bound of disparities is the Wiener error of a Gaussian field that has the spectrum of the true disparities
+in a part of the image, with the information of the gradients along rows.
 
     python tools/error_bounds.py drive SOURCE [--distance 5]
     python tools/error_bounds.py map SOURCE [--contrast 0.6 --noise 6.5]
 
-Both print what an estimator without bias can reach at best on these images, and what ours reaches on them.
+Both commands print the smallest possible error of an unbiased estimator on these images, and the error of ours.
 """
 
 from __future__ import annotations
@@ -39,29 +39,29 @@ from sfr_loc_map.mapping.search_range import search_range
 from sfr_loc_map.runs.offline import start_pose
 
 EVERY = 10
-"""Sub-trajectories start at every so many pairs."""
+"""Number of pairs between the starts of sub-trajectories for the bound."""
 TILE = 64
-"""Pixels of the side of a part of the image in which disparities count as a stationary field."""
+"""Side of an image part, px, in which the disparities are assumed to be a stationary field."""
 
 
 def estimated(pair: StereoPair, rig: StereoRig) -> DisparityMap:
-    """Return the disparities of a pair as the mapper estimates them."""
+    """Return the mapper's disparities of a pair."""
     return estimate_disparity(pair, search_range(rig, MappingConfig()).count)
 
 
 def noise_of(disparity: DisparityMap) -> float:
-    """Return the noise of one image, grey levels: a residual has that of two, little less by interpolation."""
+    """Return the noise of one image, grey levels. Residuals have the noise of two images; interpolation is neglected."""
     return disparity.noise_grey / np.sqrt(2.0)
 
 
 def gradients(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the change of the grey level along columns and rows, central differences, float64."""
+    """Return the grey-level gradients along u and v (central differences, float64)."""
     along_v, along_u = np.gradient(image.astype(float))
     return along_u, along_v
 
 
 def structure(image: np.ndarray, noise: float) -> np.ndarray:
-    """Return sums of products of gradients over a patch `(H, W, 2, 2)` without what noise adds."""
+    """Return the structure tensor of patches `(H, W, 2, 2)` without the contribution of noise."""
     u, v = gradients(image)
     side = 2 * HALF + 1
     uu, uv, vv = (cv2.boxFilter(x, -1, (side, side), normalize=False) for x in (u * u, u * v, v * v))
@@ -73,7 +73,7 @@ def structure(image: np.ndarray, noise: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Sight:
-    """What one pair shows: its pose, and N landmarks by number, place, information of a position, pixels observed."""
+    """The pose of a pair, and N landmarks: number, point, information of the image position, cameras that see it."""
 
     T_world_left: Transform
     number: np.ndarray
@@ -83,7 +83,7 @@ class Sight:
 
 
 class RecordingLocaliser(Localiser):
-    """Keeps the tracks that were accepted last."""
+    """Stores the last accepted tracks."""
 
     accepted: Tracks | None = None
 
@@ -93,7 +93,7 @@ class RecordingLocaliser(Localiser):
 
 
 def sights(source: Path) -> tuple[list[Sight], list[Transform], StereoRig]:
-    """Return what each pair of a drive shows, the true poses of the left camera and the rig."""
+    """Return the observations of each pair of a drive, the true poses of the left camera, and the rig."""
     drive = drive_of(open_source(source))
     rig, truth = drive.rig, drive.ground_truth
     pairs = list(drive.pairs())
@@ -105,14 +105,14 @@ def sights(source: Path) -> tuple[list[Sight], list[Transform], StereoRig]:
         estimate = localiser.process(pair)
         keyframe = localiser._pending
         landmark_map = localiser._state.landmark_map if keyframe is None else keyframe.result().landmark_map
-        if landmark_map is not None and (keyframe is not None or not true):  # the first pair begins a window
+        if landmark_map is not None and (keyframe is not None or not true):  # the first pair is a keyframe
             landmarks = landmark_map.landmarks
             observed = landmarks.last_seen
         elif localiser.accepted is not None:
             landmarks = localiser.accepted.landmarks
             observed = localiser.accepted.observations
         else:
-            raise SystemExit(f"pair {pair.stamp_ns} was not tracked: a bound needs a drive that is never lost")
+            raise SystemExit(f"pair {pair.stamp_ns} was not tracked: the bound requires a drive without lost pairs")
         rows = np.isfinite(observed[:, 0]) & np.isfinite(landmarks.points).all(axis=1)
         uv = np.rint(observed[rows, :2]).astype(int)
         information = structure(pair.left, noise)[uv[:, 1], uv[:, 0]] / noise**2
@@ -124,9 +124,9 @@ def sights(source: Path) -> tuple[list[Sight], list[Transform], StereoRig]:
 
 
 def add_pair(sight: Sight, rig: StereoRig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the information of a pair on its pose `(N, 6, 6)`, pose and point `(N, 6, 3)`, point `(N, 3, 3)`.
+    """Return the information of a pair about pose `(N, 6, 6)`, pose and point `(N, 6, 3)`, and point `(N, 3, 3)`.
 
-    The pose changes by a rotation and then a translation of the camera, both along its axes.
+    The perturbation of the pose is a rotation and then a translation of the camera, both in camera axes.
     """
     rotation = sight.T_world_left.rotation
     at = (sight.points - sight.T_world_left.translation) @ rotation
@@ -146,7 +146,7 @@ def add_pair(sight: Sight, rig: StereoRig) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def last_covariance(part: list[Sight], rig: StereoRig) -> np.ndarray:
-    """Return the least covariance `(6, 6)` of the last pose of a sub-trajectory relative to its first, camera axes."""
+    """Return the bound of the covariance `(6, 6)` of the last pose relative to the first, in camera axes."""
     size = 6 * len(part)
     total = np.zeros((size, size))
     numbers = np.unique(np.concatenate([s.number for s in part]))
@@ -168,12 +168,12 @@ def last_covariance(part: list[Sight], rig: StereoRig) -> np.ndarray:
 
 
 def mean_3_sigma(errors: np.ndarray) -> float:
-    """Return mean + 3 sigma of norms."""
+    """Return mean + 3 sigma of error norms."""
     return float(errors.mean() + 3.0 * errors.std())
 
 
 def bound_drive(source: Path, distance_m: float) -> None:
-    """Print the bound of the error of poses over sub-trajectories, and the error."""
+    """Print the bound and the actual error of poses over sub-trajectories."""
     found, true, rig = sights(source)
     path = np.cumsum([0.0] + [float(np.linalg.norm(b.translation - a.translation)) for a, b in pairwise(true)])
     random = np.random.default_rng(0)
@@ -195,8 +195,8 @@ def bound_drive(source: Path, distance_m: float) -> None:
     bound, error = np.concatenate(bounds), np.array(errors)
     sigma = np.concatenate([np.linalg.inv(s.information)[:, [0, 1], [0, 1]] for s in found])
     print(
-        f"a position of a patch, median sigma px: columns {np.sqrt(np.median(sigma[:, 0])):.4f}, "
-        f"rows {np.sqrt(np.median(sigma[:, 1])):.4f}; {np.mean([len(s.number) for s in found]):.0f} landmarks a pair"
+        f"position of a patch, median sigma px: columns {np.sqrt(np.median(sigma[:, 0])):.4f}, "
+        f"rows {np.sqrt(np.median(sigma[:, 1])):.4f}; {np.mean([len(s.number) for s in found]):.0f} landmarks per pair"
     )
     print(f"over {distance_m} m: bound of {starts}, error of {len(errors)} sub-trajectories")
     for column, name in enumerate(("position mm", "attitude deg")):
@@ -208,7 +208,7 @@ def bound_drive(source: Path, distance_m: float) -> None:
 
 
 def changed(pair: StereoPair, contrast: float, noise: float, random: np.random.Generator) -> StereoPair:
-    """Return a pair with another contrast and more noise, grey levels."""
+    """Return a pair with a scaled contrast and additional noise, grey levels."""
     images = (
         x.mean() + contrast * (x - x.mean()) + random.normal(0.0, noise, x.shape) for x in (pair.left, pair.right)
     )
@@ -217,7 +217,7 @@ def changed(pair: StereoPair, contrast: float, noise: float, random: np.random.G
 
 
 def bound_map(source: Path, contrast: float, more_noise: float) -> None:
-    """Print the bound of the error of disparities, and the error."""
+    """Print the bound and the actual error of disparities."""
     panorama, random = panorama_of(open_source(source)), np.random.default_rng(0)
     rig = panorama.rig
     window = np.outer(np.hanning(TILE), np.hanning(TILE))
@@ -241,8 +241,8 @@ def bound_map(source: Path, contrast: float, more_noise: float) -> None:
                 information = power / (2.0 * noise**2)
                 left_over = field - (plane @ np.linalg.lstsq(plane, field.ravel(), rcond=None)[0]).reshape(TILE, TILE)
                 spectrum = np.abs(np.fft.fft2(left_over * window)) ** 2 / np.sum(window**2)
-                # Wiener: what is left of a component of power S seen with information I per pixel is S / (1 + S I);
-                # the plane has three more unknowns
+                # Wiener: the error of a component of power S, observed with information I per pixel, is S / (1 + S I);
+                # the plane adds three unknowns
                 variance = np.mean(spectrum / (1.0 + spectrum * information)) + 3.0 / (information * TILE * TILE)
                 bounds.append(np.sqrt(variance))
                 errors.append((disparity.px - truth)[tile].ravel())
@@ -259,7 +259,7 @@ def bound_map(source: Path, contrast: float, more_noise: float) -> None:
 
 
 def main() -> None:
-    """Run one of the two."""
+    """Print the bounds of a drive or of a map."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("drive", "map"))
     parser.add_argument("source", type=Path)

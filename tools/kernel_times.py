@@ -1,9 +1,9 @@
-"""Compile every kernel as after an installation, and print a table: processor time of each, s, and specialisations.
+"""Compile all kernels as after an installation, and print the processor time, s, and the specialisations of each.
 
     PYTHONPATH=. python tools/kernel_times.py [PART...]
 
-The compiled code goes to a temporary folder. A kernel that is compiled for another one is not counted in its seconds,
-what numba compiles of its own for it is.
+The compiled code is written to a temporary folder. The time of a kernel excludes other kernels that it calls, but
+includes numba's own functions.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collections import defaultdict
 
 
 def main(parts: list[str]) -> None:
-    """Print a row per kernel of some parts, the slowest first."""
+    """Print a row for each kernel of `parts` (all by default), the slowest first."""
     from numba.core import event
 
     from sfr_loc_map.jit import KERNELS
@@ -29,7 +29,7 @@ def main(parts: list[str]) -> None:
         part = ""
 
         def __init__(self) -> None:
-            self.begun: list[list[float]] = []  # of the kernels in work: begin, seconds of those within
+            self.begun: list[list[float]] = []  # of the kernels being compiled: start, and seconds of nested kernels
 
         def on_start(self, event: event.Event) -> None:
             if event.data["dispatcher"] in KERNELS:
@@ -58,5 +58,5 @@ def main(parts: list[str]) -> None:
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
-        os.environ["NUMBA_CACHE_DIR"] = folder  # read when numba is imported
+        os.environ["NUMBA_CACHE_DIR"] = folder  # numba reads this at import
         main(sys.argv[1:])

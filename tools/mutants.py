@@ -1,9 +1,9 @@
-"""Change one place of the metrics, the geometry or the measuring of methods at a time: `make mutants`.
+"""Mutation tests of the metrics, the geometry and the measurement of methods: `make mutants`.
 
-Each mutation is a change of meaning that a reviewer would call a defect: a sign, n for n - 1, an axis, an order,
-degrees for radians, a boundary of a condition, a range's bound, the pixel of a truth, a part that is not expected. The
-tests are those of `GROUPS`, of methods those of `OF_METHODS` before them, in a copy of the sources. A mutation that no
-test fails for survives: exit code 1.
+Each mutation is a defect in one place: a sign, n for n - 1, an axis, an order, degrees for radians, a boundary of a
+condition, a bound of a range, the pixel of a true point, or an unexpected part. The tests of `GROUPS` run in a copy of
+the sources; for methods, those of `OF_METHODS` run first. A mutation survives if no test fails. The exit code is 1 if a
+mutation survives.
 """
 
 from __future__ import annotations
@@ -47,15 +47,15 @@ GROUPS = (
     ("test/scoring/test_score_command.py", "test/scoring/test_several_scores.py"),
     ("test/scoring/test_deviations.py", "test/report/test_test_report.py"),
 )
-"""The tests."""
+"""Groups of tests, in order."""
 OF_METHODS = ("test/methods/test_loop.py", "test/methods/test_method_process.py", "test/methods/test_misbehaviour.py")
-"""The tests of how methods are shown pairs and measured."""
+"""Tests of the calls and measurements of methods."""
 LIBRARIES = ("hypothesis", "msgspec", "numba", "numpy", "scipy.spatial.transform", "scipy.stats", "yaml")
-"""What is loaded once for all mutations."""
+"""Libraries that are imported once for all mutations."""
 
 
 class Mutation(NamedTuple):
-    """One change: file below `sfr_loc_map`, the text there (which occurs once), and what replaces it."""
+    """A mutation: file below `sfr_loc_map`, a text that occurs once in it, and the replacement."""
 
     path: str
     text: str
@@ -88,7 +88,7 @@ MUTATIONS = (
     Mutation(SCORE, "is_met = ends < count", "is_met = ends < count - 1"),
     Mutation(SCORE, "formulas.start_frames(count, spacing)", "formulas.start_frames(count, 10)"),
     Mutation(SCORE, "max(metres / DISTANCES_BASE_M, 1.0)", "max(metres / DISTANCES_BASE_M, 5.0)"),
-    # 4.1.2 error before N does not count
+    # 4.1.2 errors before N are ignored
     Mutation(
         FORMULAS,
         "quat_multiply(true_attitude[starts], quat_conjugate(attitude[starts]))",
@@ -277,7 +277,7 @@ MUTATIONS = (
         "not in tasks_of(score) or True:\n        return False",
     ),
     Mutation(SHORTFALLS, '"doubled", DRIVE, 0.0', '"doubled", DRIVE, 0.1'),
-    # calls belong to the estimate that they gave
+    # calls belong to the estimate that they produced
     Mutation("scoring/inputs.py", "stats = [beside] if beside.is_file() else []", "stats = []"),
     Mutation(
         "suite/running/digests.py",
@@ -286,7 +286,7 @@ MUTATIONS = (
     ),
     # shared memory of other methods
     Mutation("methods/isolation.py", '"urandom", "tty", "dri"', '"urandom", "tty", "shm", "dri"'),
-    # answers of an external node: none before its question, none after its time, no restart that is hidden
+    # answers of an external node: before the question, after the timeout, after a hidden restart
     Mutation(
         ANSWERS,
         "latency_s = received_s - self._sent[stamp_ns]",
@@ -296,21 +296,21 @@ MUTATIONS = (
     Mutation(ANSWERS, "return not is_late", "return True"),
     Mutation(ANSWERS, "if latency_s <= self._timeout_s}", "if latency_s <= 1e9}"),
     Mutation(ANSWERS, "self._findings.setdefault(FindingKind.CRASHED, record)", "pass"),
-    # the clock of the process that measures
+    # the clock of the measuring process
     Mutation("host_clock.py", "MOST_S, MOST_SHARE = 0.1, 0.01", "MOST_S, MOST_SHARE = 0.1, 0.02"),
     Mutation("host_clock.py", "            check_passed(self._passed_s, self._kernel_passed_s)\n", ""),
     Mutation("host_clock.py", "abs(passed_s - kernel_passed_s)", "passed_s - kernel_passed_s"),
     Mutation("child_process.py", 'not name.startswith("LD_") or name', "True or name"),
-    # a search: what cannot be run is no worst case, what is lost is one
+    # a search: a run that fails is not a worst case, but a lost drive is
     Mutation("suite/search/run.py", 'if self._store.state(job.key) == "failed"]:', "if False]:"),
     Mutation("suite/search/run.py", "NOT_JUDGED if ratio is None else ratio", "0.0 if ratio is None else ratio"),
-    # copies of one drive are one drive
+    # copies of a drive count as one drive
     Mutation(DRIVES, "SAME_M = 0.01", "SAME_M = 0.001"),
     Mutation(DRIVES, "SAME_M = 0.01", "SAME_M = 0.05"),
     Mutation(DRIVES, "SAME_GREY = 8", "SAME_GREY = 1"),
     Mutation(DRIVES, "path_m = path_m @ truth.pose(0).rotation", "path_m = path_m @ truth.pose(0).rotation.T"),
     Mutation(DRIVES, "key=lambda number: sources[number].sha256", "key=lambda number: number"),
-    # a suite hides no drive that was run, and its plan is that of its files
+    # a suite must not hide drives that were run, and its plan must match its files
     Mutation(STORE, "if same.isdisjoint((", "if not same.isdisjoint(("),
     Mutation(STORE, ".update((self._place(job.source.path), job.source.sha256))", ".update((job.source.sha256,))"),
     Mutation(STORE, 'about.get("suite.source_sha256"))):', "0)):"),
@@ -326,7 +326,7 @@ MUTATIONS = (
     Mutation("metrics/raw_values.py", "        yield from _of_memory(score, kind, plots)\n", ""),
     Mutation("metrics/raw_values.py", 'for name in ("lost", "degraded"):', 'for name in ("degraded",):'),
     Mutation("scoring/provenance.py", "if given != (limits.limits,", "if given == (limits.limits,"),
-    # what is given besides the poses
+    # inputs besides the poses
     Mutation("scoring/inputs.py", "[*self.stats, *([] if self.target is None else [self.target])]", "[*self.stats]"),
     Mutation("scoring/load.py", "    check_one_estimate(found.trajectory, stats)\n", ""),
     Mutation("scoring/load.py", "SAME_POSITION_M = 0.002", "SAME_POSITION_M = 0.0"),
@@ -339,7 +339,7 @@ MUTATIONS = (
         "stamps[(stamps < true_ns[0]) | (stamps > true_ns[-1])]",
     ),
     Mutation("metrics/completeness.py", "stamps[~is_spanned(stamps, true_ns, max_gap_ns, tolerance_ns)]", "stamps[:0]"),
-    # a path without images, a range without a pixel, a rover that stands
+    # a path without images, a range without pixels, a stationary rover
     Mutation("metrics/completeness.py", "(true_ns[:1], images_ns[:-1][is_hole], images_ns[-1:])", "(true_ns[:1], )"),
     Mutation("metrics/completeness.py", "is_hole = steps_ns > max(max_gap_ns, ", "is_hole = steps_ns > max(0, "),
     Mutation("metrics/judging/incomplete.py", 'if figure == "pixels_without_point" and found', "if False and found"),
@@ -359,12 +359,12 @@ MUTATIONS = (
         '"errors_of_truth",\n        DRIVE,\n        1.0,',
     ),
     Mutation("metrics/copies.py", "is_moving = lengths_m > MOVING_SHARE * np", "is_moving = lengths_m >= 0.0 * np"),
-    # frames that no judged error contains
+    # frames that are in no judged error
     Mutation(OTHER_FRAMES, "BEYOND = 3.0", "BEYOND = 0.1"),
     Mutation(OTHER_FRAMES, "np.setdiff1d(np.arange(len(placed.frames.stamps_ns)), known)", "known"),
     Mutation(SHORTFALLS, "BEYOND_MOST = 0.02", "BEYOND_MOST = 0.2"),
     Mutation("metrics/judging/incomplete.py", "value is not None and not meets(limit, value)", "value is not None"),
-    # poses that repeat another, poses of the ground truth
+    # repeated poses, copies of true poses
     Mutation("metrics/copies.py", "NOISES = 5.0", "NOISES = 0.5"),
     Mutation("metrics/copies.py", "MOVING_SHARE = 0.1", "MOVING_SHARE = 0.01"),
     Mutation("metrics/copies.py", "EXACT_SHARE = 1e-5", "EXACT_SHARE = 1e-4"),
@@ -431,7 +431,7 @@ MUTATIONS = (
     ),
     Mutation(JUDGE, "if score.fatal_findings:", "if score.fatal_findings and score.rules:"),
     Mutation(JUDGE, "interval[0] <= limit.limit < interval[1]", "interval[0] <= limit.limit"),
-    # methods: what is shown to them, what a call takes
+    # methods: input and resource use of calls
     Mutation(
         "methods/child/loop.py",
         "seconds = time.perf_counter() - begin",
@@ -466,7 +466,7 @@ MUTATIONS = (
 
 
 def copied(folder: Path) -> Path:
-    """Copy what the tests need to a folder."""
+    """Copy the files that the tests need to a folder."""
     for name in COPIED:
         source = ROOT / name
         if source.is_dir():
@@ -477,7 +477,7 @@ def copied(folder: Path) -> Path:
 
 
 def fails(folder: Path, tests: Sequence[str], marks: str) -> bool:
-    """Return whether a test fails in a copy of the sources; the tests run in a fork that has the libraries loaded."""
+    """Return whether a test fails in a copy of the sources; the tests run in a fork with the libraries loaded."""
     child = os.fork()
     if child == 0:
         os.chdir(folder)
@@ -493,7 +493,7 @@ def fails(folder: Path, tests: Sequence[str], marks: str) -> bool:
 
 
 def nearest_tests(path: str) -> tuple[str, ...]:
-    """Return the test modules that are named after a module; they run first, because they fail first."""
+    """Return the test modules that are named after a module; these run first, because they most likely fail."""
     module = Path(path)
     if module.parts[0] == "methods":
         return OF_METHODS
@@ -502,7 +502,7 @@ def nearest_tests(path: str) -> tuple[str, ...]:
 
 
 def is_killed(mutation: Mutation, folder: Path, marks: str) -> bool:
-    """Return whether a test fails with a mutation in a copy of the sources; the tests nearest to it come first."""
+    """Return whether a test fails with a mutation in a copy of the sources; the nearest tests run first."""
     path = folder / "sfr_loc_map" / mutation.path
     text = path.read_text(encoding="utf-8")
     if text.count(mutation.text) != 1:
@@ -516,7 +516,7 @@ def is_killed(mutation: Mutation, folder: Path, marks: str) -> bool:
 
 
 def try_all(mutations: Sequence[Mutation], marks: str) -> list[bool]:
-    """Tell of each mutation whether it is killed, in a copy of the sources of its own."""
+    """Return for each mutation whether it is killed, in a separate copy of the sources."""
     killed = []
     with tempfile.TemporaryDirectory() as scratch:
         folder = copied(Path(scratch))
@@ -529,11 +529,11 @@ def try_all(mutations: Sequence[Mutation], marks: str) -> list[bool]:
 
 
 def main() -> int:
-    """Run the tests with each mutation; print those that survive."""
+    """Run the tests with each mutation; return 1 if a mutation survives."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("words", nargs="*", help="only mutations whose file or text has one of these words")
-    parser.add_argument("--workers", type=int, default=2, help="copies of the sources that are tested at once (2)")
-    parser.add_argument("--slow", action="store_true", help="run the slow tests, too")
+    parser.add_argument("--workers", type=int, default=2, help="copies of the sources that are tested concurrently (2)")
+    parser.add_argument("--slow", action="store_true", help="also run the slow tests")
     options = parser.parse_args()
     chosen = [
         item

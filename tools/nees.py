@@ -1,12 +1,13 @@
-"""NEES of the localiser's motion covariance by interval, per degree of freedom, on rendered and recorded drives.
+"""NEES per degree of freedom of the localiser's motion covariance, by interval, on rendered and recorded drives.
 
     python tools/nees.py --seeds 8101 --out out/nees --kitti PATH
 
-Drives of the scenarios in `config/simulation` are rendered into the folder, once; drive k has the seed `--seeds` + k.
-Each is localised by the defaults. Stretches that share no pair and have no degraded pose are judged: the error of the
-motion against the covariance that the steps give, velocity and rotation apart; 1 is consistent. The lower table has
-the mean squared error over variance along and about the axes of RB at the start of the stretch. A recorded drive's
-truth is taken as exact. `--figure` draws the upper table.
+Drives of the scenarios in `config/simulation` are rendered into the folder, unless they exist; drive k has the seed
+`--seeds` + k. Each drive is localised with the default parameters. Disjoint intervals without degraded poses are
+evaluated: the error of the motion against the covariance from the steps, separately for translation and rotation. A
+NEES of 1 is consistent. The lower table has the mean of squared error over variance along and about the axes of RB at
+the start of the interval. The ground truth of a recorded drive is assumed to be exact. `--figure` draws the upper
+table.
 """
 
 from __future__ import annotations
@@ -32,13 +33,13 @@ from sfr_loc_map.runs.calls import estimates_of, stats_of
 from sfr_loc_map.runs.offline import localise, start_pose, trajectory_of
 
 SCENARIOS = ("rocky", "rolling", "crater_rim", "flat", "low_sun", "sample")
-PAIRS, SPEED_M_S = 80, 0.35  #: Of each drive: 14 m at most.
-INTERVALS_M = (0.0, 1.0, 2.0, 5.0)  #: Least lengths of stretches; 0: single steps.
+PAIRS, SPEED_M_S = 80, 0.35  #: Pairs and speed of each drive, at most 14 m.
+INTERVALS_M = (0.0, 1.0, 2.0, 5.0)  #: Smallest lengths of the intervals, m; 0 for single steps.
 AXES = ("forward", "left", "up", "roll", "pitch", "yaw")
 
 
 class Stretch(NamedTuple):
-    """One stretch: NEES per degree of freedom of velocity and rotation, and squared error over variance by axis."""
+    """NEES per degree of freedom of translation (`velocity`) and rotation of an interval, and the ratios by axis."""
 
     velocity: float
     rotation: float
@@ -46,7 +47,7 @@ class Stretch(NamedTuple):
 
 
 def rendered(scenario: str, seed: int, folder: Path) -> Path:
-    """Return the folder of a drive, rendered where it is missing or not complete."""
+    """Return the folder of a drive, which is rendered if it is missing or incomplete."""
     drive = folder / f"{scenario}-{seed}"
     settings = [f"drive.pairs={PAIRS}", f"drive.speed_m_s={SPEED_M_S}", "panorama.enabled=false"]
     command = [str(Path(sys.executable).with_name("sfr")), "simulate", f"config/simulation/{scenario}.yaml", str(drive)]
@@ -57,7 +58,7 @@ def rendered(scenario: str, seed: int, folder: Path) -> Path:
 
 
 def stretches(path: Path) -> dict[float, list[Stretch]]:
-    """Localise a drive; return its stretches that share no pair, by least length in metres."""
+    """Localise a drive; return disjoint intervals by their smallest length, m."""
     source = drive_of(open_source(path))
     truth = source.ground_truth
     assert truth is not None
@@ -85,7 +86,7 @@ def stretches(path: Path) -> dict[float, list[Stretch]]:
 
 
 def judged(error: FloatArray, covariance: FloatArray) -> Stretch:
-    """Return how an error `(6,)` compares to its covariance `(6, 6)`."""
+    """Compare an error `(6,)` with its covariance `(6, 6)`."""
     velocity, rotation = (
         float(error[part] @ np.linalg.solve(covariance[part, part], error[part])) / 3
         for part in (slice(3), slice(3, 6))
@@ -94,7 +95,7 @@ def judged(error: FloatArray, covariance: FloatArray) -> Stretch:
 
 
 def draw(found: dict[str, dict[float, list[Stretch]]], path: Path) -> None:
-    """Draw NEES against the interval: each rendered drive, all of them, and the recorded one."""
+    """Draw NEES over the interval: each rendered drive, all rendered drives, and the recorded drive."""
     plt.rcParams |= {"font.size": 8, "axes.spines.top": False, "axes.spines.right": False, "svg.hashsalt": "nees"}
     figure, axes = plt.subplots(1, 2, figsize=(6.5, 2.6), sharey=True, layout="constrained")
     looks = {"all rendered": {"color": "k", "lw": 2.0}, "recorded": {"color": "tab:red", "ls": "--"}}
@@ -110,12 +111,12 @@ def draw(found: dict[str, dict[float, list[Stretch]]], path: Path) -> None:
 
 
 def main() -> None:
-    """Render, localise, print."""
+    """Render and localise the drives, and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--seeds", type=int, default=8101, help="seed of the first drive")
     parser.add_argument("--drives", type=int, default=12)
     parser.add_argument("--out", type=Path, default=Path("out/nees"))
-    parser.add_argument("--kitti", type=Path, help="a recorded drive with truth; skipped where it is absent")
+    parser.add_argument("--kitti", type=Path, help="a recorded drive with ground truth; skipped if missing")
     parser.add_argument("--figure", type=Path, help="an SVG to write")
     args = parser.parse_args()
     names = [(SCENARIOS[k % len(SCENARIOS)], args.seeds + k) for k in range(args.drives)]
@@ -128,7 +129,7 @@ def main() -> None:
     if args.figure is not None:
         draw(found, args.figure)
     titles = ["step" if metres == 0.0 else f"{metres:g} m" for metres in INTERVALS_M]
-    print("NEES per degree of freedom of velocity, rotation, (count of stretches)")
+    print("NEES per degree of freedom: velocity, rotation (number of intervals)")
     print("| drive | " + " | ".join(titles) + " |\n|" + "---|" * (len(titles) + 1))
     for name, of in found.items():
         cells = (mean_of(of[metres]) for metres in INTERVALS_M)
@@ -142,7 +143,7 @@ def main() -> None:
 
 
 def mean_of(of: list[Stretch]) -> str:
-    """Return the means of stretches and their count, a cell of a table."""
+    """Return a table cell: the mean NEES of translation and rotation, and the number of intervals."""
     if not of:
         return "-"
     return f"{np.mean([s.velocity for s in of]):.2f}, {np.mean([s.rotation for s in of]):.2f} ({len(of)})"

@@ -1,7 +1,7 @@
-"""The built site in a browser: `make docs-check`.
+"""Check the built site in a browser: `make docs-check`.
 
-Every page is opened at 1280 and at 390 px: all images are there, no code is cut at 1280, nothing is wider than a phone
-but what scrolls within (tables, figures). The search finds what users look for.
+Every page is opened at 1280 and 390 px. All images must load, code must not be cut off at 1280 px, and only scrollable
+tables and figures may be wider than a phone. The search must find common terms.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ FOUND = {
     "limits": "limits file",
     "truth without attitude": "Truth without attitudes",
 }
-"""Searched words, and the text in the title or the excerpt of one of the first ten results."""
+"""Search terms, and the text that is required in one of the first ten results."""
 FAULTS = """
 (() => {
   const faults = [];
@@ -50,11 +50,11 @@ RESULTS = "[...document.querySelectorAll('#search-results li')].slice(0, 10).map
 
 class _Quiet(SimpleHTTPRequestHandler):
     def log_message(self, *_: object) -> None:
-        """Say nothing of each request."""
+        """Do not log requests."""
 
 
 async def check(url: str) -> list[str]:
-    """Return what is wrong with the site."""
+    """Return the faults of the site."""
     faults = []
     pages = sorted(path.relative_to(SITE).as_posix() for path in SITE.rglob("*.html") if "_static" not in path.parts)
     for width in (WIDE, PHONE):
@@ -79,7 +79,7 @@ async def check(url: str) -> list[str]:
 
 
 def main() -> int:
-    """Serve the site, check it; return 1 if something is wrong."""
+    """Serve and check the site; return 1 if there are faults."""
     with ThreadingHTTPServer(("127.0.0.1", 0), partial(_Quiet, directory=str(SITE))) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         faults = asyncio.run(check(f"http://127.0.0.1:{server.server_address[1]}/"))

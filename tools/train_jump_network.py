@@ -1,10 +1,10 @@
-"""Train the network that judges pixels beside jumps of disparity; see `mapping/disparity/wrong_surface.py`.
+"""Train the network that classifies pixels near disparity jumps; see `mapping/disparity/wrong_surface.py`.
 
     python tools/train_jump_network.py sfr_loc_map/mapping/disparity/jump_network.json SOURCE ...
 
-Each SOURCE has mapping pairs with truth (`sfr simulate`). Each pair is used as it is and with the images changed as
-other cameras would: more noise, less contrast, another gain in parts, rows that do not match, blur, more contrast.
-The result is a function of the sources.
+Each SOURCE has mapping pairs with ground truth (`sfr simulate`). Each pair is used unchanged and with images of other
+simulated cameras: more noise, lower contrast, local gain differences, vertical disparity, blur, higher contrast. The
+result depends only on the sources.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ from sfr_loc_map.mapping.search_range import search_range
 
 INPUTS = len(JumpFeatures._fields)
 UNITS = 16
-"""Of the hidden layer."""
+"""Number of units of the hidden layer."""
 PASSES, BATCH, RATE = 30, 512, 3e-3
 MOST = 16_000
-"""Pixels of one changed pair that are used."""
+"""Largest number of pixels that are used per pair."""
 WRONG_PX = 1.0
-"""Disparities that are off by more are those of the wrong surface."""
+"""Disparity error, px, above which a pixel is on the wrong surface."""
 MAX_COST = 30.0
-"""A wrong pixel counts by its error in pixels, up to this: far ones spoil a map."""
+"""Largest weight of a pixel. The weight is the disparity error, px, because large errors corrupt a map more."""
 WINDOW_CONSTANTS = ("WINDOW_RADIUS", "MAX_DIFFERENCE", "NO_COST", "GREY_SCALE", "DISTANCE_SCALE_PX")
 JUMP_CONSTANTS = (
     "SMALL_JUMP_PX",
@@ -64,7 +64,7 @@ Images = tuple[np.ndarray, np.ndarray]
 
 
 def changed(left: np.ndarray, right: np.ndarray, random: np.random.Generator) -> Iterator[Images]:
-    """Yield images as other cameras would take them, float64 grey levels."""
+    """Yield the images of other simulated cameras, float64 grey levels."""
     mean = left.mean()
     yield left, right
     yield tuple(mean + 0.6 * (x - mean) + random.normal(0.0, 6.5, x.shape) for x in (left, right))
@@ -80,13 +80,13 @@ def changed(left: np.ndarray, right: np.ndarray, random: np.random.Generator) ->
 
 
 def true_disparity(posed: PosedStereoPair, rig: StereoRig) -> np.ndarray:
-    """Return the disparity of each pixel `(H, W)`, NaN where unknown."""
+    """Return the true disparity `(H, W)`, pixels, NaN where unknown."""
     depth = (posed.T_lm_navsb @ rig.T_sb_left).inverse().apply(posed.truth)[..., 2]
     return rig.fx * rig.baseline_m / np.where(depth > 0.0, depth, np.nan)
 
 
 def samples(source: Path, random: np.random.Generator) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield the inputs `(N, 13)` and the error in pixels `(N,)` of each pair of a source, changed."""
+    """Yield the network inputs `(N, 13)` and disparity errors `(N,)`, pixels, of each variant of each pair."""
     panorama = panorama_of(open_source(source))
     count = search_range(panorama.rig, MappingConfig()).count
     for posed in panorama.pairs():
@@ -102,7 +102,7 @@ def samples(source: Path, random: np.random.Generator) -> Iterator[tuple[np.ndar
 
 
 def scene_of(left: np.ndarray, right: np.ndarray, count: int) -> JumpScene:
-    """Return what the network judges, as `estimate_disparity` makes it."""
+    """Return the input of the network as `estimate_disparity` computes it."""
     initial_px = semi_global_matching(left, right, count)
     initial_cells = cells_from_disparity(initial_px)
     left_grey = left.astype(np.float32)
@@ -115,7 +115,7 @@ def scene_of(left: np.ndarray, right: np.ndarray, count: int) -> JumpScene:
 
 
 def train(features: np.ndarray, error_px: np.ndarray, random: np.random.Generator) -> dict[str, np.ndarray]:
-    """Return the weights of least cross entropy (Adam: Kingma and Ba 2015)."""
+    """Return the weights that minimise the weighted cross entropy (Adam: Kingma and Ba 2015)."""
     low, high = np.percentile(features, (0.5, 99.5), axis=0)
     features = np.clip(features, low, high)
     mean, scale = features.mean(0), features.std(0)
@@ -152,7 +152,7 @@ def train(features: np.ndarray, error_px: np.ndarray, random: np.random.Generato
 
 
 def feature_constants() -> dict[str, float]:
-    """Return the constants that the features are made with, by name, those of sigma and of slopes excepted."""
+    """Return the constants of the features by name, except those of sigma and slopes."""
     modules = {matching_cost: WINDOW_CONSTANTS, surfaces: ("SURFACE_JUMP_PX",), wrong_surface: JUMP_CONSTANTS}
     found = {name: getattr(module, name) for module, names in modules.items() for name in names}
     return {name: round(float(value), 4) for name, value in found.items()}

@@ -1,10 +1,10 @@
-"""The commands of the tutorials: read from the pages, run as they stand by `make docs-test`.
+"""Run the commands of the tutorials exactly as they are on the pages: `make docs-test`.
 
-A block ```sh or ```python is run in the order of the page. All pages are run one after the other in one folder, as by
-a user in one clone: `sample`, `config` and `examples` are those of the repository. A page begins at its top and works
-where it changes to (`cd`). For docs/python.md `data` is the sample as a folder. A comment before a block says what is
-special about it: `<!-- slow -->` leaves it out of the quick test (test_tutorials.py), `<!-- until Ctrl-C -->` marks a
-command that ends when it is interrupted: it is, at the end of the page. What needs other software (```console) is not
+All ```sh and ```python blocks of a page are run in order. All pages are run one after the other in one folder, as by a
+user in a clone: `sample`, `config` and `examples` are those of the repository. Each page begins in this folder, and
+`cd` is respected. For docs/python.md, `data` is the sample as a folder. A comment before a block changes how the block
+is run. `<!-- slow -->` excludes the block from the quick test (test_tutorials.py). `<!-- until Ctrl-C -->` marks a
+command that runs until it is interrupted at the end of the page. Blocks that need other software (```console) are not
 run.
 """
 
@@ -28,7 +28,7 @@ STARTED_S, BLOCK_S = 15.0, 900.0
 
 
 class Block(NamedTuple):
-    """A block of commands: what is special about it, `sh` or `python`, and its text."""
+    """A block of commands: its comment, its language (`sh` or `python`) and its text."""
 
     note: str
     language: str
@@ -36,12 +36,12 @@ class Block(NamedTuple):
 
 
 def blocks(page: Path) -> list[Block]:
-    """Return the blocks of a page, in its order."""
+    """Return the blocks of a page in order."""
     return [Block(*found) for found in BLOCK.findall(page.read_text(encoding="utf-8"))]
 
 
 def run_page(page: Path, folder: Path) -> None:
-    """Run all blocks of a page as they stand; a RuntimeError names the one that fails."""
+    """Run all blocks of a page; RuntimeError names the block that fails."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = os.environ | {"PATH": path}
     nodes_environment.isolate(environment)
@@ -60,7 +60,7 @@ def run_page(page: Path, folder: Path) -> None:
                 running.append((block, subprocess.Popen(command, env=environment, start_new_session=True)))
                 time.sleep(STARTED_S)
                 if running[-1][1].poll() is not None:
-                    raise RuntimeError(f"{page.name}: ended by itself: {block.code}")
+                    raise RuntimeError(f"{page.name}: ended before Ctrl-C: {block.code}")
             else:
                 code = f"{block.code}\npwd > {folder}/.place"
                 done = subprocess.run(["bash", "-euc", code], env=environment, timeout=BLOCK_S)
@@ -75,15 +75,15 @@ def run_page(page: Path, folder: Path) -> None:
             code = process.wait(60)
             print(f"{page.name}: exit code {code} after Ctrl-C: {block.code.strip()}", flush=True)
     if any(process.returncode not in (0, 130) for _, process in running):
-        raise RuntimeError(f"{page.name}: Ctrl-C did not end a command as it should")
+        raise RuntimeError(f"{page.name}: a command returned neither 0 nor 130 after Ctrl-C")
 
 
 def main() -> int:
-    """Run the pages named on the command line, or all."""
+    """Run the pages on the command line, or all pages."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("page", nargs="*", type=Path, help="pages; by default all tutorials")
     failed = []
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it, and so would what it starts
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # background jobs ignore SIGINT, also in their children
     pages = [path.resolve() for path in parser.parse_args().page] or PAGES
     with tempfile.TemporaryDirectory(prefix="tutorial-") as folder:
         for name in ("sample", "config", "examples"):
@@ -91,7 +91,7 @@ def main() -> int:
         for page in pages:
             try:
                 run_page(page, Path(folder))
-            except Exception as error:  # the next page is still of interest
+            except Exception as error:  # continue with the next page
                 failed.append(page.name)
                 print(f"FAILED {page.name}: {error}", flush=True)
             finally:
