@@ -1,4 +1,4 @@
-"""Runs a campaign: `python -m campaigns NAME [ARGUMENT ...]`. Exit code 1 if something is not as expected.
+"""Run a campaign: `python -m campaigns NAME [ARGUMENT ...]`. The exit code is 1 if a result is not as expected.
 
 The targets of the Makefile set the path; CONTRIBUTING.md lists the campaigns.
 """
@@ -26,11 +26,11 @@ CAMPAIGNS = {
     "suite-overhead": "suite_overhead",
     "tolerance-coverage": "tolerance_coverage",
 }
-"""Names and their modules, each with a function `main(arguments)` that returns the exit code."""
+"""Names and modules; each module has a function `main(arguments)` that returns the exit code."""
 
 
 def main(words: list[str]) -> int:
-    """Run the campaign that is named first with the other words as its arguments."""
+    """Run the campaign that the first word names; the other words are its arguments."""
     if not words or words[0] not in CAMPAIGNS:
         print(f"usage: python -m campaigns NAME [ARGUMENT ...]; campaigns: {', '.join(CAMPAIGNS)}", file=sys.stderr)
         return 2
@@ -39,5 +39,5 @@ def main(words: list[str]) -> int:
     return int(import_module(f"campaigns.{CAMPAIGNS[name]}").main(arguments))
 
 
-if __name__ == "__main__":  # also imported by processes that a campaign spawns
+if __name__ == "__main__":  # spawned processes also import this module
     raise SystemExit(main(sys.argv[1:]))

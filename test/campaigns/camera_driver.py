@@ -1,6 +1,6 @@
-"""A process that publishes one camera of a pair as a driver does: its own clock, its encoding, its names of frames.
+"""A process that publishes one camera of a pair like a driver, with its own clock, encoding and frame names.
 
-python -m campaigns.camera_driver SETTINGS.json   prints `ready` once somebody listens; begins at the time it then reads
+python -m campaigns.camera_driver SETTINGS.json    prints `ready` once subscribed to; starts at a time read from stdin
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ ENCODINGS: dict[str, tuple[int, Callable[[Pixels], NDArray[Any]]]] = {
     "yuv422_yuy2": (2, lambda grey: np.dstack([grey, np.full_like(grey, 128)])),
     "mono16": (2, lambda grey: grey.astype(np.uint16) << 8),
 }
-"""Bytes a pixel, and what makes them of grey."""
+"""Bytes per pixel, and the conversion from grey."""
 
 
 def add_frames(node: Any, driver: str) -> Any:
@@ -57,7 +57,7 @@ def add_frames(node: Any, driver: str) -> Any:
 
 
 def drive(settings: dict[str, Any]) -> dict[str, Any]:
-    """Publish all images at their times; return their stamps and how late they were."""
+    """Publish all images at their times; return the stamps and the delays."""
     start_ros()
     driver, side, count = settings["driver"], settings["side"], settings["count"]
     node = rclpy.create_node(f"{side}_camera")
@@ -86,7 +86,7 @@ def drive(settings: dict[str, Any]) -> dict[str, Any]:
         message.step, message.data = width * per_pixel, data
         publisher.publish(message)
         stamps.append(stamp_ns)
-    time.sleep(1.0)  # what was sent last is on its way
+    time.sleep(1.0)  # the last messages are still in transit
     del frames
     return {"stamps_ns": stamps, "late_s": late}
 

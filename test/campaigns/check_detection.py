@@ -1,7 +1,8 @@
-"""What `sfr check` detects: `python -m campaigns check-detection SRC ...`, drives with truth, one line a fault.
+"""Detection of faults by `sfr check`, one line per fault: `python -m campaigns check-detection SRC ...`.
 
-Each drive is checked as it is and with a fault injected. The lower bound of the error that the check states is compared
-with the true error of the forward run; the last line is their rank correlation. Kept in docs/measurements.md.
+Each drive with ground truth is checked unchanged and with each injected fault. The lower bound of the error from the
+check is compared with the true error of the forward run. The last line is the rank correlation of both. The results are
+in docs/measurements.md.
 """
 
 from __future__ import annotations
@@ -26,14 +27,14 @@ FAULTS = (
     *("", "noisy:amount=10,share=1", "blurred:amount=2.5,share=1", "yaw:amount=0.1", "baseline:amount=1.005"),
     *("dropped:share=0.1", "shear:amount=1,share=1"),
 )
-"""Faults of the detection table; the first is none."""
+"""Faults of the detection table; the empty text is no fault."""
 CONDITIONS = (Condition.parse("distance=1"), Condition.parse("distance=5"))
 JUDGED = "distance=5"
-MOST_PAIRS = 110  #: Some 8 to 10 m of the rendered drives.
+MOST_PAIRS = 110  #: About 8 to 10 m of the rendered drives.
 
 
 def main(arguments: list[str]) -> int:
-    """Print what the check finds on each drive with each fault."""
+    """Print the result of the check for each drive and fault."""
     bounds, errors = [], []
     for path in map(Path, arguments):
         drive = drive_of(open_source(path))

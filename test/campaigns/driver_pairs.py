@@ -1,7 +1,7 @@
-"""Cameras as drivers publish them: two processes, jitter, encodings, raw or rectified, frames of their own.
+"""Localisation from two camera drivers in separate processes, with jitter, various encodings, raw or rectified images.
 
-The node has its defaults but for the names of the topics, and `input.rectify` where they are raw. Where tf2_msgs is
-installed the extrinsics follow from the frames of the driver, else they are given.
+The node has default parameters except for topic names, and `input.rectify` for raw images. If tf2_msgs is installed,
+the extrinsics follow from the driver's frames; otherwise they are parameters.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ IDENTITY = params("T_rb_locsb.translation_m:=[0.0, 0.0, 0.0]", "T_rb_locsb.quat_
 
 @dataclass(frozen=True)
 class Case:
-    """What the cameras are."""
+    """The configuration of the cameras."""
 
     driver: str
     rate_hz: float
@@ -68,14 +68,14 @@ class Case:
 
 @dataclass
 class Found:
-    """What came of a case."""
+    """The result of a case."""
 
     case: Case
     sent: int
     localised: int
-    late_s: float  #: 95 % of the images of the slower driver were sent within it.
-    length_error: float  #: Of the path, as a share of the true one.
-    dropped: dict[str, int]  #: By cause, as the node counts them.
+    late_s: float  #: 95 % quantile of the delay of the slower driver.
+    length_error: float  #: Relative error of the path length.
+    dropped: dict[str, int]  #: Dropped images by cause, as counted by the node.
 
     @property
     def share(self) -> float:
@@ -83,12 +83,12 @@ class Found:
 
     @property
     def host_keeps_up(self) -> bool:
-        """Whether the drivers sent in time and the node had the time for all pairs."""
+        """Whether the drivers were in time and the node was not overloaded."""
         return self.late_s < 0.5 / self.case.rate_hz and not self.dropped.get("overload")
 
     @property
     def problem(self) -> str:
-        """Why it is not as it should be, empty where it is, and where the host does not keep up."""
+        """The deviation from the expected result; empty if there is none, or if the host does not keep up."""
         if not self.host_keeps_up:
             return ""
         share = f"{self.share:.1%} of the pairs localised" if self.share < MIN_SHARE else ""
@@ -98,7 +98,7 @@ class Found:
 
 @dataclass(frozen=True)
 class Images:
-    """Images of both cameras in files, their camera_info, and the true positions `(N, 3)`."""
+    """Image files and camera_info of both cameras, and the true positions `(N, 3)`."""
 
     files: dict[tuple[int, bool, str], Path]
     cameras: dict[tuple[int, bool, str], dict[str, Any]]
@@ -106,7 +106,7 @@ class Images:
 
 
 def make_images(folder: Path, count: int, sizes: Sequence[int] = (512, 1024)) -> Images:
-    """Take images of the sample, scale them, and distort a second set of each."""
+    """Scale the images of the sample, and write a second, distorted set of each size."""
     source = open_source(ROOT / "sample" / "sample.mcap").loc
     assert source is not None
     assert source.ground_truth is not None
@@ -121,7 +121,7 @@ def make_images(folder: Path, count: int, sizes: Sequence[int] = (512, 1024)) ->
     for size, is_raw, side in product(sizes, (False, True), SIDES):
         scale = size / source.rig.width
         k = np.array(source.rig.camera_matrix, np.float64) * scale
-        k[:2, 2] += 0.5 * (scale - 1.0)  # pixel centres are whole numbers
+        k[:2, 2] += 0.5 * (scale - 1.0)  # pixel centres are at integer coordinates
         k[2, 2] = 1.0
         p = projection(source.rig, side) * scale
         p[[2, 6, 10]] = k[0, 2], k[1, 2], 1.0
@@ -141,7 +141,7 @@ def make_images(folder: Path, count: int, sizes: Sequence[int] = (512, 1024)) ->
 
 
 def run_case(case: Case, images: Images, folder: Path) -> Found:
-    """Let two drivers publish to a node; return how many of their pairs are localised."""
+    """Publish from two drivers to a node; return the number of localised pairs and the errors."""
     folder.mkdir()
     count = min(int(SECONDS * case.rate_hz), len(images.positions))
     image, words = "image_raw" if case.is_raw else "image_rect", ["--ros-args"]
@@ -188,7 +188,7 @@ def run_case(case: Case, images: Images, folder: Path) -> Found:
         while any(driver.poll() is None for driver in drivers):
             peer.spin(0.1)
         before = -1
-        while len(odometry) > before:  # what waits is still localised
+        while len(odometry) > before:  # queued pairs are still localised
             before = len(odometry)
             peer.spin(1.0)
         said = [json.loads(driver.stdout.read()) for driver in drivers if driver.stdout is not None]
@@ -211,7 +211,7 @@ def run_case(case: Case, images: Images, folder: Path) -> Found:
 
 
 def drive_pairs(folder: Path, encodings: Sequence[str] = tuple(ENCODINGS)) -> list[str]:
-    """Run all cases, print each and the table; return what is not as it should be."""
+    """Run all cases, print each result and the table; return the deviations."""
     cases = [
         Case(driver, rate, size, raw, encoding)
         for number, (encoding, size, raw, rate) in enumerate(
@@ -237,5 +237,5 @@ def drive_pairs(folder: Path, encodings: Sequence[str] = tuple(ENCODINGS)) -> li
 
 
 def main(arguments: list[str]) -> int:
-    """Localise from the drivers with the encodings `[ENCODING ...]`, all by default."""
+    """Localise from the drivers with the given encodings `[ENCODING ...]`, all by default."""
     return in_own_domain(lambda folder: drive_pairs(folder, tuple(arguments or ENCODINGS)))

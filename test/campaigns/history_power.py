@@ -1,9 +1,9 @@
-"""Simulated histories of suites: how often `sfr suite history` is wrong, what it finds, and after how many nights.
+"""False alarms and detections of `sfr suite history`, and the delay of detections, on simulated histories.
 
 python -m campaigns history-power [--histories 2000] [--seed 1]
 
-Drives differ from each other and from night to night; some nights have a busy host, some commits shift each drive a
-little for good, some runs fail by themselves. Nothing of it was chosen by what is found.
+Drives differ from each other and from night to night. In some nights the host is busy, some commits shift each drive
+permanently by a small amount, and some runs fail by chance. The parameters were not tuned to the results.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Table = Mapping[str, np.ndarray]
 
 
 def log_normal(rng: np.random.Generator, nights: int, drive: float, common: float, code: float) -> np.ndarray:
-    """Return values `(D, T)` about one of each drive: deviations of a drive, of a night, of a commit in five nights."""
+    """Return relative values `(D, T)` with deviations of drives, of nights, and of a commit in one of five nights."""
     own = drive * np.exp(rng.normal(0.0, 0.5, (DRIVES, 1)))  # drives are not equally repeatable
     tails = rng.standard_t(5, (DRIVES, nights)) / np.sqrt(5.0 / 3.0)
     commits = rng.normal(0.0, code, (DRIVES, nights)) * (rng.random(nights) < 0.2)
@@ -53,7 +53,7 @@ def simulated(rng: np.random.Generator, nights: int) -> dict[str, np.ndarray]:
 
 
 def times(factor: float, drives: int, *figures: str) -> Callable[[dict[str, np.ndarray], int], None]:
-    """Return what multiplies figures of the first drives from a night on."""
+    """Return a function that multiplies figures of the first drives from a night on."""
 
     def change(history: dict[str, np.ndarray], night: int) -> None:
         for figure in figures:
@@ -84,7 +84,7 @@ CHANGES: Mapping[str, tuple[Callable[[dict[str, np.ndarray], int], None], tuple[
 
 @dataclass
 class Tally:
-    """What became of the histories of one kind and length."""
+    """Results of the histories of one kind and length."""
 
     histories: int = 0
     delays: list[int] = field(default_factory=list)
@@ -93,7 +93,7 @@ class Tally:
 
 
 def main(arguments: list[str]) -> int:
-    """Print the tables; exit code 1 if there are more false alarms than one a year of nights."""
+    """Print the tables; exit code 1 if there is more than one false alarm per year."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--histories", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)

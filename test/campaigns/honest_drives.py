@@ -1,8 +1,9 @@
-"""Random honest drives: how often does the diagnosis accuse an estimate of a mismatch of convention?
+"""False diagnoses of convention mismatches on random drives without a mismatch.
 
 python -m campaigns honest-drives [--drives 1000] [--seed 0]
 
-Noise, drift, a scale error of about 1 %, outliers, last frames that are off, short, straight and standing drives.
+The drives have noise, drift, a scale error of about 1 %, outliers and wrong last frames; some are short, straight or
+stationary.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from sfr_loc_map.metrics.convention import diagnose
 
 
 def main(arguments: list[str]) -> int:
-    """Diagnose the drives and print each accusation; 1 if there is one."""
+    """Diagnose the drives and print each false diagnosis; exit code 1 if there is one."""
     parser = argparse.ArgumentParser(prog="python -m campaigns honest-drives")
     parser.add_argument("--drives", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)

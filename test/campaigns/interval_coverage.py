@@ -1,7 +1,7 @@
-"""How often the 95 % interval of mean + 3 sigma holds the true value: `python -m campaigns interval-coverage [RUNS]`.
+"""Coverage of the 95 % interval of mean + 3 sigma: `python -m campaigns interval-coverage [RUNS]`.
 
-Drives whose odometry drifts by a known law: every step adds an error of position and of attitude. The true value comes
-from many independent drives. The result is kept in measurements/metrics_the_95_interval.md.
+The odometry of the drives drifts by a known law: every step adds an error of position and attitude. The true value is
+computed from many independent drives. The results are in measurements/metrics_the_95_interval.md.
 """
 
 import itertools
@@ -18,11 +18,11 @@ from sfr_loc_map.metrics.trajectory_score import ScoredTrajectory, score_traject
 STEP_M = 0.1
 FIGURES = ("position", "attitude", "heading")
 LAWS = {"white steps": (0.0, 0.0), "biased steps": (0.002, 0.0), "steps with memory": (0.0, 0.9)}
-"""Bias of a step, m, and how much of the error before it keeps."""
+"""Bias of a step, m, and correlation with the previous step."""
 
 
 def run(rng: np.random.Generator, frames: int, spacing: int, law: str, curved: bool) -> ScoredTrajectory:
-    """The score of one drive over 5 m."""
+    """Return the score of one drive."""
     bias, memory = LAWS[law]
     yaw = np.sin(np.arange(frames) / 40.0) if curved else np.zeros(frames)
     true = Rotation.from_rotvec(np.column_stack((0 * yaw, 0 * yaw, yaw)))
@@ -39,7 +39,7 @@ def run(rng: np.random.Generator, frames: int, spacing: int, law: str, curved: b
 
 
 def coverage(runs: int, length_m: float, spacing: int, law: str, curved: bool, seed: int = 0) -> dict[str, float]:
-    """Share of runs whose interval holds the true value, for each figure; NaN where there is no interval."""
+    """Return the fraction of runs whose interval contains the true value, by figure; NaN without intervals."""
     rng, frames, errors = np.random.default_rng(seed), round(length_m / STEP_M) + 1, []
     for _ in range(max(300, 120_000 // frames)):
         details = run(rng, frames, 10, law, curved).details
@@ -63,7 +63,7 @@ def coverage(runs: int, length_m: float, spacing: int, law: str, curved: bool, s
 
 
 def main(arguments: list[str]) -> int:
-    """Print the coverage for paths, spacings and laws, of `RUNS` drives each (300)."""
+    """Print the coverage for path lengths, spacings and laws, with `RUNS` drives each (300)."""
     runs = int(arguments[0]) if arguments else 300
     for seed, case in enumerate(itertools.product((15.0, 30.0, 60.0, 200.0), (1, 10), LAWS, (False, True)), 1):
         print(*case, coverage(runs, *case, seed), flush=True)

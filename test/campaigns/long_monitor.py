@@ -1,14 +1,13 @@
-"""What a long run costs the monitor: processor time for each pair, and memory, against the length of the run.
+"""Processor time per pair and memory of the monitor as a function of the length of a run.
 
 python -m campaigns long-monitor [--pairs 36000] [--hz 10] [--steps 12]
 
-Poses, their ground truth and calls of a made drive go into the monitor's score as the node's worker gives them, in one
-process and without DDS: decoding of messages and transport are not in the figures. At so many lengths the score is
-computed and written as the node publishes it. How often the node scores at a rate of pairs follows from these times
-and from its own rule (a rest of nine times the processor time of a score): the campaign applies the rule to the
-measured times, and does not wait.
+Poses, ground truth and calls of a synthetic drive are added to the monitor's score as by the node's worker, in one
+process and without DDS. The figures therefore exclude decoding and transport of messages. At `--steps` lengths the
+score is computed and serialised as for publication. The node rests nine times the processor time of a score between two
+scores. The campaign applies this rule to the measured times instead of waiting.
 
-Exit code 1 if the processor time for each pair or the memory is beyond its bound.
+The exit code is 1 if the processor time per pair or the memory exceeds its bound.
 """
 
 from __future__ import annotations
@@ -28,20 +27,20 @@ from sfr_loc_map.nodes.score_publisher import RESTS
 from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 
-PUBLISH_PERIOD_S = 1.0  #: Default of the node.
-MAX_SHARE = 1.0 / (1.0 + RESTS)  #: Largest fraction of one core that scoring takes.
-MAX_RECEIVE_S = 1e-3  #: Largest processor time for what comes with one pair.
-MAX_BYTES_PER_PAIR = 4096  #: Largest growth of resident memory.
+PUBLISH_PERIOD_S = 1.0  #: The node's default.
+MAX_SHARE = 1.0 / (1.0 + RESTS)  #: Largest fraction of one core for scoring.
+MAX_RECEIVE_S = 1e-3  #: Largest processor time for the messages of one pair.
+MAX_BYTES_PER_PAIR = 4096  #: Largest growth of resident memory per pair.
 LIMITS = {"trajectory": [{"condition": "distance=5", "position_mean_plus_3sigma_m": 0.2}]}
 LOOP_M, STEP_M, SIGMA_M = 200.0, 0.05, 1e-4
 
 
 class Step(NamedTuple):
-    """What was measured when so many pairs had come."""
+    """Measurements after a number of pairs."""
 
     pairs: int
-    receive_s: float  #: Processor time for each pair since the step before.
-    score_s: float  #: Processor time of one score, as it is published.
+    receive_s: float  #: Processor time per pair since the previous step.
+    score_s: float  #: Processor time of one score, including serialisation.
     resident_bytes: int
 
 
@@ -52,7 +51,7 @@ def resident_bytes() -> int:
 
 
 def measured(pairs: int, hz: float, steps: int) -> Iterator[Step]:
-    """Give a made drive to the score of the monitor; yield what it costs at so many lengths."""
+    """Add a synthetic drive to the monitor's score; yield the measurements at `steps` lengths."""
     rng = np.random.default_rng(1)
     score = MonitorScore(ScoreConfig(), parse_limits(LIMITS, "campaign"))
     period_ns = round(1e9 / hz)
@@ -83,7 +82,7 @@ def measured(pairs: int, hz: float, steps: int) -> Iterator[Step]:
 
 
 def scoring_per_pair_s(steps: list[Step], hz: float) -> float:
-    """Return the processor time of scoring for each pair that the node's rule gives, with times between the steps."""
+    """Return the processor time of scoring per pair by the node's rule, interpolated between the steps."""
     pairs = np.array([0.0, *(step.pairs for step in steps)])
     costs = np.array([steps[0].score_s, *(step.score_s for step in steps)])
     end_s, now_s, used_s = steps[-1].pairs / hz, 0.0, 0.0
@@ -95,7 +94,7 @@ def scoring_per_pair_s(steps: list[Step], hz: float) -> float:
 
 
 def main(arguments: list[str]) -> int:
-    """Print what each length costs; return 1 if a bound is exceeded."""
+    """Print the measurements; return 1 if a bound is exceeded."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--pairs", type=int, default=36_000)
     parser.add_argument("--hz", type=float, default=10.0, help="rate of pairs")
