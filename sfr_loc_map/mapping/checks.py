@@ -48,20 +48,20 @@ def check_images(pair: StereoPair, rig: StereoRig) -> None:
     if pair.left.shape != (rig.height, rig.width):
         raise MappingError(
             f"images of stamp {pair.stamp_ns} are {pair.left.shape[1]} x {pair.left.shape[0]}: the rig has "
-            f"{rig.width} x {rig.height}; give the rig of these images"
+            f"{rig.width} x {rig.height}; use the rig of these images"
         )
     for name, image in (("left", pair.left), ("right", pair.right)):
         _, deviations = cv2.meanStdDev(image)
         deviation = float(deviations[0, 0])
         if deviation < MIN_CONTRAST:
             raise MappingError(
-                f"{name} image of stamp {pair.stamp_ns} is textureless (mean {image.mean():.0f}, spread "
-                f"{deviation:.1f} grey levels): a spread of {MIN_CONTRAST} is required; check the camera, its cap and "
-                "its exposure"
+                f"{name} image of stamp {pair.stamp_ns} is textureless (mean {image.mean():.0f}, standard "
+                f"deviation {deviation:.1f} grey levels): a standard deviation of {MIN_CONTRAST} is required; check "
+                "the camera, its cap and its exposure"
             )
     if np.array_equal(pair.left, pair.right):
         raise MappingError(
-            f"left and right images of stamp {pair.stamp_ns} are identical: give the image of the other camera"
+            f"left and right images of stamp {pair.stamp_ns} are identical: use the image of the other camera"
         )
 
 

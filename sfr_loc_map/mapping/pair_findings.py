@@ -83,8 +83,8 @@ def _warnings_of_images(disparity_map: DisparityMap, configured: CalibrationUnce
         warnings.append(f"the right image has {gain:.2f} times the contrast of the left (compensated)")
     if saturated > MAX_SATURATED_FRACTION:
         warnings.append(
-            f"{100 * saturated:.0f} % of the pixels are saturated: saturated regions have no points, sigma is larger "
-            "beside them; change the exposure"
+            f"{100 * saturated:.0f} % of the pixels are saturated: saturated regions have no points, and sigma is "
+            "larger beside them; change the exposure"
         )
     return tuple(warnings)
 
@@ -99,5 +99,5 @@ def _warnings_of_rotation(
     side = "right" if yaw_deg > 0 else "left"
     return (
         f"the right camera is probably rotated by {abs(yaw_deg):.3f} deg to the {side} (vertical disparity has the "
-        "shape that a yaw causes): all depths have a common error, sigma is increased; calibrate the cameras",
+        "shape that a yaw causes): all depths share an error, and sigma is increased; calibrate the cameras",
     )

@@ -26,7 +26,7 @@ MIN_LEVEL_VARIANCE = 1.0
 do not determine a slope."""
 NOISE_MASK = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]], F)
 """Difference of two Laplacians, which cancels smooth structure (Immerkaer 1996)."""
-NOISE_GAIN = 6.0  #: Factor by which the mask amplifies white noise: the root of its sum of squares.
+NOISE_GAIN = 6.0  #: Factor by which the mask amplifies white noise: the root of the sum of its squared taps.
 
 
 def image_noise(image: FloatImage) -> float:

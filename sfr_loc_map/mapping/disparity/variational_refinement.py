@@ -51,9 +51,9 @@ EXTRA_WARPS = 2
 """Additional iterations if the noise is large, because the initial field is then farther from the minimum
 (measurements/mapper_trials.md)."""
 NOISY_PX = 1.2
-"""The noise is large if the median standard deviation of a cell, from its own four pixels alone, exceeds this value,
-pixels. The linearisation of a residual is valid within about one pixel. Half and twice the value are not better on all
-pairs (measurements/mapper_trials.md)."""
+"""The noise is large if the median standard deviation of a cell's disparity, from its own four pixels alone, exceeds
+this value, pixels. The linearisation of a residual is valid within about one pixel. Neither half nor twice the value is
+better on all pairs (measurements/mapper_trials.md)."""
 SOLVER_ITERATIONS = (8, 12, 12)
 """Conjugate gradient iterations on each grid, finest first. After the coarse grids, only short wavelengths remain for
 the finest grid. Half as many iterations are nearly as good on rendered pairs, and twice as many are better on KITTI

@@ -50,7 +50,7 @@ sigma of 0.05 pixels the threshold is 0.3. Chosen on rendered ground and two rea
 DEPTH_POWER = F(2.0)
 """The odds are multiplied by this power of the depth ratio, because the error in metres of a disparity on the wrong
 surface grows with the square of the depth (measurements/mapper_trials.md)."""
-SURROUNDING_COUNT = 10  #: Number of the first `JumpFeatures`, which depend on the surrounding pixels.
+SURROUNDING_COUNT = 10  #: The first ten `JumpFeatures` depend on the surrounding pixels.
 SIGMA_STRIDE = 16  #: Every sixteenth valid pixel is used for the median sigma: tens of thousands of samples suffice.
 
 # Conversion of features to inputs of the network, which was trained with these values.

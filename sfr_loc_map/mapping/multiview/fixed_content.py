@@ -60,8 +60,8 @@ def without_fixed_content(views: Sequence[PairView], rig: StereoRig) -> CleanedV
         if fraction < MIN_REGION_FRACTION:
             continue
         warnings.append(
-            f"{100 * fraction:.0f} % of the image is the same in pairs {i} and {j} although the camera has moved: the "
-            "rover's own body, or images of another pair; its points are removed"
+            f"{100 * fraction:.0f} % of the image is the same in pairs {i} and {j} although the camera has moved: "
+            "these pixels show the rover's own body or rows of another pair, and their points are removed"
         )
         for index in (i, j):
             regions[index] = region | regions.get(index, np.zeros_like(region))

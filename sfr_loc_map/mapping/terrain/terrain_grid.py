@@ -26,7 +26,7 @@ from sfr_loc_map.mapping.terrain.cells import CellGrid, Square
 from sfr_loc_map.mapping.terrain.elevation import ElevationModel, elevation_model
 
 MIN_POINTS = 3
-"""Minimum number of points of a cell with a height: one point remains without the lowest and the highest point."""
+"""Minimum number of points of a cell with a height: one point remains if the lowest and the highest are excluded."""
 OUTLIER_FRACTION = 0.15
 """Fraction of a cell's points above its high height, and below its low height; at least one point of each cell. A rock
 that covers a smaller fraction of a cell does not cause a step. Chosen by hand."""

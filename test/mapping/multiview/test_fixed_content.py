@@ -55,7 +55,7 @@ def test_rows_of_another_pair_are_left_out(ground: list[PosedStereoPair]) -> Non
     one, other = (item.pair for item in ground)
     left, right = np.vstack((other.left[:60], one.left[60:])), np.vstack((other.right[:60], one.right[60:]))
     result = fused([ground[0], replace(ground[1], pair=StereoPair(other.stamp_ns, left, right))])
-    assert any("images of another pair" in line for line in result.warnings)
+    assert any("rows of another pair" in line for line in result.warnings)
     assert (result.cloud.v > 70).mean() < 0.02
 
 
