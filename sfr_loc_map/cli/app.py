@@ -1,8 +1,8 @@
 """The application `sfr` that the subcommands join, and the last line of a command.
 
-The last line of a command reports what is useful next. It goes to standard error behind all other lines, as the hints
-of git do. It is omitted after bad input or an interruption, if JSON goes to standard output (a program reads it), and
-with `sfr --no-hints` or `SFR_HINTS=0`.
+The last line of a command proposes the next command. The line is printed to standard error after all other lines, like
+the hints of git. It is omitted after bad input or an interruption, if JSON is printed to standard output (for a
+program), and with `sfr --no-hints` or `SFR_HINTS=0`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from sfr_loc_map.errors import ExitCode
 
 EXIT_CODES = (
     "Exit codes: 0 all well; 1 a limit was missed, or the doctor found something; 2 bad input or usage; "
-    "3 something could not be judged (0 with --lenient); 130 interrupted, with what was finished reported."
+    "3 something could not be judged (0 with --lenient); 130 interrupted; finished results are reported."
 )
 PANELS = {
     "Look": ("info", "doctor", "init"),
@@ -36,7 +36,7 @@ PANELS = {
     "Methods of your own": ("bench",),
     "Data": ("convert", "simulate"),
 }
-"""Subcommands in the order of the help, that of a user's day, below their titles."""
+"""Subcommands in the order of the help, grouped by the titles of the panels."""
 HINTS = "SFR_HINTS"
 
 
@@ -45,13 +45,13 @@ HINTS = "SFR_HINTS"
 
 @dataclass(slots=True)
 class CommandRun:
-    """What a command leaves for its end."""
+    """Data of a running command for its last line and its exit code."""
 
-    next_line: str = ""  #: What is useful next: a command line; empty for none.
-    failed_outputs: list[str] = field(default_factory=list)  #: Failures of outputs beside the main one.
+    next_line: str = ""  #: Proposed next command; empty if there is none.
+    failed_outputs: list[str] = field(default_factory=list)  #: Failures of secondary outputs.
 
     def last_line(self, code: int) -> str:
-        """Return the last line of a command that ended with an exit code, empty for none."""
+        """Return the last line of a command that ended with an exit code; empty if there is none."""
         is_shown = os.environ.get(HINTS, "1") != "0" and code in (ExitCode.OK, ExitCode.FAILED, ExitCode.NOT_JUDGED)
         return f"next: {self.next_line}" if self.next_line and is_shown else ""
 
@@ -61,7 +61,7 @@ _current: ContextVar[CommandRun] = ContextVar("command_run")
 
 @contextmanager
 def command_run() -> Iterator[CommandRun]:
-    """Give the block, which runs one command, the record that `current_run` returns within it."""
+    """Yield the record of one command; `current_run` returns this record within the block."""
     run = CommandRun()
     token = _current.set(run)
     try:
@@ -71,14 +71,14 @@ def command_run() -> Iterator[CommandRun]:
 
 
 def current_run() -> CommandRun:
-    """Return the record of the command that runs; outside of `command_run` a new one, which is not shown."""
+    """Return the record of the running command; outside of `command_run` return a new record, which is not shown."""
     return _current.get(CommandRun())
 
 
 def propose(*words: str | Path, why: str = "") -> None:
-    """Set what the command shows in its last line: a command line, quoted unless it is one word; none for none.
+    """Set the last line of the command: a command line, quoted unless it is one word. An empty word removes the line.
 
-    A first word `...` stands for the command line as it was given.
+    A first word `...` stands for the command line of the user.
     """
     line = str(words[0]) if len(words) == 1 else shlex.join(map(str, words))
     if line.startswith("..."):
@@ -91,12 +91,12 @@ def propose(*words: str | Path, why: str = "") -> None:
 
 class _Group(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - click's, or the copy within typer
-        """Return a subcommand and its arguments; ConfigError for a former one."""
+        """Return a subcommand and its arguments; raise ConfigError for a removed subcommand."""
         former.check_command(" ".join(("sfr", *([] if ctx.parent is None else [ctx.info_name]), args[0])))
         return super().resolve_command(ctx, args)
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401 - as above
-        """Return the subcommands of `sfr` in the order of PANELS; those of a group as they were added."""
+        """Return the subcommands of `sfr` in the order of PANELS, those of a group in the order of definition."""
         names = super().list_commands(ctx)
         in_panels = [name for panel in PANELS.values() for name in panel]
         order = {name: place for place, name in enumerate(in_panels)}
@@ -123,7 +123,7 @@ def command_group(text: str, epilog: str | None = None) -> typer.Typer:
 
 
 def examples(*lines: str) -> str:
-    """Return the end of a command's help: one example a line."""
+    """Return the epilog of a command's help, with one example per line."""
     return "\n\n".join(("Examples:", *lines))
 
 

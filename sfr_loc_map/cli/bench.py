@@ -1,4 +1,4 @@
-"""`sfr bench`: methods beside each other on the same input in the same run, and ours on data with injected faults."""
+"""`sfr bench`: compare methods on the same input in the same run, and test our localiser with injected faults."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 
-app = command_group("Methods beside each other: same input, same run, own processes. Ours with injected faults.")
+app = command_group("Compare methods on the same input in separate processes. Test ours with injected faults.")
 
 
 MethodsOption = Annotated[
     list[str] | None,
-    Option("--method", metavar="NAME|package.module:Class|lib:FILE.so", help="One more method to compare; repeatable."),
+    Option("--method", metavar="NAME|package.module:Class|lib:FILE.so", help="Additional method; repeatable."),
 ]
 PeerOption = Annotated[
-    Path | None, Option(metavar="PYTHON", help="Interpreter that has the optional reference methods.")
+    Path | None, Option(metavar="PYTHON", help="Python interpreter with the optional reference methods.")
 ]
-RepeatOption = Annotated[int, Option(min=1, metavar="N", help="Passes; medians are shown.")]
-SpacingOption = Annotated[int, Option(min=1, metavar="FRAMES", help="Frames from one start to the next.")]
+RepeatOption = Annotated[int, Option(min=1, metavar="N", help="Number of passes; medians are shown.")]
+SpacingOption = Annotated[int, Option(min=1, metavar="FRAMES", help="Frames between the starts of sub-trajectories.")]
 
 
 @app.command(epilog=examples("sfr bench localise data/ --repeat 3 --json bench.json"))
@@ -47,7 +47,7 @@ def localise(
     method: MethodsOption = None,
     peer_python: PeerOption = None,
     vocabulary: Annotated[
-        Path | None, Option("--vocab", metavar="F.txt", help="Vocabulary of ORB-SLAM3 (text).")
+        Path | None, Option("--vocab", metavar="F.txt", help="ORB-SLAM3 vocabulary (text file).")
     ] = None,
     condition: ConditionOption = None,
     spacing: SpacingOption = 10,
@@ -56,7 +56,7 @@ def localise(
         Option(
             min=0.01,
             metavar="HZ",
-            help="Rate of the pairs for methods that work in the background; default: as recorded.",
+            help="Rate of the pairs for methods that work in the background; default: the recorded rate.",
         ),
     ] = None,
     repeat: RepeatOption = 3,
@@ -66,7 +66,7 @@ def localise(
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
 ) -> None:
-    """Our localiser against a plain OpenCV one, ORB-SLAM3 (pyorbslam3) where installed, and any other method."""
+    """Compare our localiser with a plain OpenCV localiser, ORB-SLAM3 (pyorbslam3) if installed, and other methods."""
     from sfr_loc_map.bench.method_benchmark import compare_localisers, methods_to_compare
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.runs.offline import start_pose
@@ -106,7 +106,7 @@ def map_(
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Our mapper against OpenCV's semi-global matching, Pandora where installed, and any other method."""
+    """Compare our mapper with OpenCV's semi-global matching, Pandora if installed, and other methods."""
     from sfr_loc_map.bench.method_benchmark import compare_mappers, methods_to_compare
     from sfr_loc_map.io.sequence import panorama_of
 
@@ -130,7 +130,7 @@ def faults(
         list[str] | None,
         Option(
             metavar="KIND[:...]",
-            help="Fault as for sfr simulate, several joined by +; repeatable. Default: common faults.",
+            help="Fault as in sfr simulate; + joins several faults; repeatable. Default: common faults.",
         ),
     ] = None,
     condition: Annotated[
@@ -144,17 +144,17 @@ def faults(
     config: ConfigOption = None,
     remap: RemapOption = None,
 ) -> None:
-    """Localiser on data with faults: errors beside stated sigmas; exit 1 if one is wrong and does not say so."""
+    """Localise data with injected faults and compare the errors with the reported sigmas; exit 1 for silent errors."""
     from sfr_loc_map.bench.fault_benchmark import FAULTS, Honesty, benchmark_faults
     from sfr_loc_map.io.sequence import drive_of
 
-    propose("sfr simulate DST --from SRC --fault KIND:amount=A", why="one fault alone, kept")
+    propose("sfr simulate DST --from SRC --fault KIND:amount=A", why="writes the data with a single fault")
     check_outputs(json_path, inputs=(source, config), overwrite=overwrite)
     wanted = tuple(fault or FAULTS)
     opened, config = open_as(source, remap, config)
     localiser, drive = read_config(LocalisationConfig, config, "localisation"), drive_of(opened)
     if drive.ground_truth is None:
-        raise InputError(f"no drive with ground truth in '{source}': give a source that has one")
+        raise InputError(f"'{source}' has no drive with ground truth: give a source that has one")
     check_conditions(drive.ground_truth, (condition,), lenient=lenient)
     scoring = TrajectoryScoreConfig(conditions=(condition,), spacing=spacing)
     with progress_bar("faults") as bar:
@@ -162,18 +162,16 @@ def faults(
         result = benchmark_faults(drive, wanted, localiser, scoring, seed, advance)
     _present({"source": str(source)} | result, json_path)
     if silent := [name for name, item in result["entries"].items() if item["honesty"] == Honesty.SILENT]:
-        raise FailedVerdictError(f"silent errors (tracking, beyond 5 times the stated 3 sigma): {', '.join(silent)}")
+        raise FailedVerdictError(f"silent errors (tracking, above 5 times the reported 3 sigma): {', '.join(silent)}")
 
 
 @app.command(epilog=examples("sfr bench methods", "sfr bench methods --include-dir"))
 def methods(
-    include_dir: Annotated[
-        bool, Option("--include-dir", help="Print the folder of sfr_candidate.h, and nothing else.")
-    ] = False,
+    include_dir: Annotated[bool, Option("--include-dir", help="Print only the folder of sfr_candidate.h.")] = False,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """List the methods under test with their versions; a class or a C library needs no entry here."""
+    """List the registered methods under test with their versions; a class or a C library needs no registration."""
     from sfr_loc_map.methods.registry import header_folder, listed_methods
     from sfr_loc_map.report.tables import Cell, Column, Table
 
@@ -204,4 +202,4 @@ def _present(result: dict[str, Any], json_path: str | None) -> None:
     if "interrupted" in result:
         raise InterruptedRunError(f"interrupted: {result['interrupted']} were done, and reported")
     if wrong := dict.fromkeys((*result.get("failed", ()), *result.get("findings", ()))):
-        raise FailedVerdictError(f"methods that failed: {', '.join(wrong)}; the figures of the others are written")
+        raise FailedVerdictError(f"methods failed: {', '.join(wrong)}; the figures of the other methods are written")

@@ -1,4 +1,4 @@
-"""`sfr check`: what a recording shows of its own localisation and maps, without ground truth."""
+"""`sfr check`: consistency of the localisation and the maps of a recording, without ground truth."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ CONDITIONS = ("distance=1", "distance=5")
 def check(
     source: SourceArgument,
     condition: Annotated[
-        list[str] | None, Option(metavar="KIND=VALUE", help="What ends a sub-trajectory; distance=1 and distance=5.")
+        list[str] | None, Option(metavar="KIND=VALUE", help="End of a sub-trajectory; default: distance=1, distance=5.")
     ] = None,
     estimate: Annotated[
-        list[Path] | None, Option(metavar="T.csv", help="Another estimate of the drive, one or two.")
+        list[Path] | None, Option(metavar="T.csv", help="Another estimate of the drive; at most two.")
     ] = None,
     pairs: Annotated[
-        int, Option(min=20, metavar="N", help="Maximum number of pairs that are kept in memory and run.")
+        int, Option(min=20, metavar="N", help="Maximum number of pairs that are held in memory and processed.")
     ] = 600,
     config: ConfigOption = None,
     remap: RemapOption = None,
@@ -54,10 +54,10 @@ def check(
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
 ) -> None:
-    """Say whether runs over a drive, and maps of several pairs, agree as predicted; no ground truth is needed.
+    """Check whether runs over a drive, and maps of several pairs, agree as predicted; no ground truth is needed.
 
-    It shows that something is wrong, or a lower bound of the error. It never shows that an accuracy is met: what all
-    runs share, as the calibration, stays hidden.
+    The check detects errors or gives a lower bound of the error. It never proves an accuracy, because errors that all
+    runs share, such as those of the calibration, stay hidden.
     """
     from sfr_loc_map.evidence.agreement import CheckResult, result_of_all
     from sfr_loc_map.evidence.calibration import calibration_table
@@ -75,7 +75,7 @@ def check(
 
     check_outputs(json_path, inputs=(source, config), overwrite=overwrite)
     if len(estimate or ()) > 2:
-        raise ConfigError("'--estimate': give one or two others, our own run is the third")
+        raise ConfigError("'--estimate': give at most two estimates; our own run is the third")
     conditions = [Condition.parse(text) for text in condition or CONDITIONS]
     opened, read_from = open_as(source, remap, config)
     figures: list[Figure] = []
@@ -113,7 +113,7 @@ def check(
     show(content, json_path, [table for table in tables if table.rows])
     is_silent = json_path == STANDARD_OUTPUT
     for subject, item in results.items():
-        say(f"{subject}: {item}. This is no accuracy: what all runs share does not show", err=is_silent)
+        say(f"{subject}: {item}. This proves no accuracy: errors that all runs share stay hidden", err=is_silent)
     for text in calibration:
         say(f"calibration: {text}", err=is_silent)
     if any(disagreements):

@@ -1,4 +1,4 @@
-"""`sfr convert`: any source to a bag, a folder or the layout of another data set; a trajectory; a cloud."""
+"""`sfr convert`: convert a source to a bag, a folder or another data set layout; or convert a trajectory or a cloud."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from sfr_loc_map.cli.output import check_outputs, check_suffix, output_folder, p
 from sfr_loc_map.errors import ConfigError, InputError, naming
 
 CLOUDS = (".ply", ".pcd", ".npz")
-"""Endings of files of points; the same as `io.clouds.cloud_file.SUFFIXES`, which takes long to import."""
+"""Suffixes of point cloud files. Equal to `io.clouds.cloud_file.SUFFIXES`, which is slow to import."""
 PAIRS = ".sfrp"
 
 
@@ -43,7 +43,7 @@ def convert(
         Argument(
             metavar="DST",
             help="*.mcap, *.db3, *.bag: a ROS 2 bag; *.sfrp: pairs for a target board; *.csv, *.txt, *.tum, *.kitti, "
-            "*.euroc.csv: the true trajectory; else a folder. Of a cloud: *.ply, *.pcd, *.npz.",
+            "*.euroc.csv: the true trajectory; otherwise a folder. For a cloud: *.ply, *.pcd, *.npz.",
         ),
     ],
     to: Annotated[
@@ -57,13 +57,13 @@ def convert(
         Literal["none", "zstd"], Option(help="Compress the chunks of the bag (mcap only).")
     ] = "none",
     truth_grid: Annotated[
-        float | None, Option(metavar="M", help="Round true points to this power of two (bags only).")
+        float | None, Option(metavar="M", help="Round true points to this grid spacing, a power of two (bags only).")
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Convert a source to a bag, a folder or a layout of others; a trajectory; a cloud.
+    """Convert a source to a bag, a folder or another data set layout; or convert a trajectory or a cloud.
 
-    Sources are data set folders, ROS 1 and ROS 2 bags, sequences of KITTI and EuRoC.
+    Sources are data set folders, ROS 1 and ROS 2 bags, and KITTI and EuRoC sequences.
     """
     from sfr_loc_map.io.convert import ConvertOptions, Layout
     from sfr_loc_map.io.convert import convert as run
@@ -151,7 +151,7 @@ def _convert_trajectory(
     overwrite: bool,
     columns: str,
 ) -> None:
-    """Write a trajectory, or the true one of a source, as a file of poses or as a folder or bag."""
+    """Write a trajectory, or the true trajectory of a source, as a file of poses, a folder or a bag."""
     from sfr_loc_map.io.bag.files import is_bag
     from sfr_loc_map.io.convert import convert_trajectory
     from sfr_loc_map.io.registry import read_truth
@@ -166,7 +166,7 @@ def _convert_trajectory(
         poses = read.trajectory
         if read.is_announced:
             say(read.text, err=True)
-    elif is_bag(source):  # which may hold poses alone
+    elif is_bag(source):  # a bag may contain only poses
         how = source_config(source, config or named_beside(source), parse_remaps(remap))
         poses = read_truth(source, how.truth, how.remap)
     else:
@@ -180,5 +180,5 @@ def _convert_trajectory(
     else:
         with output_folder(destination, overwrite=overwrite, inputs=(source,)) as place:
             count = convert_trajectory(poses, place)
-        propose("sfr", "info", destination, why="is it complete")
+        propose("sfr", "info", destination, why="checks that it is complete")
     say(f"{count} poses: {destination}", err=True)

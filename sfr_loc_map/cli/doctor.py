@@ -37,7 +37,7 @@ def doctor(
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Name the blocking issues of the running ROS graph, each with its fix; exit 1 for any."""
+    """List the blocking issues of the running ROS graph, each with its fix; exit 1 if there are any."""
     check_doctor(files)
     check_outputs(json_path, inputs=(config, calibration), overwrite=overwrite)
     require_ros("doctor")
@@ -50,5 +50,5 @@ def doctor(
     with GraphObserver({topic: name for name, topic in given.topics.items()}) as observer:
         seen = observer.observe(seconds, namespace, extrinsics_given=extrinsics_given)
     report = FindingsReport(seen.subject, examine(seen))
-    report.propose(["sfr", "record", "drive"], why="inputs and outputs into a bag")
+    report.propose(["sfr", "record", "drive"], why="records inputs and outputs to a bag")
     report.show(json_path, {}, [])

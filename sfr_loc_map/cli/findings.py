@@ -1,4 +1,4 @@
-"""How the findings of the doctor on a recording or a graph are shown."""
+"""Output of the findings on a recording or a ROS graph."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class FindingsReport:
 
     @property
     def stops(self) -> int:
-        """Number of the findings that block."""
+        """Number of blocking findings."""
         return sum(finding.is_blocking for finding in self.findings)
 
     def propose(self, after: list[str], why: str) -> None:
-        """Propose the first fix that is a command, else the same command again, else `after`."""
+        """Propose the first fix that is a command; without one, this command if a finding blocks, else `after`."""
         command = next((item.command for item in self.findings if item.command), "")
         if command:
             propose(command, why="writes the sfr.yaml of the source")

@@ -21,7 +21,7 @@ COMMANDS = {
 }
 """Former subcommands and what replaces each."""
 FormerArgument = Annotated[list[Path] | None, Argument(hidden=True)]
-"""Files that a command took in version 0.2."""
+"""Files that a command accepted in version 0.2."""
 
 
 def check_command(name: str) -> None:

@@ -1,4 +1,4 @@
-"""`sfr info`: what a recording holds and what blocks its use, each with its fix."""
+"""`sfr info`: the content of a recording and the issues that block its use, each with its fix."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def info(
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Show what a source holds, and what blocks its use, each with its fix; exit 1 if something does."""
+    """Show the content of a source and the issues that block its use, each with its fix; exit 1 if there are any."""
     from sfr_loc_map.doctor.examination import examine
     from sfr_loc_map.doctor.fixes import observe, with_fix
     from sfr_loc_map.io.source_config import SourceConfig, config_beside
@@ -95,14 +95,14 @@ def _words(calibration: Path | None, settings: list[str] | None, remap: list[str
 
 
 def _write(source: Path, sections: dict[str, Any], path: Path | None) -> tuple[Path, SourceConfig]:
-    """Write the proposed configuration into the one that was read, else a new one; return its file and content."""
+    """Write the proposed configuration to the file that was read, or to a new file; return the file and its content."""
     from sfr_loc_map.io.source_config import NAME
     from sfr_loc_map.source_setup.proposal import propose_config
 
     place = path or (source if source.is_dir() else source.parent) / NAME
     found = propose_config(source, sections, place, {} if path is None else read_sections(path))
     write_text(found.text(), place)
-    kept = "" if path is None else ", written again: its values are kept"
+    kept = "" if path is None else ", updated: its values are kept"
     say(f"configuration: {place}{kept}", err=True)
     for text in found.missing:
         say(f"missing: {text}", err=True)

@@ -1,4 +1,4 @@
-"""`sfr init`: a configuration and limits to begin with."""
+"""`sfr init`: write an initial configuration and initial limits."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ def init(
     remap: RemapOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Write a commented configuration and limits to begin with: DIR/configuration.yaml and DIR/limits.yaml.
+    """Write an initial configuration with comments and limits: DIR/configuration.yaml and DIR/limits.yaml.
 
-    Each parameter is listed with its description, unit, range and default. sfr replay, localise and map take the
-    configuration as it is (--config), sfr score and replay the limits (--limits).
+    Each parameter is listed with its description, unit, range and default. sfr replay, localise and map
+    accept the configuration unchanged (--config). sfr score and replay accept the limits (--limits).
 
-    With --from it is DIR/sfr.yaml: how SRC is read, each line with what it was inferred from. Exit 1 if something is
-    missing that only you know.
+    With --from the configuration is DIR/sfr.yaml. It states how SRC is read, and from what each line was inferred. Exit
+    1 if values are missing that only you know.
     """
     if source is not None:
         sections = sections_of(None, calibration, settings, remap)
@@ -51,7 +51,7 @@ def init(
     say(f"configuration: {configuration}")
     say(f"limits: {limits}")
     words = ("sfr", "replay", "SRC", "--start", "truth", "--config", configuration, "--limits", limits, "--out", "out/")
-    propose(*words, why="SRC: a bag or folder of yours; sfr info SRC says what it lacks")
+    propose(*words, why="SRC: your bag or folder; sfr info SRC reports what is missing")
 
 
 def _init_from(
@@ -75,7 +75,7 @@ def _init_from(
     for text in found.remarks:
         say(f"remark: {text}", err=True)
     if found.missing:
-        propose("..." if overwrite else "... --overwrite", why="with what is missing")
+        propose("..." if overwrite else "... --overwrite", why="with the missing values")
         raise FailedVerdictError(f"'{path}' is not complete: {'; '.join(found.missing)}")
     start = ("--start", "truth") if found.has_attitude else ()
     propose("sfr", "replay", source, "--config", path, *start, "--out", "out", why="through the nodes, scored")

@@ -38,24 +38,24 @@ def live(
     ] = None,
     config: ConfigOption = None,
     host: Annotated[
-        str, Option(metavar="H", help="Address to listen on; other than loopback requires --token.")
+        str, Option(metavar="H", help="Address to listen on; except for loopback, --token is required.")
     ] = "127.0.0.1",
-    port: Annotated[int, Option(metavar="P", min=0, max=65535, help="Port; 0: a free one.")] = DEFAULT_PORT,
+    port: Annotated[int, Option(metavar="P", min=0, max=65535, help="Port; 0 selects a free port.")] = DEFAULT_PORT,
     token: Annotated[str, Option(metavar="WORD", help="Token that each request must contain.")] = "",
     open_browser: Annotated[bool, Option("--open", help="Open the page in the browser.")] = False,
     terminal: Annotated[
-        bool, Option("--terminal", help="Show the figures on this terminal; one line a second if it is not a terminal.")
+        bool, Option("--terminal", help="Show the figures on the terminal; without a terminal, one line per second.")
     ] = False,
     foxglove: Annotated[
-        bool, Option("--foxglove", help="Serve the same over the Foxglove protocol besides, on loopback.")
+        bool, Option("--foxglove", help="Also serve the data over the Foxglove protocol, on loopback.")
     ] = False,
     foxglove_port: Annotated[
-        int, Option(metavar="P", min=0, max=65535, help="Port of the Foxglove server; 0: a free one.")
+        int, Option(metavar="P", min=0, max=65535, help="Port of the Foxglove server; 0 selects a free port.")
     ] = 8765,
 ) -> None:
     """Serve a page with figures, path, images and map of the running nodes, until Ctrl-C.
 
-    It prints its address when it is ready, and never waits for or delays the nodes. On a terminal q ends.
+    The command prints the address of the page when it is ready, and never delays the nodes. In a terminal, q ends it.
     """
     from sfr_loc_map.live.state import LiveState
 

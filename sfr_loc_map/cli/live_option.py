@@ -1,4 +1,4 @@
-"""A page that shows what another command runs: the option `--live`."""
+"""The option `--live`: a page that shows the run of another command."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from sfr_loc_map.inputs import one_line
 if TYPE_CHECKING:
     from sfr_loc_map.nodes.launch.live_process import LiveProcess
 
-DEFAULT_PORT = 8080  #: Port of the page. The server is not imported for its default, because it is an extra.
+DEFAULT_PORT = 8080  #: Port of the page. Not imported from the server, which is an optional extra.
 LiveOption = Annotated[bool, Option("--live", help="Show the run on a page (see sfr live).")]
-LivePortOption = Annotated[int, Option(metavar="P", min=0, max=65535, help="Port of that page; 0: a free one.")]
+LivePortOption = Annotated[int, Option(metavar="P", min=0, max=65535, help="Port of the page; 0 selects a free port.")]
 
 
 def require_live() -> None:
-    """Check that the web server can be imported; raises MissingExtraError if it cannot."""
+    """Raise MissingExtraError if the web server cannot be imported."""
     if find_spec("aiohttp") is None:
         raise MissingExtraError("sfr live needs a web server, aiohttp: pip install 'sfr_loc_map[live]'")
 
@@ -30,10 +30,10 @@ def require_live() -> None:
 def live_beside(
     wanted: bool, port: int, namespace: str = "", remaps: Sequence[str] = (), *, isolated: bool = False
 ) -> Iterator[LiveProcess | None]:
-    """Show what the `with` block runs on a page, if it is wanted; yield the page, None if it is not.
+    """Show the run of the `with` block on a page if `wanted`; yield the page, or None.
 
-    The page receives topics with the remappings `FROM:=TO` of the nodes.
-    The page of a replay (`isolated`) is in the domain that the run chooses, and is served after it until Ctrl-C.
+    The page subscribes to topics with the remappings `FROM:=TO` of the nodes.
+    The page of a replay (`isolated`) uses the ROS domain of the run. After the run it is served until Ctrl-C.
     """
     if not wanted:
         yield None

@@ -1,4 +1,4 @@
-"""`sfr localise`: a drive to a trajectory, offline."""
+"""`sfr localise`: estimate the trajectory of a drive, offline."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def localise(
         Path, Option("-o", "--output", metavar="T.csv", help="Trajectory: *.csv, *.txt or *.tum, *.kitti, *.euroc.csv.")
     ],
     stats: Annotated[
-        Path | None, Option(metavar="S.csv", help="A row for each call: time, state, ...; by default T.stats.csv.")
+        Path | None, Option(metavar="S.csv", help="One row per call: time, state, ...; default: T.stats.csv.")
     ] = None,
     video: Annotated[Path | None, Option(metavar="V.avi", help="Feature-track video, .avi or .mp4.")] = None,
     start: StartOption = "identity",
@@ -97,7 +97,7 @@ def localise(
 
 
 def _finished(results: Iterable[R], total: int) -> list[R]:
-    """Return results while a bar shows how many there are; interrupted, those that were finished."""
+    """Return the results while a progress bar counts them; after an interruption return the finished results."""
     done: list[R] = []
     with progress_bar("pairs") as bar:
         task = bar.add_task("localising", total=total)

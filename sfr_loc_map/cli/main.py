@@ -1,7 +1,7 @@
-"""The command `sfr`: errors in one line, exit codes.
+"""The command `sfr`: prints errors in one line and returns exit codes.
 
-A subcommand's module imports what is heavy inside its function, so that `sfr --help` is quick. It raises `SfrError`;
-only this module prints errors and exits, with the code of the error (`errors.ExitCode`).
+The modules of subcommands import heavy packages inside their functions so that `sfr --help` is fast. They raise
+`SfrError`. Only this module prints errors and exits, with the code of the error (`errors.ExitCode`).
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class _LineFormatter(logging.Formatter):
 
 
 class _Once(logging.Filter):
-    """Drops a warning that was written before: sources are opened and read several times by one command."""
+    """Drops repeated warnings, because one command may open and read a source several times."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -78,14 +78,14 @@ def main() -> int:
     if record.failed_outputs and code == ExitCode.OK:
         code = ExitCode.BAD_INPUT
     if line := record.last_line(code):
-        with suppress(OSError):  # nobody reads it
+        with suppress(OSError):  # the reader has closed the stream
             print(printable(line), file=sys.stderr)
     ignore_signals()
     return code
 
 
 def _run() -> int:
-    if logging.lastResort is not None:  # what writes where no program has set up logging
+    if logging.lastResort is not None:  # the handler if logging is not set up
         logging.lastResort.setFormatter(_LineFormatter())
         logging.lastResort.filters = [_Once()]
     try:
@@ -95,7 +95,7 @@ def _run() -> int:
     except (KeyboardInterrupt, typer.Abort):
         code = ExitCode.INTERRUPTED
     except Exception as error:
-        if not isinstance(error.__cause__, KeyboardInterrupt):  # else one came while an import made a class
+        if not isinstance(error.__cause__, KeyboardInterrupt):  # else interrupted while an import created a class
             expected = isinstance(error, SfrError) and error.exit_code is not ExitCode.BAD_INPUT
             if os.environ.get("SFR_DEBUG") and not expected:
                 raise
@@ -113,7 +113,7 @@ def _line(error: Exception) -> str:
         command = context.command_path if context is not None else "sfr"
         message: str = error.format_message()  # type: ignore[attr-defined]
         return f"{message.rstrip('.')}: see '{command} --help'"
-    if isinstance(error, OSError) and error.strerror and not error.filename:  # of a stream that is open
+    if isinstance(error, OSError) and error.strerror and not error.filename:  # of an open stream
         return f"cannot write to standard output, or read or write an open file: {error.strerror}; check the disk"
     if isinstance(error, (SfrError, OSError)):
         return str(error)

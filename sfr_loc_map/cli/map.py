@@ -1,4 +1,4 @@
-"""`sfr map`: stereo pairs to a point cloud, offline."""
+"""`sfr map`: map stereo pairs to a point cloud, offline."""
 
 from __future__ import annotations
 
@@ -41,22 +41,22 @@ from sfr_loc_map.signals import hold, stopping
 def map_cloud(
     source: SourceArgument,
     output: Annotated[Path, Option("-o", "--output", metavar="C.ply", help="Cloud: .ply, .pcd or .npz.")],
-    fuse: Annotated[bool, Option("--fuse/--no-fuse", help="One cloud, or the points of every pair.")] = True,
+    fuse: Annotated[bool, Option("--fuse/--no-fuse", help="Fuse the pairs, or keep the points of every pair.")] = True,
     dem: Annotated[
         list[Path] | None,
         Option(
             metavar="FILE",
-            help="Also an elevation model, the grid of the topics: *.tif (GeoTIFF), *.npz, *.png; repeatable.",
+            help="Also write the elevation grid of the topics: *.tif (GeoTIFF), *.npz, *.png; repeatable.",
         ),
     ] = None,
     covariance: Annotated[
-        bool, Option("--covariance", help="Also C.covariance.npz: 3 x 3 of each point, in the cloud's order.")
+        bool, Option("--covariance", help="Also write C.covariance.npz: 3 x 3 of each point, in cloud order.")
     ] = False,
     refine_poses: Annotated[
         bool, Option("--refine-poses", help="Correct the poses of later pairs by registration of the overlaps.")
     ] = False,
     stats: Annotated[
-        Path | None, Option(metavar="S.csv", help="A row for each call: time, memory, ...; by default C.stats.csv.")
+        Path | None, Option(metavar="S.csv", help="One row per call: time, memory, ...; default: C.stats.csv.")
     ] = None,
     config: ConfigOption = None,
     remap: RemapOption = None,
@@ -117,7 +117,7 @@ def map_cloud(
 
 
 def _assumption(calibration: CalibrationUncertainty) -> str:
-    """Return what sigma assumes of the calibration and no pair can verify, in words."""
+    """Return the assumptions of sigma about the calibration, which no pair can verify."""
     return (
         f"sigma assumes the baseline within {calibration.baseline_share:.2%}, the focal length within "
         f"{calibration.focal_share:.2%}, the yaw of the right camera within {calibration.yaw_deg:g} deg "

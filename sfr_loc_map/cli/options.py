@@ -1,6 +1,6 @@
-"""Options that several subcommands share, each declared once, and what their values mean.
+"""Options that several subcommands share, and functions that interpret their values.
 
-An option without a panel is shown first in the help. The panels hold the options that fewer users need.
+The help shows options without a panel first. The panels contain less common options.
 """
 
 from __future__ import annotations
@@ -50,24 +50,24 @@ ConfigOption = Annotated[
     Path | None, Option("--config", metavar="F.yaml", help="Configuration; default: the sfr.yaml in or beside SRC.")
 ]
 RemapOption = Annotated[
-    list[str] | None, Option(metavar="FOUND:=EXPECTED", help="Topic of a bag under another name; repeatable.")
+    list[str] | None, Option(metavar="FOUND:=EXPECTED", help="Topic name in the bag and expected name; repeatable.")
 ]
 CalibrationOption = Annotated[
     Path | None, Option(metavar="F", help="Calibration file of Kalibr, OpenCV, ROS or COLMAP, or a rig.json.")
 ]
 SectionsOption = Annotated[
     list[str] | None,
-    Option("--set", metavar="SECTION.KEY=VALUE", help="A value of sfr.yaml, for example truth.sigma_m=0.02."),
+    Option("--set", metavar="SECTION.KEY=VALUE", help="Set a value of sfr.yaml, for example truth.sigma_m=0.02."),
 ]
-StartOption = Annotated[Literal["identity", "truth"], Option(help="First pose: the identity, or the true one.")]
+StartOption = Annotated[Literal["identity", "truth"], Option(help="First pose: the identity or the true pose.")]
 ColumnsOption = Annotated[
     list[str] | None,
     Option(
         "--columns",
         metavar="[estimate:|truth:]NAME=COLUMN,...",
         rich_help_panel=MORE,
-        help="Columns of a text table that does not name them: t=Time[s],x=East[mm],... by the header, or "
-        "t[ns],x,y,z,qw,qx,qy,qz in their order; without a prefix of the estimate; repeatable.",
+        help="Columns of a text table, by header (t=Time[s],x=East[mm],...) or by order "
+        "(t[ns],x,y,z,qw,qx,qy,qz); without a prefix for the estimate; repeatable.",
     ),
 ]
 
@@ -112,7 +112,7 @@ def columns_of(texts: Sequence[str] | None) -> tuple[str, str]:
 
 
 def named_beside(source: Path) -> Path | None:
-    """Return the configuration in or beside a source, and report that it is used; None without one."""
+    """Return the configuration in or beside a source and report its use; None if there is none."""
     from sfr_loc_map.io.source_config import config_beside
 
     found = config_beside(source)
@@ -122,7 +122,7 @@ def named_beside(source: Path) -> Path | None:
 
 
 def open_as(source: Path, remap: list[str] | None = None, config: Path | None = None) -> tuple[Source, Path | None]:
-    """Open a source by a configuration, or by that beside the source; return also the configuration."""
+    """Open a source with a configuration, by default that beside the source; return both."""
     from sfr_loc_map.io.registry import open_source
     from sfr_loc_map.io.source_config import source_config
 
@@ -148,21 +148,21 @@ MethodOption = Annotated[
     Option(
         metavar="NAME|package.module:Class|lib:FILE.so",
         rich_help_panel=METHOD,
-        help="Method under test (sfr bench methods); --config is then the file with its configuration.",
+        help="Method under test (sfr bench methods lists them); --config then configures this method.",
     ),
 ]
 CallTimeoutOption = Annotated[
-    float, Option(metavar="S", rich_help_panel=METHOD, help="Longest time of a call of a method under test.")
+    float, Option(metavar="S", rich_help_panel=METHOD, help="Timeout of a call of a method under test.")
 ]
 MemoryLimitOption = Annotated[
-    int, Option(metavar="MB", rich_help_panel=METHOD, help="Resident memory above which a method under test is ended.")
+    int, Option(metavar="MB", rich_help_panel=METHOD, help="Maximum resident memory of a method under test.")
 ]
 
 
 def method_under_test(
     name: str, task: Task, source: Source, config: Path | None, call_timeout_s: float, memory_mb: int
 ) -> UnderTest | None:
-    """Return a method with its configuration and bounds, None for our own; raise MethodError or ConfigError."""
+    """Return a method with its configuration and limits, None for our own; raise MethodError or ConfigError."""
     from sfr_loc_map.methods.registry import EXTERNAL, MethodLimits, config_text, find_method
     from sfr_loc_map.runs.offline import UnderTest
 
@@ -183,18 +183,18 @@ ConditionOption = Annotated[
     Option(
         metavar="distance=M|time=S|frames=N",
         show_default="distance=5",
-        help="End of a sub-trajectory; also displacement=M, turn=DEG; commas: all at once; repeatable.",
+        help="End of a sub-trajectory; also displacement=M, turn=DEG; a comma joins conditions by AND; repeatable.",
     ),
 ]
-LenientOption = Annotated[bool, Option("--lenient", help="Exit 0 rather than 3 if something could not be judged.")]
+LenientOption = Annotated[bool, Option("--lenient", help="Exit 0 instead of 3 if something could not be judged.")]
 SpacingOption = Annotated[
-    int, Option(metavar="FRAMES", rich_help_panel=MORE, help="Frames from one start to the next.")
+    int, Option(metavar="FRAMES", rich_help_panel=MORE, help="Frames between the starts of sub-trajectories.")
 ]
 RebaseOption = Annotated[
     Literal["pose", "displacement", "position"],
-    Option(rich_help_panel=MORE, help="Reading of the document: how errors from before the start are removed."),
+    Option(rich_help_panel=MORE, help="How errors from before the start of a sub-trajectory are removed."),
 ]
-PartialOption = Annotated[bool, Option("--partial", help="Judge an estimate of a part of the drive, and report it.")]
+PartialOption = Annotated[bool, Option("--partial", help="Judge an estimate that covers only a part of the drive.")]
 ConventionOption = Annotated[
     list[str] | None,
     Option(
@@ -217,10 +217,10 @@ Align = Literal["none", "origin", "se3", "sim3"]
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """What a run is judged by."""
+    """Limits and conditions by which a run is judged."""
 
     limits_file: Path | None
-    limits: Limits | None  #: Content of that file.
+    limits: Limits | None  #: Content of the file.
     conditions: list[str] | None  #: Conditions of options or of the configuration; None for the default.
 
     @property
@@ -231,13 +231,13 @@ class Judgement:
 
 
 def judgement(limits_file: Path | None, conditions: list[str] | None, config: Path | None = None) -> Judgement:
-    """Return limits and conditions of options, else those that a configuration names."""
+    """Return the limits and conditions of the options, or else those of the configuration."""
     from sfr_loc_map.metrics.judging.limits_file import load_limits
 
     sections = {} if config is None else read_sections(config)
     named, listed = sections.get("limits"), sections.get("conditions")
     if not isinstance(named, str | None) or not isinstance(listed, list | None):
-        raise ConfigError(f"{config}: limits is the name of a file, conditions a list such as [distance=5]")
+        raise ConfigError(f"{config}: 'limits' must be a file name and 'conditions' a list such as [distance=5]")
     if limits_file is None and config is not None and named:
         limits_file = config.parent / named
     limits = None if limits_file is None else load_limits(limits_file)
@@ -245,7 +245,7 @@ def judgement(limits_file: Path | None, conditions: list[str] | None, config: Pa
 
 
 def correction_of(settings: list[str] | None, apply_diagnosis: bool, *, has_poses: bool = True) -> Correction:
-    """Return how an estimate is converted; raise ConfigError if a setting is invalid, or there are no poses."""
+    """Return the conversion of an estimate; raise ConfigError if a setting is invalid or there are no poses."""
     from sfr_loc_map.metrics.pose_convention import PoseConvention
     from sfr_loc_map.scoring.inputs import Correction
 
@@ -262,7 +262,7 @@ JsonOption = Annotated[
 ]
 HtmlOption = Annotated[Path | None, Option(metavar="F.html", help="Write a page with figures.")]
 OverwriteOption = Annotated[
-    bool, Option("--overwrite/--no-overwrite", help="Replace outputs that exist; without it they are refused.")
+    bool, Option("--overwrite/--no-overwrite", help="Replace existing outputs; by default they are not replaced.")
 ]
 
 

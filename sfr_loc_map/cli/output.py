@@ -1,7 +1,7 @@
-"""What subcommands write: one rule for all outputs; JSON, texts, tables, progress.
+"""Outputs of the subcommands: files, JSON, messages, tables and progress bars.
 
-An output that is there already is refused unless `--overwrite` is given, before the work for it is done. Only a regular
-file, or a folder that holds nothing but a data set or a bag, is ever replaced.
+A command refuses to replace an existing output unless `--overwrite` is given, and checks this before it starts to work.
+Only a regular file, or a folder that contains only a data set or a bag, can be replaced.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 STANDARD_OUTPUT = "-"
 HTML_SUFFIXES = (".html", ".htm")
 DATA_SET_NAMES = {"rig.json", "pairs.csv", "groundtruth.csv", "simulation.yaml", "metadata.yaml"}
-DATA_SET_NAMES |= {"left", "right", "truth", "masks", "loc", "nav"}  #: What is in the folders that we write as a whole.
+DATA_SET_NAMES |= {"left", "right", "truth", "masks", "loc", "nav"}  #: Content of the folders that `sfr` writes.
 SOURCE_NAMES = DATA_SET_NAMES | {"mav0", "calib.txt", "times.txt", "poses.txt", *(f"image_{n}" for n in range(4))}
 BAG_SUFFIXES = (".mcap", ".db3")
 
 
 def check_suffix(path: Path | None, suffixes: tuple[str, ...]) -> None:
-    """Raise OutputError if the name of an output ends in something else."""
+    """Raise OutputError if the name of an output ends in none of the suffixes."""
     if path is not None and path.suffix not in suffixes:
         raise OutputError(f"cannot write '{path}': its name must end in one of {', '.join(suffixes)}")
 
@@ -47,7 +47,7 @@ def check_outputs(*outputs: Path | str | None, inputs: Iterable[Path | None] = (
     taken = dict.fromkeys(given, "an input of this command")
     for path in (Path(item) for item in outputs if item is not None and str(item) != STANDARD_OUTPUT):
         place = path.resolve()
-        reason = f"it is {taken[place]} too; give each a name of its own" if place in taken else ""
+        reason = f"it is also {taken[place]}; choose another name" if place in taken else ""
         taken[place] = "another output"
         for folder in given & {*place.parents} if path.is_file() else ():
             within = place.relative_to(folder).parts
@@ -68,10 +68,10 @@ def check_outputs(*outputs: Path | str | None, inputs: Iterable[Path | None] = (
 def output_folder(
     path: Path, *, overwrite: bool, inputs: Sequence[Path] = (), resumable: bool = False
 ) -> Iterator[Path]:
-    """Give the block the place to write a folder (or a bag) to, as a whole.
+    """Yield the path at which the block writes a folder or a bag.
 
-    With `overwrite` what is there stays until the block has ended well, and the new takes its place in one step. What
-    is resumable is written to `.NAME.unfinished`, which stays if the block does not end well.
+    With `overwrite` the existing output is replaced in one step after the block has succeeded. If `resumable`, the new
+    output is written to `.NAME.unfinished`, which is kept if the block fails.
     """
     place = path.resolve()
     if any(place in (item.resolve(), *item.resolve().parents) for item in inputs):
@@ -83,7 +83,7 @@ def output_folder(
     if not overwrite:
         raise OutputError(f"cannot write '{path}': {what} exists; remove it, choose another name or give --overwrite")
     if path.is_dir() and not all(item.name in DATA_SET_NAMES or item.suffix in BAG_SUFFIXES for item in path.iterdir()):
-        raise OutputError(f"cannot write '{path}': {what} exists and is not only a data set or bag; remove it")
+        raise OutputError(f"cannot write '{path}': {what} exists and contains more than a data set or a bag; remove it")
     if not resumable:
         with atomic_path(path, any_folder=True) as temporary:
             yield temporary
@@ -97,7 +97,7 @@ def output_folder(
 
 @contextmanager
 def beside() -> Iterator[None]:
-    """Let the failure of an output beside the main one end nothing else: it is a warning, and the command exits 2."""
+    """Report the failure of a secondary output as a warning; the command continues and exits with code 2."""
     try:
         yield
     except (SfrError, OSError) as error:
@@ -106,7 +106,7 @@ def beside() -> Iterator[None]:
 
 
 def make_folder(path: Path, option: str) -> None:
-    """Make the folder that an option or argument names, if it is not there."""
+    """Create the folder that an option or argument names, if it does not exist."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -114,7 +114,7 @@ def make_folder(path: Path, option: str) -> None:
 
 
 def show(content: object, place: str | None, tables: Iterable[Table]) -> None:
-    """Write a record as JSON to the place of `--json` and print the tables; the JSON alone if to standard output."""
+    """Write a record as JSON to the file of `--json` and print the tables; with `-`, print only the JSON."""
     from sfr_loc_map.metrics.score_json import json_line
     from sfr_loc_map.report.tables import print_tables
 
@@ -134,19 +134,19 @@ def warn(text: str) -> None:
 
 
 def say(text: str, *, err: bool = False) -> None:
-    """Print a text that may hold names and words of files: printable, on standard output or standard error."""
+    """Print a text on standard output or standard error, with unprintable characters escaped."""
     typer.echo(printable(text), err=err)
 
 
 def progress_bar(unit: str) -> Progress:
-    """Return a progress bar on standard error; nothing is drawn where that is not a terminal."""
+    """Return a progress bar on standard error, disabled if standard error is not a terminal."""
     console = Console(stderr=True)
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn(unit), TimeElapsedColumn(), TimeRemainingColumn())
     return Progress(TextColumn("{task.description}"), *columns, console=console, disable=not console.is_terminal)
 
 
 def counting(bar: Progress, what: str, total: int) -> Callable[[], None]:
-    """Return what counts one step: on the bar, or as a line for each tenth where standard error is not a terminal."""
+    """Return a function that counts a step on the bar; without a terminal, it prints a line after each tenth."""
     shown = bar.add_task(what, total=total)
     tenths = {total * tenth // 10 for tenth in range(1, 11)}
     done = 0

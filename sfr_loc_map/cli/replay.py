@@ -1,4 +1,4 @@
-"""`sfr replay`: a source through the three nodes over topics, or through an external node, scored."""
+"""`sfr replay`: play a source to the three nodes or an external node over topics, and score the results."""
 
 from __future__ import annotations
 
@@ -49,16 +49,16 @@ if TYPE_CHECKING:
     from sfr_loc_map.runs.replay_result import ReplayFiles
     from sfr_loc_map.scoring.inputs import Correction
 
-PLAYED = "How the source is played"
-UNDER_TEST = "A node of anyone in place of ours"
-HELP = """Play a source to the three nodes over topics, collect what they answer, score it.
+PLAYED = "Playback of the source"
+UNDER_TEST = "External node in place of ours"
+HELP = """Play a source to the three nodes over topics, collect their results and score them.
 
-The node /sfr_player offers the services ~/pause and ~/resume (std_srvs/Trigger). Ctrl-C ends the replay: what was
-played is scored and written, exit 130.
+The node /sfr_player offers the services ~/pause and ~/resume (std_srvs/Trigger). Ctrl-C ends the replay:
+the results up to then are scored and written, and the exit code is 130.
 
-With --external a node of anyone takes the place of ours: it subscribes to the images of its task and publishes
-nav_msgs/Odometry or sensor_msgs/PointCloud2 with the stamp of each pair. In lock step each answer is waited for
-(--answer-timeout); its crash or silence is a finding, and the replay continues. See docs/candidates.md.
+With --external another node replaces ours. It subscribes to the images of its task and publishes nav_msgs/Odometry or
+sensor_msgs/PointCloud2 with the stamp of each pair. In lock step the replay waits for each answer (--answer-timeout).
+A crash or a missing answer is a finding, and the replay continues. See docs/candidates.md.
 """
 
 
@@ -113,14 +113,14 @@ def replay(
     ] = None,
     method: Annotated[
         Literal["sfr", "external"],
-        Option(rich_help_panel=UNDER_TEST, help="external: --external of the only task that SRC has."),
+        Option(rich_help_panel=UNDER_TEST, help="external: the same as --external with the only task of SRC."),
     ] = "sfr",
     command: Annotated[
         str,
         Option(
             metavar="CMD",
             rich_help_panel=UNDER_TEST,
-            help="Command that starts the external node; it ends with the replay.",
+            help="Command that starts the external node, which is stopped after the replay.",
         ),
     ] = "",
     watch: Annotated[
@@ -128,7 +128,7 @@ def replay(
         Option(
             metavar="PID|NAME",
             rich_help_panel=UNDER_TEST,
-            help="External process whose CPU and memory are measured (of CMD).",
+            help="External process whose CPU and memory are measured (default: that of CMD).",
         ),
     ] = "",
     answers: Annotated[
@@ -136,7 +136,7 @@ def replay(
         Option(
             metavar="TOPIC",
             rich_help_panel=UNDER_TEST,
-            help="Topic of the answers (localisation/odometry, mapping/points).",
+            help="Topic of the answers (default: localisation/odometry or mapping/points).",
         ),
     ] = "",
     frames: Annotated[
@@ -161,9 +161,9 @@ def replay(
     spacing: SpacingOption = 10,
     rebase: RebaseOption = "pose",
 ) -> None:
-    """Play a source to the nodes over topics, record what they answer, score it."""
+    """Play a source to the nodes over topics, record their results and score them."""
     propose("... --out out", why="keeps report, estimate and cloud")
-    with live_beside(live, live_port, isolated=True) as page:  # first: its imports are the quicker ones
+    with live_beside(live, live_port, isolated=True) as page:  # first, because its imports are faster
         from sfr_loc_map.runs.replay_result import ReplayFiles
         from sfr_loc_map.scoring.settings import score_settings
 
@@ -208,13 +208,13 @@ def replay(
                     page.run_is_over(report=str(files.page))
         if outcome.interrupted:
             raise InterruptedRunError(outcome.interrupted)
-        # what could not be judged is a warning where nobody asked for a verdict
+        # without limits or conditions, what could not be judged is only a warning
         conclude(outcome.score, by.asked, lenient=lenient or not (by.limits_file or by.conditions))
 
 
 @contextmanager
 def _room_for(files: ReplayFiles | None, inputs: Iterable[Path | None], *, overwrite: bool) -> Iterator[None]:
-    """Make the folder of the outputs, if any; remove it again if nothing was written to it."""
+    """Create the folder of the outputs, if any; remove it if nothing was written."""
     if files is None:
         yield
         return

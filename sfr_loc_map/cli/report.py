@@ -1,4 +1,4 @@
-"""`sfr report`: pages and tables of results: one score, several, two suites, or trajectories."""
+"""`sfr report`: pages and tables of one score, several scores, two suites, or trajectories."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def report(
             "-o",
             "--output",
             metavar="F",
-            help="*.html; of one score also *.md, *.csv; by default report.html beside it.",
+            help="*.html; for one score also *.md, *.csv; default: report.html beside the score.",
         ),
     ] = None,
     json_path: JsonOption = None,
@@ -67,7 +67,7 @@ def report(
     ] = None,
     control: Annotated[
         Path | None,
-        Option(metavar="F.csv", rich_help_panel=SIGNED, help="Write the verification control document: close-out."),
+        Option(metavar="F.csv", rich_help_panel=SIGNED, help="Write the verification control document (close-out)."),
     ] = None,
     evidence: Annotated[
         list[Path] | None,
@@ -80,7 +80,7 @@ def report(
     truth: Annotated[
         Path | None,
         Option(
-            metavar="TRUTH", rich_help_panel=DRAWN, help="True trajectory: also the distance of each trajectory to it."
+            metavar="TRUTH", rich_help_panel=DRAWN, help="True trajectory; the distance to the truth is drawn, too."
         ),
     ] = None,
     align: Annotated[
@@ -88,10 +88,10 @@ def report(
     ] = "none",
     max_difference: Annotated[
         float,
-        Option(metavar="S", rich_help_panel=DRAWN, help="Longest difference of the stamps of estimate and truth."),
+        Option(metavar="S", rich_help_panel=DRAWN, help="Maximum difference between the stamps of estimate and truth."),
     ] = 0.01,
 ) -> None:
-    """Make the page of results. Several scores, or two suites, are compared; trajectories are drawn.
+    """Write a page of results. Several scores or two suites are compared; trajectories are drawn.
 
     The exit code is the verdict of the scores: 1 if a limit is missed, 3 if something could not be judged.
     """
@@ -106,7 +106,7 @@ def report(
         raise ConfigError("'--evidence' is shown in the test report: give --test-report T.html, too")
     if not all(path.suffix == ".json" for path in results):
         if is_test:
-            raise ConfigError(f"'{results[0]}': a test report is of scores: give files *.json of sfr score or replay")
+            raise ConfigError(f"'{results[0]}': a test report requires scores: give *.json of sfr score or replay")
         if all((path / "plan.json").is_file() for path in results):
             _compare_suites(results, output, json_path)
             return
@@ -151,7 +151,7 @@ def report(
 
 
 def _write_score(score: Score, page: Path, json_path: str | None) -> None:
-    """Write the page of one score, or its tables as Markdown or CSV, and its JSON if it is asked for."""
+    """Write the page of one score, or its tables as Markdown or CSV, and its JSON if requested."""
     from sfr_loc_map.metrics.score_json import to_dict
     from sfr_loc_map.report.page import render_page
     from sfr_loc_map.report.score_tables import score_markdown, score_tables
@@ -172,7 +172,7 @@ def _write_score(score: Score, page: Path, json_path: str | None) -> None:
 
 
 def _conclude_all(scores: list[Score], *, lenient: bool) -> None:
-    """Raise the verdict of scores; a missed limit in any of them counts before what could not be judged."""
+    """Raise the error of the verdicts of scores; a missed limit in any score precedes a missing judgement."""
     undecided: NotJudgedError | None = None
     for score in scores:
         if not is_judged(score):
@@ -193,7 +193,7 @@ def _write_test_report(
     no_common_verdict: str,
     evidence: Sequence[Path],
 ) -> None:
-    """Write the test report of scores, and their verdicts as JUnit XML, as far as they are asked for."""
+    """Write the test report of scores and their verdicts as JUnit XML, each if requested."""
     from sfr_loc_map.report.junit import junit as junit_of
     from sfr_loc_map.report.test_report import render_test_report
 
@@ -245,7 +245,7 @@ def _compare_scores(paths: list[Path], scores: list[Score], page: Path | None, j
 
 
 def _compare_suites(folders: list[Path], page: Path | None, json_path: str | None) -> None:
-    """Compare two suites over the drives that both have: better, worse, or no difference shown."""
+    """Compare two suites over their common drives: better, worse, or no difference shown."""
     from sfr_loc_map.report.page import render_tables
     from sfr_loc_map.suite.pages.tables import comparison_tables
     from sfr_loc_map.suite.running.store import Store
@@ -262,7 +262,7 @@ def _compare_suites(folders: list[Path], page: Path | None, json_path: str | Non
         write_text(render_tables("Comparison of suites", tables), page)
         propose(f"open {page} in a browser")
     else:
-        propose("sfr", "suite", "history", *folders, why="when it became worse, and where")
+        propose("sfr", "suite", "history", *folders, why="when and where the figures became worse")
     show(result.to_dict(), json_path, tables)
 
 

@@ -1,4 +1,4 @@
-"""`sfr run`: the nodes, without `ros2 launch`; `sfr record`: topics into a bag that a crash leaves readable."""
+"""`sfr run`: run the nodes without `ros2 launch`; `sfr record`: record topics to a bag that survives a crash."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ROS_ARGS = "--ros-args"
 
 
 @app.command(
-    context_settings={"ignore_unknown_options": True},  # what it does not know is passed on to ROS
+    context_settings={"ignore_unknown_options": True},  # unknown options are passed on to ROS
     epilog=examples(
         "sfr run",
         "sfr run localisation --params-file config/localisation.yaml --namespace rover1",
@@ -31,15 +31,15 @@ def run(
         list[str] | None,
         Argument(
             metavar="[all|localisation|mapping|monitor]... [--ros-args ...]",
-            help="Nodes, all by default; what follows --ros-args goes to each of them (a parameter of one: "
+            help="Nodes; default: all. Each node receives the arguments after --ros-args (parameter of one node: "
             "-p localisation_node:NAME:=VALUE).",
         ),
     ] = None,
     params_file: Annotated[
-        list[Path] | None, Option(metavar="P.yaml", help="ROS parameter file, for all nodes named in it; repeatable.")
+        list[Path] | None, Option(metavar="P.yaml", help="ROS parameter file of the nodes; repeatable.")
     ] = None,
     config: Annotated[
-        Path | None, Option(metavar="F.yaml", help="Configuration of a recording, as of sfr init.")
+        Path | None, Option(metavar="F.yaml", help="Configuration of a recording, written by sfr init.")
     ] = None,
     namespace: NamespaceOption = "",
     remap: Annotated[list[str] | None, Option("-r", metavar="FROM:=TO", help="ROS remapping; repeatable.")] = None,
@@ -47,14 +47,14 @@ def run(
         Literal["debug", "info", "warn", "error"], Option(help="Minimum severity of displayed messages.")
     ] = "info",
     respawn: Annotated[
-        bool, Option("--respawn", help="Restart a node that crashes; by default the others are ended.")
+        bool, Option("--respawn", help="Restart crashed nodes; by default a crash stops all nodes.")
     ] = False,
     live: LiveOption = False,
     live_port: LivePortOption = DEFAULT_PORT,
 ) -> None:
-    """Run the nodes, one process each, until Ctrl-C, SIGTERM or SIGHUP; exit 2 if one ends before."""
+    """Run each node in its own process until Ctrl-C, SIGTERM or SIGHUP; exit 2 if a node ends earlier."""
     require_ros("run")
-    propose("sfr doctor", why="while the nodes run: are their inputs there")
+    propose("sfr doctor", why="checks the inputs of the running nodes")
     from sfr_loc_map.nodes.launch.processes import node_names, run_nodes
     from sfr_loc_map.nodes.launch.run_arguments import run_arguments
 
@@ -63,7 +63,7 @@ def run(
     arguments = [ROS_ARGS, "--log-level", log_level]
     for path in params_file or ():
         if not path.is_file():
-            raise InputError(f"there is no parameter file '{path}': give a file, as those in config/")
+            raise InputError(f"there is no parameter file '{path}': give a file such as those in config/")
         arguments += ["--params-file", str(path)]
     for item in [f"__ns:=/{namespace.strip('/')}"] * bool(namespace) + (remap or []):
         arguments += ["-r", item]
@@ -86,15 +86,15 @@ def run(
 def record(
     out: Annotated[Path, Argument(metavar="OUT", help="Folder of the bag (mcap).")],
     topics: Annotated[
-        list[str] | None, Argument(metavar="TOPIC", help="Topics; by default the inputs and outputs of the nodes.")
+        list[str] | None, Argument(metavar="TOPIC", help="Topics; default: the inputs and outputs of the nodes.")
     ] = None,
     everything: Annotated[bool, Option("--all", help="All topics.")] = False,
     namespace: NamespaceOption = "",
-    duration: Annotated[float | None, Option(min=0.0, metavar="S", help="Duration; by default until Ctrl-C.")] = None,
+    duration: Annotated[float | None, Option(min=0.0, metavar="S", help="Duration; default: until Ctrl-C.")] = None,
     zstd: Annotated[bool, Option("--zstd", help="Compress.")] = False,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Record topics; every half second all messages are on disk, so that a crash costs no more."""
+    """Record topics. Messages are written to disk every half second, so that a crash loses at most half a second."""
     require_ros("record")
     from sfr_loc_map.nodes.graph.record import RecordOptions
     from sfr_loc_map.nodes.graph.record import record as run_recorder
@@ -104,10 +104,10 @@ def record(
         if place != out:
             if place.exists():
                 raise OutputError(f"'{place}' is an unfinished recording: rename or remove it")
-            say(f"records into {place}, which takes the place of {out} at the end", err=True)
+            say(f"records into {place}, which replaces {out} at the end", err=True)
         counts = run_recorder(place, options, lambda text: say(text, err=True))
     count, lost = (sum(getattr(topic, name) for topic in counts.values()) for name in ("count", "lost"))
-    propose("sfr", "info", out, why="is it complete")
+    propose("sfr", "info", out, why="checks that it is complete")
     say(f"{out}: {count} messages of {sum(topic.count > 0 for topic in counts.values())} topics, {lost} lost")
     for name, topic in counts.items():
         if topic.lost:

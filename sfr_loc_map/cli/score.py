@@ -1,4 +1,4 @@
-"""`sfr score`: how good is a trajectory or a map, and does it meet the limits."""
+"""`sfr score`: evaluate a trajectory or a map against the truth and judge the figures by limits."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def score(
         ),
     ] = None,
     align: Annotated[
-        Align | None, Option(help="Also APE (ATE) and RPE after this alignment; other figures stay unaligned.")
+        Align | None, Option(help="Report also APE (ATE) and RPE after alignment; other figures stay unaligned.")
     ] = None,
     partial: PartialOption = False,
     junit: Annotated[Path | None, Option(metavar="F.xml", help="Write the verdicts as JUnit XML.")] = None,
@@ -91,7 +91,7 @@ def score(
         Option(
             "--diagnose",
             rich_help_panel=CONVENTION,
-            help="Show which convention mismatch explains the disagreement; exit 1 if one does.",
+            help="Search for a convention mismatch that explains the disagreement; exit 1 if one is found.",
         ),
     ] = False,
     spacing: SpacingOption = 10,
@@ -102,10 +102,11 @@ def score(
     ] = "truth",
     associate: Annotated[
         Literal["auto", "match", "interpolate"],
-        Option(rich_help_panel=MORE, help="How estimates are associated with true poses."),
+        Option(rich_help_panel=MORE, help="Association of estimates with true poses."),
     ] = "auto",
     max_gap: Annotated[
-        float, Option(metavar="S", rich_help_panel=MORE, help="Longest gap of the truth that is interpolated.")
+        float,
+        Option(metavar="S", rich_help_panel=MORE, help="Longest gap of the truth that is bridged by interpolation."),
     ] = 1.0,
     scored_range: Annotated[
         tuple[float, float],
@@ -113,7 +114,7 @@ def score(
             "--range",
             metavar="FROM_M TO_M",
             rich_help_panel=MORE,
-            help="Ranges of the true points that count for coverage.",
+            help="Range interval of the true points that count for coverage.",
         ),
     ] = (0.0, 10.0),
     fused: Annotated[
@@ -121,7 +122,7 @@ def score(
         Option(
             "--fused/--not-fused",
             rich_help_panel=MORE,
-            help="Whether the cloud is fused, for a file that does not declare it.",
+            help="Whether the cloud is fused, if the file does not declare this.",
         ),
     ] = None,
     max_difference: Annotated[
@@ -129,7 +130,7 @@ def score(
         Option(
             metavar="S",
             rich_help_panel=MORE,
-            help="Maximum difference of stamps paired for APE and RPE.",
+            help="Maximum stamp difference of paired poses for APE and RPE.",
             show_default="0.01",
         ),
     ] = None,
@@ -160,7 +161,7 @@ def score(
     ] = None,
     target: Annotated[
         str | None,
-        Option(metavar="NAME", rich_help_panel=MORE, help="Name of the target that --target-timing was measured on."),
+        Option(metavar="NAME", rich_help_panel=MORE, help="Name of the target on which --target-timing was measured."),
     ] = None,
     target_timing: Annotated[
         Path | None,
@@ -170,7 +171,7 @@ def score(
     ] = None,
     target_run: Annotated[
         str | None,
-        Option(metavar="TEXT", rich_help_panel=MORE, help="Run of --target-timing, if it is not that of the estimate."),
+        Option(metavar="TEXT", rich_help_panel=MORE, help="Run of --target-timing, if not that of the estimate."),
     ] = None,
     columns: ColumnsOption = None,
     config_file: ConfigOption = None,
@@ -243,7 +244,7 @@ def score(
 def _truth_config(
     truth: Path, config_file: Path | None, settings: list[str] | None, columns: str
 ) -> SourceConfig | None:
-    """Return how the truth is read by options and configuration; None if none of them is given."""
+    """Return the configuration of the truth from options and file; None if neither is given."""
     from sfr_loc_map.io.source_config import source_config
     from sfr_loc_map.io.truth.config import TruthConfig
 
@@ -260,7 +261,7 @@ def _truth_config(
 
 
 def _measured_on(inputs: ScoreInputs, target: str | None, timing: Path | None, run: str | None) -> ScoreInputs:
-    """Return the inputs with the calls on a target that options name; ConfigError if one of them is missing."""
+    """Return the inputs with the calls on the target; raise ConfigError if one of the options is missing."""
     if (target is None) != (timing is None):
         raise ConfigError("'--target' and '--target-timing' belong together: give the name and the file")
     if timing is not None:
@@ -271,7 +272,7 @@ def _measured_on(inputs: ScoreInputs, target: str | None, timing: Path | None, r
 
 
 def _check_tables(run: Run, points: Path | None, pieces: Path | None) -> None:
-    """Raise ConfigError if a table is asked for that the run has no rows for."""
+    """Raise ConfigError if a table is requested for which the run has no rows."""
     if points is not None and (run.cloud is None or run.cloud.loaded.cloud is None):
         raise ConfigError("'--points' writes errors of map points: give a cloud with the pixel and pair of each point")
     if pieces is not None and run.drive is None:
@@ -281,7 +282,7 @@ def _check_tables(run: Run, points: Path | None, pieces: Path | None) -> None:
 def _write_beside(
     result: Score, run: Run, config: ScoreConfig, junit: Path | None, points: Path | None, pieces: Path | None
 ) -> None:
-    """Write the verdicts as JUnit XML and the tables of points and sub-trajectories, as far as they are asked for."""
+    """Write the verdicts as JUnit XML and the tables of points and sub-trajectories, if requested."""
     from sfr_loc_map.io.tables.table_file import save_table
     from sfr_loc_map.metrics.cloud_error import points_table
     from sfr_loc_map.metrics.trajectory_score import sub_trajectory_table
@@ -300,15 +301,15 @@ def _write_beside(
 
 
 def _propose_next(result: Score, json_path: str | None, html: Path | None) -> None:
-    """Propose what is useful after a score, unless a program reads the JSON."""
+    """Propose the next command after a score, unless JSON is printed."""
     from sfr_loc_map.metrics.judging.incomplete import is_lifted_by_partial
 
     if json_path == STANDARD_OUTPUT:
         return
     if result.incomplete is not None and is_lifted_by_partial(result):
-        propose("... --partial", why="judges the part that is there")
+        propose("... --partial", why="judges the part that the estimate covers")
     elif result.contradiction is not None:
-        propose("... --diagnose", why="which convention mismatch it is, and what corrects it")
+        propose("... --diagnose", why="finds the convention mismatch and its correction")
     elif html is not None:
         propose(f"open {html} in a browser")
     elif not result.verdicts:
@@ -320,10 +321,10 @@ def _propose_next(result: Score, json_path: str | None, html: Path | None) -> No
 
 
 def _diagnose(inputs: ScoreInputs, estimate: Path, json_path: str | None, *, lenient: bool) -> None:
-    """Show what explains the disagreement of estimate and truth; raise FailedVerdictError if something does.
+    """Show the convention mismatches that may explain the disagreement; raise FailedVerdictError if one does.
 
-    The disagreement is the mean error of position per distance travelled and of attitude in radians, re-based at many
-    starts.
+    The disagreement combines the mean position error per distance travelled and the mean attitude error in radians,
+    re-based at many starts.
     """
     from sfr_loc_map.metrics.convention import MIN_POSES
     from sfr_loc_map.report.tables import Cell, Column, Table

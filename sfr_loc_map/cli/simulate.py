@@ -17,8 +17,8 @@ from sfr_loc_map.faults.kinds import FaultKind, parse_fault
 from sfr_loc_map.simulation.config import SimulationConfig
 
 FAULT_HELP = (
-    "KIND, or KIND: and some of amount=A (its unit: docs/simulation.md), share=S of the pairs (0 to 1), burst=N pairs "
-    "at a time, start=N (first pair), camera=both|left|right, with commas between; repeatable. "
+    "KIND, or KIND: with options amount=A (its unit: docs/simulation.md), share=S of the pairs (0 to 1), burst=N pairs "
+    "at a time, start=N (first pair), camera=both|left|right, separated by commas; repeatable. "
     f"Kinds: {', '.join(FaultKind)}."
 )
 
@@ -35,7 +35,7 @@ FAULT_HELP = (
 def simulate(
     paths: Annotated[
         list[Path],
-        Argument(metavar="[CONFIG] OUT", help="YAML file of a scenario (optional), then the folder or bag to make."),
+        Argument(metavar="[CONFIG] OUT", help="YAML file of a scenario (optional), then the output folder or bag."),
     ],
     source: Annotated[
         Path | None, Option("--from", metavar="SRC", help="Copy this source with faults instead of rendering.")
@@ -44,16 +44,16 @@ def simulate(
     seed: Annotated[int | None, Option(min=0, metavar="N", help="Seed of all random numbers.")] = None,
     config_file: ConfigOption = None,
     remap: RemapOption = None,
-    workers: Annotated[int, Option(min=1, metavar="N", help="Processes.")] = 2,
+    workers: Annotated[int, Option(min=1, metavar="N", help="Number of processes.")] = 2,
     settings: Annotated[
-        list[str] | None, Option("--set", metavar="KEY=VALUE", help="One setting, for example terrain.relief_m=0.2.")
+        list[str] | None, Option("--set", metavar="KEY=VALUE", help="A setting, for example terrain.relief_m=0.2.")
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Render a drive or a panorama with exact truth; a stopped run continues when called again.
+    """Render a drive or a panorama with exact truth. The same command continues an interrupted run.
 
-    With --from SRC and --fault: copy a source and inject faults of single pairs, of the cameras, of the view, of clock
-    and calibration.
+    With --from SRC and --fault: copy a source and inject faults of single pairs, of the cameras, of the view, of the
+    clock or of the calibration.
     """
     if source is not None or fault:
         if source is None:
@@ -63,7 +63,9 @@ def simulate(
         _inject(source, paths[0], fault, seed or 0, config_file, remap, overwrite=overwrite)
         return
     if config_file is not None or remap:
-        raise ConfigError("'--config' and '--remap' are of a recording: give --from SRC; a scenario is the argument")
+        raise ConfigError(
+            "'--config' and '--remap' apply to a recording: give --from SRC, or the scenario as an argument"
+        )
     from sfr_loc_map.simulation.simulate import can_continue
     from sfr_loc_map.simulation.simulate import simulate as run
 
@@ -112,6 +114,6 @@ def _inject(
         changed = faulty(opened, faults, seed)
         count = convert(changed, place, EXACT, lambda done: bar.update(task, completed=done))
     say(f"{count} of {total} pairs: {destination}", err=True)
-    name = destination.stem  # of its own: estimate.csv of the source without the fault is often there already
+    name = destination.stem  # not estimate.csv, which often exists for the source without the fault
     words = ("localise", destination, "-o", f"{name}.csv", "--stats", f"{name}.stats.csv")
-    propose("sfr", *words, why="what the fault does")
+    propose("sfr", *words, why="the effect of the fault")

@@ -1,4 +1,4 @@
-"""`sfr suite`: many sources, configurations and faults in one go, and what follows from them all."""
+"""`sfr suite`: run and evaluate many sources, configurations and faults."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ if TYPE_CHECKING:
     from sfr_loc_map.suite.running.store import Store
     from sfr_loc_map.suite.statistics.summary import Summary
 
-app = command_group("Suites of runs: many sources, configurations and faults, resumed where they stopped.")
+app = command_group("Suites of runs over many sources, configurations and faults. An interrupted suite is resumable.")
 
 JunitOption = Annotated[Path | None, Option(metavar="F.xml", help="Write verdicts and failures as JUnit XML.")]
-MlflowOption = Annotated[str | None, Option(metavar="URI", help="Log the suite as a run of MLflow (extra mlflow).")]
-FolderArgument = Annotated[Path, Argument(metavar="DIR", help="Folder of a suite, as made by sfr suite run.")]
+MlflowOption = Annotated[str | None, Option(metavar="URI", help="Log the suite as an MLflow run (extra mlflow).")]
+FolderArgument = Annotated[Path, Argument(metavar="DIR", help="Folder of a suite, made by sfr suite run.")]
 
 
 @app.command(
@@ -70,12 +70,12 @@ def run(
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
 ) -> None:
-    """Run what is not done yet, on Dask (extra suite). After an interruption the same command continues."""
+    """Run the unfinished tasks of a suite on Dask (extra suite). The same command continues an interrupted suite."""
     from sfr_loc_map.suite.run import run_suite
     from sfr_loc_map.suite.running.specification import load_specification
     from sfr_loc_map.suite.running.store import Store
 
-    propose("sfr", "suite", "report", out, why="its page again, from the results")
+    propose("sfr", "suite", "report", out, why="rebuilds the page from the results")
     check_outputs(json_path, junit, inputs=(suite,), overwrite=overwrite)
     _refuse_both(workers, scheduler)
     specification, store = load_specification(suite), Store(out)
@@ -96,7 +96,7 @@ def run(
 
 
 def _list_tasks(specification: SuiteSpecification, store: Store, workers: int | None, *, retry_failed: bool) -> None:
-    """Print the tasks that a run would run."""
+    """Print the tasks that `sfr suite run` would run."""
     from sfr_loc_map.suite.run import open_jobs, planned_jobs, slots_for
 
     settings = specification.settings
@@ -117,7 +117,7 @@ def _tell(text: str) -> None:
 
 @contextmanager
 def _progress() -> Iterator[Progress]:
-    """Yield what shows the tasks that are done: a bar on a terminal, a line each elsewhere."""
+    """Yield a function that shows finished tasks: on a bar in a terminal, otherwise one line per task."""
     with progress_bar("tasks") as bar:
 
         def advance(done: int, total: int, last: tuple[Job, JobOutcome] | None) -> None:
@@ -147,25 +147,25 @@ def search(
     scheduler: Annotated[
         str | None, Option(metavar="ADDR", help="Running Dask scheduler, for example tcp://host:8786.")
     ] = None,
-    at_random: Annotated[bool, Option("--random", help="Choose uniform points, for a comparison.")] = False,
+    at_random: Annotated[bool, Option("--random", help="Draw the points uniformly, for comparison.")] = False,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Search the scenario with the least margin (extra search); exit code 1 if one misses the limit."""
+    """Search for the scenario with the smallest margin (extra search); exit code 1 if it misses the limit."""
     from sfr_loc_map.suite.pages.search_page import render_search, search_tables
     from sfr_loc_map.suite.run import run_and_keep, slots_for, suite_workers
     from sfr_loc_map.suite.running.store import Store
     from sfr_loc_map.suite.search.run import CASE, case_file, run_search
     from sfr_loc_map.suite.search.specification import load_search
 
-    propose("sfr", "suite", "run", out / CASE, "--out", out / "case", why="the found case again")
+    propose("sfr", "suite", "run", out / CASE, "--out", out / "case", why="repeats the worst case")
     check_outputs(json_path, inputs=(search,), overwrite=overwrite)
     _refuse_both(workers, scheduler)
     specification, store = load_search(search), Store(out)
     running = specification.running
     slots = slots_for(running, workers)
     with store.locked(), ExitStack() as stack:
-        # workers are started if any run waits
+        # workers are only started if a run is open
         connection = cache(lambda: stack.enter_context(suite_workers(store, running, slots, scheduler, _tell)))
 
         def run_points(jobs: Sequence[Job]) -> None:
@@ -193,11 +193,11 @@ def report(
     overwrite: OverwriteOption = False,
     lenient: LenientOption = False,
 ) -> None:
-    """Write the report page again from the results that are there."""
+    """Rebuild the report page from the available results."""
     from sfr_loc_map.suite.pages.page import write_summary
     from sfr_loc_map.suite.statistics.summary import summarise
 
-    propose("sfr report A B", why="against an earlier one")
+    propose("sfr report A B", why="compares with an earlier suite")
     check_outputs(json_path, junit, inputs=(folder,), overwrite=overwrite)
     store = _open_store(folder)
     summary = summarise(store)
@@ -207,17 +207,21 @@ def report(
 
 @app.command(epilog=examples("sfr suite plan --prob 0.95 --confidence 0.95 --power 0.9", "sfr suite plan runs/today"))
 def plan(
-    folder: Annotated[Path | None, Argument(metavar="DIR", help="Folder of a suite: plan for its limits.")] = None,
-    prob: Annotated[
-        float | None, Option(metavar="P", help="Fraction of drives that must meet the limit; 0.9973.")
+    folder: Annotated[
+        Path | None, Argument(metavar="DIR", help="Folder of a suite: plan for the limits of this suite.")
     ] = None,
-    confidence: Annotated[float | None, Option(metavar="C", help="Confidence of the statement; 0.9.")] = None,
-    power: Annotated[float | None, Option(metavar="W", help="Probability that good drives pass; 0.9.")] = None,
-    good: Annotated[float | None, Option(metavar="G", help="Acceptable fraction of failures; (1 - P) / 5.")] = None,
+    prob: Annotated[
+        float | None, Option(metavar="P", help="Fraction of drives that must meet the limit; default 0.9973.")
+    ] = None,
+    confidence: Annotated[float | None, Option(metavar="C", help="Confidence level; default: 0.9.")] = None,
+    power: Annotated[float | None, Option(metavar="W", help="Probability that good drives pass; default: 0.9.")] = None,
+    good: Annotated[
+        float | None, Option(metavar="G", help="Acceptable fraction of failures; default: (1 - P) / 5.")
+    ] = None,
     json_path: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Say how many independent drives a requirement with a share and a confidence needs."""
+    """Compute how many independent drives a requirement with a probability and a confidence needs."""
     from sfr_loc_map.metrics.judging.limits_file import terms_of
     from sfr_loc_map.suite.pages.tables import plan_table
     from sfr_loc_map.suite.statistics.drive_count import count_without_runs, drive_counts
@@ -241,17 +245,17 @@ def plan(
 
 @app.command(epilog=examples("sfr suite history nights/* --html history.html"))
 def history(
-    folders: Annotated[list[Path], Argument(metavar="DIR", help="Folders of suites, in the order of time.")],
+    folders: Annotated[list[Path], Argument(metavar="DIR", help="Folders of suites in chronological order.")],
     json_path: JsonOption = None,
     html: HtmlOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Find the nights at which figures changed, and the drives; exit code 1 if one is worse and stayed so."""
+    """Find the nights and drives at which figures changed; exit code 1 if a figure became and stayed worse."""
     from sfr_loc_map.suite.pages.page import render_history
     from sfr_loc_map.suite.pages.tables import history_tables
     from sfr_loc_map.suite.statistics.history import Night, find_changes
 
-    propose("sfr report A B", why="two of these nights in full")
+    propose("sfr report A B", why="compares two of these nights in full")
     check_suffix(html, HTML_SUFFIXES)
     check_outputs(json_path, html, inputs=folders, overwrite=overwrite)
     result = find_changes([Night.read(folder) for folder in folders])
@@ -268,7 +272,7 @@ def _open_store(folder: Path) -> Store:
     from sfr_loc_map.suite.running.store import Store
 
     if not (folder / "plan.json").is_file():
-        raise InputError(f"'{folder}' is not a folder of a suite: sought plan.json; give one made by sfr suite run")
+        raise InputError(f"'{folder}' is not a suite: plan.json is missing; give a folder made by sfr suite run")
     store = Store(folder)
     for path in store.check_files():
         warn(f"'{path}' is missing: whether the plan has its tasks and limits was not checked")
@@ -278,7 +282,7 @@ def _open_store(folder: Path) -> Store:
 def _present(
     summary: Summary, store: Store, json_path: str | None, junit: Path | None, mlflow: str | None, *, lenient: bool
 ) -> None:
-    """Print the tables and say how it ended: raise an error if a limit was missed, a job failed, or is not judged."""
+    """Print the tables and the verdict; raise an error if a limit was missed, a job failed or a limit is not judged."""
     from sfr_loc_map.suite.pages.export import log_to_mlflow, suite_junit
     from sfr_loc_map.suite.pages.tables import suite_tables
 

@@ -1,4 +1,4 @@
-"""How a judging command ends: the score as it is shown, the verdicts and what could not be judged as exit codes."""
+"""End of a judging command: output of the score, and exit codes for verdicts and missing judgements."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from sfr_loc_map.runs.calls import CallRecord
 
 
-NO_LIMITS = "the score was judged by no limits"
+NO_LIMITS = "the score was not judged by limits"
 
 
 def is_judged(score: Score) -> bool:
@@ -26,7 +26,7 @@ def is_judged(score: Score) -> bool:
 
 
 def present(score: Score, json_path: str | None, html: Path | None) -> None:
-    """Write and print a score, its verdict and what to look at first; raise ConfigError if there is nothing in it."""
+    """Write and print a score, its verdict and the first item to look at; raise ConfigError if the score is empty."""
     from sfr_loc_map.metrics.score_json import to_dict
     from sfr_loc_map.report.page import look_first, overall_of, run_facts, write_page
     from sfr_loc_map.report.score_tables import summary_tables
@@ -36,7 +36,7 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
         raise ConfigError("nothing was scored: give an estimate and its truth")
     show(to_dict(score), json_path, tables)
     if json_path != STANDARD_OUTPUT:
-        if is_judged(score) and score.contradiction is None:  # a contradiction ends the command
+        if is_judged(score) and score.contradiction is None:  # a contradiction is raised as the error of the command
             facts, overall, made = dict(run_facts(score)), overall_of(score), score.provenance
             limits = None if made is None else made.inputs.get("limits")
             by = "" if limits is None else f"; by {limits.path}"
@@ -50,15 +50,15 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
     for finding in score.findings:
         warn(f"method {score.method.name if score.method else 'under test'}: {finding}")
     for warning in score.warnings:
-        if warning != score.contradiction:  # that ends the command
+        if warning != score.contradiction:  # raised as the error of the command
             warn(warning)
 
 
 def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> None:
-    """End a command by its score, which has been written.
+    """Raise the error that corresponds to a score, which has been written.
 
-    A method that failed has failed. Figures of an estimate and a truth that contradict each other by convention judge
-    nothing, whatever the limits; otherwise a limit that was missed counts before one that could not be judged.
+    If the conventions of estimate and truth contradict each other, nothing is judged. Otherwise failures of the method
+    and missed limits take precedence over limits that could not be judged.
     """
     from sfr_loc_map.metrics.judging.reasons import incomplete_parts, reasons_not_judged
     from sfr_loc_map.report.verdict_view import VerdictView
@@ -71,13 +71,13 @@ def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> No
         reasons += [] if score.incomplete is None else [f"incomplete: {incomplete_parts(score)}"]
         reasons += [f"{len(missed)} of {len(score.on_limits)} limits missed: {'; '.join(missed)}"] if missed else []
         raise FailedVerdictError("; ".join(reasons))
-    # a score that passes has no limit on what was not judged, such as a condition that was asked for and never met
+    # a score that passes has no limit on the unjudged items, such as a requested condition that was never met
     is_pass = score.verdict is VerdictState.PASS
     not_judged(reasons_not_judged(score, asked), lenient=lenient or is_pass)
 
 
 def check_conditions(truth: Trajectory | None, conditions: Sequence[str], *, lenient: bool) -> None:
-    """Check before the work is done that a drive meets conditions."""
+    """Check before the work starts that a drive reaches the conditions."""
     from sfr_loc_map.metrics.judging.reasons import conditions_beyond
 
     parsed = [Condition.parse(text) for text in conditions]
@@ -95,7 +95,7 @@ def not_judged(reasons: Sequence[str], *, lenient: bool) -> None:
 
 
 def conclude_findings(method: MethodRecord, records: Sequence[CallRecord]) -> None:
-    """Report what a method did wrong; raise FailedVerdictError if anything, as all outputs are written."""
+    """Report the findings on a method; raise FailedVerdictError if there are any. All outputs have been written."""
     from sfr_loc_map.runs.calls import findings_of
 
     found = findings_of([record.finding for record in records], [record.stamp_ns for record in records])

@@ -52,7 +52,7 @@ def test_two_outputs_on_one_path_are_refused(sfr: Sfr, made_once: MadeOnce, out:
     source = made_once(broken.good_folder)
     result = sfr(*(word.format(source=source, out=out, tum=tum) for word in TWICE[case]))
     assert (result.code, result.out) == (2, "")
-    assert "; give each a name of its own" in result.err
+    assert "; choose another name" in result.err
     assert list(out.iterdir()) == []
     assert tum.read_text() == TUM
 
@@ -87,7 +87,7 @@ def test_a_folder_that_holds_something_else_stays(sfr: Sfr, made_once: MadeOnce,
     (place / "notes.txt").write_text("precious")
     result = sfr("convert", source, place, "--overwrite")
     assert result.code == 2
-    assert "is not only a data set or bag; remove it" in result.err
+    assert "contains more than a data set or a bag; remove it" in result.err
     assert (place / "notes.txt").read_text() == "precious"
     for destination in (place, place / "loc"):
         within = sfr("convert", place / "loc", destination, "--overwrite")
@@ -107,7 +107,7 @@ def test_no_input_is_overwritten(sfr: Sfr, made_once: MadeOnce, out: Path) -> No
     for place in inputs:
         result = sfr(*words, "--json", place)
         assert result.code == 2
-        assert re.search("it (is|belongs to '.*',) an input of this command", result.err)
+        assert re.search("it (is also|belongs to '.*',) an input of this command", result.err)
     assert sfr("localise", source, "-o", truth, "--overwrite").code == 2
     assert [path.read_bytes() for path in inputs] == before
     for _ in range(2):  # what was made beside them may be

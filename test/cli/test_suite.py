@@ -230,9 +230,9 @@ def test_usage_errors_are_one_line(sfr: Sfr, tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "photo.jpg").touch()
     for arguments, words in (
-        (("run", suite, "--out", tmp_path / "other"), "is not a folder of a suite"),
+        (("run", suite, "--out", tmp_path / "other"), "is not the folder of a suite"),
         (("run", suite, "--out", tmp_path / "out", "--workers", "1", "--scheduler", "tcp://x:1"), "give one of them"),
-        (("report", tmp_path / "none"), "sought plan.json"),
+        (("report", tmp_path / "none"), "plan.json is missing"),
         (("compare", tmp_path / "none", tmp_path / "none"), "use sfr report A B"),
     ):
         done = sfr("suite", *arguments)

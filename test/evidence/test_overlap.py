@@ -103,4 +103,4 @@ def test_the_command_checks_a_source_of_maps_alone(
     content = json.loads((tmp_path / "check.json").read_text())
     assert content["results"] == {"maps": result}
     assert content["result"] == result
-    assert f"maps: {result}. This is no accuracy" in found.out
+    assert f"maps: {result}. This proves no accuracy" in found.out

@@ -77,10 +77,10 @@ def test_nothing_that_is_signed_is_green_without_limits(tmp_path: Path, files: t
     bare, xml, table = tmp_path / "s.json", tmp_path / "j.xml", tmp_path / "c.csv"
     assert sfr("score", *files, "--json", bare).code == 0
     assert sfr("score", *files, "--junit", xml).code == 3
-    assert '<error message="the score was judged by no limits"' in xml.read_text()
+    assert '<error message="the score was not judged by limits"' in xml.read_text()
     for options in (("--junit", xml), ("--control", table), ("--test-report", tmp_path / "t.html")):
         done = sfr("report", bare, *options, "--overwrite")
-        assert (done.code, "the score was judged by no limits" in done.err) == (3, True), options
+        assert (done.code, "the score was not judged by limits" in done.err) == (3, True), options
     assert xml.read_text().count("<error") == 1
 
 

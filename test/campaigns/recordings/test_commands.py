@@ -125,7 +125,7 @@ def test_a_fix_is_written_where_the_configuration_was_read(sfr: Sfr, tmp_path: P
     beside.write_text("truth: {sigma_m: 0.02}\nlimits: limits.yaml\n")
     result = sfr("info", made.source, "--write", "--set", "truth.sigma_deg=0.5")
     assert result.code == 0, result.err
-    assert f"{beside}, written again" in result.err
+    assert f"{beside}, updated" in result.err
     assert not (made.source / NAME).exists()
     lines = beside.read_text().splitlines()
     for line in ("  sigma_m: 0.02  # as before", "  sigma_deg: 0.5  # given", "limits: limits.yaml  # as before"):
