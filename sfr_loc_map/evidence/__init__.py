@@ -1,1 +1,1 @@
-"""Evidence from a recording alone, without ground truth: runs that should agree, and whether they do."""
+"""Evidence from a recording without ground truth: agreement of runs that should agree."""

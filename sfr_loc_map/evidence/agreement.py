@@ -1,9 +1,9 @@
-"""Do two runs agree as their covariances predict? Normalised squares of their difference over sub-trajectories.
+"""Agreement of two runs with the prediction of their covariances: NEES of the difference over sub-trajectories.
 
-Both runs share the calibration: a wrong baseline, focal length or mounting moves both equally and is unobservable. The
-systematic errors are omitted from the prediction, `Q_a + Q_b` of the steps and of the noise of the poses. Runs that
-share images have noise in common, so that their difference is smaller than predicted; only a difference that is too
-large is a finding. At least one of both runs has an error of half of their difference, whatever is in common.
+Both runs share the calibration. A wrong baseline, focal length or mounting moves both equally and is unobservable. The
+predicted covariance `Q_a + Q_b` therefore contains the steps and the noise of the poses, without systematic errors.
+Runs that share images have common noise, so that their difference is smaller than predicted. Only a difference that is
+too large is a finding. At least one of the runs has an error of at least half of the difference.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from sfr_loc_map.metrics.intervals import chi2_interval95, student_quantile
 from sfr_loc_map.metrics.table import Figure, figure_row
 from sfr_loc_map.metrics.trajectory_errors import select
 
-SIGNIFICANCE = 0.05  #: Probability of a false finding, over all comparisons of a recording.
-MIN_WINDOWS = 3  #: Fewer sub-trajectories are not enough data.
-DEGREES = 6  #: Components of the error of a pose.
-PLACES = "revisited places"  #: What a comparison without a condition is over.
-SPACING = 5  #: Frames from one start of a sub-trajectory to the next: half of that of a score, for short recordings.
+SIGNIFICANCE = 0.05  #: Probability of a false finding over all comparisons of a recording.
+MIN_WINDOWS = 3  #: Minimum number of sub-trajectories.
+DEGREES = 6  #: Degrees of freedom of a pose error.
+PLACES = "revisited places"  #: Label of a comparison without a condition.
+SPACING = 5  #: Frames between starts. Half of the spacing of a score, for short recordings.
 
 
 class CheckResult(StrEnum):
-    """What runs without a truth show; never that a limit is met."""
+    """Result of runs without a truth. It never shows that a limit is met."""
 
     CONSISTENT = "consistent"
     INCONSISTENT = "inconsistent"
@@ -66,13 +66,13 @@ class Agreement:
     """The comparison of two runs over one condition."""
 
     name: str
-    condition: str | None  #: Of the sub-trajectories; None for the paths between two visits of a place.
+    condition: str | None  #: Condition of the sub-trajectories; None for paths between visits of a place.
     windows: Windows
     probability: float | None  #: Probability of squares this large for consistent covariances; None for too few.
 
 
 def compare(first: Run, other: Run, condition: Condition) -> Agreement:
-    """Return how two runs differ over the sub-trajectories of a condition; distances are those of the first run."""
+    """Return the difference of two runs over the sub-trajectories of a condition; distances are of the first run."""
     moved = as_forward(other)
     frames, _ = associate(first.estimates.trajectory, moved, AssociationConfig(truth="match"))
     length_m = formulas.path_length_m(frames.position)
@@ -94,12 +94,12 @@ def compare(first: Run, other: Run, condition: Condition) -> Agreement:
 
 
 def probability_of(squares: FloatArray) -> float:
-    """Return the probability of independent normalised squares with this sum or a larger one."""
+    """Return the probability that the sum of independent normalised squares is at least this large."""
     return float(gammaincc(0.5 * DEGREES * len(squares), 0.5 * squares.sum()))
 
 
 def count_apart(starts: IntArray, ends: IntArray) -> int:
-    """Return how many sub-trajectories, taken from the first on, share no frame."""
+    """Return the number of sub-trajectories without a common frame, selected greedily from the first."""
     count = free_from = 0
     for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
         if start >= free_from:
@@ -108,7 +108,7 @@ def count_apart(starts: IntArray, ends: IntArray) -> int:
 
 
 def as_forward(run: Run) -> Trajectory:
-    """Return the poses of a run at the stamps of the pairs, in their order."""
+    """Return the poses of a run at the stamps of the pairs, in forward order."""
     poses = run.estimates.trajectory
     if not run.is_backward:
         return poses
@@ -116,7 +116,7 @@ def as_forward(run: Run) -> Trajectory:
 
 
 def rows_at(run: Run, stamps_ns: IntArray) -> IntArray:
-    """Return the rows of the estimates of pairs."""
+    """Return the rows of the estimates at the stamps of pairs."""
     return np.searchsorted(run.estimates.trajectory.stamps_ns, run.own_stamps(stamps_ns))
 
 
@@ -148,7 +148,7 @@ def squares_of(first: Run, other: Run, frames: Frames, starts: IntArray, ends: I
 
 
 def growth(start: StepSums, end: StepSums, position: FloatArray) -> FloatArray | None:
-    """Return the covariance of the end given the start without the errors that all steps share."""
+    """Return the covariance of the end given the start, without the errors that all steps share."""
     none = np.zeros_like(start.systematic)
     return relative_covariance(start._replace(systematic=none), end._replace(systematic=none), position)
 
@@ -156,7 +156,7 @@ def growth(start: StepSums, end: StepSums, position: FloatArray) -> FloatArray |
 def growth_of_other(
     other: Run, sums: dict[int, StepSums], rows: IntArray, frames: Frames, start: int, end: int
 ) -> FloatArray | None:
-    """Return the same of the other run, in its own axes.
+    """Return `growth` of the other run, in the axes of that run.
 
     A backward run gives the covariance of the start given the end; the error of the end given the start is its
     negative, carried over the displacement.
@@ -171,7 +171,7 @@ def growth_of_other(
     )
 
 
-# ---- what follows
+# ---- results and rows of the tables
 
 
 def result_of(agreements: Sequence[Agreement]) -> CheckResult:
@@ -183,7 +183,7 @@ def result_of(agreements: Sequence[Agreement]) -> CheckResult:
 
 
 def result_of_all(results: Iterable[CheckResult]) -> CheckResult:
-    """Return the result over several checks: the worst one, and consistent only if all are."""
+    """Return the worst result of several checks."""
     found = set(results)
     worst_first = (CheckResult.INCONSISTENT, CheckResult.NOT_ENOUGH_DATA)
     return next((result for result in worst_first if result in found), CheckResult.CONSISTENT)
@@ -208,10 +208,10 @@ def agreement_rows(agreement: Agreement) -> list[Figure]:
 
 
 def scale_row(agreement: Agreement) -> Figure:
-    """Return by how much longer the first run is than the other, as a fraction, with its 95 % interval.
+    """Return the relative excess length of the first run over the other run, with its 95 % interval.
 
-    The interval takes sub-trajectories as independent that share no frame; where the other one is wheel odometry
-    without slip, the scale is that of the baseline over the focal length.
+    The interval assumes that sub-trajectories without a common frame are independent. If the other run is wheel
+    odometry without slip, the scale error is that of the ratio of baseline and focal length.
     """
     lengths_m = agreement.windows.lengths_m
     known = lengths_m[(lengths_m > 0.0).all(axis=1)]
@@ -227,10 +227,10 @@ def scale_row(agreement: Agreement) -> Figure:
 
 
 def three_cornered_hat(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[float, float, float] | None:
-    """Return the sigma of each of three estimates from their errors' differences `(n, 3)`: a - b, a - c, b - c.
+    """Return the sigma of each of three estimates from the differences `(n, 3)` of their errors: a - b, a - c, b - c.
 
-    It holds for errors that are independent of each other; what all three share stays hidden. None where a variance
-    comes out negative, which independent errors of so few values do not exclude.
+    The method requires independent errors; errors that all three share stay hidden. None if an estimated variance is
+    negative, which can happen by chance for few values.
     """
     ab, ac, bc = (float(np.sum(np.var(values, axis=0, ddof=1))) for values in (a, b, c))
     variances = 0.5 * np.array([ab + ac - bc, ab + bc - ac, ac + bc - ab])

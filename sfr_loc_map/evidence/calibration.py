@@ -1,9 +1,9 @@
-"""Is the right camera where its calibration says? What the runs over a recording estimate of its rotation.
+"""Rotation of the right camera relative to its calibration, as estimated by the runs over a recording.
 
 The localiser estimates pitch and roll of the right camera from vertical disparities, and its yaw from disparities that
-change as the rover moves. Each run gives one value, the median of the second half of its pairs. A calibration file
-should be redone if the interval of the runs excludes zero and the offset is large. What it costs is measured by one
-more run, over the right images as rotated back. The baseline cannot be seen in a recording.
+change as the rover moves. Each run gives one value, the median over the second half of its pairs. The
+calibration should be repeated if the interval of the runs excludes zero and the offset is large. The effect of the
+offset is measured by an additional run with the right images rotated back. The baseline is unobservable.
 """
 
 from __future__ import annotations
@@ -28,30 +28,30 @@ from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table, Unit
 ANGLES = {"pitch": "vertical_offset_px", "roll": "roll_offset_px", "yaw": "disparity_offset_px"}
 """Statistic of the localiser by the angle that causes it."""
 AXES = {"pitch": (0, -1.0), "roll": (2, 1.0), "yaw": (1, -1.0)}
-"""Axis of the optical frame and sign of the rotation that takes an offset back, by angle."""
+"""Axis of the optical frame and sign of the rotation that corrects an offset, by angle."""
 NAMES = {
     "right_camera": "right camera, ",
     "depth_error": "error of depth ",
     "calibration_cost": "positions move by correction of ",
     "scale": "excess of length, ",
 }
-"""Figures of the table of the calibration, and how their names begin."""
-LARGE_PX = 0.2  #: Smaller offsets are corrected on the way and cost less than matching noise (chosen).
-RANGE_M = 4.0  #: Range at which the error of depth is stated.
+"""Figures of the calibration table and the prefixes of their names."""
+LARGE_PX = 0.2  #: Smaller offsets are corrected online and matter less than matching noise (chosen by hand).
+RANGE_M = 4.0  #: Range at which the depth error is reported.
 
 
 class Advice(StrEnum):
-    """What should be done with the calibration file."""
+    """Recommended action for the calibration file."""
 
     REDO = "redo"
     KEEP = "keep"
-    UNCLEAR = "unclear"  #: The interval contains both large and small offsets, or a yaw was not found.
+    UNCLEAR = "unclear"  #: The interval contains both large and small offsets, or a yaw is insignificant or small.
 
 
 def advice_of(angle: str, px: float, interval: Interval) -> Advice:
-    """Return what follows from an offset with its interval, px.
+    """Return the advice for an offset with its interval, px.
 
-    The localiser reports a yaw of 0 until the yaw is significant, so that a small yaw does not show that the file is
+    The localiser reports a yaw of 0 until the yaw is significant, so a small yaw does not prove that the file is
     right.
     """
     low_px, high_px = interval
@@ -71,7 +71,7 @@ class CameraOffset(NamedTuple):
     low_px: float
     high_px: float
     degrees: float
-    depth_error_m: float | None  #: Of a point at RANGE_M, by the calibration file as it is; None but for yaw.
+    depth_error_m: float | None  #: At RANGE_M with the present calibration file; None except for yaw.
 
     @property
     def is_wrong(self) -> bool:
@@ -80,7 +80,7 @@ class CameraOffset(NamedTuple):
 
     @property
     def text(self) -> str:
-        """What is wrong, in words."""
+        """Description of the offset."""
         cost = (
             "" if self.depth_error_m is None else f", which moves points at {RANGE_M:g} m by {self.depth_error_m:.2g} m"
         )
@@ -128,7 +128,7 @@ def corrected_drive(drive: PairsInMemory, offsets: Sequence[CameraOffset]) -> Pa
 
 
 def cost_row(offsets: Sequence[CameraOffset], agreement: Agreement) -> Figure:
-    """Return by how much positions move if the offsets are corrected, from the comparison of both runs."""
+    """Return the change of the positions by the correction of the offsets, from the comparison of both runs."""
     moved = formulas.statistics(agreement.windows.position_m)
     part = " and ".join(offset.angle for offset in offsets)
     return figure_row("calibration_cost", agreement.condition, part, n=moved.n, value=moved.rmse)
@@ -157,9 +157,9 @@ def calibration_table(figures: Sequence[Figure]) -> Table:
         Column("calibration file", words=True),
     )
     note = (
-        "Against the calibration file. Interval of the mean over n runs, which share their images. Redo: the interval "
-        f"excludes zero and the offset is at least {LARGE_PX:g} px. Keep: the whole interval is below. A yaw is 0 "
-        "until it is significant. Positions: root mean square over n sub-trajectories; the localiser corrects "
-        "the rest itself. A wrong baseline or focal length does not show in a recording without a truth or wheels."
+        "Offsets from the calibration file. Interval of the mean over n runs, which share their images. Redo: the "
+        f"interval excludes zero and the offset is at least {LARGE_PX:g} px. Keep: the whole interval is below. Yaw "
+        "is reported as 0 until it is significant. Positions: root mean square over n sub-trajectories; the localiser "
+        "corrects the rest itself. A wrong baseline or focal length is unobservable without a truth or wheel odometry."
     )
     return Table("calibration", "Calibration of the right camera", columns, tuple(rows), note)

@@ -1,4 +1,4 @@
-"""`sfr check`: what a recording shows of its own localisation, without a truth."""
+"""`sfr check`: consistency of the localisation of a recording, without a truth."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ CALIBRATED = (Variant.FORWARD, Variant.BACKWARD, Variant.LEFT_HALF, Variant.RIGH
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """What the runs over a recording show."""
+    """Result of the runs over a recording."""
 
     result: CheckResult
     figures: tuple[Figure, ...]
     agreements: tuple[Agreement, ...]
-    forward: Run  #: The run that a user makes.
-    calibration: tuple[str, ...] = ()  #: What of the calibration file should be redone, one phrase each.
+    forward: Run  #: The run over all pairs in recorded order, as in operation.
+    calibration: tuple[str, ...] = ()  #: Large offsets of the calibration, one phrase each.
 
     @property
     def disagreement(self) -> str:
-        """The least probable difference, if the runs are inconsistent; else empty."""
+        """Description of the least probable difference if the runs are inconsistent; otherwise empty."""
         if self.result is not CheckResult.INCONSISTENT:
             return ""
         known = [(item.probability, item) for item in self.agreements if item.probability is not None]
@@ -67,7 +67,7 @@ def check_drive(
     others: Sequence[Run] = (),
     progress: Callable[[], None] = lambda: None,
 ) -> Check:
-    """Run the localiser in each variant over the first pairs of a drive and compare; other estimates join in."""
+    """Run each variant of the localiser over the first pairs of a drive; compare the runs and other estimates."""
     drive = PairsInMemory(sequence.rig, list(islice(sequence.pairs(), most_pairs)))
     if len(drive) < MIN_PAIRS:
         raise InputError(f"the drive has {len(drive)} pairs: a check needs at least {MIN_PAIRS}")
@@ -108,7 +108,7 @@ def hat_rows(forward: Run, others: Sequence[Run], condition: Condition) -> list[
 
 
 def check_table(figures: Sequence[Figure]) -> Table:
-    """Return the comparisons as a table, one line each; the cells name their places in the figures."""
+    """Return the comparisons as a table, one line each; the cells name their keys in the figures."""
     titles = ("difference, rmse", "NEES", "expected below", "n", "p", "one of both is off by")
     columns = (Column("runs", words=True), Column("over", words=True), Column("unit"), *map(Column, titles))
     places: dict[tuple[str | None, str | None], dict[str, int]] = {}  # of the figures of a comparison, by name
@@ -137,16 +137,16 @@ def check_table(figures: Sequence[Figure]) -> Table:
             )
         )
     note = (
-        "NEES: squared difference over the covariances of both runs, 6 on average if they hold. What both share is "
-        "not part of it: the calibration, which cannot show, and the noise of common images, which makes differences "
-        "smaller. At least one of both runs has the error in the last column; it may be larger. p: probability of such "
-        "a difference if the covariances hold."
+        "NEES: squared difference normalised by the covariances of both runs, 6 on average if the covariances are "
+        "correct. Errors that both runs share are not included: a wrong calibration is unobservable, and the noise of "
+        "common images reduces the difference. At least one of the runs has at least the error in the last column. "
+        "p: probability of a difference this large if the covariances are correct."
     )
     return Table("check", "Runs that should agree", columns, tuple(rows), note)
 
 
 def hat_table(figures: Sequence[Figure]) -> Table:
-    """Return the sigmas of three estimates."""
+    """Return the sigmas of three estimates as a table."""
     rows = [
         (
             Cell.head(row.part or ""),
@@ -159,6 +159,7 @@ def hat_table(figures: Sequence[Figure]) -> Table:
     ]
     columns = (Column("estimate", words=True), Column("over", words=True), Column("unit"), Column("sigma"))
     note = (
-        "Three-cornered hat: errors are taken as independent; what the estimates share, as the calibration, is hidden."
+        "Three-cornered hat: assumes independent errors. Errors that the estimates share, such as those of the "
+        "calibration, are hidden."
     )
     return Table("hat", "Three estimates", columns, tuple(rows), note)

@@ -1,8 +1,8 @@
-"""Do the maps of several stereo pairs agree where they overlap?
+"""Agreement of the maps of several stereo pairs in their overlap.
 
-Each point of a pair is reprojected into another pair. The difference of both ranges is compared with that expected of
-the stated sigmas and poses. Both maps share the calibration and, for pairs of one position, the errors of the mast's
-mount. These errors are hidden, so that the result is never an accuracy.
+Each point of a pair is reprojected into another pair. The difference of both ranges is compared with the difference
+that the reported sigmas and poses predict. Both maps share the calibration and, for pairs of one position, the errors
+of the mast's mount. These errors are hidden, so the result is never an accuracy.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from sfr_loc_map.report.tables import Cell, Column, Table, Unit, fitting
 
 
 class Overlap(NamedTuple):
-    """Where two pairs see the same ground."""
+    """Region that two pairs observe."""
 
     first: int  #: Number of the pair, from 0.
     other: int
-    fraction: float  #: Fraction of the points of the first pair that the other one sees.
+    fraction: float  #: Fraction of the points of the first pair that the other pair observes.
     points: int  #: Number of these points.
     difference_m: float  #: Robust root mean square of the range differences: median and spread.
-    ratio: float  #: Range differences over those expected; about 1 if sigmas and poses are right.
+    ratio: float  #: Range differences over the expected ones; about 1 if sigmas and poses are correct.
     grey_ratio: float  #: Grey level differences over those at `SHIFT_PX`; NaN without texture.
 
     @property
     def name(self) -> str:
-        """The two pairs."""
+        """Name of the two pairs."""
         return f"pairs {self.first} and {self.other}"
 
     @property
     def disagreement(self) -> str:
-        """How the two pairs disagree; empty if they do not."""
+        """Description of the disagreement; empty if the pairs agree."""
         if self.result is not CheckResult.INCONSISTENT:
             return ""
         return (
@@ -52,7 +52,7 @@ class Overlap(NamedTuple):
 
     @property
     def result(self) -> CheckResult:
-        """What the two pairs show, by the criteria of the fusion."""
+        """Result for the two pairs by the criteria of the fusion."""
         if self.points <= MIN_OVERLAP:
             return CheckResult.NOT_ENOUGH_DATA
         disagrees = self.ratio > MAX_RANGE_RATIO or self.grey_ratio > MAX_GREY_RATIO
@@ -60,7 +60,7 @@ class Overlap(NamedTuple):
 
 
 def find_overlaps(sequence: NavSequence, config: MappingConfig) -> list[Overlap]:
-    """Map the first pairs of a source, as many as one map has, and return how each two of them overlap."""
+    """Map the first `MAX_PAIRS` pairs of a source and return the overlap of each two pairs."""
     mapper = Mapper(sequence.rig, config)
     load_kernels("mapping")
     pairs = islice(sequence.pairs(), MAX_PAIRS)
@@ -80,7 +80,7 @@ def find_overlaps(sequence: NavSequence, config: MappingConfig) -> list[Overlap]
 
 
 def result_of_maps(overlaps: Sequence[Overlap]) -> CheckResult:
-    """Return the result over all overlaps; there is not enough data if no two pairs overlap enough."""
+    """Return the result over all overlaps: not enough data if no two pairs overlap enough."""
     results = {item.result for item in overlaps}
     order = (CheckResult.INCONSISTENT, CheckResult.CONSISTENT)
     return next((result for result in order if result in results), CheckResult.NOT_ENOUGH_DATA)
@@ -127,9 +127,9 @@ def overlap_table(figures: Sequence[Figure]) -> Table:
         Column("points"),
     )
     note = (
-        "Robust root mean square over the points that both pairs see. The expected difference is that of the stated "
-        f"sigmas and correct poses; maps disagree above {MAX_RANGE_RATIO:g}, or if grey levels differ by more than "
-        f"{MAX_GREY_RATIO:g} of their difference {SHIFT_PX} px away. The calibration of the cameras, which all pairs "
-        "share, does not show."
+        "Robust root mean square over the points that both pairs observe. The expected difference follows from the "
+        f"reported sigmas and correct poses. Maps disagree above a ratio of {MAX_RANGE_RATIO:g}, or if the grey level "
+        f"difference exceeds {MAX_GREY_RATIO:g} times that {SHIFT_PX} px away. Errors of the camera calibration are "
+        "hidden, because all pairs share them."
     )
     return Table("overlap", "Maps that should agree", columns, tuple(rows), note)

@@ -1,8 +1,8 @@
-"""Predicted error of a drive by its sources: the covariance of sub-trajectories, split as the localiser composes it.
+"""Predicted error of a drive by source: the covariance of sub-trajectories, split into the parts of the localiser.
 
-The steps of an estimate (`metrics.consistency`) keep apart what is independent from step to step, what is noise of a
-pose itself, and what all steps share. The mean squares of these parts add up to that of the whole. Errors that the
-localiser does not state are missing: a wrong baseline, focal length, mounting or clock.
+The steps of an estimate (`metrics.consistency`) separate errors that are independent from step to step, noise of single
+poses, and errors that all steps share. The mean squares of these parts add up to the total. Errors that the localiser
+does not model are missing: a wrong baseline, focal length, mounting or clock.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from sfr_loc_map.report.tables import Cell, Column, Table, Unit, fitting
 
 
 class Source(StrEnum):
-    """Sources of error that the steps of an estimate keep apart."""
+    """Sources of error that the steps of an estimate separate."""
 
     STEPS = "drift from step to step"
     NOISE = "noise of single poses"
@@ -36,9 +36,9 @@ class Source(StrEnum):
 
 
 def predicted_rows(run: Run, condition: Condition) -> Iterator[Figure]:
-    """Yield the root mean square error that a run states over the sub-trajectories of a condition, by its sources.
+    """Yield the root mean square error that a run predicts over the sub-trajectories of a condition, by source.
 
-    Sub-trajectories with a degraded or lost pose are skipped, because their covariance is that of an unseen motion.
+    Sub-trajectories with a degraded or lost pose are skipped, because their covariance describes an unobserved motion.
     """
     poses = run.estimates.trajectory
     if run.estimates.steps is None:
@@ -65,10 +65,10 @@ def predicted_rows(run: Run, condition: Condition) -> Iterator[Figure]:
 
 
 def squares_by_source(start: StepSums, end: StepSums, position: FloatArray) -> Mapping[Source, FloatArray]:
-    """Return the variances `(2,)` of position, m^2, and attitude, rad^2, summed over the axes, by their sources.
+    """Return the variances `(2,)` of position, m^2, and attitude, rad^2, summed over the axes, by source.
 
-    The first three systematic errors displace each step, as a disparity error does. The other three rotate it, as a
-    lens error does that varies over the image.
+    The first three systematic errors displace each step, like a disparity error. The other three rotate each step,
+    like a lens error that varies over the image.
     """
     carry = propagation(position)
     systematic = carry @ (end.systematic - start.systematic)
@@ -84,7 +84,7 @@ def squares_by_source(start: StepSums, end: StepSums, position: FloatArray) -> M
 
 
 def predicted_table(figures: Sequence[Figure]) -> Table:
-    """Return the predicted error by its sources as a table."""
+    """Return the predicted error by source as a table."""
     places: dict[tuple[str | None, str | None], dict[str, int]] = {}  # of the figures of a source, by name
     for place, row in enumerate(figures):
         if row.figure in ("predicted", "predicted_share", "predicted_attitude"):
@@ -115,8 +115,8 @@ def predicted_table(figures: Sequence[Figure]) -> Table:
         Column("n"),
     )
     note = (
-        "Error budget by the covariance of the forward run. Disparity: a constant error, as by a yaw of the right "
-        "camera. Lens: an error that varies over the image. Sub-trajectories with a degraded or lost pose are skipped. "
-        "Sources that the localiser does not state are missing: baseline, focal length, mounting, stamps."
+        "Error budget from the covariance of the forward run. Disparity: a constant error, such as from a yaw of the "
+        "right camera. Lens: an error that varies over the image. Sub-trajectories with a degraded or lost pose are "
+        "skipped. Sources that the localiser does not model are missing: baseline, focal length, mounting, stamps."
     )
     return Table("predicted", "Predicted error by its sources", columns, tuple(rows), note)

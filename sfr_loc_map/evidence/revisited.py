@@ -1,9 +1,9 @@
-"""Misclosure at revisited places: does the drive return to where the images show that the rover is?
+"""Misclosure at revisited places: comparison of the accumulated motion with a direct measurement.
 
 Between two visits of a place, the localiser accumulates its errors over the path between them. A second run omits this
-path: it consists of the pairs up to the first visit and of the pair of the second visit, so that it measures the motion
-between both visits directly from landmarks of the first visit. The difference is the misclosure. Both covariances
-predict its size. The systematic errors are included, because they accumulate along the path and not in the direct run.
+path. It uses the pairs up to the first visit and the pair of the second visit, and measures the motion between the
+visits directly from landmarks of the first visit. The difference is the misclosure. Both covariances predict its size.
+The systematic errors are included, because they accumulate along the path but not in the direct run.
 A scale error is nearly unobservable in a closed loop, because it cancels where the path returns.
 """
 
@@ -38,13 +38,13 @@ MOST_TRIES = 10  #: Maximum number of direct runs.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Closure:
-    """A place that was visited twice."""
+    """Misclosure at a place that was visited twice."""
 
     first: int  #: Number of the pair of the first visit, from 0.
     again: int  #: Number of the pair of the second visit.
     path_m: float  #: Path between both visits.
     error: FloatArray  #: `(6,)` difference of both motions, m and rad, in the axes of the forward run.
-    square: float | None  #: Normalised square of the difference; None where a covariance is unknown.
+    square: float | None  #: Normalised square of the difference; None if a covariance is unknown.
 
     @property
     def misclosure_m(self) -> float:
@@ -53,7 +53,7 @@ class Closure:
 
     @property
     def name(self) -> str:
-        """The pairs of both visits."""
+        """Name of the pairs of both visits."""
         return f"pairs {self.first} and {self.again}"
 
 
@@ -77,7 +77,7 @@ def find_closures(drive: PairsInMemory, forward: Run, config: LocalisationConfig
 
 
 def worth_of_visits(forward: Run) -> FloatArray:
-    """Return the worth `(N, N)` of each two pairs as visits of one place: path times closeness, 0 if they are not.
+    """Return the worth `(N, N)` of each two pairs as visits of one place: path times closeness, or 0 for two places.
 
     The row is the first visit, the column the second.
     """
@@ -93,7 +93,7 @@ def worth_of_visits(forward: Run) -> FloatArray:
 
 
 def close(forward: Run, direct: Run, first: int, again: int) -> Closure | None:
-    """Return the difference of two runs between two pairs; None if the direct run is degraded or lost at one."""
+    """Return the difference of two runs between two pairs; None if the direct run is degraded or lost at a pair."""
     poses = forward.estimates.trajectory
     ends = np.array([first, again])
     rows = rows_at(direct, poses.stamps_ns[ends])
@@ -112,7 +112,7 @@ def close(forward: Run, direct: Run, first: int, again: int) -> Closure | None:
 
 
 def growth_between(run: Run, start: int, end: int) -> FloatArray | None:
-    """Return the covariance of one estimate given another, with all errors that the run states."""
+    """Return the covariance of one estimate given another, with all errors that the run models."""
     if run.estimates.steps is None:
         return None
     sums = sums_of_steps(run.estimates, run.estimates.steps, np.array([start, end]))
@@ -123,7 +123,7 @@ def growth_between(run: Run, start: int, end: int) -> FloatArray | None:
 
 
 def agreement_at(closures: Sequence[Closure]) -> Agreement:
-    """Return the misclosures as a comparison of two runs; one place is enough, because its square has a known law."""
+    """Return the misclosures as a comparison of two runs; one place suffices, because the law of its NEES is known."""
     errors = np.array([item.error for item in closures])
     squares = np.array([item.square for item in closures if item.square is not None])
     lengths_m = np.zeros((len(closures), 2))
@@ -164,8 +164,8 @@ def closure_table(figures: Sequence[Figure]) -> Table:
         Column("NEES"),
     )
     note = (
-        "Misclosure: the motion between both visits as accumulated along the path, against the motion that a direct "
-        "run measures from the landmarks of the first visit. NEES: 6 on average if the covariances are consistent. A "
-        "scale error does not show, because it cancels in a closed loop."
+        "Misclosure: difference between the motion accumulated along the path from visit to visit and the motion that "
+        "a direct run measures from the landmarks of the first visit. NEES: 6 on average if the covariances are "
+        "consistent. A scale error is unobservable, because it cancels in a closed loop."
     )
     return Table("revisited", "Revisited places", columns, tuple(rows), note)

@@ -1,4 +1,4 @@
-"""Runs of the localiser over one recording that should agree: another direction, other pairs, other landmarks."""
+"""Runs of the localiser over one recording that should agree: other direction, other pairs, other landmarks."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ Progress = Callable[[], None]
 
 
 class Variant(StrEnum):
-    """How the localiser is run."""
+    """Variants of a run of the localiser."""
 
-    FORWARD = "forward"  #: As it is.
+    FORWARD = "forward"  #: All pairs in recorded order.
     BACKWARD = "backward"  #: The pairs in reverse order.
     EVERY_SECOND = "every second pair"
-    LEFT_HALF = "left half"  #: Landmarks of the left half of the left image alone.
+    LEFT_HALF = "left half"  #: Only landmarks in the left half of the left image.
     RIGHT_HALF = "right half"
 
 
 @dataclass(frozen=True, slots=True)
 class PairsInMemory:
-    """Some pairs of a drive as a drive, without its truth."""
+    """Selected pairs of a drive, with the interface of a drive and without a truth."""
 
     rig: StereoRig
     kept: Sequence[StereoPair]
@@ -58,25 +58,25 @@ class PairsInMemory:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """What the localiser estimated; stamps of a backward run are mirrored, so that they increase."""
+    """Estimates of a run of the localiser. The stamps of a backward run are mirrored so that they increase."""
 
     name: str
     estimates: Estimates
     statistics: tuple[TrackingStatistics, ...] = ()  #: Figures of the calls.
-    mirror_ns: int = 0  #: Sum of the stamp of a pair and of its estimate; 0 of a run that is not backward.
+    mirror_ns: int = 0  #: Sum of the stamps of a pair and its estimate; 0 for a forward run.
 
     @property
     def is_backward(self) -> bool:
-        """Whether time ran backward."""
+        """Whether the pairs were processed in reverse order."""
         return self.mirror_ns != 0
 
     def own_stamps(self, stamps_ns: IntArray) -> IntArray:
-        """Return the stamps of estimates of pairs."""
+        """Return the stamps of the estimates at the stamps of pairs."""
         return self.mirror_ns - stamps_ns if self.is_backward else stamps_ns
 
 
 def run_variant(drive: PairsInMemory, config: LocalisationConfig, variant: Variant, progress: Progress) -> Run:
-    """Return the estimates of one run; InputError if it needs a mask file that cannot be read."""
+    """Return the estimates of one variant; raise InputError if the configured mask file cannot be read."""
     kept, mirror_ns = list(drive.kept), 0
     if variant is Variant.BACKWARD:
         mirror_ns = kept[0].stamp_ns + kept[-1].stamp_ns
@@ -99,7 +99,7 @@ def run_pairs(
     kept: Sequence[StereoPair],
     progress: Progress = lambda: None,
 ) -> Run:
-    """Return the estimates of some pairs of a drive."""
+    """Return the estimates of selected pairs of a drive."""
     done = []
     for result in localise(replace(drive, kept=kept), config, StartPose(Transform.identity())):
         done.append(result)
@@ -110,7 +110,7 @@ def run_pairs(
 
 
 def half_mask(rig: StereoRig, variant: Variant, given: str) -> GreyImage:
-    """Return the mask of one half of the left image, within the mask that was configured."""
+    """Return the mask of one half of the left image, combined with the configured mask."""
     is_left = np.arange(rig.width) < rig.width // 2
     kept = is_left if variant is Variant.LEFT_HALF else ~is_left
     mask = np.tile(np.where(kept, 255, 0).astype(np.uint8), (rig.height, 1))
