@@ -1,4 +1,4 @@
-"""The tables of a comparison of methods and of a benchmark of faults, made from its JSON."""
+"""Tables of a comparison of methods and of a benchmark of faults, made from the JSON of the result."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 from sfr_loc_map.report.tables import Cell, Column, Row, Table, Unit
 
 ResultColumn = tuple[str, str, str]
-"""Heading without the unit, symbol of the unit that it is shown in, keys that lead to it within an entry."""
+"""Heading without the unit, symbol of the displayed unit, and path of keys within an entry."""
 COSTS: tuple[ResultColumn, ...] = (
     ("p50", "ms", "time_s/p50"),
     ("p95", "ms", "time_s/p95"),
@@ -38,7 +38,7 @@ FAULTS: tuple[ResultColumn, ...] = (
 
 
 def benchmark_tables(result: Mapping[str, Any]) -> list[Table]:
-    """Return the tables of a benchmark of any kind."""
+    """Return the tables of a benchmark."""
     if result["kind"] == "faults":
         title = f"Localisation with faults, {result['condition']}: mean + 3 sigma; largest errors of tracking pairs"
         return [_table("faults", title, result, FAULTS, word="honesty")]
@@ -58,7 +58,7 @@ def benchmark_tables(result: Mapping[str, Any]) -> list[Table]:
 def _table(
     name: str, title: str, result: Mapping[str, Any], figures: Sequence[ResultColumn], word: str = "version"
 ) -> Table:
-    """Return a table: a row for each entry, with its name and `word`, then for each ratio of ours to the entry."""
+    """Return a table: a row per entry with its name and `word`, then a row per ratio of our method to an entry."""
     rows: list[Row] = []
     for entry, values in result["entries"].items():
         cells = [_cell(values, place, unit) for _, unit, place in figures]

@@ -1,6 +1,6 @@
-"""Several scores of the same data on one page: paired differences, a row for each method, their plots together.
+"""Comparison of several scores of the same data on one page: paired differences, a row per method, common plots.
 
-Names of methods are a user's: they are cut to plain letters before they come into a plot.
+Method names come from the user. They are reduced to plain characters before they are used in a plot.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from sfr_loc_map.report.score_plots import growth, path_errors, path_of, range_r
 from sfr_loc_map.report.score_tables import UNNAMED, convention_text, row_title
 from sfr_loc_map.report.tables import ABSENT, MARKS, NONE, Cell, Column, Row, Table, Unit, fitting, number
 
-NEUTRAL = ("frames",)  #: Columns whose figures are neither good nor bad.
+NEUTRAL = ("frames",)  #: Columns without a best and a worst figure.
 SYMBOLS = ("circle", "square", "diamond")
 Named = Sequence[tuple[str, Score]]
 
 
 class Task(NamedTuple):
-    """A task of the document: its call, and what the errors of its result are about."""
+    """A task of the document with the kind of its call and the subject of its errors."""
 
-    name: str  #: As external nodes name it.
+    name: str  #: Name in the options of external nodes.
     call: CallKind
     subject: Subject
 
@@ -40,7 +40,7 @@ TASKS = (
     Task("localisation", CallKind.LOCALISATION, Subject.TRAJECTORY),
     Task("mapping", CallKind.MAPPING_CALL, Subject.MAP),
 )
-"""The tasks whose time and memory the document defines [4.2.1, 4.3.1]; the stages of a mapping call are details."""
+"""Tasks whose time and memory the document defines [4.2.1, 4.3.1]. Stages of a mapping call are not tasks."""
 
 
 def comparison_tables(result: Comparison) -> list[Table]:
@@ -66,8 +66,8 @@ def comparison_tables(result: Comparison) -> list[Table]:
         words = (Column(title, words=True) for title in ("figure", "method", "outcome"))
         columns = (next(words), next(words), *map(Column, titles), next(words))
         title = f"Mean + 3 sigma, compared with {names[0]}, paired by sub-trajectory"
-        note = f"The other is better or worse where p is not above {SIGNIFICANT} and the interval does not hold zero. "
-        note += f"p: of such a difference by chance, corrected for {len(result.pairs)} comparisons (Holm)."
+        note = f"A method is better or worse if p is at most {SIGNIFICANT} and the interval excludes zero. "
+        note += f"p: p-value of the difference, corrected for {len(result.pairs)} comparisons (Holm)."
         tables.append(Table("pairs", title, columns, tuple(rows), note))
     if result.side_by_side:
         title = "Complete runs side by side (not paired, without an interval)"
@@ -88,13 +88,13 @@ def _cell(value: float | int | None, unit: Unit = NONE, *, signed: bool = False)
 
 
 def methods_tables(scores: Sequence[Score], names: Sequence[str]) -> list[Table]:
-    """Return the tables of several methods side by side: a row each, and what each was made of."""
+    """Return the tables of several methods: a row per method, and the provenance of each score."""
     named = list(zip(names, scores, strict=True))
     return [_methods(named), _provenance(named)]
 
 
 def summary_of(result: Comparison) -> tuple[str, str]:
-    """Return in a word and in a sentence how the others compare with the reference, the worse first."""
+    """Return a heading and a text that compare the other scores with the reference, worse scores first."""
     first, outcomes = result.names[0], dict[str, dict[str, list[str]]]()
     for pair in result.pairs:
         figure = f"{pair.figure} over {label_of(pair.condition)}"
@@ -115,7 +115,7 @@ def _marked(column: Column, cells: list[Cell]) -> list[Cell]:
         return cells
     shown = [float(f"{cell.value:.4g}") if isinstance(cell.value, (int, float)) else None for cell in cells]
     known = [value for value in shown if value is not None]
-    if len(set(known)) < 2:  # as it is shown: what differs in no digit is neither
+    if len(set(known)) < 2:  # values that are equal in all displayed digits are not marked
         return cells
     best, worst = (max(known), min(known)) if column.title == "coverage" else (min(known), max(known))
     marks: dict[object, str] = {best: "best", worst: "worst"}
@@ -123,7 +123,7 @@ def _marked(column: Column, cells: list[Cell]) -> list[Cell]:
 
 
 def _methods(named: Named) -> Table:
-    """Return a row a method; its columns are the figures that the catalogue compares, of the first condition."""
+    """Return a table with a row per method; its columns are the compared figures of the catalogue, first condition."""
     shown: list[tuple[Column, Callable[[Score], Cell]]] = [
         (Column("verdict", words=True), lambda score: Cell.verdict(overall_of(score).state)),
         (Column("kind", words=True), lambda score: Cell(ABSENT if score.method is None else score.method.kind.value)),
@@ -149,23 +149,23 @@ def _methods(named: Named) -> Table:
     columns = [_marked(column, [cell_of(score) for _, score in ordered]) for column, cell_of in shown]
     rows_of_all = tuple((Cell.head(name), *cells) for (name, _), *cells in zip(ordered, *columns, strict=True))
     note = (
-        "Errors: mean + 3 sigma, with its 95 % interval. Time per call: localisation / mapping call; a latency "
-        "is marked, it has transport and waiting in it, and is not a time per call. Memory: largest peak. "
-        f"{MARKS['best']} best, {MARKS['worst']} worst of its column."
+        "Errors: mean + 3 sigma, with its 95 % interval. Time per call: localisation / mapping call. A latency "
+        "is marked: it includes transport and queueing, unlike a time per call. Memory: largest peak. "
+        f"{MARKS['best']} best, {MARKS['worst']} worst of the column."
     )
     heads = (Column("method", words=True), *(column for column, _ in shown))
     return Table("counts", "Methods", heads, rows_of_all, note)
 
 
 def compared_rows(score: Score) -> list[Figure]:
-    """Return the errors by which methods are compared: as they are judged, over the first condition."""
+    """Return the errors by which methods are compared: the judged errors over the first condition."""
     errors = [kind for kind in KINDS.values() if TOTAL in kind.compared]
     rows = (score.judged_row(kind.name, subject=kind.subject) for kind in errors)
     return [row for row in rows if row is not None]
 
 
 def rank_of(score: Score) -> tuple[bool, float]:
-    """Return what methods are sorted by: mean + 3 sigma of the position or point error; methods without one last."""
+    """Return the sort key of a method: mean + 3 sigma of the position or point error; methods without errors last."""
     error = next((row.mean_plus_3sigma for row in compared_rows(score)), None)
     return error is None, error or 0.0
 
@@ -230,14 +230,14 @@ def _provenance(named: Named) -> Table:
         rows.append((Cell.head(name), *map(Cell, texts)))
     titles = ("method", "name and version", "poses converted", "estimate or cloud", "sha256", "scored by", "time")
     columns = tuple(Column(title, words=True) for title in titles)
-    return Table("provenance", "What each was made of", columns, tuple(rows))
+    return Table("provenance", "Provenance of the scores", columns, tuple(rows))
 
 
 # ---- plots of methods
 
 
 def methods_plots(scores: Sequence[Score], names: Sequence[str]) -> list[tuple[str, list[plots.Plot]]]:
-    """Return the plots by heading, as far as the scores have their data."""
+    """Return the plots by heading for which the scores have data."""
     named = [(plain(name), score) for name, score in zip(names, scores, strict=True)]
     groups = (
         ("Localisation", [*_paths(named), *growth(named)]),
@@ -248,7 +248,7 @@ def methods_plots(scores: Sequence[Score], names: Sequence[str]) -> list[tuple[s
 
 
 def plain(name: str) -> str:
-    """Return a name without signs that plotly reads as something else."""
+    """Return a name without characters that plotly interprets."""
     return re.sub(r"[^\w .:/+()-]", "_", name)[:60]
 
 
@@ -301,7 +301,7 @@ def _cost(named: Named, task: Task) -> list[plots.Plot]:
         "xaxis": plots.log_axis("median time of a call, ms", *plots.span(times)),
         "yaxis": plots.log_axis(f"{what}, mean + 3 sigma, mm", *plots.span(errors)),
     }
-    caption = "Lower left is better. Open marks: latency over topics, which has transport and waiting in it."
+    caption = "Lower left is better. Open marks: latency over topics, which includes transport and queueing."
     title = f"Cost against accuracy: {task.name}"
     return [plots.Plot(f"cost-{task.name}", title, caption, data, layout, width="full", height=440)]
 

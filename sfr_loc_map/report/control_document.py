@@ -1,8 +1,8 @@
-"""Verification control document as CSV: one row a requirement, with evidence, compliance and close-out.
+"""Verification control document as CSV: one row per requirement, with evidence, compliance and close-out.
 
-The columns are those of the document that ECSS-E-ST-10-02C asks for (annex B): the requirement, the method and the
-evidence of its verification, whether the item complies, and whether the requirement is closed. Requirements are closed
-by a pass alone, and only if no finding fails the score, such as a crash of the item under test.
+The columns follow ECSS-E-ST-10-02C (annex B): the requirement, the method and the evidence of its verification, the
+compliance of the item, and the close-out. Only a pass closes a requirement, and only if no finding fails the score,
+such as a crash of the item under test.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ METHOD = "test"
 
 
 def control_csv(scores: Mapping[str, Score], report: str = "") -> str:
-    """Return the verification control document of scores by the names of their files.
+    """Return the verification control document of scores, given by file name.
 
-    `report` names the test report, with its number and issue; the file of the score is the evidence without one.
-    Without a verdict in common no requirement is closed.
+    `report` names the test report with its number and issue. Without a test report the file of the score is the
+    evidence. Without a common verdict of the scores, no requirement is closed.
     """
     common = common_verdict([*scores.values()])
     buffer = io.StringIO()
@@ -87,13 +87,13 @@ def _item_of(score: Score) -> str:
 
 
 def _findings(score: Score) -> Iterator[str]:
-    """Yield the findings with which no requirement is closed."""
+    """Yield the findings that prevent the close-out of all requirements."""
     for item in score.fatal_findings:
         yield f"The item under test failed: {item}."
 
 
 def _remarks(view: VerdictView, score: Score) -> str:
-    """Return why a requirement is open, or the deviations with which it is closed."""
+    """Return the reason why a requirement is open, or the deviations under which it is closed."""
     if view.item.state is VerdictState.PASS:
         return " ".join(deviations_of(score))
     if view.item.state is VerdictState.FAIL:

@@ -1,4 +1,4 @@
-"""Deviations of a score: where it departs from the document, and what of its data is not judged."""
+"""Deviations of a score from the document, and data of the score that is not judged."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from sfr_loc_map.report.tables import METRE, fitting, number
 from sfr_loc_map.report.verdict_view import VerdictView
 
 PATH_WITHOUT_IMAGES = 0.01
-"""Fraction of the true path without images from which this is a deviation: a truth begins and ends beside an image."""
-TOLD_STANDING = 0.1  #: Fraction of sub-trajectories of a rover that stands from which this is a deviation.
+"""Fraction of the true path without images that is accepted, because the truth begins and ends near an image."""
+TOLD_STANDING = 0.1  #: Accepted fraction of sub-trajectories with a stationary rover.
 STAGES = (CallKind.MAPPING, CallKind.FUSION)  #: Calls that are stages of the mapping call of the document.
 
 
 def deviations_of(score: Score) -> Iterator[str]:
-    """Yield what a score deviates from the document in, and what of its data is not judged."""
+    """Yield the deviations of a score from the document, and the data that is not judged."""
     yield from _from_the_document(score)
     yield from _allowed(score)
     if score.incomplete:
-        yield f"What was expected is not complete: {score.incomplete}."
+        yield f"The expected results are incomplete: {score.incomplete}."
     if (drive := score.association) is not None:
         for count, what in ((drive.lost, "lost"), (drive.degraded, "degraded")):
             if count:
@@ -37,22 +37,22 @@ def deviations_of(score: Score) -> Iterator[str]:
         without_images = score.number("path_without_images") or 0.0
         if without_images > PATH_WITHOUT_IMAGES:
             share = f"{100.0 * without_images:.3g} %"
-            yield f"{share} of the true path has no images, so that no estimate is expected there."
+            yield f"{share} of the true path has no images, so no estimate is expected there."
         if not drive.images:
             yield (
-                "The images of the drive are unknown. The estimate had to cover the true poses alone, so that images "
-                "that have neither an estimate nor a true pose are not counted."
+                "The images of the drive are unknown. The estimate had to cover only the true poses. Images without an "
+                "estimate and without a true pose are not counted."
             )
         yield from _standing(score)
         if drive.estimate_duplicates:
-            yield f"{drive.estimate_duplicates} estimates were ignored because a later one has the same stamp."
+            yield f"{drive.estimate_duplicates} estimates were ignored because a later estimate has the same stamp."
     without_cloud = score.figure("pairs_without_cloud", part="count")
     if without_cloud is not None and without_cloud.value:
         yield f"{without_cloud.value:.0f} of {without_cloud.n} mapping pairs have no point in the cloud."
     if without_truth := score.number("points_without_truth", part="count"):
-        yield f"{without_truth:.0f} points are where the truth has no surface, and are not judged."
+        yield f"{without_truth:.0f} points have no true surface and are not judged."
     if score.calls is None and score.association is not None and score.verdicts:
-        yield "The calls of the run are unknown, and with them its findings and the states of its poses."
+        yield "The calls of the run are unknown. Its findings and the states of its poses are therefore unknown, too."
     if score.external is not None:
         yield "The external node was not isolated: it could read the ground truth from the disk."
     if score.truth is not None and score.truth.declared:
@@ -62,21 +62,21 @@ def deviations_of(score: Score) -> Iterator[str]:
 
 
 def _standing(score: Score) -> Iterator[str]:
-    """Yield of the conditions of time that the rover stands in many of their sub-trajectories."""
+    """Yield the time conditions for which the rover is stationary in many sub-trajectories."""
     for row in score.rows(STANDING, part=SUB_TRAJECTORIES):
         if row.value is None or row.value <= TOLD_STANDING:
             continue
         moving = score.number("position", TOTAL, condition=row.condition, part=MOVING)
         share, over = f"{100.0 * row.value:.3g} %", label_of(row.condition or "")
-        text = f"In {share} of the {row.n} sub-trajectories over {over} the rover stands."
+        text = f"The rover is stationary in {share} of the {row.n} sub-trajectories over {over}."
         if moving is not None:
             unit = fitting(METRE, moving)
-            text += f" Of the others, mean + 3 sigma is {number(moving, unit=unit)} {unit.symbol}."
+            text += f" Over the others, mean + 3 sigma is {number(moving, unit=unit)} {unit.symbol}."
         yield text
 
 
 def _from_the_document(score: Score) -> Iterator[str]:
-    """Yield where the settings and the measurements are not what the document requires."""
+    """Yield the settings and measurements that differ from the requirements of the document."""
     yield from _of_the_spacing(score)
     yield from _of_the_reading(score)
     drive = score.association
@@ -90,16 +90,16 @@ def _from_the_document(score: Score) -> Iterator[str]:
 
 
 def _of_the_spacing(score: Score) -> Iterator[str]:
-    """Yield that sub-trajectories do not start as often as the document recommends."""
+    """Yield a deviation if the spacing of the sub-trajectories differs from the recommendation of the document."""
     drive = score.association
     if drive is not None and drive.spacing_frames != SPACING_FRAMES:
         yield (
-            f"Sub-trajectories start every {drive.spacing_frames} frames; the document says {SPACING_FRAMES} [4.1.1]."
+            f"Sub-trajectories start every {drive.spacing_frames} frames; the document states {SPACING_FRAMES} [4.1.1]."
         )
 
 
 def _of_the_reading(score: Score) -> Iterator[str]:
-    """Yield that another reading than the letter of the document is judged, with the errors by both."""
+    """Yield a deviation if the judged errors differ from the literal definition of the document, with both errors."""
     drive = score.association
     if drive is None or drive.rebase is Rebase.DISPLACEMENT:
         return
@@ -114,24 +114,24 @@ def _of_the_reading(score: Score) -> Iterator[str]:
         literal_text = f"{number(literal, unit=unit)} {unit.symbol}"
         compared.append(f"mean + 3 sigma over {label_of(condition)} {used_text}, by displacements {literal_text}")
     yield (
-        f"Errors are compared by the reading '{drive.rebase}'; to the letter the document compares displacements "
+        f"Errors are computed by the reading '{drive.rebase}'. Literally, the document compares displacements "
         f"[4.2.3.1]{': ' if compared else ''}{'; '.join(compared)}."
     )
 
 
 def _of_calls(item: Verdict) -> Iterator[str]:
-    """Yield that a limit is on calls that were not measured on the target, or on a stage of a mapping call."""
+    """Yield a deviation if a limit is on calls measured on the host, or on a stage of a mapping call."""
     is_on_calls = item.subject in (Subject.TIMING, Subject.MEMORY)
     if is_on_calls and not item.is_of_target:
         on_target = "the document requires the target [4.2.1, 4.3.1]"
         as_proposed = "the document leaves the method to the supplier [4.2.2, 4.3.2]"
         yield f"{_name(item)} was measured on the host; {on_target if item.subject is Subject.TIMING else as_proposed}."
     if is_of_stage(item):
-        yield f"{_name(item)} is of a stage; the call of the document makes one cloud of all pairs [4.3.1]."
+        yield f"{_name(item)} is of a stage. The call in the document makes one cloud of all pairs [4.3.1]."
 
 
 def _of_the_range(score: Score) -> Iterator[str]:
-    """Yield that a verdict on a map counts other ranges than those of the default."""
+    """Yield a deviation if a verdict on a map counts other ranges than the default ranges."""
     if score.provenance is None or not any(item.subject is Subject.MAP for item in score.verdicts):
         return
     usual = MapScoreConfig()
@@ -144,7 +144,7 @@ def _of_the_range(score: Score) -> Iterator[str]:
 
 
 def caveats_of(score: Score) -> Iterator[str]:
-    """Yield what restricts the meaning of a score, in the words of its warnings."""
+    """Yield the caveats of a score, in the words of its warnings."""
     if score.truth is not None:
         yield from truth_caveats(score.truth)
     yield from reading_caveats(score)
@@ -152,28 +152,31 @@ def caveats_of(score: Score) -> Iterator[str]:
 
 
 def is_of_stage(item: Verdict) -> bool:
-    """Return whether a verdict is on the time or the memory of a stage; the kind of call of memory is the part."""
+    """Return whether a verdict is on the time or memory of a stage. For memory, the part of the row names the call."""
     return item.figure in STAGES or RowPart.of(item.part).call in STAGES
 
 
 def _allowed(score: Score) -> Iterator[str]:
-    """Yield what the limits allow that is not allowed without them."""
+    """Yield the relaxations of the defaults by the limits file."""
     rules = score.rules
     if rules is None:
         return
     if rules.partial:
-        yield "A part of what was expected is judged as if it were the whole (--partial)."
+        yield "An incomplete result is judged as if it were complete (--partial)."
     strict = {kind.figure: kind.most for kind in SHORTFALLS if kind.most is not None}
     for item in rules.limits:
         name = item.name.removesuffix("_max_share")
         if name in strict and item.limit > strict[name]:
-            yield f"{item.name} {item.limit:g} is allowed by the limits; without it {strict[name]:g} is."
+            yield f"The limits allow {item.name} {item.limit:g}; the default is {strict[name]:g}."
         if item.name == COVERAGE_MIN and item.limit < 1.0 - strict["pixels_without_point"]:
-            yield f"{item.name} {item.limit:g} is less than the {1.0 - strict['pixels_without_point']:g} of other maps."
+            yield (
+                f"The limits require {item.name} {item.limit:g}; the default is "
+                f"{1.0 - strict['pixels_without_point']:g}."
+            )
     if rules.minimum_independent < MINIMUM_INDEPENDENT:
         least = f"{rules.minimum_independent:g}"
         usual = f"{MINIMUM_INDEPENDENT:g}"
-        yield f"{least} independent sub-trajectories are enough by the limits; without them {usual} are."
+        yield f"The limits require {least} independent sub-trajectories; the default is {usual}."
 
 
 def _name(item: Verdict) -> str:

@@ -1,4 +1,4 @@
-"""The verdicts of scores as JUnit XML, for a pipeline."""
+"""Verdicts of scores as JUnit XML for a CI pipeline."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ ELEMENTS = {
     VerdictState.INCOMPLETE: ("error", "errors"),
     VerdictState.NOT_JUDGED: ("error", "errors"),
 }
-"""By what is no pass: the element of a test case, and the attribute of a suite that counts them. What is not judged is
-an error, so that a pipeline is not green where the command ends with exit code 3."""
+"""Element of a test case, and attribute of the suite that counts it, by state other than pass. A limit that is not
+judged is an error so that a pipeline fails if the command ends with exit code 3."""
 
 
 def junit(scores: Mapping[str, Score], without: Mapping[str, str] | None = None) -> str:
-    """Return the verdicts as JUnit XML, a test case for each limit.
+    """Return the verdicts as JUnit XML with a test case per limit.
 
-    Names that have no score, with the reason in `without`, and scores without any verdict have one failed test case.
+    Each name in `without` (name and reason) and each score without a verdict gets one test case with an error.
     """
     unjudged = dict(without or {})
     for name, score in scores.items():

@@ -1,4 +1,4 @@
-"""Every limit as a bar: how much of it the judged value uses, its interval, the margin that is left."""
+"""Every limit as a bar: fraction of the limit that the judged value uses, interval and margin."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from sfr_loc_map.report.verdict_view import VerdictView, share_of_limit, verdict
 
 @dataclass(frozen=True, slots=True)
 class LimitBar:
-    """One limit with its verdict, in words and as shares of the limit: at 1 it is met, beyond it is missed."""
+    """One limit with its verdict, in words and as fractions of the limit; above 1 the limit is missed."""
 
-    place: int  #: Of the verdict in the score.
+    place: int  #: Index of the verdict in the score.
     metric: str  #: Name of the limit in the limits file.
-    subject: str | None  #: Subject of the figure that is limited.
-    figure: str | None  #: Figure that is limited.
-    statistic: str | None  #: Its statistic.
+    subject: str | None  #: Subject of the limited figure.
+    figure: str | None  #: Limited figure.
+    statistic: str | None  #: Statistic of the figure.
     condition: str | None  #: Condition of the sub-trajectories, as in the score.
-    is_of_target: bool  #: Whether the limit is on calls of a target.
-    name: str  #: In words, with the condition.
-    over: str  #: Condition of the sub-trajectories, empty outside the trajectory.
+    is_of_target: bool  #: Whether the limit is on calls on a target.
+    name: str  #: Name in words, with the condition.
+    over: str  #: Condition of the sub-trajectories; empty if there is none.
     state: str
     style: str
     icon: str
@@ -33,11 +33,11 @@ class LimitBar:
     share: float | None
     low: float | None
     high: float | None
-    text: str  #: All of it in one phrase.
+    text: str  #: The whole comparison in one phrase.
 
 
 def limit_bars(score: Score) -> list[LimitBar]:
-    """Return all limits of a score: those that are missed first, then those with the smallest share left."""
+    """Return all limits of a score: missed limits first, then the others by decreasing fraction of the limit."""
     bars = [_bar(place, view) for place, view in enumerate(verdict_views(score))]
     return sorted(bars, key=lambda bar: (bar.state != VerdictState.FAIL, -1.0 * (bar.share or -1.0), bar.place))
 

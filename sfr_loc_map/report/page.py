@@ -1,4 +1,4 @@
-"""The report: one HTML file made from the score alone, that needs no network and no other file."""
+"""The report page: a single HTML file made from the score, which requires no network and no other file."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def write_page(score: Score, path: Path) -> None:
 
 
 def render_page(score: Score, *, plots: bool = True) -> str:
-    """Return the page as HTML; without plots the page has tables alone and no script, ready for print."""
+    """Return the page as HTML. Without plots the page has only tables and no script, ready for print."""
     sections, tables = score_plots(score) if plots else [], [*score_tables(score), glossary()]
     provenance, name = _texts(to_plain(score.provenance) or {}), data_set_name(score)
     return _rendered(
@@ -65,7 +65,7 @@ def render_page(score: Score, *, plots: bool = True) -> str:
 def render_overview(
     title: str, state: VerdictState | None, text: str, tables: Sequence[Table], sections: Sections, heading: str = ""
 ) -> str:
-    """Return a page about many scores as HTML: verdict over all or a heading, a text, tables, plots."""
+    """Return a page about many scores as HTML: overall verdict or heading, text, tables and plots."""
     return _rendered(
         tables,
         sections,
@@ -78,7 +78,7 @@ def render_overview(
 
 
 def render_tables(title: str, tables: Sequence[Table]) -> str:
-    """Return a page of tables, without plots, script or network, as HTML."""
+    """Return a page of tables as HTML, without plots and scripts."""
     return render_overview(title, None, "", tables, (), heading="tables")
 
 
@@ -96,7 +96,7 @@ def _rendered(
     every: int = 1,
     sortable: bool = False,
 ) -> str:
-    """Return a page of tables and sections with plots, with what the template shows of the score."""
+    """Return a page of tables and sections with plots, with the facts of the score for the template."""
     plots, plotly = [plot for _, group in sections for plot in group], ""
     if plots:
         from plotly.offline import get_plotlyjs
@@ -126,7 +126,7 @@ def _rendered(
 
 
 def from_template(name: str, **values: Any) -> str:  # noqa: ANN401 - of the template
-    """Return a page of a template, every text escaped."""
+    """Return the page of a template with all texts escaped."""
     from jinja2 import Environment, PackageLoader  # what only asks for the verdict starts without it
 
     loader = PackageLoader("sfr_loc_map", "report/templates")
@@ -146,7 +146,7 @@ def _texts(values: Mapping[str, Any]) -> dict[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class Overall:
-    """The verdict over all limits: in a word, in a sentence, its class of the style sheet, its sign."""
+    """The verdict over all limits: word, sentence, style sheet class and icon."""
 
     state: str
     text: str
@@ -160,7 +160,7 @@ def _overall(state: str | None, text: str, open_icon: str) -> Overall:
 
 
 def overall_of(score: Score) -> Overall:
-    """Return the verdict over all limits, as it is shown."""
+    """Return the displayed verdict over all limits."""
     state = score.verdict
     if score.contradiction is not None and not score.fatal_findings:
         return _overall(None, f"Not judged: {score.contradiction}", NO_VERDICT_ICON)
@@ -179,11 +179,11 @@ def overall_of(score: Score) -> Overall:
     return _overall(state, text, OPEN.icon)
 
 
-# ---- the header: on which data, how long, by which method, with what settings, when
+# ---- the header: data, duration, method, settings and time
 
 
 def data_set_name(score: Score) -> str:
-    """Return the name of the data set that the truth is of, empty where the score does not have it."""
+    """Return the name of the data set of the truth; empty if it is unknown."""
     for path in _paths(score, TRUTH_ROLES):
         place = PurePath(path)
         while place.name in ("groundtruth.csv", "loc", "nav") and place.parent.name:  # parts of a data set folder
@@ -213,7 +213,7 @@ def run_facts(score: Score) -> tuple[tuple[str, str], ...]:
     if score.convention is not None:
         facts["Poses converted"] = "yes, see Method under test"
     if made is not None:
-        if made.configuration:  # settings of other parts are there only if they are changed
+        if made.configuration:  # settings of other parts are only present if they are changed
             usual, given = _texts(to_plain(flatten(ScoreConfig()))), _texts(to_plain(made.configuration))
             texts = (f"{name} {text}" for name, text in given.items() if usual.get(name) != text)
             facts["Configuration"] = "; ".join(texts) or "defaults"
@@ -233,40 +233,42 @@ def _paths(score: Score, roles: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(inputs[role].path for role in roles if role in inputs))
 
 
-# ---- what to look at first: what is wrong, else what is nearest to being wrong, each with the reason
+# ---- what to look at first: failures, or else the smallest margins, each with the reason
 
 
 class LookFirst(NamedTuple):
-    """One thing to look at: what it is in a phrase, why in a sentence."""
+    """One item to look at: a phrase for the item and a sentence for the reason."""
 
     what: str
     why: str
 
 
 def look_first(score: Score) -> tuple[LookFirst, ...]:
-    """Return what to look at, the worst first; without a finding, what would go wrong first.
+    """Return the items to look at: failures, then the smallest margin and the worst sub-trajectory.
 
-    The verdict itself states a contradiction of estimate and truth, and what is incomplete.
+    A contradiction of estimate and truth and incomplete results are not repeated, because the verdict states them.
     """
     return tuple(islice(_worth_a_look(score), MOST_TO_LOOK_AT))
 
 
 def _worth_a_look(score: Score) -> Iterator[LookFirst]:
     for finding in score.findings:
-        yield LookFirst(str(finding.kind), f"The method under test did something wrong: {finding}.")
+        yield LookFirst(str(finding.kind), f"Finding on the method under test: {finding}.")
     views = list(verdict_views(score))
     for view in sorted(views, key=_use_of, reverse=True):
         if view.item.state is VerdictState.FAIL:
-            yield LookFirst(view.name, f"It misses its limit: {_beside_limit(view)}")
+            yield LookFirst(view.name, f"The limit is missed: {_beside_limit(view)}")
     part = score.association
     for count, word in () if part is None else ((part.lost, "lost"), (part.degraded, "degraded")):
         if count and part is not None:
             share = number(100.0 * count / max(part.matched, 1))
-            why = f"{count} of {part.matched} frames ({share} %) are {word}, and count in every figure like the others."
+            why = (
+                f"{count} of {part.matched} frames ({share} %) are {word}. They count in every figure like the others."
+            )
             yield LookFirst(f"{word} frames", why)
     for view in views:
         if view.reason:
-            yield LookFirst(view.name, f"There is not enough data to judge it by its limit: {view.reason}.")
+            yield LookFirst(view.name, f"There is not enough data to judge this limit: {view.reason}.")
     for row in score.rows("nees", subject=Subject.CONSISTENCY, part="pose"):
         if row.mean is not None and row.interval is not None and not row.interval[0] <= row.mean <= row.interval[1]:
             why = f"Over {label_of(row.condition)} the normalised squared error (NEES) is {number(row.mean)}, expected "
@@ -276,7 +278,7 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
     met = [view for view in views if view.item.state is VerdictState.PASS]
     if met:
         nearest = max(met, key=_use_of)
-        why = f"Of the limits that are met it is the nearest to being missed: {_beside_limit(nearest)}"
+        why = f"This limit is met with the smallest margin: {_beside_limit(nearest)}"
         yield LookFirst(nearest.name, why)
     for first in plotted_conditions(score)[:1]:
         rows = first.rows
@@ -285,7 +287,7 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
             unit = fitting(METRE, largest_m)
             why = f"Over {first.over} the largest position error is {number(largest_m, unit=unit)} {unit.symbol}"
             sizes = [(size, row) for row, size in enumerate(error_sizes(rows)) if size is not None]
-            if rows.every == 1 and sizes:  # of thinned rows the worst one may be missing
+            if rows.every == 1 and sizes:  # thinned rows may lack the worst sub-trajectory
                 worst = max(sizes, key=itemgetter(0))[1]
                 why += f", at frames {rows.start_frame[worst]} to {rows.end_frame[worst]}"
             why += "."

@@ -1,4 +1,4 @@
-"""Paths in one plot: from above, in height, and how far they are from the truth."""
+"""Plot of paths from above, in height, and of their distance to the truth."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from sfr_loc_map.metrics.config import AlignedErrorConfig
 from sfr_loc_map.report.plots import COLORS, Plot, Trace, axis, error_scale, line, scaled, to_figure
 
 TIME = "time, s"
-MOST_POINTS = 5000  #: Poses of a path that are drawn.
+MOST_POINTS = 5000  #: Maximum number of drawn poses of a path.
 
 
 class Curve(NamedTuple):
-    """One path: seconds since the first stamp of all, positions `(N, 3)` in m, distance to the truth where known."""
+    """One path: seconds since the first stamp of all paths, positions `(N, 3)` in m, distance to the truth if known."""
 
     name: str
-    colour: str  #: `@` and a name of the palette; `@truth` for the truth alone.
+    colour: str  #: `@` and a name of the palette; `@truth` only for the truth.
     seconds: FloatArray
     positions: FloatArray
     error_m: FloatArray | None = None
@@ -36,9 +36,9 @@ class Curve(NamedTuple):
 def curves_of(
     trajectories: Mapping[str, Trajectory], truth: Trajectory | None, config: AlignedErrorConfig
 ) -> list[Curve]:
-    """Return trajectories as curves; with a truth it comes first, and each is aligned with it.
+    """Return trajectories as curves. A given truth is the first curve, and each trajectory is aligned with the truth.
 
-    Raises MetricsError if one has no pose, or no stamps near those of the truth.
+    Raises MetricsError if a trajectory has no poses, or no stamps near those of the truth.
     """
     given = [poses for poses in (*trajectories.values(), truth) if poses is not None and len(poses)]
     if len(given) < len(trajectories) + (truth is not None) or not given:
@@ -61,7 +61,7 @@ def curves_of(
 
 
 def path_plot(curves: Sequence[Curve]) -> Plot:
-    """Return the plot of some paths."""
+    """Return the plot of paths."""
     factor, unit = error_scale(
         max((float(each.error_m.max()) for each in curves if each.error_m is not None), default=0.0)
     )
@@ -69,7 +69,7 @@ def path_plot(curves: Sequence[Curve]) -> Plot:
     for curve in curves:
         width = 3 if curve.colour == "@truth" else 2
         style: dict[str, Any] = {"color": curve.colour, "width": width, "legendgroup": curve.colour[1:]}
-        name = escape(printable(curve.name))  # plotly reads some tags
+        name = escape(printable(curve.name))  # plotly interprets HTML tags
         x, y, z = (scaled(column.tolist(), 1.0) for column in curve.positions.T)
         seconds = scaled(curve.seconds.tolist(), 1.0)
         data.append(line(name, (x, y), **style))
@@ -92,7 +92,7 @@ def path_plot(curves: Sequence[Curve]) -> Plot:
 
 
 def save_path_html(curves: Sequence[Curve], path: Path) -> None:
-    """Write the plot as a page that needs no network; raises OutputError if it cannot be written."""
+    """Write the plot as a page that requires no network; raise OutputError if the file cannot be written."""
     figure = to_figure(path_plot(curves)).to_html(full_html=False, include_plotlyjs=True)
     head = '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>Trajectories</title></head>'
     write_text(f"{head}<body>{figure}</body></html>\n", path)

@@ -1,7 +1,7 @@
-"""What all plots share: plots as plain values, with colours by name so that light and dark themes share a plot.
+"""Common parts of all plots. Plots are plain values, with named colours so that light and dark themes share a plot.
 
 A colour is written `@name`. The page's script inserts the colour of its theme, `to_figure` that of the light theme.
-Plotly reads some tags in texts, so that a text of a user goes into a plot only through `plain`.
+Plotly interprets HTML tags in texts, so texts of a user must pass through `plain`.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ PALETTES = {
         **{"four-soft": "rgba(240,228,66,0.2)", "five-soft": "rgba(228,154,196,0.2)", "sequential": "Viridis"},
     },
 }
-"""Colours by name, of Okabe and Ito (distinct with every kind of colour vision), darker on light, lighter on dark."""
+"""Named colours after Okabe and Ito (suitable for colour-blind readers), darker on light and lighter on dark."""
 TEMPLATE: dict[str, Any] = {
     "layout": {
         "margin": {"l": 60, "r": 20, "t": 12, "b": 50},
@@ -67,7 +67,7 @@ TEMPLATE: dict[str, Any] = {
         "linecolor": "@zero",
     },
 }
-"""What all plots share: of the layout, of each axis, and of each axis of a view in space."""
+"""Common settings of the layout, of each axis, and of each axis of a 3D view."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,15 +76,15 @@ class Plot:
 
     name: str  #: Used as an anchor and by the script.
     title: str
-    caption: str  #: How it is to be read.
+    caption: str  #: Explanation for the reader.
     data: list[Trace]
-    layout: dict[str, Any]  #: Without what all figures share.
+    layout: dict[str, Any]  #: Without the common settings.
     height: int = 380  #: In CSS pixels.
-    width: str = "half"  #: Share of the width of the page: `full`, `half` or `third`.
+    width: str = "half"  #: Fraction of the page width: `full`, `half` or `third`.
 
 
 def plain(text: str) -> str:
-    """Return a text of a user as plotly shows it literally: without the tags that plotly reads."""
+    """Return a text of a user with HTML tags escaped, which plotly would interpret."""
     return escape(printable(text), quote=False)
 
 
@@ -94,7 +94,7 @@ def axis(title: str, **more: Any) -> dict[str, Any]:  # noqa: ANN401 - whatever 
 
 
 def log_axis(title: str, low: float, high: float, steps: Sequence[int] = (1, 2, 5)) -> dict[str, Any]:
-    """Return a logarithmic axis with ticks written in full at the steps of each power of ten around the values."""
+    """Return a logarithmic axis from `low` to `high` with ticks at the steps of each decade, without exponents."""
     powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     ticks = [float(f"{step}e{power}") for power in powers for step in steps]
     return axis(title, type="log", tickvals=ticks, ticktext=[f"{tick:g}" for tick in ticks])
@@ -118,7 +118,7 @@ def span(values: Values) -> tuple[float, float]:
 
 
 def marks(name: str, xy: Sequence[Values], color: str | Values, **more: Any) -> Trace:  # noqa: ANN401
-    """Return marks at the points of columns x and y; `symbol` and `size` style them, `marker` adds to that."""
+    """Return marks at the points of columns x and y; `symbol`, `size` and `marker` style them."""
     style = {"color": color, "symbol": more.pop("symbol", "circle"), "size": more.pop("size", 7)}
     style |= more.pop("marker", {})
     return {"type": "scatter", "mode": "markers", "name": name, "x": xy[0], "y": xy[1], "marker": style, **more}
@@ -132,7 +132,7 @@ def band(name: str, x: Values, low: float, high: float, color: str, **more: Any)
 
 
 def segments(pieces: Sequence[Sequence[Values]]) -> list[Values]:
-    """Return columns x and y of pieces that are drawn as one trace, with a gap after each."""
+    """Return the columns x and y of pieces for one trace, with a gap after each piece."""
     return [[value for piece in pieces for value in (*piece[side], None)] for side in (0, 1)]
 
 
@@ -142,7 +142,7 @@ def colour_bar(title: str, **ticks: Any) -> dict[str, Any]:  # noqa: ANN401
 
 
 def from_above() -> dict[str, Any]:
-    """Return the layout of a view from above, both axes of one scale."""
+    """Return the layout of a view from above with equal axes."""
     return {
         "xaxis": axis("x of DS (east), m", constrain="domain"),
         "yaxis": axis("y of DS (north), m", scaleanchor="x", scaleratio=1, constrain="domain"),
@@ -150,7 +150,7 @@ def from_above() -> dict[str, Any]:
 
 
 def error_scale(largest: float) -> tuple[float, str]:
-    """Return factor and unit for errors in metres, as in the tables."""
+    """Return the factor and the unit for errors in metres, as in the tables."""
     unit = fitting(METRE, largest)
     return 1.0 / unit.size, unit.symbol
 
@@ -161,12 +161,12 @@ def scaled(values: Values, factor: float) -> list[float | None]:
 
 
 def largest(*columns: Values) -> float:
-    """Return the largest absolute value, 0 without a value."""
+    """Return the largest absolute value; 0 if there is none."""
     return max((abs(value) for column in columns for value in column if value is not None), default=0.0)
 
 
 def to_figure(plot: Plot) -> Figure:
-    """Return a figure that plotly shows in a notebook or writes to a file, its title above it."""
+    """Return a plotly figure with its title, for a notebook or a file."""
     from plotly.graph_objects import Figure
 
     layout = {
@@ -183,7 +183,7 @@ def to_figure(plot: Plot) -> Figure:
 
 
 def _coloured(value: Any) -> Any:  # noqa: ANN401 - any value of plotly
-    """Return traces or a layout with the colours that `@name` stands for."""
+    """Return traces or a layout with `@name` replaced by the colour of the light theme."""
     if isinstance(value, str):
         return PALETTES["light"][value[1:]] if value.startswith("@") else value
     if isinstance(value, dict):

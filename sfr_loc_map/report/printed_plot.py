@@ -1,4 +1,4 @@
-"""Errors of sub-trajectories and of map points as plots of a printed page: values here, SVG in the template."""
+"""Plots of errors of sub-trajectories and map points for a printed page: values here, SVG in the template."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from sfr_loc_map.report.tables import UNKNOWN, number
 
 WIDTH, HEIGHT = 640.0, 220.0  #: Size of the drawing, px.
 LEFT, BOTTOM, TOP, RIGHT = 64.0, 46.0, 12.0, 12.0  #: Margins of the axes, px.
-TICKS = 5  #: Most ticks of an axis.
-POINTS = 1000  #: Most marks of map points.
+TICKS = 5  #: Maximum number of ticks of an axis.
+POINTS = 1000  #: Maximum number of marks of map points.
 
 
 class Tick(NamedTuple):
-    """A labelled place on an axis."""
+    """A labelled position on an axis."""
 
     at: float  #: px.
     text: str
@@ -48,21 +48,21 @@ class PrintedPlot:
     x_ticks: list[Tick]
     y_ticks: list[Tick]
     levels: list[Level]
-    beyond: str  #: Limits that are above the drawing, in words.
+    beyond: str  #: Limits above the drawing, in words.
 
 
 class Series(NamedTuple):
-    """What one plot shows: a mark for each error, and lines at the statistics and the limits of the errors."""
+    """Data of one plot: a mark for each error, and lines at the statistics and the limits of the errors."""
 
     title: str
     x_title: str
     y_title: str  #: Without the unit.
     x: Sequence[float | None]
-    sizes: Sequence[float | None]  #: Of the errors, in the unit of the plot.
+    sizes: Sequence[float | None]  #: Sizes of the errors, before scaling.
     row: Figure | None
     limits: dict[str, float]
     scale: tuple[float, str]  #: Factor and unit of the drawing.
-    mean: str = "mean"  #: What the mean of the row is.
+    mean: str = "mean"  #: Label of the mean of the row.
 
 
 def printed_plots(score: Score) -> list[PrintedPlot]:

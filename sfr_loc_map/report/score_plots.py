@@ -43,7 +43,7 @@ TRACE_BACK = (
     "sub-trajectory over %{customdata[0]}<br>frames %{customdata[1]} to %{customdata[2]}<br>"
     "stamps %{customdata[3]} to %{customdata[4]} ns"
 )
-"""Text of a mark under the pointer; `customdata` is a row of `_traces_to`."""
+"""Hover text of a mark; `customdata` is a row of `_traces_to`."""
 STATES = {
     **{"initialising": ("@two", "diamond"), "tracking": ("@one", "circle"), "degraded": ("@three", "triangle-up")},
     **{"lost": ("@bad", "x"), "mapped": ("@one", "circle"), "fused": ("@three", "square")},
@@ -53,23 +53,23 @@ STATES = {
 LOG_TICKS_MM = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000, 3000, 10000)
 SCATTER_ROWS = 3000
 LAW_STEPS = 40
-FAR = 10.0  #: A limit beyond this multiple of the largest value would flatten a linear scale.
+FAR = 10.0  #: A limit above this multiple of the largest value would compress a linear scale.
 
 
 class PlottedCondition(NamedTuple):
-    """What plots show of one condition; `travelled_m` at the end of each sub-trajectory."""
+    """Plotted data of one condition; `travelled_m` is the distance at the end of each sub-trajectory."""
 
     rows: SubTrajectoryRows
     travelled_m: list[float]
 
     @property
     def over(self) -> str:
-        """The condition for people."""
+        """The condition in words."""
         return label_of(self.rows.condition)
 
 
 def score_plots(score: Score) -> list[tuple[str, list[Plot]]]:
-    """Return the plots by heading, as far as the score has their data."""
+    """Return the plots by heading for which the score has data."""
     groups = (
         ("Localisation", _drive_plots(score)),
         ("Time and memory", [plot for kind in CallKind for plot in _timeline(score, kind)]),
@@ -79,13 +79,13 @@ def score_plots(score: Score) -> list[tuple[str, list[Plot]]]:
 
 
 def path_of(score: Score) -> PathRows | None:
-    """Return the frames of the trajectory, None where they are unknown."""
+    """Return the frames of the trajectory; None if they are unknown."""
     details = score.details
     return None if details is None or details.trajectory is None else details.trajectory.path
 
 
 def map_of(score: Score) -> MapDetails | None:
-    """Return what plots of the map are drawn from, None where it is unknown."""
+    """Return the data for plots of the map; None if it is unknown."""
     return None if score.details is None else score.details.map
 
 
@@ -118,14 +118,14 @@ def _drive_plots(score: Score) -> list[Plot]:
 
 
 def plotted_conditions(score: Score) -> list[PlottedCondition]:
-    """Return the sub-trajectories of each condition that has any."""
+    """Return the sub-trajectories of each condition; conditions without sub-trajectories are omitted."""
     details = None if score.details is None else score.details.trajectory
     if details is None or details.path is None:
         return []
     known, every = np.array(details.path.travelled_m, np.float64), details.path.every
     parts = []
     for rows in details.sub_trajectories:
-        if rows.start_frame:  # in a straight line between the rows of a thinned path
+        if rows.start_frame:  # linear between the rows of a thinned path
             travelled = np.interp(rows.end_frame, np.arange(len(known)) * every, known)
             parts.append(PlottedCondition(rows, [round(value, 4) for value in travelled.tolist()]))
     return parts
@@ -140,7 +140,7 @@ def _limit_lines(
     condition: str | None = None,
     **more: Any,  # noqa: ANN401
 ) -> list[Trace]:
-    """Return a line for each limit on a figure; one far beyond the largest value shown is in the legend only."""
+    """Return a line for each limit on a figure; a limit far above the largest value is only in the legend."""
     traces = []
     for name, limit in limits_on(score, figure, condition).items():
         far = {"visible": "legendonly"} if limit * factor > FAR * most else {}
@@ -150,14 +150,14 @@ def _limit_lines(
 
 
 def _error_axis(title: str, values: Values, limits: Sequence[float]) -> dict[str, Any]:
-    """Return an axis from 0 for values and their limits, logarithmic where a limit is far above all values."""
+    """Return an axis from 0 for values and their limits; logarithmic if a limit is far above all values."""
     if max(limits, default=0.0) > 3.0 * largest(values):
         return log_axis(title, *span([*values, *limits]))
     return axis(title, rangemode="tozero")
 
 
 def error_sizes(rows: SubTrajectoryRows) -> list[float | None]:
-    """Return the size of each position error, m; None where an error is unknown."""
+    """Return the norm of each position error, m; None if a component is unknown."""
     return _sizes(rows.x_m, rows.y_m, rows.z_m)
 
 
@@ -179,7 +179,7 @@ def _traces_to(rows: SubTrajectoryRows) -> list[list[str | int]]:
 
 
 def path_errors(path: PathRows) -> list[list[float | None]]:
-    """Return the errors x, y and z of each frame of a path, m, and their size."""
+    """Return the errors x, y and z of each frame of a path, m, and their norm."""
     truth = path.truth_x_m, path.truth_y_m, path.truth_z_m
     estimate = path.estimate_x_m, path.estimate_y_m, path.estimate_z_m
     errors = [
@@ -238,7 +238,7 @@ def _along(path: PathRows) -> list[Plot]:
         line(name, (path.travelled_m, scaled(values, factor)), color, dash=dash, width=1.5)
         for values, (name, color, dash) in zip(errors, styles, strict=True)
     ]
-    if path.sigma_x_m:  # the norm of the sigmas, where they are known and the frame is not lost
+    if path.sigma_x_m:  # the norm of the sigmas if they are known and the frame is not lost
         rows = zip(path.sigma_x_m, path.sigma_y_m, path.sigma_z_m, path.lost, strict=True)
         sigma = [
             None if lost or x is None or y is None or z is None else 3 * math.hypot(x, y, z) for x, y, z, lost in rows
@@ -247,7 +247,7 @@ def _along(path: PathRows) -> list[Plot]:
     layout = {"xaxis": axis(TRAVELLED), "yaxis": axis(f"estimate - truth in DS, {unit}", zeroline=True)}
     caption = "Error accumulated since the first frame, without re-basing; not a figure of the specification."
     return [
-        Plot("height", "Height", "Axes not to one scale.", heights, upright),
+        Plot("height", "Height", "The axes have different scales.", heights, upright),
         Plot("accumulated", "Accumulated position error", caption, data, layout),
     ]
 
@@ -289,18 +289,18 @@ def _position(score: Score, parts: list[PlottedCondition]) -> Plot:
         data += _limit_lines(score, "position", ends, math.inf, factor, condition, **(group if k else {}))
         if row is not None and row.interval is not None:
             low, high = (bound * factor for bound in row.interval)
-            data.append(band(f"95 % interval of it, {over}", ends, low, high, f"{color}-soft", **group))
+            data.append(band(f"95 % interval, {over}", ends, low, high, f"{color}-soft", **group))
     on = (limits_on(score, "position", part.rows.condition) for part in parts)
     limits = [limit * factor for found in on for limit in found.values()]
     sizes = [value for part in parts for value in scaled(error_sizes(part.rows), factor)]
     layout = {"xaxis": axis(AT_THE_END), "yaxis": _error_axis(f"size of the position error, {unit}", sizes, limits)}
-    caption = "Each mark is one sub-trajectory: point at it for its frames and stamps. A click on a name of the legend "
+    caption = "Each mark is one sub-trajectory: hover for its frames and stamps. A click on a name of the legend "
     caption += "shows or hides a condition."
     return Plot("position", "Position error against distance travelled", caption, data, layout, width="full")
 
 
 def growth(named: Sequence[tuple[str, Score]]) -> list[Plot]:
-    """Return the error of some scores against the length of the sub-trajectories, as far as they have it."""
+    """Return the plot of the errors of scores over the length of the sub-trajectories; empty without data."""
     series = []
     for k, (name, score) in enumerate(named):
         steps = score.rows("position", subject=Subject.TRAJECTORY, condition=None)
@@ -390,7 +390,7 @@ def _timeline(score: Score, kind: CallKind) -> list[Plot]:
         layout["grid"] = {"rows": 2, "columns": 1, "pattern": "coupled", "ygap": 0.14}
         layout["yaxis2"] = axis("peak memory, MiB")
     block = series.slowest_of
-    caption = "Each call in turn; memory: resident." if block == 1 else f"The slowest of every {block} calls."
+    caption = "One mark per call; resident memory." if block == 1 else f"The slowest of every {block} calls."
     title = f"Time and memory by call: {kind.words}"
     return [Plot(f"{kind}-timeline", title, caption, data, layout, height=440, width="full")]
 
@@ -442,7 +442,7 @@ def _image(item: ErrorImage, width: str) -> Plot:
         "yaxis": axis("v, px", autorange="reversed", scaleanchor="x", constrain="domain", showgrid=False),
     }
     title = f"Point error over the image of pair {item.pair}"
-    caption = f"Mean of blocks of {block} x {block} pixels; blank where there is no point with a truth."
+    caption = f"Mean of blocks of {block} x {block} pixels; blank without a point that has a truth."
     return Plot(f"image-{item.pair}", title, caption, [image], layout, height=340, width=width)
 
 
@@ -484,9 +484,9 @@ def _over_range(score: Score) -> Plot:
         | {"range": [math.log10(max(min(known) / 10, 0.1)), math.log10(max(known) * 3)]},
     }
     caption = (
-        "The law of triangulation: an error d of the disparity moves a point by Z² d / (f b) along its ray (f focal "
-        "length, b baseline; the range stands for the depth Z). Its lines are what the named disparity errors "
-        "amount to, the bold one for the median that was measured."
+        "Law of triangulation: a disparity error d moves a point by Z² d / (f b) along its ray (f focal length, b "
+        "baseline; the range approximates the depth Z). The lines show this error for the labelled disparity "
+        "errors; the bold line is for the measured median."
     )
     return Plot("over-range", "Point error over range", caption, data, layout, height=480, width="full")
 
@@ -502,10 +502,10 @@ def _in_space(cloud: PointRows) -> Plot:
     }
     scene: dict[str, Any] = {"aspectmode": "data", "camera": {"eye": {"x": -1.6, "y": -1.3, "z": 1.1}}}
     for name, column in (("x", cloud.x_m), ("y", cloud.y_m), ("z", cloud.z_m)):
-        # the middle 95 % of the values; far points would leave little of the rest
+        # the middle 95 % of the values, because far points would compress the others
         ordered = sorted(value for value in column if value is not None)
         spare = len(ordered) // 40
         scene[f"{name}axis"] = {"title": {"text": f"{name} of LM, m"}, "range": [ordered[spare], ordered[-1 - spare]]}
-    caption = f"{len(logs)} points of the cloud, those within the middle 95 % of each axis. Equal axes. LM: "
+    caption = f"{len(logs)} points of the cloud; the view spans the middle 95 % of each axis. Equal axes. LM: "
     caption += "the local map frame, fixed to the ground, z up."
     return Plot("cloud", "Cloud coloured by error", caption, [points], {"scene": scene}, height=560, width="full")

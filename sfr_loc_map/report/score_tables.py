@@ -1,6 +1,6 @@
-"""The tables of a score: views of the rows of its table of figures; each cell names its place in the JSON.
+"""The tables of a score: views of the rows of its table of figures. Each cell names its key in the JSON.
 
-A figure that no table asks for is shown in the last one, so that every row of the score is in every report.
+Figures without a table are shown in a final table, so that every report contains every row of the score.
 """
 
 from __future__ import annotations
@@ -38,78 +38,78 @@ SUMMARY = (
     *("headline", "aligned", "map", "time", "memory", "target-time", "target-memory", "external", "method"),
     *("readings", "covered", "verdicts"),
 )
-"""Tables of the terminal; the verdicts are last, where they are seen."""
-HOST = "host"  #: First word of the name of a clock of this machine.
+"""Tables of the terminal. The verdicts are last, so that they stay visible."""
+HOST = "host"  #: First word of the name of a clock of the host.
 UNNAMED = "not named"
-EXACT = "The truth is taken as exact; --set truth.sigma_m=M and truth.sigma_deg=DEG of sfr score state its noise."
+EXACT = "The truth is assumed exact; --set truth.sigma_m=M and truth.sigma_deg=DEG of sfr score set its noise."
 NO_INTERVAL = (
-    "Only mean + 3 sigma over sub-trajectories has a 95 % interval, if at least two of them are independent. Without "
-    "an interval nothing is certain (-)."
+    "Only mean + 3 sigma over sub-trajectories has a 95 % interval, if at least two sub-trajectories are independent. "
+    "Without an interval no verdict is certain (-)."
 )
 EVIDENCE = (
-    "Mean + 3 sigma of n independent sub-trajectories exceeds the share of all position errors with this confidence, "
-    "if errors are normal. One axis that dominates lowers it."
+    "Mean + 3 sigma of n independent sub-trajectories exceeds the stated fraction of all position errors with this "
+    "confidence, if errors are normally distributed. A dominant axis lowers the confidence."
 )
 CALL_PARTS = (None, FIRST, AFTER_FIRST)  #: Parts of the times of complete calls on this host.
 READINGS = {
-    Rebase.POSE: "the estimate is re-based at the start by its complete pose, then poses are compared",
-    Rebase.DISPLACEMENT: "displacements in DS and changes of attitude and heading since the start are compared: the "
-    "document to the letter",
-    Rebase.POSITION: "the estimate is re-based at the start by its position alone; earlier attitude error counts",
+    Rebase.POSE: "the estimate is re-based at the start by its full pose, then poses are compared",
+    Rebase.DISPLACEMENT: "displacements in DS and changes of attitude and heading since the start are compared, as the "
+    "document literally states",
+    Rebase.POSITION: "the estimate is re-based at the start by its position only; earlier attitude errors count",
 }
 TERMS: Mapping[str, str] = {
     "sub-trajectory": "the part of the drive from a start to the frame at which the condition is met",
-    "re-based": "the estimate is placed on the true pose at each start: its error at the end is what was added since",
-    "position error": "estimated less true position at the end, as a vector; the mean is the length of the mean vector",
+    "re-based": "the estimate is moved to the true pose at each start, so that only errors since the start count",
+    "position error": "estimated minus true position at the end, as a vector; the mean is the norm of the mean vector",
     "attitude error": "angle between the estimated and the true attitude at the end of a sub-trajectory",
-    "heading error": "estimated less true heading (about the vertical) at the end, with its sign",
-    "chord error": "straight distance from start to end of a sub-trajectory, estimated less true: needs no attitudes",
-    "fitted": "one rotation (about the vertical unless z is tilted) and one translation of the estimate over the drive",
-    "mean + 3 sigma": "size of the mean plus three standard deviations: what the specification limits",
-    "95 % interval": "range that holds the true mean + 3 sigma in 95 of 100 such drives",
-    "independent": "number of sub-trajectories over the number that overlap on average",
-    "rmse": "root mean square of the sizes of the errors",
-    "p50, p95, p99": "50, 95 or 99 of 100 sizes are not larger",
-    "not enough data": "the figure is not defined, or made of fewer values than the limits require",
+    "heading error": "estimated minus true heading (about the vertical) at the end, signed",
+    "chord error": "straight distance from start to end, estimated minus true; requires no attitudes",
+    "fitted": "aligned by one rotation (about the vertical unless z is tilted) and one translation per drive",
+    "mean + 3 sigma": "norm of the mean plus three standard deviations, the statistic that the specification limits",
+    "95 % interval": "confidence interval that contains the true mean + 3 sigma in 95 of 100 such drives",
+    "independent": "number of sub-trajectories divided by the mean number of overlapping sub-trajectories",
+    "rmse": "root mean square of the norms of the errors",
+    "p50, p95, p99": "quantiles: 50, 95 or 99 % of the norms of the errors are at most this large",
+    "not enough data": "the figure is undefined, or computed from fewer values than the limits require",
     "DS": "the fixed world frame of the drive: x east, y north, z up",
-    "LM": "the local map frame: fixed to the ground, z up; coordinates of the map are in it",
+    "LM": "the local map frame of the map coordinates: fixed to the ground, z up",
     "along, across": "in the direction of the true path, and to its left",
-    "NEES": "squared error divided by the variance estimated for it; if that is honest, about the number of components",
+    "NEES": "squared error normalised by its covariance; equal to the number of components on average if consistent",
     "point error": "distance from a map point to the true point of its pixel",
-    "distance to the nearest true point": "distance from a map point to any true point; reads lower than point error",
-    "coverage": "fraction of the true points within the scored range that have a map point",
-    "disparity error": "disparity, in pixels, that the error in depth amounts to; it does not grow with range",
-    "time": "from the call of the localiser or mapper to its return, without transport and queues",
-    "first call": "shown apart, because it may load what later calls find loaded",
+    "distance to the nearest true point": "distance from a map point to any true point; at most the point error",
+    "coverage": "fraction of the true points in the scored range that have a map point",
+    "disparity error": "depth error converted to disparity, in pixels; it does not grow with range",
+    "time": "duration of a call of the localiser or mapper, without transport and queueing",
+    "first call": "reported separately, because it may include one-time initialisation",
     "peak memory": "largest resident memory of the process during a call",
-    "above the idle process": "the peak less what was resident after start and before the first call",
+    "above the idle process": "peak memory minus the resident memory between start and first call",
     "certain": "the 95 % interval lies on one side of the limit",
-    "margin": "from the value to the limit; negative where the limit is missed",
-    "missing": "images without an estimate; where images are not known, true poses in gaps between estimates",
-    "judged fraction": "of the images those with an estimate; else of the true path what is outside of gaps",
-    "lost": "no pose could be estimated; scored with the last known one",
-    "degraded": "a pose with a larger covariance, and a reason",
+    "margin": "distance from the value to the limit; negative if the limit is missed",
+    "missing": "images without an estimate; if the images are unknown, true poses in gaps between estimates",
+    "judged fraction": "fraction of images with an estimate; if unknown, fraction of the true path outside gaps",
+    "lost": "no pose could be estimated; scored with the last known pose",
+    "degraded": "a pose was estimated, but a check failed; its covariance is inflated and a reason is reported",
 }
-"""What the words of the tables are, each in one sentence."""
+"""Definitions of the terms in the tables."""
 
 
 class Placed(NamedTuple):
-    """A row of the table of figures and its place in the score."""
+    """A row of the table of figures and its index in the score."""
 
     place: int
     row: Figure
 
 
-# ---- which rows are in which table
+# ---- assignment of rows to tables
 
 
 def is_headline(score: Score, row: Figure) -> bool:
-    """Return whether a row is in the first table: complete figures of the catalogue, and what is limited."""
+    """Return whether a row is in the first table: full figures of the catalogue, and limited figures."""
     if is_limited(score, row):
         return True
     if row.figure not in KINDS or not KINDS[row.figure].shown:
         return False
-    if row.subject is Subject.MEMORY:  # a peak is that of a kind of call, which is its part
+    if row.subject is Subject.MEMORY:  # the part of a peak is the kind of call
         return row.value is not None and row.place is not Place.TARGET
     return row is score.judged_row(row.figure, condition=row.condition)
 
@@ -123,22 +123,24 @@ def is_limited(score: Score, row: Figure) -> bool:
 
 
 class View(NamedTuple):
-    """A table of figures: its name, title, the rows that it shows, and how it is to be read."""
+    """A table of figures: name, title, selected rows and explanation."""
 
     name: str
     title: str
     shows: Callable[[Score, Figure], bool]
     note: Callable[[Score], str] = lambda score: ""
-    columns: Callable[[Figure], Sequence[str]] = lambda row: NUMBERS  #: Statistics of a row, beside what is limited.
+    columns: Callable[[Figure], Sequence[str]] = lambda row: (
+        NUMBERS
+    )  #: Statistics of a row, in addition to limited ones.
 
 
 def shown_statistics(row: Figure) -> Sequence[str]:
-    """Return the statistics that every view shows of a figure, by the catalogue."""
+    """Return the statistics of a figure that every view shows, from the catalogue."""
     return KINDS[row.figure].shown if row.figure in KINDS else NUMBERS
 
 
 def compared_statistics(row: Figure) -> Sequence[str]:
-    """Return the statistics by which runs are compared, by the catalogue."""
+    """Return the statistics by which runs are compared, from the catalogue."""
     return KINDS[row.figure].compared if row.figure in KINDS else NUMBERS
 
 
@@ -169,7 +171,7 @@ def is_deadline(score: Score, row: Figure) -> bool:
 
 
 def deadline_note(score: Score) -> str:
-    """Return how the period is to be read."""
+    """Return the explanation of the period."""
     return "The period is the median difference of the stamps of the pairs. Times are of one call, wall-clock."
 
 
@@ -184,22 +186,22 @@ def is_memory(score: Score, row: Figure) -> bool:
 
 
 def memory_note(score: Score) -> str:
-    """Return how memory was measured."""
+    """Return the method of the memory measurement."""
     return f"Method: {UNKNOWN if score.calls is None else score.calls.memory_method or UNKNOWN}."
 
 
 def directions_note(score: Score) -> str:
-    """Return how errors by direction are to be read."""
-    return "x, y, z of DS. Means with their signs."
+    """Return the explanation of errors by direction."""
+    return "x, y, z of DS. Means are signed."
 
 
 def stages_note(score: Score) -> str:
-    """Return the calls that the times of stages cover."""
-    return "Over the calls that had the stage."
+    """Return the explanation of the times of stages."""
+    return "Over the calls that ran the stage."
 
 
 def score_tables(score: Score) -> list[Table]:
-    """Return all tables of a score that have something to show, the most important first."""
+    """Return all non-empty tables of a score, the most important first."""
     placed = [Placed(place, row) for place, row in enumerate(score.figures)]
     shown: set[int] = set()
     found = []
@@ -214,7 +216,7 @@ def score_tables(score: Score) -> list[Table]:
 
 
 def summary_tables(score: Score) -> list[Table]:
-    """Return the tables for the terminal: completeness without zeros, and without the note, which the verdict has."""
+    """Return the tables for the terminal. Completeness is shown without zeros and without the note of the verdict."""
     named = {table.name: table for table in score_tables(score)}
     if (covered := named.get("covered")) is not None:
         rows = tuple(row for row in covered.rows if any(cell.value for cell in row))
@@ -231,7 +233,7 @@ def table_of(score: Score, name: str) -> Table:
 
 
 def columns_of(view: View, score: Score, placed: Sequence[Placed]) -> tuple[str, ...]:
-    """Return the statistics that a table shows: those of its rows, and those that are limited."""
+    """Return the statistics that a table shows: those of its rows, and the limited statistics."""
     wanted = {item.statistic for item in score.verdicts}
     for _, row in placed:
         wanted.update(view.columns(row))
@@ -239,7 +241,7 @@ def columns_of(view: View, score: Score, placed: Sequence[Placed]) -> tuple[str,
 
 
 def glossary() -> Table:
-    """Return the words of the tables with their meaning."""
+    """Return the terms of the tables with their definitions."""
     rows = tuple((Cell.head(word), Cell(text)) for word, text in TERMS.items())
     return Table("words", "Words", (Column("word", words=True), Column("meaning", words=True)), rows)
 
@@ -284,14 +286,14 @@ def figure_table(
 
 
 def undefined_of(row: Figure, statistic: str) -> str:
-    """Return the text of an undefined number: not enough data where the figure has this number."""
+    """Return the text of an undefined number: not enough data if the figure could have this number."""
     if row.is_one_number or row.value is not None:
         return UNKNOWN if statistic == "value" else ABSENT
     return NOT_ENOUGH if statistic != "value" and not row.is_defined else ABSENT
 
 
 def row_title(row: Figure) -> str:
-    """Return the name of a row for people: `position error over 5 m, along the path`."""
+    """Return the displayed name of a row: `position error over 5 m, along the path`."""
     over = f" over {label_of(row.condition)}" if row.condition else ""
     part = "" if row.part is None else f", {DIRECTIONS.get(row.part, row.part.replace('_', ' '))}"
     return f"{title_of(row.figure)}{over}{part}"
@@ -335,7 +337,7 @@ def verdict_table(score: Score) -> Table:
 
 
 def limits_on(score: Score, figure: str, condition: str | None = None, part: str | None = None) -> dict[str, float]:
-    """Return the limits on a figure by the statistic that they are on."""
+    """Return the limits on a figure by statistic."""
     return {
         item.statistic: item.limit
         for item in score.verdicts
@@ -351,29 +353,29 @@ def limits_on(score: Score, figure: str, condition: str | None = None, part: str
 
 
 def headline_note(score: Score) -> str:
-    """Return how the figures of the specification are to be read."""
+    """Return the explanation of the figures of the specification."""
     note = f"n: sub-trajectories, map points or calls. {NO_INTERVAL} "
     if (drive := score.association) is not None:
         note += f"{drive.matched} frames of {drive.estimate_poses} estimates, {drive.lost} lost, "
         note += f"{drive.degraded} degraded; re-based by {drive.rebase.replace('_', ' ')}. "
         if drive.rebase.is_fit:
-            note += "Position errors are of the estimate fitted to the truth. "
+            note += "Position errors are those of the estimate fitted to the truth. "
     return f"{note}{truth_text(score)}{clock_text(score)}".rstrip()
 
 
 def covered_note(score: Score) -> str:
-    """Return why the estimate does not cover the complete drive."""
+    """Return the reason why the estimate does not cover the whole drive."""
     return f"Incomplete: {score.incomplete}." if score.incomplete else ""
 
 
 DS_IS_COMMON = (
-    "The readings by displacement and by position compare vectors in DS: they need an estimate that starts at a true "
-    "pose (--start truth, initialpose)."
+    "The readings by displacement and by position compare vectors in DS. They require an estimate that starts at a "
+    "true pose (--start truth, initialpose)."
 )
 
 
 def readings_note(score: Score) -> str:
-    """Return what the readings are, and which verdicts depend on them."""
+    """Return the definitions of the readings, and the verdicts that depend on the reading."""
     note = "".join(f"{rebase.capitalize()}: {text}. " for rebase, text in READINGS.items())
     judged = [item for item in score.verdicts if item.by_reading]
     if not judged:
@@ -381,7 +383,7 @@ def readings_note(score: Score) -> str:
     said = [f"{name_of(item)}: {readings_text(item)}" for item in judged if len(set(item.by_reading.values())) > 1]
     if not said:
         return note + "Each reading gives the same verdicts."
-    return f"{note}The reading decides: {'; '.join(said)}. {DS_IS_COMMON}"
+    return f"{note}The verdict depends on the reading: {'; '.join(said)}. {DS_IS_COMMON}"
 
 
 def readings_text(item: Verdict) -> str:
@@ -390,7 +392,7 @@ def readings_text(item: Verdict) -> str:
 
 
 def aligned_note(score: Score) -> str:
-    """Return how APE and RPE were computed."""
+    """Return the settings of APE and RPE."""
     if (how := score.alignment) is None:
         return ""
     return (
@@ -400,32 +402,32 @@ def aligned_note(score: Score) -> str:
 
 
 def map_note(score: Score) -> str:
-    """Return how coverage is to be read."""
+    """Return the explanation of coverage."""
     if (cloud := score.cloud) is None:
         return ""
     low, high = (number(bound) for bound in cloud.scored_range_m)
     kind = f"The cloud is {cloud.kind}. " if cloud.kind is not None else ""
-    return f"{kind}Coverage: fraction of the true points from {low} to {high} m, or of the range named."
+    return f"{kind}Coverage: fraction of the true points from {low} to {high} m, or in the named range."
 
 
 def evidence_note(score: Score) -> str:
-    """Return how the confidence in the figures is to be read."""
+    """Return the explanation of the confidence in the figures."""
     return EVIDENCE
 
 
 def nees_note(score: Score) -> str:
-    """Return how the consistency of the uncertainty is to be read."""
+    """Return the explanation of the consistency of the uncertainty."""
     return (
-        "value: the expected mean; 95 of 100 means of consistent covariances are in the interval. Above the interval "
-        "the estimated sigma is too small (errors are larger than it states), below it too large. n: sub-trajectories "
-        "that share no frame, or points of blocks far apart. The covariance of our localiser assumes the baseline "
-        "within 0.1 %, sigma of a map point baseline, focal length and yaw as exact as mapping.calibration states: no "
-        f"pair can show them. {truth_text(score) or EXACT}"
+        "value: the expected mean. For consistent covariances, 95 of 100 means are in the interval. Above the interval "
+        "the estimated sigma is too small, below it too large. n: sub-trajectories without a common frame, or points "
+        "of distant blocks. The covariance of our localiser assumes a baseline error within 0.1 %. The sigma of a map "
+        "point assumes the errors of baseline, focal length and yaw in mapping.calibration, which are unobservable in "
+        f"a pair. {truth_text(score) or EXACT}"
     )
 
 
 def target_note(score: Score) -> str:
-    """Return which target calls were measured on."""
+    """Return the name of the target on which calls were measured."""
     if (target := score.target) is None:
         return ""
     method = "" if target.memory_method is None else f" Memory: {target.memory_method}."
@@ -433,19 +435,19 @@ def target_note(score: Score) -> str:
 
 
 def clock_text(score: Score) -> str:
-    """Return which clock the times were measured with, and that a host time is no time of the target."""
+    """Return the clock of the times, with a remark if the times are of the host."""
     clocks = [] if score.calls is None else sorted(set(score.calls.clocks.values()))
     if not clocks:
         return ""
     text = f"Clock: {', '.join(clocks)}."
     if any(clock.startswith(HOST) for clock in clocks):
         target = "" if score.target is None else f", not of {score.target.name}"
-        text += f" Host times are of the machine the run was made on{target}."
+        text += f" Host times are of the machine of the run{target}."
     return text
 
 
 def truth_text(score: Score) -> str:
-    """Return what is known of a truth that has noise, or positions alone; nothing of any other."""
+    """Return the properties of a truth with noise or without attitudes; empty for an exact truth."""
     about, said = score.truth, []
     if about is None or about.is_exact:
         return ""
@@ -455,9 +457,9 @@ def truth_text(score: Score) -> str:
         said.append(f"Noise of the truth: {named} (standard deviation along an axis), counted in NEES. ")
     if not about.attitude:
         point = ", ".join(map(number, about.lever_arm_m))
-        said.append(f"The truth has no attitudes{f', and is of a point at {point} m in RB' if point else ''}. ")
+        said.append(f"The truth has no attitudes{f' and refers to a point at {point} m in RB' if point else ''}. ")
         tilt = "" if about.tilt_deg is None else f", a tilt of {number(about.tilt_deg)} deg"
-        said.append(f"The estimate was aligned with it: yaw {number(about.yaw_deg)} deg{tilt} and a translation. ")
+        said.append(f"The estimate was aligned to the truth: yaw {number(about.yaw_deg)} deg{tilt} and a translation. ")
     return "".join(said)
 
 
@@ -465,7 +467,7 @@ def truth_text(score: Score) -> str:
 
 
 def association_table(score: Score) -> Table:
-    """Return what was scored, and what became of the poses."""
+    """Return the counts of scored frames and poses."""
     columns = (Column("of frames and poses", words=True), Column("number"))
     if score.association is None:
         return Table("frames", "What was scored", columns, ())
@@ -479,7 +481,7 @@ def association_table(score: Score) -> Table:
 
 
 def method_table(score: Score) -> Table:
-    """Return whose run it is."""
+    """Return the description of the method under test."""
     method, facts = score.method, dict[str, str]()
     if method is not None:
         facts = {"method": method.name, "version": method.version or UNNAMED, "kind": method.kind.value}
@@ -496,7 +498,7 @@ def method_table(score: Score) -> Table:
 
 
 def convention_text(score: Score) -> str:
-    """Return in words how poses were converted before they were scored, empty where they were not."""
+    """Return the conversion of the poses before scoring, in words; empty if there was none."""
     convention = score.convention
     if convention is None:
         return ""
@@ -508,7 +510,7 @@ def convention_text(score: Score) -> str:
 
 
 def external_table(score: Score) -> Table:
-    """Return how an external node behaved."""
+    """Return the answers, latency and resources of an external node."""
     columns = (Column("external node", words=True), Column("unit"), Column("value"))
     if (node := score.external) is None:
         return Table("external", "External node", columns, ())
@@ -530,9 +532,9 @@ def external_table(score: Score) -> Table:
     note = (
         f"On {node.topic}, frames {node.frames or UNNAMED}. Latency: from the last image of a pair to the receipt of "
     )
-    note += "its answer, with transport and waiting; it is no time per call."
+    note += "the answer, including transport and queueing, unlike a time per call."
     note += f" Processes: {node.process.method}." if node.process is not None else ""
-    note += f" It {node.ended}." if node.ended else ""
+    note += f" The node {node.ended}." if node.ended else ""
     return Table("external", f"External node: {node.task}", columns, rows, note)
 
 
@@ -540,12 +542,12 @@ def external_table(score: Score) -> Table:
 
 
 def about(subject: Subject) -> Callable[[Score, Figure], bool]:
-    """Return the test whether a row is about a subject."""
+    """Return the predicate whether a row is about a subject."""
     return lambda score, row: row.subject is subject
 
 
 def on_target(subject: Subject) -> Callable[[Score, Figure], bool]:
-    """Return the test whether a row is about a subject, as measured on the target."""
+    """Return the predicate whether a row is about a subject and was measured on the target."""
     return lambda score, row: row.subject is subject and row.place is Place.TARGET
 
 
@@ -566,4 +568,4 @@ VIEWS = (
     View("target-time", "Time per call on the target", on_target(Subject.TIMING), target_note),
     View("target-memory", "Peak memory on the target", on_target(Subject.MEMORY), target_note),
 )
-"""The tables of figures. Other rows go to a final table."""
+"""The tables of figures. Other rows are in a final table."""

@@ -1,6 +1,6 @@
-"""Tables of figures: numbers with units, one model of a table, and its renderers for terminal, HTML, Markdown and CSV.
+"""Tables of figures: numbers with units, a model of tables, and renderers for terminal, HTML, Markdown and CSV.
 
-Terminal, page, live page and Markdown show the same strings; CSV holds the exact values.
+Terminal, page, live page and Markdown show the same strings. CSV contains the exact values.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ UNKNOWN, NOT_ENOUGH, ABSENT = "unknown", "not enough data", "-"
 
 
 SHOWN_UNITS = {"mm": ("m", 1e-3), "ms": ("s", 1e-3), "%": ("1", 1e-2), "MiB": ("bytes", 2.0**20)}
-"""Units that values of another unit are shown in: that unit, and the size of the shown one in it."""
+"""Displayed units, each with the unit of the values and the size of the displayed unit in this unit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit that values are shown in; `size` is one of it in the unit of the values: 1e-3 for ms of seconds."""
+    """A displayed unit; `size` is its size in the unit of the values, for example 1e-3 for ms and values in s."""
 
     symbol: str = ""
     size: float = field(init=False)
@@ -53,14 +53,14 @@ NONE, METRE, MILLIMETRE, MILLISECOND, PERCENT, MIB = map(Unit, ("", "m", "mm", "
 
 
 def fitting(unit: Unit, *values: float | None) -> Unit:
-    """Return the unit that suits values which are compared with each other: 3.2 mm rather than 0.0032 m."""
+    """Return the common display unit of values that are compared: 3.2 mm instead of 0.0032 m."""
     limit, smaller = {"m": (1.0, MILLIMETRE), "s": (10.0, MILLISECOND)}.get(unit.symbol, (0.0, unit))
     largest = max((abs(value) for value in values if value is not None and math.isfinite(value)), default=0.0)
     return smaller if 0.0 < largest < limit else unit
 
 
 def number(value: float | int | None, unit: Unit = NONE, undefined: str = UNKNOWN, *, signed: bool = False) -> str:
-    """Return a value in a unit with four significant digits, whole numbers in full; `undefined` stands for None."""
+    """Return a value in a unit with four significant digits, integers in full; return `undefined` for None."""
     if value is None:
         return undefined
     shown = value if unit.size == 1.0 else value / unit.size
@@ -74,7 +74,7 @@ def number(value: float | int | None, unit: Unit = NONE, undefined: str = UNKNOW
 
 
 class CellKind(StrEnum):
-    """What a cell is for."""
+    """Role of a cell."""
 
     PLAIN = ""
     HEAD = "head"
@@ -83,14 +83,14 @@ class CellKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column: title, unit of all its values (none where the rows differ), and whether it holds words."""
+    """A column: title, unit of all values (empty if the rows differ), and whether the column contains words."""
 
     title: str
     unit: Unit = NONE
     words: bool = False
 
     def __post_init__(self) -> None:
-        # it may be the name of a file
+        # the title may be a file name
         object.__setattr__(self, "title", printable(self.title))
 
     @property
@@ -104,13 +104,13 @@ class Cell:
     """One cell."""
 
     text: str
-    #: The same exactly, in the unit of its source; both bounds of an interval; None for words and what is not defined.
+    #: Exact value in the unit of its source, or both bounds of an interval; None for words and undefined values.
     value: float | int | Interval | None = None
     key: str = ""  #: Origin in the score, such as `figures.3.mean`; empty for text. For an
     #: interval, the row that has both bounds.
     kind: CellKind = CellKind.PLAIN
-    link: str = ""  #: Place of a page about it, relative to the page with the table; empty without a page.
-    mark: str = ""  #: One of `MARKS`, empty for none.
+    link: str = ""  #: Relative link to a page about the cell; empty if there is none.
+    mark: str = ""  #: One of `MARKS`; empty if there is none.
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "text", printable(self.text))
@@ -129,26 +129,26 @@ class Cell:
     def number(
         cls, value: float | None, key: str = "", unit: Unit = NONE, undefined: str = UNKNOWN, *, signed: bool = False
     ) -> Cell:
-        """Return a figure shown in a unit."""
+        """Return a figure, displayed in a unit."""
         return cls(number(value, unit, undefined, signed=signed), value, key)
 
     @classmethod
     def interval(
         cls, bounds: Interval | None, key: str = "", unit: Unit = NONE, undefined: str = ABSENT, *, signed: bool = False
     ) -> Cell:
-        """Return an interval shown in a unit."""
+        """Return an interval, displayed in a unit."""
         if not bounds:
             return cls(undefined)
         return cls(" to ".join(number(bound, unit=unit, signed=signed) for bound in bounds), bounds, key)
 
     @property
     def icon(self) -> str:
-        """Sign of a verdict, empty for other cells."""
+        """Icon of a verdict; empty for other cells."""
         return VERDICTS.get(self.text, OPEN).icon if self.kind is CellKind.VERDICT else ""
 
 
 class VerdictStyle(NamedTuple):
-    """How a verdict is shown: by word and sign; the colour only repeats them."""
+    """Icon and colour of a verdict. The colour only repeats the word and the icon."""
 
     icon: str
     css: str
@@ -156,10 +156,10 @@ class VerdictStyle(NamedTuple):
 
 
 ENDS = ("low95", "high95")  #: Keys of the bounds of an interval, below the key of its cell.
-MARKS = {"best": "★", "worst": "✕"}  #: Of the figures of a column; an arrow would say that more is better.
-LEAN_ROWS = 300  #: A table with more rows shows its figures alone, so that a page of thousands stays small.
+MARKS = {"best": "★", "worst": "✕"}  #: Marks in a column. An arrow would suggest that larger is better.
+LEAN_ROWS = 300  #: Tables with more rows omit keys and exact values, so that large pages stay small.
 VERDICTS = {"pass": VerdictStyle("✔", "pass", "green"), "fail": VerdictStyle("✖", "fail", "bold red")}
-OPEN = VerdictStyle("?", "open", "yellow")  #: Of every other verdict.
+OPEN = VerdictStyle("?", "open", "yellow")  #: Style of every other verdict.
 Row = tuple[Cell, ...]
 
 
@@ -171,7 +171,7 @@ class Table:
     title: str
     columns: tuple[Column, ...]
     rows: tuple[Row, ...]
-    note: str = ""  #: How the figures are to be read.
+    note: str = ""  #: Explanation of the figures.
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "title", printable(self.title))
@@ -186,13 +186,13 @@ def print_tables(tables: Iterable[Table]) -> None:
     from rich.console import Console
 
     console = Console()
-    console = console if console.is_terminal else Console(width=150)  # a file
+    console = console if console.is_terminal else Console(width=150)  # output to a file
     for table in tables:
         console.print(to_rich(table))
 
 
 def to_rich(table: Table) -> RichTable:
-    """Return a table as rich prints it: titles and texts as they are, without markup."""
+    """Return a table for rich, with titles and texts taken literally."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table as RichTable
     from rich.text import Text
@@ -215,11 +215,11 @@ def to_rich(table: Table) -> RichTable:
     return shown
 
 
-WORDS = ' class="words"'  #: Attribute of words and of the heading over them: they are aligned to the left.
+WORDS = ' class="words"'  #: Attribute of words and their heading, which are aligned to the left.
 
 
 def to_html(table: Table) -> str:
-    """Return a section with title, table and note, every text escaped; figures keep value and key as attributes."""
+    """Return a section with title, table and note, all texts escaped. Figures have value and key as attributes."""
     heads = "".join(f'<th scope="col"{WORDS * column.words}>{escape(column.heading)}</th>' for column in table.columns)
     lean = len(table.rows) > LEAN_ROWS
     rows = "\n".join(
@@ -253,10 +253,10 @@ def _html_cell(cell: Cell, column: Column, *, lean: bool) -> str:
 
 
 def to_markdown(tables: Iterable[Table], title: str = "") -> str:
-    """Return tables as Markdown below each other, under one heading if it is given."""
+    """Return tables as Markdown, under a common heading if `title` is given."""
 
     def plain(text: str) -> str:
-        """Return text that Markdown shows as it is."""
+        """Return a text with Markdown characters escaped."""
         return re.sub(r"([\\`*_<>|\[\]])", r"\\\1", " ".join(text.split()))
 
     def line(texts: Iterable[str]) -> str:
@@ -272,7 +272,7 @@ def to_markdown(tables: Iterable[Table], title: str = "") -> str:
 
 
 def to_csv(tables: Iterable[Table]) -> str:
-    """Return every figure in a row of its own, in the unit of its key; the bounds of an interval are two rows."""
+    """Return one CSV row per figure, in the unit of its key. The bounds of an interval are two rows."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(("table", "row", "column", "key", "value"))

@@ -1,7 +1,7 @@
-"""The test report, which a reviewer signs: made from scores alone, in the order of a verification report.
+"""The test report for signature, made only from scores, in the order of a verification report.
 
 The order is that of the verification report of ECSS-E-ST-10-02C: item, documents, procedure, data, results,
-evidence beside the results (if there is any), deviations, anomalies, open points, signatures.
+additional evidence (if there is any), deviations, anomalies, open points, signatures.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ CLAUSES = {
     "4.3.2": "RAM of a mapping call, by a method that the supplier proposes",
     "4.3.4": "Error of each point of the cloud",
 }
-OF_SUB_TRAJECTORIES = ("4.1.1", "4.1.2")  #: Clauses that every error of the trajectory follows.
-WITH_SIGMA = ("sigma", "mean_plus_3sigma")  #: Statistics that are made of a standard deviation.
+OF_SUB_TRAJECTORIES = ("4.1.1", "4.1.2")  #: Clauses that apply to every error of the trajectory.
+WITH_SIGMA = ("sigma", "mean_plus_3sigma")  #: Statistics that depend on a standard deviation.
 STANDARD_DEVIATION = "4.1.3"
 
 
 def clauses_used(scores: Sequence[Score]) -> list[str]:
-    """Return the clauses that the limited figures of some scores follow, in their order."""
+    """Return the clauses that apply to the limited figures of scores, sorted."""
     found = {view.clause for score in scores for view in verdict_views(score)} - {""}
     limited = [item for score in scores for item in score.verdicts]
     if any(item.statistic in WITH_SIGMA for item in limited):
@@ -56,7 +56,7 @@ def clauses_used(scores: Sequence[Score]) -> list[str]:
 
 
 class Evidence(NamedTuple):
-    """What supports the verdicts, from a file that another command wrote. It never changes a verdict."""
+    """Evidence from the output file of another command. It supports the verdicts and never changes them."""
 
     heading: str
     path: str
@@ -68,7 +68,7 @@ class Evidence(NamedTuple):
 def render_test_report(
     scores: Sequence[Score], title: str = "", number: str = "", issue: str = "", evidence: Sequence[Evidence] = ()
 ) -> str:
-    """Return the report of scores as they were judged as HTML, without script; it prints on A4."""
+    """Return the report of judged scores as HTML without scripts, formatted for A4."""
     common = common_verdict(scores)
     results = [row for command, score in enumerate(scores, 1) for row in _results(score, command)]
     states = [row.view.item.state.value for row in results]
@@ -115,14 +115,14 @@ def render_test_report(
 
 
 def overall_of_all(common: Common, overalls: Sequence[Overall]) -> Overall:
-    """Return the headline verdict: the worst one, and a pass only if it is common to all scores."""
+    """Return the headline verdict: the worst verdict of the scores; pass requires that all scores pass."""
     if common.text:
         return Overall("no common verdict", common.text, OPEN.css, OPEN.icon)
     return next(item for item in overalls if item.state == (common.state or NO_VERDICT))
 
 
 def _of_all(scores: Sequence[Score], texts_of: Callable[[Score], Iterator[str]]) -> list[str]:
-    """Return the texts about all scores, each once, with the commands it is of where there are several."""
+    """Return the texts about all scores without duplicates, with the numbers of their commands if there are several."""
     found: dict[str, list[str]] = {}
     for index, score in enumerate(scores):
         for text in texts_of(score):
@@ -131,7 +131,7 @@ def _of_all(scores: Sequence[Score], texts_of: Callable[[Score], Iterator[str]])
 
 
 def _item(score: Score) -> dict[str, str]:
-    """Return the item under test: what it is, on what it ran, by which clock."""
+    """Return the item under test with its platform, clock and settings."""
     made, method, target = score.provenance, score.method, score.target
     facts = {"Item": UNKNOWN, "Version": UNKNOWN}
     if method is not None:
@@ -165,14 +165,14 @@ def _item(score: Score) -> dict[str, str]:
 class ResultRow(NamedTuple):
     """A row of the results."""
 
-    id: str  #: Number of the requirement, else the numbers of the command and of the limit.
+    id: str  #: Number of the requirement, or else the numbers of the command and the limit.
     text: str  #: Text of the requirement.
     view: VerdictView
-    command: int  #: Number of the command that makes the figure again, from 1.
+    command: int  #: Number of the command that reproduces the figure, from 1.
 
 
 def _results(score: Score, command: int) -> Iterator[ResultRow]:
-    """Yield the rows of the results of a score, a row for each verdict."""
+    """Yield the rows of the results of a score, one per verdict."""
     for place, view in enumerate(verdict_views(score), 1):
         yield ResultRow(view.item.id or f"{command}.{place}", printable(view.item.text or ""), view, command)
 
@@ -192,6 +192,6 @@ def _open_points(score: Score) -> Iterator[str]:
         elif view.item.certain is False:
             yield f"{view.title}: the 95 % interval spans the limit; more data may change the verdict."
     if score.provenance is None or score.provenance.commit is None:
-        yield "The commit of sfr_loc_map is not known: it was not installed from a repository."
+        yield "The commit of sfr_loc_map is unknown, because sfr_loc_map was not installed from a repository."
     if score.method is None:
         yield "The item under test is not named in the inputs."

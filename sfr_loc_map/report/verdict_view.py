@@ -1,6 +1,6 @@
-"""One verdict as every view shows it: tables, bars, the test report, JUnit, the last line of a command, suites.
+"""Common view of a verdict for tables, bars, the test report, JUnit, the last line of a command and suites.
 
-Name, unit, numbers, style and reason of a verdict are made here and nowhere else.
+Name, unit, numbers, style and reason of a verdict are only formatted here.
 """
 
 from __future__ import annotations
@@ -30,32 +30,32 @@ from sfr_loc_map.report.tables import (
     number,
 )
 
-MOST_SHOWN = 10.0  #: Largest fraction of a limit that is shown.
-WITHOUT_NAME = (None, *Rebase)  #: Parts that the name of a limit does not have: the reading that is judged.
+MOST_SHOWN = 10.0  #: Largest displayed fraction of a limit.
+WITHOUT_NAME = (None, *Rebase)  #: Parts that are omitted in the name of a limit: the judged reading.
 
 
 @dataclass(frozen=True, slots=True)
 class VerdictView:
-    """A verdict with what views show of it."""
+    """A verdict with its displayed texts."""
 
     item: Verdict
-    key: str  #: Place in the JSON, such as `verdicts.3`.
-    unit: Unit  #: Of all numbers.
+    key: str  #: Key in the JSON, such as `verdicts.3`.
+    unit: Unit  #: Unit of all numbers.
     name: str  #: Figure, condition and statistic in words.
-    title: str  #: The same after the number of the requirement.
+    title: str  #: Name with the number of the requirement in front.
     style: VerdictStyle
     value: Cell
-    limit: Cell  #: With the sign between value and limit.
+    limit: Cell  #: Limit with the relation sign in front.
     margin: Cell
     interval: Cell
     count: Cell  #: Number of values.
     independent: Cell  #: Number of independent values.
     confidence: str  #: Whether the interval lies on one side of the limit, or what a tolerance bound shows.
-    reason: str  #: Why there is not enough data, where the score is given; empty for other verdicts.
+    reason: str  #: Why there is not enough data; empty for other verdicts or without the score.
 
     @classmethod
     def of(cls, item: Verdict, key: str = "", score: Score | None = None) -> VerdictView:
-        """Return the view of a verdict, with its counts and its reason where its score is given."""
+        """Return the view of a verdict, with counts and reason if the score is given."""
         unit = unit_of(item)
         name = name_of(item)
         is_total = item.condition is not None and item.statistic == "mean_plus_3sigma"
@@ -90,7 +90,7 @@ class VerdictView:
 
     @property
     def margin_text(self) -> str:
-        """The margin with its sign and its unit, empty without a margin."""
+        """The margin with its sign and its unit; empty without a margin."""
         if self.item.margin is None:
             return ""
         return self._with_unit(number(self.item.margin, unit=self.unit, signed=True))
@@ -107,13 +107,13 @@ class VerdictView:
 
     @property
     def is_defined(self) -> bool:
-        """Whether the specification defines what is limited: the statistic, and not the figure alone."""
+        """Whether the specification defines the limited statistic of the figure."""
         figure, statistic = self.item.figure, self.item.statistic
         return figure is not None and defines(figure, self.item.part, statistic or "")
 
     @property
     def use(self) -> float | None:
-        """How much of the limit the value uses: 1 at the limit, more beyond it."""
+        """Fraction of the limit that the value uses; above 1 the limit is missed."""
         value = self.item.value
         return None if value is None or not math.isfinite(value) else share_of_limit(self.item, value)
 
@@ -128,14 +128,14 @@ def verdict_views(score: Score) -> Iterator[VerdictView]:
 
 
 def name_of(item: Verdict) -> str:
-    """Return the name of what is limited: `position error over 5 m, mean + 3 sigma`."""
-    if item.figure is None:  # of what needs no limit: calls that failed, a part that is not covered
+    """Return the name of a limited number: `position error over 5 m, mean + 3 sigma`."""
+    if item.figure is None:  # a verdict without a limit: failed calls, incomplete results
         return item.name.removesuffix("_min").replace("_", " ")
     return limited_name(item.figure, item.part, item.condition, item.statistic)
 
 
 def limited_name(figure: str, part: str | None, condition: str | None, statistic: str | None) -> str:
-    """Return the name of a number of the table of figures, by the titles of the catalogue."""
+    """Return the name of a number of the table of figures, from the titles of the catalogue."""
     words = [title_of(figure) + (f" over {label_of(condition)}" if condition else "")]
     if part not in WITHOUT_NAME:
         words.append((part or "").replace("_", " "))
@@ -147,13 +147,13 @@ def limited_name(figure: str, part: str | None, condition: str | None, statistic
 
 
 def sign_of(item: Verdict) -> str:
-    """Return the sign between a value and its limit."""
+    """Return the relation sign between a value and its limit."""
     return "≥" if item.is_lower_bound else "≤"
 
 
 def unit_of(item: Verdict) -> Unit:
-    """Return the unit that suits a limit, its figure and its interval; fractions in per cent."""
-    if item.figure is None:  # of what needs no limit: the fraction that is judged, or a count
+    """Return the display unit of a limit, its figure and its interval; fractions are in per cent."""
+    if item.figure is None:  # a verdict without a limit: the judged fraction, or a count
         return PERCENT if item.is_lower_bound else Unit()
     kind = KINDS[item.figure]
     if kind.unit == "1":
@@ -170,7 +170,7 @@ def confidence_text(item: Verdict) -> str:
 
 
 def share_of_limit(item: Verdict, value: float) -> float:
-    """Return how much of a limit a value uses; of a lower bound the limit over the value."""
+    """Return the fraction of a limit that a value uses; for a lower bound, the limit divided by the value."""
     use, limit = (item.limit, abs(value)) if item.is_lower_bound else (abs(value), item.limit)
     return min(use / limit if limit else MOST_SHOWN if use else 0.0, MOST_SHOWN)
 

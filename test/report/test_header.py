@@ -39,11 +39,11 @@ def test_missed_limits_come_first_the_worst_before_the_others() -> None:
     undecided = verdict(None, 0.1, VerdictState.NOT_ENOUGH_DATA)
     shown = look_first(Score(verdicts=(*met, *failed, undecided)))
     assert [item.why for item in shown] == [
-        "It misses its limit: 300 mm, limit ≤ 100 mm.",
-        "It misses its limit: 120 mm, limit ≤ 100 mm.",
-        "There is not enough data to judge it by its limit: no data.",
-        "Of the limits that are met it is the nearest to being missed: -0.09 deg, limit ≤ 0.1 deg.",
+        "The limit is missed: 300 mm, limit ≤ 100 mm.",
+        "The limit is missed: 120 mm, limit ≤ 100 mm.",
+        "There is not enough data to judge this limit: no data.",
+        "This limit is met with the smallest margin: -0.09 deg, limit ≤ 0.1 deg.",
     ]
     assert shown[0].what == "position error over 5 m, mean"
     (item,) = look_first(Score(verdicts=(verdict(0.4, 0.8, FAIL, "coverage_min"),)))
-    assert item.why == "It misses its limit: 40 %, limit ≥ 80 %."
+    assert item.why == "The limit is missed: 40 %, limit ≥ 80 %."

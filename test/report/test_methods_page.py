@@ -76,5 +76,5 @@ def test_the_command_names_methods_and_writes_page_and_json(scores: list[Score],
     content = json.loads(found.read_text())
     assert content["names"] == ["sfr", "their node"]
     assert [method["kind"] for method in content["methods"]] == ["built-in", "external"]
-    for words in ("their node", "What each was made of", "Cost against accuracy", "sfr_loc_map"):
+    for words in ("their node", "Provenance of the scores", "Cost against accuracy", "sfr_loc_map"):
         assert words in page.read_text()

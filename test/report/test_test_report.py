@@ -200,7 +200,7 @@ def test_a_verdict_that_depends_on_the_reading_is_named() -> None:
     first = score.verdicts[0]
     other = replace(first, by_reading={"pose": VerdictState.PASS, "position": VerdictState.FAIL})
     said = table_of(replace(score, verdicts=(other,)), "readings").note
-    assert "The reading decides: position error over 5 m, mean + 3 sigma: " in said
+    assert "The verdict depends on the reading: position error over 5 m, mean + 3 sigma: " in said
     assert "fail by position" in said
 
 
@@ -213,7 +213,7 @@ def test_limits_of_the_sample_are_ten_requirements() -> None:
 
 
 def unseen_limits(path: Path) -> str:
-    return f"no limits file is named by {path}: its limits were not compared"
+    return f"{path} names no limits file: its limits were not compared"
 
 
 def test_the_command_writes_both_and_refuses_what_it_would_not_do(tmp_path: Path, sfr: Sfr) -> None:

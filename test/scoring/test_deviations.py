@@ -30,11 +30,11 @@ def test_deviations_are_found_by_comparison_with_the_document(judge: Judge) -> N
     assert judge.sfr("report", judge.folder / "score.json", *options).code == 0
     text = report.read_text()
     for said in (
-        "start every 20 frames; the document says 10",
-        "by the reading &#39;pose&#39;; to the letter the document compares displacements",
+        "start every 20 frames; the document states 10",
+        "by the reading &#39;pose&#39;. Literally, the document compares displacements",
         "was measured on the host; the document requires the target",
-        "missing_max_share 0.5 is allowed by the limits; without it 0 is",
-        "2 independent sub-trajectories are enough by the limits; without them 5 are",
+        "The limits allow missing_max_share 0.5; the default is 0.",
+        "The limits require 2 independent sub-trajectories; the default is 5.",
         "Number TR-7, issue 2",
         "SHA-256 ",
         "kernel ",
@@ -78,7 +78,7 @@ def test_unknown_calls_are_a_deviation(tmp_path: Path, files: tuple[Path, Path],
         assert sfr("score", *files, "--limits", rules, "--json", score, "--overwrite", *options).code == 0
         assert sfr("report", score, "--test-report", page, "--overwrite").code == 0
         assert ("The calls of the run are unknown" in page.read_text()) == is_deviation
-        of_any_run = "the calls (--stats) state no positions" in page.read_text().lower()
+        of_any_run = "the calls (--stats) have no positions" in page.read_text().lower()
         assert of_any_run != is_deviation, "these calls have nothing in common with the estimate but stamps"
 
 
@@ -89,9 +89,13 @@ def test_a_sparse_truth_and_unknown_images_are_conditions_of_the_verdict(tmp_pat
     save_trajectory(tmp_path / "t.csv", Trajectory(truth.stamps_ns[::2], truth.positions[::2], truth.quats_xyzw[::2]))
     rules = limits(tmp_path, {**POSITION, "minimum_independent": 2})
     done = sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", rules, "--json", score)
-    assert (done.code, "no figure contains the errors between them" in done.err) == (0, True), done.err
+    assert (done.code, "the figures do not contain errors between true poses" in done.err) == (0, True), done.err
     sfr("report", score, "--test-report", page)
-    for text in ("no figure contains the errors between them", "The images of the drive are unknown", "150 estimates"):
+    for text in (
+        "the figures do not contain errors between true poses",
+        "The images of the drive are unknown",
+        "150 estimates",
+    ):
         assert text in page.read_text()
 
 
@@ -110,7 +114,7 @@ def test_a_true_path_without_images_is_a_deviation(tmp_path: Path, sfr: Sfr, cut
     done = sfr("score", poses, folder, "--limits", limits(tmp_path, content), "--json", score)
     assert done.code == 0, done.out + done.err
     sfr("report", score, "--test-report", page)
-    is_told = "of the true path has no images, so that no estimate is expected there" in page.read_text()
+    is_told = "of the true path has no images, so no estimate is expected there" in page.read_text()
     assert is_told == (cut != slice(5, 13)), "less than a second is no hole"
     stated = limits(tmp_path, content | {"completeness": {"path_without_images_max_share": 0.05}})
     assert sfr("score", poses, folder, "--limits", stated).code == (1 if is_told else 0)

@@ -51,7 +51,7 @@
     });
   }
 
-  // The segment of a sub-trajectory is shown in the view from above: its frames are rows of the path, one in `every`.
+  // Show the segment of a sub-trajectory in the view from above. The path has one row per `every` frames.
   function mark(segment) {
     const view = document.getElementById("top-view");
     if (!view) return;
@@ -73,7 +73,7 @@
     Plotly.relayout(spec.name, Object.assign({ height: height }, layout));
   }
 
-  // On paper: light, as wide as the page (A4 less its margins, at 96 CSS pixels an inch), and no higher than the page.
+  // On paper: light theme, width of A4 minus the margins at 96 CSS pixels per inch, and at most the height of the page.
   const PAPER_WIDTH = 670, PAPER_HEIGHT = 860, HALF_PAGE = 400;
 
   function heightOnPaper(spec) {

@@ -1,5 +1,5 @@
 "use strict";
-// A click on a heading, or Enter, sorts the rows by that column: first the smallest, then the largest on top.
+// A click on a heading, or Enter, sorts the rows by this column: first in ascending, then in descending order.
 (function () {
   const valueOf = (row, column) => {
     const cell = row.cells[column], text = cell.textContent.trim();
@@ -7,7 +7,7 @@
     return Number.isNaN(number) ? text : number;
   };
   const before = (a, b) => {
-    if (typeof a !== typeof b) return typeof a === "number" ? -1 : 1; // what is not known stands last
+    if (typeof a !== typeof b) return typeof a === "number" ? -1 : 1; // unknown values are last
     return typeof a === "number" ? a - b : a.localeCompare(b, undefined, { numeric: true });
   };
   for (const table of document.querySelectorAll(".table table")) {

@@ -117,8 +117,8 @@ def test_the_test_report_shows_the_evidence_and_keeps_the_verdict(sfr: Sfr, tmp_
     assert found.code == usual.code
     headings = re.findall(r"<h2>(\d+) ([^<]+)</h2>", shown.read_text())
     assert [int(number) for number, _ in headings] == list(range(1, len(headings) + 1))
-    assert [text for _, text in headings][4:8] == ["Results", "Evidence beside the results", "Deviations", "Anomalies"]
-    assert "Evidence beside" not in plain.read_text()
+    assert [text for _, text in headings][4:8] == ["Results", "Additional evidence", "Deviations", "Anomalies"]
+    assert "Additional evidence" not in plain.read_text()
     assert "<b>noise" not in shown.read_text()
     assert hash_path(paths[0]) in shown.read_text()
     alone = sfr("report", score, "-o", tmp_path / "page.html", *options)
