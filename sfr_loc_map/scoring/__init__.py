@@ -1,4 +1,4 @@
-"""From files, or from what is in memory or on topics, to the score with its provenance."""
+"""Scores with provenance from files, data in memory or topics."""
 
 import lazy_loader
 

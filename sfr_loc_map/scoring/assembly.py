@@ -1,4 +1,4 @@
-"""The assembly of a score from its parts, with its verdicts and its warnings, for a finished and for a live run."""
+"""Assembly of a score from its parts, with verdicts and warnings, for finished and live runs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from sfr_loc_map.scoring.inputs import Run
 from sfr_loc_map.scoring.score_parts import CallsResult, DriveResult, MapResult
 
 OUTSIDE_SHARE, OUTSIDE_S = 0.5, 0.2
-"""Processor time outside the calls of a method, as a fraction of all and in s, above which a warning names it."""
+"""Processor time outside the calls of a method above which a warning is issued: fraction of the total, and s."""
 
 
 def with_conditions(config: ScoreConfig, limits: Limits | None) -> ScoreConfig:
@@ -32,7 +32,7 @@ def with_conditions(config: ScoreConfig, limits: Limits | None) -> ScoreConfig:
 
 
 def all_kept(limits: Limits | None, further: Collection[tuple[str, str]] = ()) -> frozenset[tuple[str, str]]:
-    """Return the figures and conditions of the trajectory whose errors are all kept."""
+    """Return the figures and conditions of the trajectory for which all errors are kept."""
     limited = frozenset() if limits is None else limits.figures_with_all_errors
     return limited.union(further)
 
@@ -46,7 +46,7 @@ def score_of_parts(
     config: ScoreConfig,
     limits: Limits | None,
 ) -> Score:
-    """Return the score that the parts of a run make, with its verdicts, and with warnings of what they do not show."""
+    """Return the score of the parts of a run, with its verdicts and warnings."""
     method = _method_of(run)
     score = Score(
         figures=(*trajectory.figures, *surface.figures, *calls.figures),
@@ -84,38 +84,38 @@ def _details(
 
 
 def _partial_warnings(score: Score) -> Iterator[str]:
-    """Yield what is missing of the whole that nothing but the user's consent lets pass."""
+    """Yield a warning if an incomplete result is judged only because the user allowed it."""
     if score.incomplete is None and (text := why_not_whole(score)) is not None:
         yield f"a part of the drive is judged: {text}"
 
 
 def _convention_warnings(convention: ConventionRecord | None) -> Iterator[str]:
     if convention is not None and convention.diagnosed is not None:
-        fitted = "; numbers of it were fitted to the truth, which flatters the figures" if convention.fitted else ""
+        fitted = "; it was fitted to the truth, which makes the figures optimistic" if convention.fitted else ""
         yield f"--apply-diagnosis converted the estimate by {convention.diagnosed} before scoring it{fitted}"
 
 
 def _method_of(run: Run) -> MethodRecord | None:
-    """Return whose run it is; a method under test rather than the one of this suite beside it."""
+    """Return the method of a run; a method under test takes precedence over a built-in method."""
     methods = [item.method for item in run.all_calls if item.method is not None]
     others = [method for method in methods if method.kind is not MethodKind.BUILT_IN]
     return run.method or next(iter([*others, *methods]), None)
 
 
 def _unbound_calls(run: Run) -> Iterator[str]:
-    """Yield that calls of files state no positions by which they would belong to the estimate."""
+    """Yield a warning if calls from files have no positions that assign them to the estimate."""
     unbound = [item for item in run.stats if item.positions is None and len(item.localised_ns)]
     if run.drive is not None and run.inputs.stats and unbound:
-        yield f"the calls (--stats) state no positions: {NOT_BOUND}"
+        yield f"the calls (--stats) have no positions: {NOT_BOUND}"
 
 
 def _process_warnings(method: MethodRecord, run: Run) -> Iterator[str]:
     if "not " in (method.isolation or ""):
-        yield f"method {method.name} was not isolated, it may have read any file: {method.isolation}"
+        yield f"method {method.name} was not isolated and may have read any file: {method.isolation}"
     for usage in (item.processes for item in run.stats if item.processes is not None):
         outside_s = usage.cpu_outside_s or 0.0
         if outside_s > max(OUTSIDE_SHARE * usage.cpu_s, OUTSIDE_S):
             yield (
-                f"the method works outside its calls: {outside_s:.3g} s of its {usage.cpu_s:.3g} s of processor time; "
-                "no time of a call has them"
+                f"the method works outside its calls: {outside_s:.3g} s of {usage.cpu_s:.3g} s of processor time "
+                "are not in the times of the calls"
             )

@@ -1,4 +1,4 @@
-"""Estimated poses of a bag, with the calls that the recorded localisation node published on `<node>/call`."""
+"""Estimated poses of a bag, with the calls that the localisation node published on `<node>/call`."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ CALLS = call_topic(Task.LOCALISATION)
 
 
 def bag_estimates(path: Path) -> Estimates:
-    """Read estimated poses of a bag, with lost flags, covariances and steps."""
+    """Return the estimated poses of a bag, with lost flags, covariances and steps."""
     bag = Bag(path)
     topic = bag.find(ESTIMATE, ODOMETRY)
-    if topic is None and set(bag.topics.values()) <= {ODOMETRY, TF}:  # a trajectory that was converted, no drive
+    if topic is None and set(bag.topics.values()) <= {ODOMETRY, TF}:  # a converted trajectory, not a drive
         topic = bag.find(TRUE_POSES, ODOMETRY)
     if topic is None:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Conversion of an estimate to poses of RB in DS, and the convention mismatches that a diagnosis finds."""
+"""Conversion of an estimate to poses of RB in DS, and diagnosis of convention mismatches."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sfr_loc_map.scoring.load import load_run
 
 
 def converted_run(run: Run, config: ScoreConfig, correction: Correction) -> Run:
-    """Return a run whose estimate is converted as its convention says."""
+    """Return a run with its estimate converted by the declared or diagnosed convention."""
     if run.drive is None:
         return run
     drive, convention = corrected(run.drive, correction, config)
@@ -26,7 +26,7 @@ def converted_run(run: Run, config: ScoreConfig, correction: Correction) -> Run:
 def corrected(
     drive: DriveToScore, correction: Correction, config: ScoreConfig
 ) -> tuple[DriveToScore, ConventionRecord | None]:
-    """Return a drive as its convention says, and what was done; None where nothing was."""
+    """Return the converted drive and the record of the conversion; None if nothing was converted."""
     done = ConventionRecord(declared=correction.declared.settings)
     if done.declared:
         drive = drive.converted(correction.declared)
@@ -41,7 +41,7 @@ def corrected(
 
 
 def convention_mismatch(drive: DriveToScore, config: ScoreConfig) -> str | None:
-    """Return the convention mismatch that explains how estimate and truth disagree, and its remedy; None without."""
+    """Return the convention mismatch that explains the disagreement, and its remedy; None if there is none."""
     association = config.trajectory.association
     found = diagnose(drive.estimates.trajectory, drive.truth, association, drive.rig, every=False).found
     if found is None:
@@ -51,20 +51,20 @@ def convention_mismatch(drive: DriveToScore, config: ScoreConfig) -> str | None:
 
 
 def fitted_unit(convention: ConventionRecord | None) -> str | None:
-    """Return why an estimate with a declared unit is not judged; None if it is a unit of length."""
+    """Return why an estimate with a declared factor is not judged; None if the factor is a unit of length."""
     if convention is None or not PoseConvention.parse(convention.declared).has_fitted_unit:
         return None
     return (
-        f"the declared factor of the positions ({', '.join(convention.declared)}) is no unit of length: a factor that "
-        "was fitted to the ground truth hides a scale error; give a power of ten of a metre, inch, foot or yard"
+        f"the declared factor of the positions ({', '.join(convention.declared)}) is not a unit of length: a factor "
+        "fitted to the ground truth hides a scale error; give a power of ten of a metre, inch, foot or yard"
     )
 
 
 def diagnose_run(inputs: ScoreInputs, config: ScoreConfig) -> Diagnosis:
-    """Return which single convention mismatch explains how the trajectories of files disagree."""
+    """Return the diagnosis of the convention mismatch between the trajectories of two files."""
     drive = load_run(inputs).drive
     if drive is None:
-        raise MetricsError(f"'{inputs.truth}' and the estimate are no trajectories: a diagnosis requires poses")
+        raise MetricsError(f"'{inputs.truth}' and the estimate are not trajectories: a diagnosis requires poses")
     if not drive.truth.has_attitude:
         text = "has only positions: a convention mismatch cannot be detected from them"
         raise MetricsError(f"the truth '{inputs.truth}' {text}")

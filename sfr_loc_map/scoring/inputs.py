@@ -1,4 +1,4 @@
-"""What a score is made of: the files, what was read from them, and how an estimate is converted."""
+"""Inputs of a score: files, their content, and the conversion of the estimate."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from sfr_loc_map.metrics.records import ConventionRecord, ExternalScore, Finding
 from sfr_loc_map.runs.calls import CallStats, stats_beside
 
 TARGET_FILE, TARGET_RESULTS = "target.json", ("estimate.csv", "cloud_0.ply")
-"""In a folder of results of a target: what it says of itself, and what it may have estimated."""
-IN_MEMORY = "(in memory)"  #: Path of an input that is no file.
+"""Files in a folder of target results: description of the target, and possible estimates."""
+IN_MEMORY = "(in memory)"  #: Path of an input that is not a file.
 
 
 @dataclass(frozen=True, slots=True)
 class ScoreInputs:
-    """Files that a score is made of; what is None is omitted."""
+    """Input files of a score; None if a file is not given."""
 
     estimate: Path | None = None  #: Estimated trajectory (TUM, csv or bag).
     truth: Path | None = None  #: True trajectory (TUM, csv, bag or data set folder).
@@ -35,22 +35,22 @@ class ScoreInputs:
     stats: tuple[Path, ...] = ()  #: CSV files with the calls of localiser and mapper.
     target: Path | None = None  #: CSV file with calls that were measured on a target.
     target_name: str = ""  #: Name of the target.
-    target_run: str | None = None  #: Which run its calls are of, where it is not that of the estimate.
-    target_about: Path | None = None  #: What the target says of itself (`target.json`).
-    #: How the source of the truth is read; None: as the configuration beside it says.
+    target_run: str | None = None  #: Run of the calls on the target, if it is not the run of the estimate.
+    target_about: Path | None = None  #: Description of the target (`target.json`).
+    #: Configuration of the source of the truth; None: the configuration beside the source.
     config: SourceConfig | None = None
     limits: Path | None = None  #: File of the limits, for provenance.
     configuration: Path | None = None  #: File of `config`, for provenance.
     truth_file: Path | None = None  #: File of the truth that the configuration names, for provenance.
     calibration: Path | None = None  #: Calibration that the configuration names, for provenance.
-    columns: str = ""  #: Columns of the estimate, where its file does not say (`io.pose_columns`).
-    command: str | None = None  #: Command that scores them, for provenance.
+    columns: str = ""  #: Columns of the estimate, if its file does not name them (`io.pose_columns`).
+    command: str | None = None  #: Command that computes the score, for provenance.
 
     @classmethod
     def of(cls, estimate: Path, truth: Path, stats: Sequence[Path] | None = None) -> ScoreInputs:
-        """Return the inputs of one estimate and its truth: a trajectory, a cloud, or a folder of a target's results.
+        """Return the inputs of one estimate and its truth: a trajectory, a cloud, or a folder of target results.
 
-        Without named statistics the calls are read from the file beside the estimate, if it exists.
+        If `stats` is None, the calls are read from the file beside the estimate, if it exists.
         """
         if stats is None:
             beside = stats_beside(estimate)
@@ -70,12 +70,12 @@ class DriveToScore:
 
     estimates: Estimates  #: Estimated poses.
     truth: Trajectory  #: True poses.
-    rig: StereoRig | None = None  #: Rig of the localisation cameras, None where it is unknown.
-    image_stamps_ns: IntArray | None = None  #: Stamps of its images; None if they are unknown.
-    notes: tuple[str, ...] = ()  #: What the format of each file was found to be, one line each.
+    rig: StereoRig | None = None  #: Rig of the localisation cameras; None if it is unknown.
+    image_stamps_ns: IntArray | None = None  #: Stamps of the images; None if they are unknown.
+    notes: tuple[str, ...] = ()  #: Detected format of each file, one line each.
 
     def converted(self, convention: PoseConvention) -> DriveToScore:
-        """Return it with estimates that were written in a convention as poses of RB in DS."""
+        """Return the drive with its estimates converted from a convention to poses of RB in DS."""
         T_rb_child = convention.T_rb_child(self.rig)
         return replace(self, estimates=converted_estimates(self.estimates, convention, T_rb_child, self.truth))
 
@@ -90,40 +90,40 @@ class CloudToScore:
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """How an estimate is converted to poses of RB in DS before it is scored."""
+    """Conversion of an estimate to poses of RB in DS before scoring."""
 
     declared: PoseConvention = field(default_factory=PoseConvention)  #: Convention that the user declared.
-    apply_diagnosis: bool = False  #: Whether the mismatch that the diagnosis finds then is corrected as well.
+    apply_diagnosis: bool = False  #: Whether a diagnosed mismatch is corrected, too.
 
     @property
     def is_wanted(self) -> bool:
-        """Whether anything is to be converted."""
+        """Whether a conversion is requested."""
         return self.apply_diagnosis or bool(self.declared.settings)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """What there is of a run; what is absent is None or empty."""
+    """The available data of a run; absent data is None or empty."""
 
-    inputs: ScoreInputs  #: Files that it was read from, for provenance.
+    inputs: ScoreInputs  #: Input files, for provenance.
     stats: Sequence[CallStats] = ()  #: Calls on this host.
     target: CallStats | None = None  #: Calls on the target of `inputs`.
-    about: TargetRecord | None = None  #: What the target says of itself.
+    about: TargetRecord | None = None  #: Description of the target.
     drive: DriveToScore | None = None  #: Trajectory.
     cloud: CloudToScore | None = None  #: Map.
-    method: MethodRecord | None = None  #: Whose run it is; None: as the statistics say.
-    external: ExternalScore | None = None  #: How an external node behaved, None where there was none.
-    findings: tuple[FindingRecord, ...] = ()  #: What was wrong with its answers.
-    #: How the poses of `drive` have been converted, None where they have not.
+    method: MethodRecord | None = None  #: Method of the run; None: the method in the statistics.
+    external: ExternalScore | None = None  #: Figures of an external node; None if there was none.
+    findings: tuple[FindingRecord, ...] = ()  #: Findings on the answers of the method.
+    #: Conversion of the poses of `drive`; None if they were not converted.
     convention: ConventionRecord | None = None
-    unposed_images: int = 0  #: Images of a drive for which there is no estimate at all.
-    nav_stamps_ns: IntArray | None = None  #: Stamps of the mapping pairs of the source, None where they are unknown.
-    unmapped_pairs: int = 0  #: Mapping pairs of the source, where there is no cloud that can be scored.
-    in_memory: Mapping[str, str] = field(default_factory=dict)  #: Hash of inputs that are no file, by role.
+    unposed_images: int = 0  #: Images of a drive without any estimate.
+    nav_stamps_ns: IntArray | None = None  #: Stamps of the mapping pairs of the source; None if they are unknown.
+    unmapped_pairs: int = 0  #: Mapping pairs of the source if no cloud can be scored.
+    in_memory: Mapping[str, str] = field(default_factory=dict)  #: Hashes of inputs that are not files, by role.
     #: Settings of localiser and mapper that differ from the defaults, for provenance.
     settings: Mapping[str, object] = field(default_factory=dict)
 
     @property
     def all_calls(self) -> list[CallStats]:
-        """The calls of the run, those on this host before those on a target."""
+        """The calls of the run: first those on this host, then those on a target."""
         return [*self.stats, *([] if self.target is None else [self.target])]

@@ -28,16 +28,16 @@ from sfr_loc_map.scoring.score_parts import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveRun:
-    """What the score of a run in progress needs to know besides the run."""
+    """Inputs of the score of a run in progress, in addition to the run."""
 
-    in_flight_ns: int = 0  #: Results of the last so many nanoseconds may still come.
-    details: bool = False  #: Whether what plots are drawn from is kept, besides the errors of sub-trajectories.
-    contradiction: str | None = None  #: Convention mismatch as it was found last: to look for it takes 0.1 s and more.
-    scored_map: ScoredMap | None = None  #: Score of the last map, which is made once.
-    received: int = 0  #: Poses, true poses and calls that were received.
-    dropped: int = 0  #: Messages that were lost in transport or dropped.
-    restarts: int = 0  #: How often another time began a new run.
-    provenance: Provenance | None = None  #: What the score is made of.
+    in_flight_ns: int = 0  #: Results of this last interval may still arrive.
+    details: bool = False  #: Whether the data of plots is kept, in addition to the errors of sub-trajectories.
+    contradiction: str | None = None  #: Result of the last diagnosis, which takes 0.1 s or more.
+    scored_map: ScoredMap | None = None  #: Score of the last map, computed once.
+    received: int = 0  #: Number of received poses, true poses and calls.
+    dropped: int = 0  #: Number of messages that were lost in transport or dropped.
+    restarts: int = 0  #: Number of restarts caused by a jump of the time.
+    provenance: Provenance | None = None  #: Provenance of the score.
 
 
 def score_so_far(run: Run, live: LiveRun, config: ScoreConfig, limits: Limits | None = None) -> Score:
@@ -62,7 +62,7 @@ def score_so_far(run: Run, live: LiveRun, config: ScoreConfig, limits: Limits | 
 
 
 def _due_calls(run: Run, in_flight_ns: int) -> Mapping[Task, IntArray | None]:
-    """Return the stamps of the pairs whose calls are due: those of the last pairs may still come."""
+    """Return the stamps of the pairs whose calls are due; calls of the last pairs may still arrive."""
     expected = expected_calls(run)
     if not run.stats:
         return expected
@@ -76,7 +76,7 @@ def _due_calls(run: Run, in_flight_ns: int) -> Mapping[Task, IntArray | None]:
 
 
 def _with_transport(calls: CallsResult, live: LiveRun) -> CallsResult:
-    """Return the result of the calls with the messages that were dropped, if any were, and with restarts."""
+    """Return the result of the calls with the counts of dropped messages and restarts, if there are any."""
     if not live.dropped and not live.restarts:
         return calls
     return replace(calls, figures=(*calls.figures, *live_completeness(live.received, live.dropped, live.restarts)))

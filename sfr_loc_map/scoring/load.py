@@ -1,4 +1,4 @@
-"""From the files of a run, or from what is in memory, to the run that is scored."""
+"""Loads the run to be scored from files or from data in memory."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from sfr_loc_map.scoring.inputs import IN_MEMORY, CloudToScore, DriveToScore, Ru
 from sfr_loc_map.topics import ESTIMATE
 
 _log = logging.getLogger(__name__)
-SAME_POSITION_M = 0.002  #: Difference by which a file may have rounded a position: to 1 mm, and twice.
+SAME_POSITION_M = 0.002  #: Tolerance for positions that were rounded to 1 mm twice.
 TARGET_SCHEMA = "sfr-target/1"
 
 
@@ -47,10 +47,10 @@ def load_run(
     truth: Trajectory | None = None,
     calls: Sequence[CallStats] = (),
 ) -> Run:
-    """Read files of a run; poses without stamps get those of the other ones, pose by pose.
+    """Read the files of a run. Poses without stamps get the stamps of the other trajectory, pose by pose.
 
-    Lost flags and covariances of an estimate come from its bag or from the statistics of the calls that gave it. Poses
-    and calls may be in memory; `fused` is for cloud files that do not say so.
+    Lost flags and covariances of an estimate come from its bag or from the statistics of its calls. Poses and calls may
+    be in memory. `fused` applies to cloud files that do not declare whether they are fused.
     """
     stats = [*(load_call_stats(path) for path in inputs.stats), *calls]
     target = None if inputs.target is None else load_call_stats(inputs.target, needed="processing_time_s")
@@ -77,7 +77,7 @@ def load_run(
 
 
 def check_one_estimate(trajectory: Trajectory, stats: Sequence[CallStats]) -> None:
-    """Raise InputError if calls that state positions gave other ones, or none, at the stamps of an estimate."""
+    """Raise InputError if calls with positions have other or missing positions at the stamps of an estimate."""
     stamps_ns, rows = np.unique(trajectory.stamps_ns, return_index=True)
     for item in stats:
         if item.positions is None or not len(stamps_ns):
@@ -88,16 +88,16 @@ def check_one_estimate(trajectory: Trajectory, stats: Sequence[CallStats]) -> No
         without = int(np.count_nonzero(~np.isfinite(localised).all(axis=1)))
         if without:
             raise InputError(
-                f"the calls (--stats) state no position at {without} of {len(localised)} stamps of the estimate: give "
-                "the calls as the run wrote them"
+                f"the calls (--stats) have no position at {without} of {len(localised)} stamps of the estimate: give "
+                "the unchanged calls of the run"
             )
         apart_m = np.abs(trajectory.positions[rows[place]] - item.positions).max(axis=1)[is_given]
         is_other = apart_m > SAME_POSITION_M
         if is_other.any():
             raise InputError(
-                f"the calls (--stats) are of another estimate: at {np.count_nonzero(is_other)} of {len(is_other)} "
+                f"the calls (--stats) belong to another estimate: at {np.count_nonzero(is_other)} of {len(is_other)} "
                 f"stamps their position differs by up to {apart_m[is_other].max():.3g} m: give the calls of the run "
-                "that gave the estimate"
+                "that produced the estimate"
             )
 
 
@@ -117,12 +117,12 @@ def _identity(method: MethodRecord) -> tuple[str, str | None, str | None]:
 
 
 def _method_of(about: TargetRecord) -> MethodRecord:
-    """Return whose run it is by what the target reports about itself."""
+    """Return the method from the description of the target."""
     return MethodRecord(name="candidate", version=about.candidate, kind=MethodKind.LIBRARY)
 
 
 def _read_cloud(inputs: ScoreInputs, fused: bool | None) -> tuple[CloudToScore | None, IntArray | None]:
-    """Read a cloud, the truth of the pairs that it was made of, and the stamps of all pairs of the source."""
+    """Read a cloud, the truth of its pairs, and the stamps of all pairs of the source."""
     if inputs.cloud is None or inputs.map_truth is None:
         return None, None
     loaded = with_fusion_flag(load_cloud(inputs.cloud), fused, f"cloud '{inputs.cloud}'")
@@ -134,7 +134,7 @@ def _read_cloud(inputs: ScoreInputs, fused: bool | None) -> tuple[CloudToScore |
 
 
 def _how_to_read(inputs: ScoreInputs) -> SourceConfig:
-    """Return how the source of the truth is read: as given, else as the configuration beside it says."""
+    """Return the configuration of the source of the truth: the given one, or else the one beside the source."""
     place = inputs.truth or inputs.map_truth
     if place is not None and inputs.config is None and (place.is_dir() or is_bag(place)):
         return source_config(place)
@@ -144,14 +144,14 @@ def _how_to_read(inputs: ScoreInputs) -> SourceConfig:
 def _read_truth(
     place: Path | None, truth: Trajectory | None, how: SourceConfig
 ) -> tuple[LoadedTrajectory, Source | None]:
-    """Read true poses of a file, bag or data set folder, else those in memory; and the source of their images."""
+    """Read true poses of a file, bag or data set folder, or use those in memory; return also the source of images."""
     if place is None:
-        assert truth is not None  # one of both is there
+        assert truth is not None  # by the caller
         return LoadedTrajectory(Path(IN_MEMORY), truth), None
     if is_bag(place) or how.truth.source:
         true, opened = LoadedTrajectory(place, truth_of_file(place, how.truth, how.remap)), None
         if is_bag(place) or not place.is_file():
-            with suppress(SfrError):  # true poses alone: whoever needs the images reports what is wrong with them
+            with suppress(SfrError):  # without images only the true poses are used
                 opened = io.open_source(place, how)
         return true, opened
     if place.is_file():
@@ -170,14 +170,14 @@ def _read_estimate(
     stats: Sequence[CallStats],
     target: CallStats | None,
 ) -> tuple[LoadedTrajectory, Estimates]:
-    """Read the estimated poses of a bag or file, else those in memory; poses without stamps have those of the truth."""
+    """Read the estimated poses of a bag or file, or use those in memory; missing stamps are those of the truth."""
     if inputs.estimate is not None and is_bag(inputs.estimate):
         estimates = load_estimates(inputs.estimate)
         return LoadedTrajectory(inputs.estimate, estimates.trajectory), estimates
     if inputs.estimate is not None:
         found = read_trajectory_file(inputs.estimate, inputs.columns, "estimate")
     else:
-        assert estimate is not None  # one of both is there
+        assert estimate is not None  # by the caller
         found = LoadedTrajectory(Path(IN_MEMORY), estimate)
     if found.by_index:
         found = found.with_stamps_of(true)
@@ -196,7 +196,7 @@ def _drive_of(
     place: Path | None,
     how: SourceConfig,
 ) -> DriveToScore:
-    """Return what was read as a drive; true poses without stamps have those of the estimate."""
+    """Return the estimate and the truth as a drive; missing stamps of true poses are those of the estimate."""
     if true.by_index:
         true = true.with_stamps_of(found)
     true = _as_declared(true, place, how)
@@ -206,9 +206,9 @@ def _drive_of(
 
 
 def _as_declared(true: LoadedTrajectory, place: Path | None, how: SourceConfig) -> LoadedTrajectory:
-    """Return true poses as the configuration declares them; without a declaration those of a file that can be true.
+    """Return true poses as the configuration declares them. Without a declaration, poses of a file are checked.
 
-    A `Truth` was read by a configuration already. One in memory takes a standard deviation that is given.
+    The configuration is already applied to a `Truth`, except for a configured standard deviation.
     """
     poses = true.trajectory
     if isinstance(poses, Truth):
@@ -222,24 +222,24 @@ def _as_declared(true: LoadedTrajectory, place: Path | None, how: SourceConfig) 
 
 
 def _images_of(source: Source | None) -> tuple[StereoRig | None, IntArray | None]:
-    """Return the rig of a source's localisation pairs and their stamps, None for what is unknown."""
+    """Return the rig and the stamps of the localisation pairs of a source; None if unknown."""
     if source is None or source.loc is None:
         return None, None
-    with suppress(InputError):  # it has no complete pair
+    with suppress(InputError):  # raised without a complete pair
         return source.loc.rig, source.expected_loc_ns()
     return source.loc.rig, None
 
 
 def _nav_stamps_of(source: Source | None, stats: Sequence[CallStats]) -> IntArray | None:
-    """Return the stamps of the mapping pairs of a source if calls of a mapper are compared with them, else None."""
+    """Return the stamps of the mapping pairs of a source if there are calls of a mapper; otherwise None."""
     if source is None or source.nav is None or all(item.calls.is_localisation.all() for item in stats):
         return None
     return source.expected_nav_ns()
 
 
 def load_target(path: Path) -> TargetRecord:
-    """Read what a target says of itself; InputError if it is not as the harness writes it."""
-    with refusing(f"target '{path}' cannot be read", "give what the harness wrote"):
+    """Read the description of a target; raise InputError if it does not have the format of the harness."""
+    with refusing(f"target '{path}' cannot be read", "give the file that the harness wrote"):
         content = msgspec.json.decode(read_text(path), type=dict[str, Any])
         if content.pop("schema", None) != TARGET_SCHEMA:
             raise ValueError(f"no schema {TARGET_SCHEMA}")
@@ -249,7 +249,7 @@ def load_target(path: Path) -> TargetRecord:
 def load_drive(estimate: Path, truth: Path) -> DriveToScore:
     """Read estimated and true poses of files."""
     drive = load_run(ScoreInputs(estimate=estimate, truth=truth)).drive
-    assert drive is not None  # both are there
+    assert drive is not None  # both files are given
     return drive
 
 
@@ -265,27 +265,27 @@ def load_estimates(path: Path, stats: Sequence[CallStats] = ()) -> Estimates:
 def estimates_of_calls(
     trajectory: Trajectory, stats: Sequence[CallStats] = (), target: CallStats | None = None
 ) -> Estimates:
-    """Return estimated poses with the lost flags and covariances of the calls that gave them.
+    """Return estimated poses with the lost flags and covariances of their calls.
 
-    The calls are those of all files of this host together or, if these have no call of a pose, those of the target.
+    The calls are those of all files of this host. If these contain no call of a pose, the calls of the target are used.
     """
     of_target = [] if target is None or not target.has_stamps else [target]
     for items in (stats, of_target):
         if own := [item for item in items if np.isin(item.localised_ns, trajectory.stamps_ns).any()]:
             return estimates_of(trajectory, united(own))
     if any(len(item.localised_ns) for item in (*stats, *of_target)):
-        _log.warning("no call of the statistics has the stamp of an estimate: which poses are lost is not known")
+        _log.warning("no call of the statistics has the stamp of an estimate: the lost poses are unknown")
     return Estimates.of(trajectory)
 
 
 def load_map_truth(
     path: Path, stamps_ns: Sequence[int] | None = None, config: SourceConfig | None = None
 ) -> tuple[list[PairTruth], IntArray]:
-    """Read the truth of the mapping pairs of a source, all or those of some stamps in their order; and all stamps."""
+    """Read the truth of all mapping pairs of a source, or of those at given stamps; return also all stamps."""
     source = io.open_source(path, config)
     nav = source.nav
     if nav is None:
-        raise InputError(f"'{path}' has no mapping pairs: a cloud is scored against a source with nav pairs and truth")
+        raise InputError(f"'{path}' has no mapping pairs: give a source with nav pairs and truth for a cloud")
     wanted = None if stamps_ns is None else set(stamps_ns)
     pairs: dict[int, PosedStereoPair] = {}
     every = list(source.missing_nav_ns)
@@ -296,44 +296,44 @@ def load_map_truth(
     missing = [str(stamp_ns) for stamp_ns in stamps_ns or () if stamp_ns not in pairs]
     if missing:
         raise InputError(
-            f"the cloud was made of pairs of stamps {', '.join(missing)}, which '{path}' does not have: give the "
-            "source that it was made from"
+            f"the cloud was made from pairs with stamps {', '.join(missing)}, which '{path}' does not have: give the "
+            "source of the cloud"
         )
     chosen = pairs.values() if stamps_ns is None else [pairs[stamp_ns] for stamp_ns in stamps_ns]
     return truths_of(list(chosen), nav.rig), np.array(every, np.int64)
 
 
 def with_fusion_flag(loaded: LoadedCloud, fused: bool | None, name: str) -> LoadedCloud:
-    """Return a cloud that says whether it is fused, unless its points have no pixels."""
+    """Return a cloud with a known fusion flag, unless its points have no pixels."""
     if loaded.cloud is None:
         return loaded
     said = loaded.cloud.fused
     if said is None and fused is None:
         raise InputError(
-            f"{name} does not say whether it is fused: give --fused (one surface of several pairs) or "
-            "--not-fused (each pair's own points); coverage is counted differently"
+            f"{name} does not declare whether it is fused, which changes the coverage: give --fused (one surface of "
+            "several pairs) or --not-fused (separate points of each pair)"
         )
     if said is not None and fused is not None and said != fused:
         option, word = ("--fused", "not fused") if fused else ("--not-fused", "fused")
-        raise ConfigError(f"'{option}': {name} says that it is {word}; omit the option")
+        raise ConfigError(f"'{option}': {name} declares that it is {word}; omit the option")
     return replace(loaded, cloud=replace(loaded.cloud, fused=fused if said is None else said))
 
 
 def with_read_files(inputs: ScoreInputs, how: SourceConfig) -> ScoreInputs:
-    """Return inputs with the files by which a source is read, for provenance."""
+    """Return inputs with the configuration files of the source, for provenance."""
     truth_file, calibration = _existing(how.truth.source), _existing(how.calibration.file)
     return replace(inputs, configuration=how.path, truth_file=truth_file, calibration=calibration)
 
 
 def _existing(name: str) -> Path | None:
-    """Return the file of a name in a configuration; None where it is empty or the name of a topic."""
+    """Return the file that a configuration names; None if the name is empty or a topic."""
     return Path(name) if name and Path(name).exists() else None
 
 
 def load_trajectories(paths: list[Path], truth: Path | None) -> tuple[dict[str, Trajectory], Trajectory | None]:
-    """Return the trajectories that a page draws, by the shortest names that differ, and the truth, None without one.
+    """Return the trajectories for a page by their shortest unique names, and the truth; None if there is no truth.
 
-    Poses without stamps have those of the truth. Of a source without estimates the truth is returned.
+    Poses without stamps get the stamps of the truth. For a source without estimates, its truth is returned.
     """
     file_names = [path.name for path in paths]
     poses: dict[str, Trajectory] = {}

@@ -1,8 +1,8 @@
-"""The score of a run from what comes over topics, without ROS.
+"""The score of a run from received messages, without ROS.
 
-The rows that came are kept and scored by the very functions that score files, so that a live score has the bits of the
-score of a recording. A true pose takes 112 bytes, an estimate with its covariance 240, what the localiser says of its
-step 400, a call 230 (docs/metrics.md, "While a run goes on").
+The received rows are kept and scored by the functions that score files, so that a live score is bit-identical to the
+score of a recording. A true pose takes 112 bytes, an estimate with its covariance 240, the step of a localisation call
+400, and a call 230 (docs/metrics.md, "While a run goes on").
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ from sfr_loc_map.scoring.inputs import DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.live_score import LiveRun, score_so_far
 
 T = TypeVar("T")
-MAX_STAGES = 16  #: Stages whose times are kept: their names come from the network.
-DIAGNOSED_GROWTH = 1.2  #: A convention mismatch is looked for again once there are so many times the poses.
-MAX_KEPT = 2 * MAX_PAIRS  #: True points, poses, sets of pairs and clouds that are kept until the others come.
+MAX_STAGES = 16  #: Maximum number of stages. Bounded because the names come from the network.
+DIAGNOSED_GROWTH = 1.2  #: Growth of the number of poses after which a diagnosis is repeated.
+MAX_KEPT = 2 * MAX_PAIRS  #: Maximum number of true points, poses and clouds that wait for their counterparts.
 POSE = [("stamp_ns", np.int64), ("position", np.float64, 3), ("quat", np.float64, 4)]
 TRUE_POSE = [*POSE, ("variances", np.float64, 6)]
 ESTIMATE = [*POSE, ("covariance", np.float64, COVARIANCE_SIZE)]
@@ -53,7 +53,7 @@ UNKNOWN_COVARIANCE = np.full(COVARIANCE_SIZE, np.nan)
 
 
 class _Rows:
-    """Rows that are added one by one; memory that no row has been written to is not resident."""
+    """Rows that are added one by one. Memory of unused rows is not resident."""
 
     def __init__(self, kind: DTypeLike) -> None:
         self._array: NDArray[Any] = np.empty(1024, np.dtype(kind, align=True))
@@ -71,7 +71,7 @@ class _Rows:
         self._count += 1
 
     def all(self) -> NDArray[Any]:
-        """Return a view that holds until the next row."""
+        """Return a view that is valid until the next row is added."""
         return self._array[: self._count]
 
 
@@ -81,7 +81,7 @@ class _CallRows(_Rows):
     def __init__(self) -> None:
         super().__init__(CALL)
         self._stages = dict[str, int]()
-        self._steps = _Rows(STEP)  # of the calls that report one, by the row of the call
+        self._steps = _Rows(STEP)  # steps of the calls that report one, with the row of the call
         self._covariances = _Rows(COVARIANCE)  # likewise
 
     def add_call(self, record: CallRecord) -> None:
@@ -98,14 +98,14 @@ class _CallRows(_Rows):
         self.add(record.stamp_ns, record.processing_time_s, record.state, *peaks, stages)
 
     def stats(self) -> CallStats | None:
-        """Return the calls as columns, None without a call."""
+        """Return the calls as columns; None if there are no calls."""
         if not len(self):
             return None
         covariance = self._column(self._covariances.all(), "covariance", COVARIANCE_SIZE)
         return CallStats(self._calls(), covariance, self._column(self._steps.all(), "step", STEP_SIZE))
 
     def _column(self, reported: NDArray[Any], name: str, width: int) -> FloatArray | None:
-        """Return values `(N, width)` that some calls report, NaN for the others; None if no call reports one."""
+        """Return the values `(N, width)` that calls report, NaN for other calls; None if no call reports one."""
         if not len(reported):
             return None
         values = np.full((len(self), width), np.nan)
@@ -120,7 +120,7 @@ class _CallRows(_Rows):
 
 
 class _Latest(OrderedDict[int, T]):
-    """The last values by stamp."""
+    """The most recent values by stamp."""
 
     def __setitem__(self, stamp_ns: int, value: T) -> None:
         super().__setitem__(stamp_ns, value)
@@ -129,19 +129,19 @@ class _Latest(OrderedDict[int, T]):
 
 
 class MapInputs:
-    """Clouds, and the truth of their pairs, by stamp, until they can be scored."""
+    """Clouds and the truth of their pairs by stamp, kept until they can be scored."""
 
     def __init__(self) -> None:
-        self.rig: StereoRig | None = None  #: Of the navigation cameras; None before their camera_info.
+        self.rig: StereoRig | None = None  #: Rig of the navigation cameras; None before their camera_info.
         self._true_points = _Latest[PointImage]()  # `(H, W, 3)` of each pair, metres, LM
         self._poses = _Latest[Transform]()  # `T_lm_navsb` of each pair
         self._clouds = _Latest[PointCloud]()  # as published; the stamp is that of the last pair
-        self.pair_stamps_ns = set[int]()  # of all mapping pairs that came, which maps have to hold
+        self.pair_stamps_ns = set[int]()  # of all received mapping pairs, which maps must contain
         self._mapped_until_ns = -1  # stamp of the last pair of the last map
         self._fusions = _Latest[CallRecord]()  # by the stamp of their cloud
 
     def set_rig(self, rig: StereoRig) -> None:
-        """Take the rig of the pairs that follow."""
+        """Set the rig of the following pairs."""
         self.rig = rig
 
     def add_true_points(self, stamp_ns: int, points: PointImage) -> None:
@@ -158,14 +158,14 @@ class MapInputs:
         self.pair_stamps_ns.add(stamp_ns)
 
     def add_call(self, record: CallRecord) -> None:
-        """Add a call; that of a fusion names the pairs of its cloud."""
+        """Add a call. The call of a fusion names the pairs of its cloud."""
         if record.state == MappingState.FUSED and record.pair_stamps_ns:
             self._fusions[record.stamp_ns] = record
 
     def take_complete(self) -> Iterator[tuple[PointCloud, list[PairTruth], int]]:
-        """Yield, and forget, the clouds whose pairs and truth are known, with the truth of each pair.
+        """Yield and remove the clouds whose pairs and truth are known, with the truth of each pair.
 
-        The third value is the number of pairs that came since the last map, which the map has to hold.
+        The third value is the number of pairs since the last map, which the map must contain.
         """
         for stamp_ns in list(self._clouds):
             fusion = self._fusions.get(stamp_ns)
@@ -182,22 +182,22 @@ class MapInputs:
 
 
 class MonitorScore:
-    """Collects poses, truth, clouds and calls, and scores them; `map_score` is of the last map that could be scored."""
+    """Collects poses, truth, clouds and calls, and scores them; `map_score` is the score of the last complete map."""
 
     def __init__(self, config: ScoreConfig, limits: Limits | None, body: TrackedBody = RB_ITSELF) -> None:
-        """Start a run, judged by limits if there are any; `body` is what the true poses are of."""
+        """Start a run, judged by limits if there are any. `body` is the tracked body of the true poses."""
         self.map_inputs = MapInputs()
         self._config, self._limits, self._body = config, limits, body
-        self._contradiction: str | None = None  # convention mismatch as it was found last
-        self._diagnosed_poses = 0  # number of poses then
+        self._contradiction: str | None = None  # result of the last diagnosis
+        self._diagnosed_poses = 0  # number of poses at the last diagnosis
         self.restart()
 
     def restart(self) -> None:
-        """Forget everything but the inputs of maps to come."""
+        """Discard all data except the inputs of future maps."""
         self._estimates = _Rows(ESTIMATE)
         self._truth = _Rows(TRUE_POSE)
         self._calls = _CallRows()
-        self._covariance_ns = -1  # stamp of the last estimate that was published with a covariance
+        self._covariance_ns = -1  # stamp of the last estimate with a published covariance
         self.map_score: ScoredMap | None = None
 
     def add_estimate(
@@ -215,21 +215,21 @@ class MonitorScore:
     def add_truth(
         self, stamp_ns: int, position: Sequence[float], quat_xyzw: Sequence[float], variances: FloatArray | None = None
     ) -> None:
-        """Add a true pose of the tracked body in DS; a quaternion of zeros: its position alone. Variances `(6,)`."""
+        """Add a true pose of the tracked body in DS, with variances `(6,)`. A zero quaternion means a position only."""
         _check(stamp_ns, position, quat_xyzw)
         if len(self._truth) and any(quat_xyzw) != self._truth.all()["quat"][0].any():
-            raise InputError(f"true pose of stamp {stamp_ns}: all poses of a truth have an attitude, or none has one")
+            raise InputError(f"true pose of stamp {stamp_ns}: all poses of a truth must have an attitude, or none")
         self._truth.add(stamp_ns, position, quat_xyzw, np.nan if variances is None else variances)
 
     def add_call(self, record: CallRecord) -> None:
-        """Add a call, before or after its pose; that of a fusion names the pairs of its cloud."""
-        if record.stamp_ns == self._covariance_ns:  # the published covariance counts, and that of the call takes memory
+        """Add a call, before or after its pose. The call of a fusion names the pairs of its cloud."""
+        if record.stamp_ns == self._covariance_ns:  # the published covariance is used, so the other is dropped
             record = replace(record, covariance=None)
         self._calls.add_call(record)
         self.map_inputs.add_call(record)
 
     def score_maps(self) -> bool:
-        """Score the clouds whose inputs are complete; the last one counts. Return whether there was one."""
+        """Score the clouds whose inputs are complete and keep the last score. Return whether there was a cloud."""
         scored = False
         for cloud, truths, expected in self.map_inputs.take_complete():
             self.map_score = score_map(cloud, truths, self._config.map, expected_pairs=expected)
@@ -246,10 +246,10 @@ class MonitorScore:
         dropped: int = 0,
         restarts: int = 0,
     ) -> Score:
-        """Return the score so far with the errors of its sub-trajectories; with details, what all plots are drawn from.
+        """Return the current score with the errors of its sub-trajectories; with `details`, also the data of all plots.
 
-        While a run goes on, results of the last `in_flight_s` seconds are still expected and do not count as missing.
-        `dropped` messages were lost in transport or dropped, and a new run has begun `restarts` times.
+        During a run, results of the last `in_flight_s` seconds are still expected and do not count as missing.
+        `dropped` is the number of lost or dropped messages, `restarts` the number of restarts of the run.
         """
         stats = self._calls.stats()
         truth = self._given_truth()
@@ -272,9 +272,9 @@ class MonitorScore:
         return score_so_far(run, live, self._config, self._limits)
 
     def diagnose(self) -> None:
-        """Look for a convention mismatch of estimate and truth, which takes 0.1 s and more.
+        """Search for a convention mismatch of estimate and truth, which takes 0.1 s or more.
 
-        Without `DIAGNOSED_GROWTH` times the poses of the last search, its result holds.
+        The last result is kept until the number of poses has grown by the factor `DIAGNOSED_GROWTH`.
         """
         if self._diagnosed_poses <= self._poses < DIAGNOSED_GROWTH * self._diagnosed_poses:
             return
@@ -286,7 +286,7 @@ class MonitorScore:
 
     @property
     def _poses(self) -> int:
-        """Number of estimates and true poses so far."""
+        """Number of received estimates and true poses."""
         return len(self._estimates) + len(self._truth)
 
     def _given_truth(self) -> Truth | None:
@@ -297,9 +297,9 @@ class MonitorScore:
         return self._body.applied(poses, rows["variances"])
 
     def _given_estimates(self, stats: CallStats | None, *, is_under_way: bool = False) -> Estimates | None:
-        """Return the estimates with what the calls report of them.
+        """Return the estimates with the states and covariances of their calls.
 
-        While a run is under way, the calls of the poses after the last call may still come: these count as reported.
+        During a run, the calls of poses after the last call may still arrive. These poses count as reported.
         """
         if not len(self._estimates):
             return None

@@ -1,4 +1,4 @@
-"""What a score was made of: files with their hashes, settings, and facts of the host."""
+"""Provenance of a score: files with their hashes, settings, and facts of the host."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from sfr_loc_map.scoring.inputs import IN_MEMORY, Run
 
 
 def provenance_of(run: Run, config: ScoreConfig, truth_sha256: str | None, map_truth_sha256: str | None) -> Provenance:
-    """Return the provenance of a score; the hashes are those of the values of both truths."""
+    """Return the provenance of a score. The hashes are of the values of the true trajectory and the true map."""
     inputs = run.inputs
     data = {"truth": truth_sha256, "map_truth": map_truth_sha256}
     paths: dict[str, Path | None] = {
@@ -66,28 +66,28 @@ def provenance_of(run: Run, config: ScoreConfig, truth_sha256: str | None, map_t
 
 
 def limits_not_seen(score: Score, origin: str) -> str | None:
-    """Return why the limits of a score could not be compared with their file; None if they were, or there are none.
+    """Return why the limits of a score could not be compared with their file; None if they were or there are no limits.
 
-    InputError if the file has other limits.
+    Raise InputError if the file contains other limits.
     """
     rules = score.rules
     if rules is None or not rules.limits:
         return None
     file = None if score.provenance is None else score.provenance.inputs.get("limits")
     if file is None:
-        return f"no limits file is named by {origin}: {NOT_COMPARED}"
+        return f"{origin} names no limits file: {NOT_COMPARED}"
     path = Path(file.path)
     if not path.is_file() or hash_path(path) != file.sha256:
-        return f"the limits file '{file.path}' of {origin} is absent or was changed: {NOT_COMPARED}"
+        return f"the limits file '{file.path}' of {origin} is missing or was changed: {NOT_COMPARED}"
     limits = load_limits(path)
     given = (rules.limits, rules.minimum_count, rules.minimum_independent)
     if given != (limits.limits, limits.minimum_count, limits.minimum_independent):
-        raise InputError(f"{origin} contradicts itself: its limits are not those of '{file.path}', which it names")
+        raise InputError(f"{origin} contradicts itself: its limits differ from those in its limits file '{file.path}'")
     return None
 
 
 def host_facts() -> dict[str, str]:
-    """Return what is known of this host: machine, system, Python; processor, kernel, load and governor."""
+    """Return the facts of this host: machine, system, Python, kernel and, if known, processor, load and governor."""
     found = {"machine": platform.machine(), "system": platform.system(), "python": platform.python_version()}
     found["kernel"] = platform.release()
     with suppress(OSError):
@@ -103,7 +103,7 @@ def host_facts() -> dict[str, str]:
 
 
 def _images_sha256(run: Run) -> str | None:
-    """Return the hash of the stamps of the images that an estimate has to cover, and of their rig; None if unknown."""
+    """Return the hash of the rig and the stamps of the images that an estimate must cover; None if unknown."""
     drive = run.drive
     if drive is None or drive.image_stamps_ns is None:
         return None

@@ -1,4 +1,4 @@
-"""The score of a replay, from what the nodes published."""
+"""The score of a replay from the published messages of the nodes."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ def score_replay(
     limits_file: Path | None = None,
     command: str | None = None,
 ) -> Score:
-    """Return the score of a replay, by the functions that score files.
+    """Return the score of a replay, computed by the functions that score files.
 
-    Settings are those of localiser and mapper that differ from the defaults; they join those of the score. The files
-    that `save_replay` has written, None without, the file of the limits and the command are for provenance.
+    `settings` are the settings of localiser and mapper that differ from the defaults. They are added to the settings of
+    the score. The files that `save_replay` has written, the file of the limits and the command are for provenance.
     """
     stats = [stats_of(result.records)] if result.records else []
     inputs = ScoreInputs(limits=limits_file, command=command)

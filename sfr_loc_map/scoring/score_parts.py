@@ -1,7 +1,7 @@
-"""The parts of a score: what the trajectory, the map and the calls of a run add to it, of files and live.
+"""The parts of a score from the trajectory, the map and the calls of a run, for files and live runs.
 
 The functions take values and are independent of the source of the run. `score_run` (a finished run) and
-`live_score.score_so_far` (a run in progress) make the parts, and `assembly.score_of_parts` makes the score of them.
+`live_score.score_so_far` (a run in progress) compute the parts, and `assembly.score_of_parts` combines them.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ from sfr_loc_map.metrics.trajectory_score import score_trajectory
 from sfr_loc_map.runs.calls import CallStats
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run
 
-FEW_TRUE_POSES = 1.0 / SPARSER  #: Up to so many true poses an image it is said that frames count true poses.
-MAX_PIXEL_OFFSET = 5.0  #: Typical distance of points from the pixels that they name, px: matching errs by less.
+FEW_TRUE_POSES = 1.0 / SPARSER  #: Number of true poses per image up to which a sparse truth is reported.
+MAX_PIXEL_OFFSET = 5.0  #: Maximum typical reprojection error of points, px. Matching errors are smaller.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveResult:
-    """What the trajectory adds to a score."""
+    """Part of a score from the trajectory."""
 
     figures: tuple[Figure, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -52,14 +52,14 @@ class DriveResult:
     truth: TruthRecord | None = None
     alignment: Alignment | None = None
     contradiction: str | None = None
-    unjudged: tuple[str, ...] = ()  #: Which frames are in no judged error and far above the judged errors.
+    unjudged: tuple[str, ...] = ()  #: Frames that are in no judged error, although their errors are far larger.
     errors: tuple[ErrorRows, ...] = ()
     details: TrajectoryDetails | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapResult:
-    """What the map adds to a score."""
+    """Part of a score from the map."""
 
     figures: tuple[Figure, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -69,7 +69,7 @@ class MapResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CallsResult:
-    """What the calls add to a score."""
+    """Part of a score from the calls."""
 
     figures: tuple[Figure, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -91,9 +91,9 @@ def drive_result(
     under_way: bool = False,
     in_flight_ns: int = 0,
 ) -> DriveResult:
-    """Return what a trajectory adds to a score; a contradiction is the convention mismatch of estimate and truth.
+    """Return the part of a score from a trajectory; `contradiction` is a convention mismatch with the truth.
 
-    While a run is under way, an estimate need not have a truth yet, and results of the last `in_flight_ns` may come.
+    During a run (`under_way`), estimates may still lack a truth, and results of the last `in_flight_ns` may arrive.
     """
     scored = score_trajectory(
         drive.estimates,
@@ -127,21 +127,21 @@ def with_aligned_errors(result: DriveResult, drive: DriveToScore, config: Aligne
 
 
 def result_without_poses(images: int) -> DriveResult:
-    """Return the result of a drive whose images, so many, have no estimate."""
+    """Return the result of a drive of which no image has an estimate; `images` is their number."""
     if not images:
         return DriveResult()
     return DriveResult(figures=(expected_row(RowPart(DRIVE), 0, images), *share_rows("missing", images, images)))
 
 
 def _frame_warnings(drive: DriveToScore, association: Association) -> Iterator[str]:
-    """Yield that frames are those of a sparse truth."""
+    """Yield a warning if the truth is sparse."""
     many, what = association.images, "images"
     if not many:
         many, what = len(drive.estimates.trajectory), "estimates"
     if association.mode is AssociationMode.MATCH and association.truth_poses <= FEW_TRUE_POSES * many:
         yield (
             f"the truth has {association.truth_poses} poses for {many} {what}: frames and spacing count true poses; "
-            "no figure contains the errors between them; sfr score --frames images interpolates the truth to "
+            "the figures do not contain errors between true poses; sfr score --frames images interpolates the truth to "
             "every image"
         )
 
@@ -150,7 +150,7 @@ def _frame_warnings(drive: DriveToScore, association: Association) -> Iterator[s
 
 
 def map_result(made: CloudToScore, config: MapScoreConfig, expected_pairs: int | None) -> MapResult:
-    """Return what a cloud adds to a score; `expected_pairs` are those of the source, None where they are unknown."""
+    """Return the part of a score from a cloud; `expected_pairs` is the number of source pairs, None if unknown."""
     loaded, truths = made.loaded, made.truths
     if loaded.cloud is None:
         found = score_nearest(loaded.xyz, truths, config, expected_pairs=expected_pairs, not_finite=loaded.not_finite)
@@ -161,7 +161,7 @@ def map_result(made: CloudToScore, config: MapScoreConfig, expected_pairs: int |
 
 
 def result_without_cloud(pairs: int) -> MapResult:
-    """Return the result of mapping so many pairs without a cloud."""
+    """Return the result of mapping `pairs` pairs without a cloud."""
     if not pairs:
         return MapResult()
     rows = share_rows("pairs_without_cloud", pairs, pairs)
@@ -169,13 +169,13 @@ def result_without_cloud(pairs: int) -> MapResult:
 
 
 def _pixel_warnings(cloud: PointCloud, truths: Sequence[PairTruth]) -> Iterator[str]:
-    """Yield that points are not seen at the pixels that they name."""
+    """Yield a warning if points do not reproject to the pixels that they name."""
     offset_px = typical_pixel_offset(cloud, truths)
     if offset_px > MAX_PIXEL_OFFSET:
         yield (
-            f"the points of the cloud are typically {offset_px:.3g} px from the pixels that they name: the pixels are "
-            "of images of another size or of another pair, or the points are in another frame than LM; errors are "
-            "those at the named pixels (a cloud of x, y, z alone is scored by the nearest true point)"
+            f"the points of the cloud are typically {offset_px:.3g} px from the pixels that they name: "
+            "these pixels belong to another image size or another pair, or the points are not in frame LM; errors are "
+            "computed at the named pixels (a cloud with only x, y, z is scored by the nearest true point)"
         )
 
 
@@ -183,13 +183,13 @@ def _pixel_warnings(cloud: PointCloud, truths: Sequence[PairTruth]) -> Iterator[
 
 
 def calls_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, details: bool = True) -> CallsResult:
-    """Return what the calls of a run add to a score; `expected_ns` are the stamps of the pairs that have a call."""
+    """Return the part of a score from the calls; `expected_ns` are the stamps of the pairs that should have a call."""
     of_host = host_result(run, expected_ns, details=details)
     return of_host if run.target is None else with_target(of_host, run, run.target, expected_ns)
 
 
 def host_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, details: bool) -> CallsResult:
-    """Return the figures of the calls of this host; those of an external node were measured from outside."""
+    """Return the figures of the calls on this host; an external node is measured from outside."""
     calls = [concatenated([item.calls for item in run.stats])] if run.stats else []
     scored = score_calls(calls[0], details=details) if calls else ScoredCalls()
     expected = [*completeness_rows(calls, expected_ns)]
@@ -205,16 +205,16 @@ def host_result(run: Run, expected_ns: Mapping[Task, IntArray | None], *, detail
 def with_target(
     of_host: CallsResult, run: Run, calls: CallStats, expected_ns: Mapping[Task, IntArray | None]
 ) -> CallsResult:
-    """Return the result of the calls of this host and of those that were measured on a target."""
+    """Return the result of the calls on this host and on a target."""
     rows, target = _scored_target(run, calls)
-    expected_ns = expected_ns if calls.has_stamps else {}  # calls without stamps are of no known pair
+    expected_ns = expected_ns if calls.has_stamps else {}  # calls without stamps cannot be assigned to pairs
     expected = completeness_rows([calls.calls], expected_ns, Place.TARGET)
     figures = (*of_host.figures, *rows, *expected)
     return replace(of_host, figures=figures, target=target, warnings=tuple(_target_warnings(target)))
 
 
 def expected_calls(run: Run) -> dict[Task, IntArray | None]:
-    """Return the stamps of the pairs that each task has a call for: those of the source, else of the truth."""
+    """Return the stamps of the pairs for which each task should have a call: those of the source, or of the truth."""
     images = None if run.drive is None else run.drive.image_stamps_ns
     if images is None and run.drive is not None:
         images = run.drive.truth.stamps_ns
@@ -224,7 +224,7 @@ def expected_calls(run: Run) -> dict[Task, IntArray | None]:
 def _scored_target(run: Run, calls: CallStats) -> tuple[tuple[Figure, ...], TargetRun]:
     name = run.inputs.target_name or "target"
     if run.about is not None:
-        name = run.about.board or "a board that is not named"
+        name = run.about.board or "an unnamed board"
     stamps = None if run.drive is None else run.drive.estimates.trajectory.stamps_ns
     other_run = run.inputs.target_run
     figures, target = score_target(calls.calls, name, stamps, has_stamps=calls.has_stamps, other_run=other_run)
@@ -235,4 +235,4 @@ def _target_warnings(target: TargetRun) -> Iterator[str]:
     if target.other_run is not None:
         yield f"the times of {target.name} belong to another run: {target.other_run}"
     elif target.matched_share is not None and target.matched_share < 1.0:
-        yield f"the times of {target.name} are of {100.0 * target.matched_share:.3g} % of the estimates"
+        yield f"the times of {target.name} cover only {100.0 * target.matched_share:.3g} % of the estimates"

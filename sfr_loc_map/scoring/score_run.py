@@ -38,9 +38,9 @@ def score_run(
     aligned: AlignedErrorConfig | None = None,
     kept_errors: Collection[tuple[str, str]] = (),
 ) -> Score:
-    """Return the score of a run, also for conditions that only the limits name; with settings, APE and RPE as well.
+    """Return the score of a run, including conditions that only the limits name; with `aligned`, also APE and RPE.
 
-    All errors are kept of the figures of the trajectory that are limited, and of `kept_errors`.
+    All errors are kept for limited figures of the trajectory and for `kept_errors`.
     """
     config = with_conditions(config, limits)
     trajectory = result_without_poses(run.unposed_images)

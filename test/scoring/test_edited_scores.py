@@ -73,8 +73,8 @@ def with_fewer_independent(score: dict[str, Any]) -> None:
         (without_missing, "but the row missing is absent"),
         (partly_judged, "judged drive is 0.8, but the missing items give 1"),
         (without_calls, "localisation_p95_s is limited, but the details of the localisation calls are absent"),
-        (looser, "its limits are not those of"),
-        (with_fewer_independent, "its limits are not those of"),
+        (looser, "its limits differ from those in its limits file"),
+        (with_fewer_independent, "its limits differ from those in its limits file"),
     ],
 )
 def test_an_edited_file_is_refused(tmp_path: Path, files: tuple[Path, Path], sfr: Sfr, edit: Edit, said: str) -> None:

@@ -124,14 +124,14 @@ def test_calls_belong_to_the_estimate_that_they_gave(tmp_path: Path, sfr: Sfr) -
         save_trajectory(tmp_path / "e.csv", trajectory)
         done = sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--limits", rules, "--stats", stats)
         assert done.code == code, (name, done.err)
-    assert "are of another estimate: at 1 of 300 stamps" in done.err
+    assert "belong to another estimate: at 1 of 300 stamps" in done.err
     header, *lines = stats.read_text().splitlines()
     places = [header.split(",").index(f"position_{axis}_m") for axis in "xyz"]
     emptied = [",".join("" if n in places else cell for n, cell in enumerate(line.split(","))) for line in lines]
     stats.write_text("\n".join([header, *emptied]) + "\n")
     done = sfr("score", tmp_path / "e.csv", tmp_path / "t.csv", "--stats", stats)
     assert done.code == 2
-    assert "state no position at 300 of 300 stamps" in done.err
+    assert "have no position at 300 of 300 stamps" in done.err
 
 
 @pytest.mark.parametrize(

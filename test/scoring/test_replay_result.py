@@ -99,7 +99,7 @@ def test_a_cloud_is_judged_by_the_truth_of_its_own_pairs(tmp_path: Path) -> None
     assert (number(score, "pairs"), number(score, "coverage") > 0.8) == (2, True)
     assert number(score, "point_error", "p50") < 0.02
     save_cloud(tmp_path / "d.ply", replace(cloud, pair_stamps_ns=(1, 2)))
-    with pytest.raises(InputError, match="give the source that it was made from"):
+    with pytest.raises(InputError, match="give the source of the cloud"):
         file_score(tmp_path / "d.ply", source.path)
 
 

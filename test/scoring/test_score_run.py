@@ -102,12 +102,15 @@ def test_a_cloud_file_without_its_kind_needs_the_option_and_one_with_it_is_not_c
     score = scored(path, folder)
     assert [score_rows.number(score, name) for name in ("pairs", "points", "coverage")] == [1, len(xyz), 1.0]
     assert score_rows.number(score, "point_error", "mean") == pytest.approx(0.1, abs=1e-6)
-    assert "does not say whether it is fused: give --fused" in sfr("score", silent, folder).err
+    assert (
+        "does not declare whether it is fused, which changes the coverage: give --fused"
+        in sfr("score", silent, folder).err
+    )
     kinds = [scored(silent, folder, option)["cloud"]["kind"] for option in ("--fused", "--not-fused")]
     assert kinds == ["fused", "single pairs"]
     assert scored(path, folder, "--not-fused")["cloud"]["kind"] == "single pairs"
     done = sfr("score", path, folder, "--fused")
-    assert (done.code, "says that it is not fused" in done.err) == (2, True)
+    assert (done.code, "declares that it is not fused" in done.err) == (2, True)
 
 
 def recorded(path: Path, calls: Mapping[str, Sequence[str]]) -> Path:
