@@ -1,4 +1,4 @@
-"""Many runs on Dask: suites of sources, configurations and faults, what follows from all of them, and searches."""
+"""Many runs on Dask: suites of sources, configurations and faults, their statistics, and searches."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""A suite from its file to its summary: what `sfr suite run` does, for programs as well."""
+"""Runs a suite from its file to its summary, for `sfr suite run` and for programs."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from distributed import Client
 
 Say = Callable[[str], None]
-"""Takes a line of what is reported while a suite runs."""
+"""Function that prints a line of progress of a suite."""
 Progress = Callable[[int, int, tuple[Job, JobOutcome] | None], None]
-"""Takes the number of the tasks that are done, of all of them, and the last one with its outcome, None at the start."""
+"""Function of the number of finished tasks, of all tasks, and the last task with its outcome (None at the start)."""
 
 
 def run_suite(
@@ -36,10 +36,10 @@ def run_suite(
     say: Say = lambda line: None,
     progress: Progress = lambda done, total, last: None,
 ) -> Summary:
-    """Run the tasks of a suite that have no result yet, write its page, and return what follows from all results.
+    """Run the tasks of a suite that have no result yet, write the page of the suite, and return the summary.
 
-    The tasks run on `workers` processes of this host, by default one a core, or on the Dask cluster of a `scheduler`.
-    InterruptedRunError if a signal ended it, after what was done is reported.
+    The tasks run on `workers` processes of this host, by default one per core, or on the Dask cluster of a `scheduler`.
+    After a signal, the finished tasks are reported and InterruptedRunError is raised.
     """
     settings = specification.settings
     interrupted = False
@@ -56,7 +56,7 @@ def run_suite(
                     run_and_keep(jobs, store, settings, client, at_work, say, progress)
         except KeyboardInterrupt:
             interrupted = True
-        finally:  # whatever ended it, the suite reports what it has
+        finally:  # report the finished tasks after any error
             hold()
             from sfr_loc_map.suite.pages.page import write_summary  # its imports take as long as all of the start
 
@@ -69,12 +69,12 @@ def run_suite(
 
 
 def planned_jobs(specification: SuiteSpecification, store: Store) -> tuple[list[Job], list[Refusal]]:
-    """Return the jobs of a suite and its unreadable sources; the folder keeps what is known of the sources."""
+    """Return the jobs of a suite and its unreadable sources. The facts of the sources are cached in the folder."""
     return make_plan(specification, store.facts_of, store.cache)
 
 
 def open_jobs(planned: Sequence[Job], store: Store, settings: SuiteSettings, *, retry_failed: bool) -> list[Job]:
-    """Return the jobs that have to be run; a sequential test takes their drives in this order."""
+    """Return the jobs to run, in the order in which a sequential test uses their drives."""
     wanted = ("waiting", "failed") if retry_failed else ("waiting",)
     jobs = [job for job in planned if store.state(job.key) in wanted]
     if settings.stop_when_decided:
@@ -83,7 +83,7 @@ def open_jobs(planned: Sequence[Job], store: Store, settings: SuiteSettings, *, 
 
 
 def slots_for(settings: SuiteSettings, workers: int | None) -> int:
-    """Return how many jobs run at a time on this host: as many as `workers`, by default one a core."""
+    """Return the number of parallel jobs on this host: `workers`, by default one per core."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return workers or max(1, cores // settings.threads)
 
@@ -92,7 +92,7 @@ def slots_for(settings: SuiteSettings, workers: int | None) -> int:
 def suite_workers(
     store: Store, settings: SuiteSettings, slots: int, scheduler: str | None, say: Say
 ) -> Iterator[tuple[Client, SuiteWorkers]]:
-    """Yield a client of Dask and its workers; what they did is kept in the folder."""
+    """Yield a Dask client and its workers. The records of the workers are saved in the folder."""
     with connected(settings, workers=slots, scheduler=scheduler) as client:
         at_work = SuiteWorkers(client, lambda text: say(one_line(text)), settings.wait_s)
         try:
@@ -110,7 +110,7 @@ def run_and_keep(
     say: Say,
     progress: Progress,
 ) -> None:
-    """Run jobs and keep what comes of each, until sequential tests have decided if the suite ends then."""
+    """Run jobs and save each outcome. With `stop_when_decided`, stop when the sequential tests have decided."""
     decision = SequentialDecision(store) if settings.stop_when_decided else None
     with closing(run_jobs(client, jobs, settings.timeout_s, store.cache, at_work)) as outcomes:
         progress(0, len(jobs), None)
@@ -121,5 +121,5 @@ def run_and_keep(
                 continue
             decision.add(job)
             if decision.is_made:
-                say(f"decided after {done} of {len(jobs)} tasks: the others are not needed")
+                say(f"decided after {done} of {len(jobs)} tasks: the remaining tasks are not needed")
                 break

@@ -1,7 +1,7 @@
-"""Evidence beside the scores of a test report, read from what other commands wrote.
+"""Additional evidence for a test report, read from the outputs of other commands.
 
 A check without ground truth, the error budget of a suite, and a search for the worst case are shown in this order. They
-support a verdict and never change it.
+support a verdict but never change it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ CHECK_TABLES = (check_table, closure_table, overlap_table, predicted_table, cali
 
 
 class CheckFile(msgspec.Struct):
-    """The JSON of `sfr check`, as far as it is shown."""
+    """The displayed part of the JSON of `sfr check`."""
 
     schema: ClassVar = "sfr-check/1"
     heading: ClassVar = "Check without ground truth"
@@ -45,7 +45,7 @@ class CheckFile(msgspec.Struct):
         return [make_table(self.figures) for make_table in CHECK_TABLES]
 
     def open_points(self) -> Iterator[str]:
-        """Yield what is not consistent."""
+        """Yield the results that are not consistent."""
         for subject, result in self.results.items():
             if result is not CheckResult.CONSISTENT:
                 yield f"The result of the check of the {subject} without ground truth is '{result.value}'."
@@ -53,7 +53,7 @@ class CheckFile(msgspec.Struct):
 
 
 class BudgetFile(msgspec.Struct):
-    """`suite.json` of a suite with an error budget, as far as it is shown."""
+    """The displayed part of `suite.json` of a suite with an error budget."""
 
     schema: ClassVar = "sfr-suite/1"
     heading: ClassVar = "Error budget"
@@ -64,7 +64,7 @@ class BudgetFile(msgspec.Struct):
         return budget_tables(self.budgets)
 
     def open_points(self) -> Iterator[str]:
-        """Yield what the budgets leave open."""
+        """Yield the open points of the budgets."""
         if not self.budgets:
             yield "The suite has no error budget."
         for budget in self.budgets:
@@ -77,7 +77,7 @@ class BudgetFile(msgspec.Struct):
 
 
 class PointRecord(msgspec.Struct):
-    """A point of a search: its figure over the limit, and the values of the parameters."""
+    """A point of a search: ratio of figure and limit, and the values of the parameters."""
 
     ratio: float
     point: dict[str, float]
@@ -92,7 +92,7 @@ class ParameterRecord(msgspec.Struct):
 
 
 class SearchFile(msgspec.Struct):
-    """`search.json`, as far as it is shown."""
+    """The displayed part of `search.json`."""
 
     schema: ClassVar = "sfr-search/1"
     heading: ClassVar = "Worst case"
@@ -124,12 +124,12 @@ class SearchFile(msgspec.Struct):
         figure = f"{title_of(self.figure)}, {statistic_title(self.statistic)}, over {label_of(self.condition)}"
         note = (
             f"{figure}; limit {self.limit:g}. {len(self.points)} scenarios were run. The reduced case is the smallest "
-            "change of the usual scenario that still misses the limit."
+            "change of the usual scenario that misses the limit."
         )
         return [Table("case", "Worst case", heads, tuple(rows), note)]
 
     def open_points(self) -> Iterator[str]:
-        """Yield that the limit is missed somewhere."""
+        """Yield an open point if any scenario misses the limit."""
         missed = sum(item.ratio > 1.0 for item in self.points)
         if missed:
             yield (
@@ -143,7 +143,7 @@ KINDS: tuple[type[CheckFile | BudgetFile | SearchFile], ...] = (CheckFile, Budge
 
 
 def read_evidence(paths: Sequence[Path]) -> list[Evidence]:
-    """Return the evidence of files, in the order of a report; InputError for any other file."""
+    """Return the evidence of files, in the order of a report; raise InputError for other files."""
     read = [(path, read_file(path)) for path in paths]
     read.sort(key=lambda item: KINDS.index(type(item[1])))
     return [
@@ -159,7 +159,7 @@ def read_evidence(paths: Sequence[Path]) -> list[Evidence]:
 
 
 def read_file(path: Path) -> CheckFile | BudgetFile | SearchFile:
-    """Return the content of a file by its schema; InputError if it is none of the kinds."""
+    """Return the content of a file by its schema; raise InputError for an unknown schema."""
     try:
         content = msgspec.json.decode(read_text(path, MAX_JSON_BYTES), type=dict[str, Any])
         kinds = {kind.schema: kind for kind in KINDS}

@@ -1,4 +1,4 @@
-"""A suite for other programs: JUnit XML, a run of MLflow, a table of its results as Parquet."""
+"""Export of a suite: JUnit XML, a run of MLflow, and the results as Parquet."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from sfr_loc_map.report.junit import junit
 from sfr_loc_map.suite.statistics.figures import figures_of
 from sfr_loc_map.suite.statistics.summary import Summary
 
-EXPERIMENT = "sfr suite"  #: Of MLflow.
+EXPERIMENT = "sfr suite"  #: Name of the MLflow experiment.
 
 
 def suite_junit(summary: Summary) -> str:
-    """Return a test case for each limit over all drives and of each drive, and one for each without a result."""
+    """Return JUnit XML with a test case per limit over all drives and per drive, and per task without a result."""
     failed = {item.label: f"{item.cause}: {item.message}" for item in summary.failures}
     refused = {item.path: item.reason for item in summary.refusals}
     judged = {
@@ -39,7 +39,7 @@ def suite_junit(summary: Summary) -> str:
 
 
 def write_parquet(summary: Summary, path: Path) -> None:
-    """Write the tables of figures of all results as one, each row with its job; nothing without pyarrow."""
+    """Write the figures of all results as one table, each row with its job; without pyarrow, do nothing."""
     try:
         import pyarrow
         import pyarrow.parquet
@@ -59,7 +59,7 @@ def write_parquet(summary: Summary, path: Path) -> None:
 
 
 def log_to_mlflow(summary: Summary, folder: Path, uri: str) -> str:
-    """Log a suite as a run of MLflow and return its number: pooled errors and counts, tags, the files of its folder."""
+    """Log pooled errors, counts, tags and files of a suite as an MLflow run; return the ID of the run."""
     try:
         import mlflow
     except ImportError as absent:
@@ -92,5 +92,5 @@ def log_to_mlflow(summary: Summary, folder: Path, uri: str) -> str:
                     mlflow.log_artifact(str(folder / name))
             mlflow.end_run("FAILED" if summary.failures or summary.refusals else "FINISHED")
     except (mlflow.MlflowException, OSError) as reason:
-        raise OutputError(f"MLflow at '{uri}' accepted no run: {one_line(str(reason))}; check the address") from reason
+        raise OutputError(f"MLflow at '{uri}' rejected the run: {one_line(str(reason))}; check the address") from reason
     return str(run.info.run_id)

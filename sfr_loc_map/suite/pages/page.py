@@ -1,4 +1,4 @@
-"""What a suite writes beside its results, and the page of a history."""
+"""The pages and files of a suite, and the page of a history."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def render_summary(summary: Summary) -> str:
 
 
 def _error_plots(summary: Summary) -> list[Plot]:
-    # no text of a user is in the figures: runs are shown by their number in the table `groups`
+    # runs are labelled by their number in the table `groups`, so that no user text is in the plot
     numbers = {group.key: n for n, group in enumerate(summary.groups, 1)}
     each = [(numbers[drive.group_key], drive.figure) for drive in summary.drives if drive.figure]
     each.sort(key=itemgetter(0))
@@ -61,8 +61,8 @@ def _error_plots(summary: Summary) -> list[Plot]:
     sizes = span([value * factor for _, value in each + pooled if value is not None])
     layout = {"xaxis": axis(RUNS, dtick=1), "yaxis": log_axis(f"position, mean + 3 sigma, {unit}", *sizes)}
     caption = (
-        "Each drive, and the sub-trajectories of all drives pooled; first condition. The pooled value contains the "
-        "differences between the drives, so that it may be above that of every drive."
+        "Each drive, and the pooled sub-trajectories of all drives; first condition. The pooled value contains the "
+        "differences between the drives and may therefore exceed the values of all drives."
     )
     return [Plot("suite-errors", "Position error by runs", caption, traces, layout, width="full")]
 
@@ -82,21 +82,21 @@ def budget_plot(budget: Budget) -> Plot:
         bar = {"type": "bar", "name": name, "x": names, "y": values, "error_y": bars, "marker": {"color": color}}
         traces.append(bar)
     layout = {"xaxis": axis("", type="category"), "yaxis": axis("of the mean square, %")}
-    caption = "Fraction that each source of error causes alone, and that vanishes without the source; 95 % intervals."
+    caption = "Fraction that each source of error causes alone, and fraction that vanishes without it; 95 % intervals."
     return Plot("budget", "Error budget", caption, traces, layout, height=460, width="full")
 
 
 def first_position(figures: tuple[Figure, ...]) -> Figure | None:
-    """Return the position error over the first condition, None without one."""
+    """Return the position error over the first condition; None if there is none."""
     return next(find_rows(figures, "position"), None)
 
 
 def render_history(history: History) -> str:
     """Return the page of a history as HTML."""
     worse = [change.text for change in history.worse]
-    heading = "worse" if worse else "not worse"  # no verdict: no limit is judged
+    heading = "worse" if worse else "not worse"  # not a verdict, because no limit is judged
     text = "; ".join(worse) or "No figure is certainly worse than before."
-    plots, caption = [], "Mean over the drives; geometric except of counts."
+    plots, caption = [], "Geometric mean over the drives; arithmetic mean for counts."
     for number, (figure, values) in enumerate(history.figures.items()):
         trace = marks("all drives", _columns([*enumerate(values, 1)]), "@one")
         layout = {"xaxis": axis("night", dtick=None), "yaxis": axis(figure)}

@@ -12,12 +12,12 @@ from sfr_loc_map.report.tables import ABSENT, Cell, Column, Table
 from sfr_loc_map.suite.search.run import SearchResult
 from sfr_loc_map.suite.search.worst_case import Coverage, Slice
 
-WORST_SHOWN = 20  #: Points in the table of the worst.
-CELLS_SHOWN = 30  #: Cells that were never run in the table.
+WORST_SHOWN = 20  #: Maximum number of points in the table of the worst points.
+CELLS_SHOWN = 30  #: Maximum number of untested cells in the table.
 
 
 def search_tables(result: SearchResult) -> list[Table]:
-    """Return the tables: the found case, the worst points, cells that were never run."""
+    """Return the tables: the worst case, the worst points, and untested cells."""
     return [_case_table(result), _points_table(result), *_coverage_tables(result.coverage)]
 
 
@@ -32,8 +32,8 @@ def _case_table(result: SearchResult) -> Table:
     ratios = (result.usual.ratio, result.found.ratio, result.case.ratio)
     rows.append((Cell.head("figure over limit"), *[Cell(ABSENT)] * 2, *map(Cell.number, ratios), Cell(ABSENT)))
     note = (
-        "The reduced case is the least change of the usual scenario that still misses the limit. A drive without the "
-        "figure counts as 2. Rank correlation: of the parameter with the ratio over all points of the search."
+        "The reduced case is the smallest change of the usual scenario that misses the limit. A drive without the "
+        "figure counts as 2. Rank correlation: between the parameter and the ratio over all points of the search."
     )
     return Table("case", "Worst case", heads, tuple(rows), note)
 
@@ -45,7 +45,7 @@ def _points_table(result: SearchResult) -> Table:
     rows = tuple(
         (Cell.number(number), Cell.number(item.ratio), *map(Cell.number, item.point)) for number, item in numbered
     )
-    return Table("points", "Points with the least margin", heads, rows, f"{len(result.tried)} points were searched.")
+    return Table("points", "Points with the smallest margin", heads, rows, f"{len(result.tried)} points were searched.")
 
 
 def _coverage_tables(cards: Sequence[Coverage]) -> list[Table]:
@@ -55,7 +55,7 @@ def _coverage_tables(cards: Sequence[Coverage]) -> list[Table]:
         rows = tuple(
             tuple(Cell(f"{low:.4g} to {high:.4g}") for low, high in cell) for cell in card.missing[:CELLS_SHOWN]
         )
-        note = f"{card.cells - len(card.missing)} of {card.cells} cells were run; the table has those that were not."
+        note = f"{card.cells - len(card.missing)} of {card.cells} cells were tested. The table lists untested cells."
         tables.append(Table(f"coverage-{number}", f"Coverage: {', '.join(card.parameters)}", heads, rows, note))
     return tables
 
@@ -101,5 +101,5 @@ def _slice_plot(result: SearchResult, number: int) -> Plot:
         "name": "limit",
     }
     layout = {"xaxis": axis(plain(first)), "yaxis": axis(plain(second))}
-    caption = "All other parameters as in the reduced case; the line is where the limit begins to be missed."
+    caption = "All other parameters are as in the reduced case. The line is the border where the limit is reached."
     return Plot(f"search-slice-{number}", f"{first} and {second}", caption, [levels, border], layout)

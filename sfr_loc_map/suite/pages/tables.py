@@ -1,4 +1,4 @@
-"""The tables of a suite, of a comparison of suites, and of a history, made of their JSON values."""
+"""The tables of a suite, of a comparison of suites, and of a history, made from their JSON values."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ from sfr_loc_map.suite.statistics.history import MIN_REFERENCE, History
 from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary
 
 PAGES = "pages"  #: Folder of the pages of single results, beside the page of the suite.
-MAX_PAGES = 200  #: Pages of the worst results; of the others the score is there, of which `sfr report` makes a page.
+MAX_PAGES = 200  #: Maximum number of pages of results. `sfr report` makes pages of the other scores.
 HEAD, WORDS, INTERVAL, FILE, SHOWN = "head", "words", "interval", "file", "shown"
-"""Kinds of columns without one unit; of `SHOWN` each row names its own."""
+"""Kinds of columns without a common unit. For `SHOWN`, each row names its unit."""
 Columns = tuple[tuple[str, Unit | str, str], ...]
-"""Title, unit or kind, and the keys that lead to the value in a row, joined by dots."""
+"""Title, unit or kind, and path of keys to the value in a row, joined by dots."""
 GROUPS: Columns = (
     ("number", NONE, "number"),
     ("task", HEAD, "task"),
@@ -73,7 +73,7 @@ OF_DRIVES: tuple[tuple[str, Unit, str, str, str | None], ...] = (
     ("call p95", MILLISECOND, "localisation", "p95", None),
     ("peak", MIB, "peak", "value", CallKind.LOCALISATION),
 )
-"""Columns of the table of drives after the errors that the catalogue compares: title, unit, figure, statistic, part."""
+"""Columns of the table of drives after the compared errors: title, unit, figure, statistic, part."""
 BUDGET: Columns = (
     ("source of error", HEAD, "source"),
     ("fraction alone", PERCENT, "alone.value"),
@@ -127,7 +127,7 @@ HISTORY: Columns = (
     ("95 % interval", INTERVAL, "ci95"),
     ("see", WORDS, "command"),
 )
-NAMED = 5  #: Drives of a change that are named in a table.
+NAMED = 5  #: Maximum number of named drives of a change.
 
 
 def _table(name: str, title: str, columns: Columns, rows: Iterable[Mapping[str, Any]], note: str = "") -> Table:
@@ -156,7 +156,7 @@ def _cell(row: Mapping[str, Any], kind: Unit | str, keys: str) -> Cell:
 
 
 def verdict_table(summary: Summary) -> Table:
-    """Return the verdicts over all drives, the worst first."""
+    """Return the verdicts over all drives, worst first."""
     verdicts = []
     for place, group in enumerate(summary.groups):
         for row, item in enumerate(group.verdicts):
@@ -172,7 +172,7 @@ def verdict_table(summary: Summary) -> Table:
 
 
 def suite_tables(summary: Summary) -> list[Table]:
-    """Return the tables of a suite: counts, verdicts, pooled errors, drives from the worst on, failures."""
+    """Return the tables of a suite: verdicts, failures, budgets, counts, pooled errors, maps and drives, workers."""
     groups, pooled = [], []
     for place, group in enumerate(summary.groups, 1):
         head = {"runs": _joined(*group.key), "link": "suite.json"}
@@ -189,8 +189,8 @@ def suite_tables(summary: Summary) -> list[Table]:
     maps = [drive for drive in summary.drives if drive.score.has(Subject.MAP)]
     maps.sort(key=lambda drive: -map_error_of(drive.score))
     counts = summary.counts | {"sources refused": len(summary.refusals)}
-    of_pooled = "95 % interval of mean + 3 sigma by resampling whole drives; it needs five of them."
-    of_workers = "A worker with other code was set aside and got no task."
+    of_pooled = "95 % interval of mean + 3 sigma by resampling whole drives; at least five drives are required."
+    of_workers = "Workers with different code were set aside and got no tasks."
     of_drives = "Errors over the sub-trajectories of the first condition."
     tables = (
         verdict_table(summary),
@@ -207,7 +207,7 @@ def suite_tables(summary: Summary) -> list[Table]:
 
 
 def budget_tables(budgets: Sequence[Budget]) -> list[Table]:
-    """Return a table for each error budget: its sources from the largest share on, the rest, and the sum."""
+    """Return a table for each error budget: sources by decreasing fraction, the rest, and the sum."""
     tables = []
     for place, budget in enumerate(budgets, 1):
         rows: list[dict[str, Any]] = []
@@ -221,7 +221,7 @@ def budget_tables(budgets: Sequence[Budget]) -> list[Table]:
         rows.append({"source": "sum", "alone": to_plain(budget.total), "shown": PERCENT})
         note = (
             f"Fractions of the mean square position error over {label_of(budget.condition)}; {budget.drives} drives, "
-            f"{budget.left_out} skipped because a variant has no result. Mean and sigma: what the source adds alone."
+            f"{budget.left_out} skipped because a variant has no result. Mean and sigma: effect of the source alone."
         )
         title = f"Error budget, {_joined(budget.configuration)}: root mean square " + (
             "unknown" if budget.rms_m is None else number(budget.rms_m, unit=MILLIMETRE) + " mm"
@@ -231,13 +231,13 @@ def budget_tables(budgets: Sequence[Budget]) -> list[Table]:
 
 
 def worst_first(summary: Summary) -> list[ScoredJob]:
-    """Return the drives with a trajectory, those with the largest mean + 3 sigma of position first."""
+    """Return the drives with a trajectory by decreasing mean + 3 sigma of position."""
     drives = [drive for drive in summary.drives if drive.score.association is not None]
     return sorted(drives, key=lambda drive: -1.0 if drive.figure is None else drive.figure, reverse=True)
 
 
 def linked(summary: Summary) -> list[ScoredJob]:
-    """Return the results that have a page of their own: the worst drives, and the maps."""
+    """Return the results that have their own page: the worst drives, and the maps."""
     maps = [drive for drive in summary.drives if drive.score.association is None]
     return (worst_first(summary) + maps)[:MAX_PAGES]
 
@@ -249,7 +249,7 @@ def _joined(*parts: str) -> str:
 def result_table(
     name: str, title: str, drives: Sequence[ScoredJob], pages: set[str], subject: Subject, note: str = ""
 ) -> Table:
-    """Return a row a result: the errors that the catalogue compares, over the first condition, and what they cost."""
+    """Return a table with a row per result: the compared errors over the first condition, and the resources."""
     errors = [kind for kind in KINDS.values() if TOTAL in kind.compared and kind.subject is subject]
     columns = [Column("drive", words=True), Column("runs", words=True)]
     for kind in errors:
@@ -289,7 +289,7 @@ def comparison_tables(result: SuiteComparison) -> list[Table]:
     """Return the table of a comparison of suites."""
     rows = [{**to_plain(item), "largest": item.worst.other / item.worst.first} for item in result.figures]
     note = (
-        "Ratio: geometric mean over the drives of mean + 3 sigma, or of the cost; below 1 the other is better. "
+        "Ratio: geometric mean over the drives of mean + 3 sigma, or of the cost; below 1 the second suite is better. "
         f"Corrected for {len(result.figures)} comparisons (Holm). Not in both: {result.left_out[0]} and "
         f"{result.left_out[1]}."
     )
@@ -298,13 +298,13 @@ def comparison_tables(result: SuiteComparison) -> list[Table]:
 
 
 def history_tables(history: History) -> list[Table]:
-    """Return the table of a history: every change of a figure."""
+    """Return the table of a history with every change of a figure."""
     note = (
-        f"Nights: {len(history.nights)}. Before and after: means over the drives named. While nothing "
+        f"Nights: {len(history.nights)}. Before and after: means over the drives named. Without "
         f"changes, at most one night in {1.0 / history.false_alarm_rate:g} gives an alarm."
     )
     if len(history.nights) <= MIN_REFERENCE:
-        note += f" Of fewer than {MIN_REFERENCE + 1} nights only a change of most drives is found."
+        note += f" With fewer than {MIN_REFERENCE + 1} nights, only changes of most drives are found."
     rows: list[dict[str, Any]] = []
     for change in history.changes:
         named = ", ".join(change.drives[:NAMED]) + (", ..." if len(change.drives) > NAMED else "")
@@ -314,7 +314,7 @@ def history_tables(history: History) -> list[Table]:
 
 
 def plan_table(counts: Sequence[DriveCount]) -> Table:
-    """Return how many drives are needed as a table."""
+    """Return the required numbers of drives as a table."""
     columns = [Column("requirement", words=True), Column("without a failure"), Column("fixed plan"), Column("may fail")]
     columns += [Column("sequential, expected"), Column("sequential, no failure")]
     has_runs = any(count.drives is not None for count in counts)
@@ -333,7 +333,7 @@ def plan_table(counts: Sequence[DriveCount]) -> Table:
         row += [Cell.verdict(count.state or VerdictState.NOT_ENOUGH_DATA)] if has_runs else []
         rows.append(tuple(row))
     note = (
-        "Independent drives. A fixed plan passes with at most so many failures; it is judged at its end. The "
-        "sequential test is judged after each drive, with the same risks."
+        "Numbers of independent drives. A fixed plan is judged at its end and passes with at most the failures in "
+        "'may fail'. The sequential test is judged after each drive and has the same risks."
     )
     return Table("plan", "Number of drives", tuple(columns), tuple(rows), note)

@@ -1,10 +1,10 @@
-"""Runs jobs on Dask: on worker processes of this machine, or on a cluster that is running.
+"""Runs jobs on Dask: on worker processes of this machine, or on a running cluster.
 
-Dask starts the processes, ends one that needs too much memory and starts another in its place. This module adds what
-Dask does not know: the time limit of a job, which workers have the code of the client, and why a job failed.
+Dask starts the processes and restarts a process that exceeds its memory limit. This module adds the time limit of a
+job, the check that a worker has the code of the client, and the cause of a failure.
 
-A plugin of Dask compares the digest of the code once, when a worker joins. A worker that has the code of the client
-offers a resource that the tasks require, so that Dask gives tasks to no other worker.
+A Dask plugin compares the digest of the code once, when a worker joins. A worker with the code of the client offers a
+resource that the tasks require, so that Dask assigns tasks only to such workers.
 """
 
 from __future__ import annotations
@@ -32,46 +32,46 @@ from sfr_loc_map.suite.running.specification import SuiteSettings
 if TYPE_CHECKING:
     from distributed import Client, Future, WorkerPlugin
 
-TRIES = 3  #: How often a job is run at most, if it raises an error or ends its worker.
+TRIES = 3  #: Maximum number of attempts for a job that raises an error or kills its worker.
 JOINED = "sfr-joined"  #: Topic of the event by which a worker reports its code.
 OVER_TIME = "sfr-over-time"  #: Topic of the event by which a task reports that it exceeds its time limit.
-OVER_MEMORY = "worker-restart-memory"  #: Topic of the event by which Dask's nanny reports the same of memory.
-ASK_EVERY_S = 1.0  #: How often the scheduler is asked for its workers.
+OVER_MEMORY = "worker-restart-memory"  #: Topic of the event by which the Dask nanny reports an exceeded memory limit.
+ASK_EVERY_S = 1.0  #: Period of requests for the workers of the scheduler.
 SAY_AFTER_S = 2.0  #: Time without a worker after which it is reported.
-SHOWN = 10  #: Workers whose missing code is reported.
+SHOWN = 10  #: Maximum number of reported workers with different code.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @contextlib.contextmanager
 def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -> Iterator[Client]:
-    """Yield a client of workers that are started here, or of the running scheduler at an address."""
+    """Yield a client of local workers, or of the running scheduler at an address."""
     try:
         import dask
         from distributed import Client, LocalCluster
     except ImportError as error:
         raise MissingExtraError(f"suites run on Dask ({error}): pip install 'sfr_loc_map[suite]'") from error
-    for name in ("distributed", "distributed.client"):  # what is lost is reported in one line
+    for name in ("distributed", "distributed.client"):  # lost workers are reported in one line instead
         logging.getLogger(name).setLevel(logging.CRITICAL)
     options: dict[str, Any] = {
-        "distributed.scheduler.allowed-failures": 0,  # tries are counted here, and a job runs again only if submitted
+        "distributed.scheduler.allowed-failures": 0,  # attempts are counted in this module, which resubmits jobs
         **{f"distributed.worker.memory.{name}": False for name in ("target", "spill", "pause")},
         "distributed.worker.memory.terminate": 1.0,
-        # a worker may just be restarting when Dask looks for it; without any for long, jobs fail
+        # a missing worker may only be restarting; jobs fail without any worker for a long time
         "distributed.deploy.lost-worker-timeout": "1000 days",
         "distributed.worker.profile.enabled": False,
         "distributed.worker.preload": ["sfr_loc_map.suite.running.worker_start"],
         "distributed.nanny.pre-spawn-environ": dict.fromkeys(THREADS, settings.threads),
-        # not before the spawn, where it is set in this process too: numba reads it again and refuses a change
+        # not pre-spawn, which also sets the variable in this process, where numba refuses a change
         "distributed.nanny.environ": {"NUMBA_NUM_THREADS": settings.threads},
     }
     with contextlib.ExitStack() as stack:
         stack.enter_context(dask.config.set(options))
         if scheduler is not None:
-            with refusing(f"no Dask scheduler answers at '{scheduler}'", "start one"):
+            with refusing(f"no Dask scheduler answers at '{scheduler}'", "start a scheduler"):
                 client = Client(scheduler, timeout="10s", set_as_default=False)
             stack.callback(client.close, timeout=2)
         else:
-            with deferred_signals():  # of a whole group they would end workers that start
+            with deferred_signals():  # signals to the process group would kill starting workers
                 cluster = LocalCluster(
                     n_workers=workers,
                     threads_per_worker=1,
@@ -87,7 +87,7 @@ def connected(settings: SuiteSettings, *, workers: int, scheduler: str | None) -
 
 
 def _end(cluster: Any) -> None:  # noqa: ANN401 - distributed is typed in part
-    """End the workers at once; a polite close waits for what they still run."""
+    """Kill the workers; a normal close would wait for running tasks."""
     for nanny in cluster.workers.values():
         with contextlib.suppress(Exception):
             nanny.auto_restart = False
@@ -97,10 +97,10 @@ def _end(cluster: Any) -> None:  # noqa: ANN401 - distributed is typed in part
 
 
 def proof_plugin(resource: str, expected: Mapping[str, str]) -> WorkerPlugin:
-    """Return the plugin by which a worker compares its code, and then offers a resource.
+    """Return the plugin that compares the code of a worker, and offers a resource if the code is equal.
 
-    The class is defined here because a class in a function is pickled by value: it works on a worker that has other
-    code or none. For the same reason it may use no name of this module.
+    A class in a function is pickled by value, so the plugin works on workers with different code or without the
+    package. For the same reason the class must not use names of this module.
     """
     from distributed import Status, WorkerPlugin
 
@@ -114,11 +114,11 @@ def proof_plugin(resource: str, expected: Mapping[str, str]) -> WorkerPlugin:
                 from sfr_loc_map.suite.running.digests import about_here
 
                 about = about_here(expected)
-            except Exception as error:  # whatever is installed there
+            except Exception as error:  # any version may be installed there
                 about = {"lacks": f"sfr_loc_map of another version, or none ({type(error).__name__}: {error})"}
             worker.log_event(topic, {**about, "worker": worker.address, "resource": resource})
             if not about["lacks"]:
-                # Dask assigns waiting tasks only when a worker changes to running, by the resources that it has then
+                # Dask assigns waiting tasks by resources only when a worker changes to running
                 worker.status = Status.paused
                 await worker.set_resources(**{resource: worker.state.nthreads})
                 worker.status = Status.running
@@ -127,7 +127,7 @@ def proof_plugin(resource: str, expected: Mapping[str, str]) -> WorkerPlugin:
 
 
 class SuiteWorkers:
-    """The workers of a scheduler. Those that have the code of the client offer a resource that each task requires."""
+    """The workers of a scheduler. Workers with the code of the client offer the resource that each task requires."""
 
     def __init__(self, client: Client, say: Callable[[str], None], wait_s: float) -> None:
         self.resource = f"sfr-{code_fingerprint()}"
@@ -137,16 +137,16 @@ class SuiteWorkers:
         self._wait_s = wait_s
         self._asked_at = -ASK_EVERY_S
         self._slots = 0
-        self._without_since = time.monotonic()  # since when no worker may run a task
+        self._without_since = time.monotonic()  # start of the time without a suitable worker
         self._reported = ""
-        self._events_read = len(client.get_events(JOINED))  # those of earlier runs
-        with contextlib.suppress(Exception):  # a worker that cannot read the plugin offers nothing
+        self._events_read = len(client.get_events(JOINED))  # skip the events of earlier runs
+        with contextlib.suppress(Exception):  # a worker that cannot load the plugin offers no resource
             client.register_plugin(proof_plugin(self.resource, code_facts()))
 
     def slots(self) -> int:
-        """Return how many tasks run at the same time on the present workers; report if none may run a task.
+        """Return the number of parallel tasks on the present workers; report if no worker may run a task.
 
-        InputError if there has been none for longer than the limit.
+        Raise InputError if there has been no such worker for longer than the limit.
         """
         now = time.monotonic()
         if self._slots and now - self._asked_at < ASK_EVERY_S:
@@ -164,24 +164,24 @@ class SuiteWorkers:
         reason = self._reason(list(workers))
         if waited_s > self._wait_s:
             raise InputError(
-                f"{reason}: none came in {self._wait_s:g} s; results so far are kept, the same command continues"
+                f"{reason}: no worker joined in {self._wait_s:g} s; results so far are kept, the same command continues"
             )
         if waited_s > SAY_AFTER_S and reason != self._reported:
             self._reported = reason
-            self._say(f"{reason}: waiting {self._wait_s:g} s for one that may run a task")
+            self._say(f"{reason}: waiting up to {self._wait_s:g} s for a worker that may run a task")
         return 0
 
     def ask_again(self) -> None:
-        """Ask the scheduler for its workers again at the next call of `slots`, because one has died."""
+        """Request the workers of the scheduler at the next call of `slots`, because a worker has died."""
         self._slots = 0
 
     def count(self, outcome: JobOutcome) -> None:
-        """Count a task that a worker has done."""
+        """Count a finished task of a worker."""
         if outcome.worker:
             self._record(outcome.worker).done += outcome.cause is None
 
     def _read_events(self) -> None:
-        """Take what workers have reported of their code when they joined."""
+        """Read the events in which joining workers have reported their code."""
         events = self._client.get_events(JOINED)
         for _, event in events[self._events_read :]:
             if event["resource"] == self.resource:
@@ -208,11 +208,11 @@ class SuiteWorkers:
 def run_jobs(
     client: Client, jobs: Sequence[Job], timeout_s: float, cache: Path, workers: SuiteWorkers
 ) -> Generator[tuple[Job, JobOutcome]]:
-    """Yield each job with its outcome, as it is done.
+    """Yield each job with its outcome when the job has finished.
 
-    As many jobs are submitted as run at the same time, so that the death of a worker concerns one job: Dask counts it
-    against all tasks that the worker holds, also those that only wait there. A job that ends its worker is tried again.
-    Workers that do not see the cache of simulated sources use one of their own.
+    Only as many jobs are submitted as run in parallel, because Dask counts the death of a worker against all tasks on
+    this worker, including waiting tasks. A job that kills its worker is retried. Workers that cannot see the cache of
+    simulated sources use their own cache.
     """
     from distributed.scheduler import KilledWorker
 
@@ -256,12 +256,12 @@ def run_jobs(
             elif error is not None:
                 outcome = JobOutcome(cause=FailureCause.FAULT, message=one_line(f"{type(error).__name__}: {error}"))
             workers.count(outcome)
-            submit()  # before the caller keeps the outcome, so that no worker waits for it
+            submit()  # before the caller saves the outcome, so that no worker is idle
             yield job, outcome
     except OSError as error:
         raise InputError(
-            f"the Dask scheduler is gone ({type(error).__name__}): results so far are kept; start it and give the "
-            "same command again"
+            f"the connection to the Dask scheduler was lost ({type(error).__name__}): results so far are kept; start "
+            "the scheduler and repeat the command"
         ) from error
     finally:
         with contextlib.suppress(Exception):
@@ -269,13 +269,13 @@ def run_jobs(
 
 
 def _result_of(future: Future[JobOutcome]) -> tuple[JobOutcome, BaseException | None]:
-    """Return the outcome of a job that ended, and the error that it ended with, None if it has an outcome."""
+    """Return the outcome of a finished job, and its error; None if there is no error."""
     from distributed.scheduler import KilledWorker
 
     if future.status == "error":
         return JobOutcome(), future.exception()
     if future.status != "finished":
-        raise ConnectionError(f"Dask has forgotten a task: {future.status}")
+        raise ConnectionError(f"Dask has lost a task: {future.status}")
     try:
         return future.result(), None
     except KilledWorker as error:  # the worker was killed before its result was fetched
@@ -283,7 +283,7 @@ def _result_of(future: Future[JobOutcome]) -> tuple[JobOutcome, BaseException | 
 
 
 def _cause_of_death(client: Client, address: str, job: Job) -> JobOutcome:
-    """Return the outcome of a job that ended its worker, by what the worker reported."""
+    """Return the outcome of a job that killed its worker, from the events of the worker."""
     cause, message = FailureCause.DIED, "its worker process was killed or crashed"
     for _, event in client.get_events(OVER_MEMORY):
         if event["worker"] == address:
@@ -295,9 +295,9 @@ def _cause_of_death(client: Client, address: str, job: Job) -> JobOutcome:
 
 
 def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
-    """Run a job; bad input is an outcome.
+    """Run a job. Bad input is an outcome, not an error.
 
-    Beyond the time limit the process ends itself: a thread cannot be ended.
+    After the time limit the process kills itself, because a thread cannot be killed.
     """
     from distributed import get_worker
 
@@ -309,7 +309,7 @@ def run_on_worker(job: Job, timeout_s: float, cache: str) -> JobOutcome:
 
     def end() -> None:
         worker.log_event(OVER_TIME, {"worker": worker.address, "job": job.key, "seconds": timeout_s})
-        time.sleep(0.5)  # until the event is sent
+        time.sleep(0.5)  # to send the event
         os._exit(1)
 
     timer = threading.Timer(timeout_s, end)

@@ -26,15 +26,15 @@ PACKAGE = Path(__file__).parents[2]
 LIBRARIES = ("numpy", "numba", "scipy", "opencv-python-headless", "simplejpeg", "embreex")
 """Libraries that can change a figure."""
 WITHOUT_EFFECT = ("report/", "suite/pages/", "suite/statistics/", "live/", "bench/")
-"""Folders of the package that a result does not depend on: they show results, or compute from them. All other code
+"""Folders of the package that cannot change a result, because they only show or evaluate results. All other code
 counts, because a replay runs the command line and the nodes."""
-HASHED = (".py", ".json", ".xml")  #: Endings of code and of the files that it reads; the last are profiles of DDS.
+HASHED = (".py", ".json", ".xml")  #: Suffixes of code and its data files. XML files are DDS profiles.
 
 
 def file_state(path: Path) -> str:
-    """Return a hash of names, sizes, times of change and inodes of a file or of a folder's files that are not hidden.
+    """Return a hash of names, sizes, modification times and inodes of a file, or of the visible files of a folder.
 
-    InputError if there is nothing, or it may not be read.
+    Raise InputError if the path does not exist or is not readable.
     """
     try:
         files = [path] if path.is_file() else _files(path)
@@ -58,7 +58,7 @@ _known: dict[tuple[Path, Callable[[Path], object]], tuple[str, object]] = {}
 
 
 def known(path: Path, read: Callable[[Path], T]) -> T:
-    """Return what is read of a file or folder; it is read once as long as its `file_state` stays."""
+    """Return the content of a file or folder, which is cached until the `file_state` changes."""
     state = file_state(path)
     if (before := _known.get((path, read))) is None or before[0] != state:
         before = _known[path, read] = state, read(path)
@@ -77,7 +77,7 @@ def _versions() -> dict[str, str]:
 
 
 def hash_package(root: Path) -> str:
-    """Return the hash of the files of a package that a result depends on."""
+    """Return the hash of the files of a package that can change a result."""
     found = hashlib.sha256()
     for name in _files(root):
         path = Path(name)
@@ -93,7 +93,7 @@ def code_fingerprint() -> str:
 
 
 def method_hash(spec: str, task: Task, config: str) -> str:
-    """Return the hash of the file or the package that a method is loaded from, empty for built-in ones."""
+    """Return the hash of the file or the package of a method; empty for built-in methods."""
     method = find_method(spec, task, config)
     package = spec.partition(":")[0].partition(".")[0]
     if method.sha256 is not None or ":" not in spec or (found := importlib.util.find_spec(package)) is None:
@@ -103,14 +103,14 @@ def method_hash(spec: str, task: Task, config: str) -> str:
 
 
 def _hash_files(path: Path) -> str:
-    """Return the hash of a file, or of a folder's without what Python compiled."""
+    """Return the hash of a file, or of the files of a folder without compiled Python code."""
     return digest([hash_path(Path(name)) for name in ([path] if path.is_file() else _files(path))])
 
 
 def data_hash(source: JobSource) -> str:
-    """Return the hash of a source's data as they are here; of a simulation that of its settings.
+    """Return the hash of the local data of a source; for a simulation, the hash of its settings.
 
-    The data of an estimate include its truth and its calls, which hold its findings and lost poses.
+    The data of an estimate include its truth and its calls, which contain findings and lost poses.
     """
     if source.kind is SourceKind.SIMULATED:
         return source.sha256
@@ -121,7 +121,7 @@ def data_hash(source: JobSource) -> str:
 
 
 def files_hash(*paths: str) -> str:
-    """Return a hash of files or folders, and of the configurations by which they are read."""
+    """Return a hash of files or folders and of their configurations."""
     places = [Path(path) for path in paths if path]
     configurations = [path for path in map(config_beside, places) if path is not None]
     hashes = [known(path, hash_path) for path in (*places, *configurations)]
@@ -129,7 +129,7 @@ def files_hash(*paths: str) -> str:
 
 
 def about_here(expected: Mapping[str, str]) -> dict[str, str]:
-    """Return what a worker has: host, version, code, and what it lacks of what is expected."""
+    """Return host, version and code of this worker, and the differences from the expected code."""
     found = code_facts()
     said = {"sfr_loc_map": f"other code: sfr_loc_map {__version__},"}
     lacks = [

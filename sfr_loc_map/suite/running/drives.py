@@ -1,4 +1,4 @@
-"""Which sources are copies of one drive, although their files differ; their errors are not independent."""
+"""Detection of sources that are copies of one drive although their files differ. Their errors are correlated."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from sfr_loc_map.scoring.inputs import ScoreInputs
 from sfr_loc_map.scoring.load import load_run
 from sfr_loc_map.suite.running.job import JobSource, SourceKind
 
-PLACES = 100  #: Poses of the ground truth that are compared, evenly distributed over the drive.
-PIXELS = 8  #: Rows and columns of the first left image that are compared.
+PLACES = 100  #: Number of compared poses of the ground truth, evenly distributed over the drive.
+PIXELS = 8  #: Number of compared rows and columns of the first left image.
 SAME_M = 0.01
 """Largest distance, m, between two copies of a path at each pose. A rover that repeats its path deviates by more,
 because its start and its speed differ."""
 SAME_GREY = 8
-"""Largest difference, grey levels, between two copies of an image. Images of other ground differ by more at a pixel."""
+"""Largest difference, grey levels, between two copies of an image. Images of other terrain differ by more."""
 
 
 @dataclass(frozen=True, slots=True)
 class DriveTrace:
-    """What copies of one drive have in common."""
+    """Features by which copies of one drive are detected."""
 
-    poses: int = 0  #: Poses of the ground truth, 0 without one.
-    path_m: tuple[float, ...] = ()  #: x, y, z of poses of the ground truth, in the frame of the first one.
-    grey: tuple[int, ...] = ()  #: Pixels of the first left image, empty without images.
+    poses: int = 0  #: Number of poses of the ground truth; 0 if there is none.
+    path_m: tuple[float, ...] = ()  #: x, y, z of poses of the ground truth, in the frame of the first pose.
+    grey: tuple[int, ...] = ()  #: Pixels of the first left image; empty without images.
 
     def is_copy_of(self, other: DriveTrace) -> bool:
-        """Return whether both are of one drive; without ground truth that is unknown, and they are not."""
+        """Return whether both traces are of one drive. False if there is no ground truth."""
         if not self.poses or (self.poses, len(self.grey)) != (other.poses, len(other.grey)):
             return False
         apart_m = np.subtract(self.path_m, other.path_m).reshape(-1, 3)
@@ -56,7 +56,7 @@ def trace_of_source(source: Source) -> DriveTrace:
 
 
 def trace_of_estimate(estimate: Path, truth: Path) -> DriveTrace:
-    """Return the trace of the ground truth of an estimate; an empty one if the files cannot be read or are of a map."""
+    """Return the trace of the ground truth of an estimate; empty if the files are unreadable or of a map."""
     with suppress(SfrError):
         drive = load_run(ScoreInputs.of(estimate, truth)).drive
         if drive is not None:
@@ -75,9 +75,9 @@ def _trace(truth: Trajectory, grey: tuple[int, ...] = ()) -> DriveTrace:
 
 
 def with_drives(sources: Sequence[JobSource], traces: Sequence[DriveTrace]) -> list[JobSource]:
-    """Return sources that name the drive that they are of; copies name the one of them whose hash is the least.
+    """Return the sources with the names of their drives. Copies are named by the smallest hash among them.
 
-    Simulated drives are known by their settings.
+    Simulated drives are identified by their settings.
     """
     found: dict[int, JobSource] = {}
     originals: list[tuple[DriveTrace, str]] = []

@@ -1,4 +1,4 @@
-"""One run of a suite: what it depends on, the key that names its result, and what came of it where."""
+"""One run of a suite: its inputs, the key that names its result, its outcome and its worker."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from enum import StrEnum
 from sfr_loc_map.metrics.config import TrajectoryScoreConfig
 from sfr_loc_map.metrics.score_json import to_plain
 
-KEY_LENGTH = 32  #: Hexadecimal digits of a key: two of 10^9 results agree by chance with a probability of 10^-21.
-SHORT_KEY = 12  #: Digits of a key that name a job to people.
-NO_CONFIGURATION = "-"  #: Of jobs that take no parameters.
+KEY_LENGTH = 32  #: Hexadecimal digits of a key. The probability of a collision among 10^9 results is 10^-21.
+SHORT_KEY = 12  #: Displayed digits of a key.
+NO_CONFIGURATION = "-"  #: Name of the configuration of jobs without parameters.
 
 
 class JobKind(StrEnum):
-    """What is done with a source: an entry of `tasks`, or `score` for estimates."""
+    """Kind of a job: an entry of `tasks`, or `score` for estimates."""
 
     LOCALISE = "localise"
     MAP = "map"
@@ -26,7 +26,7 @@ class JobKind(StrEnum):
 
 
 class SourceKind(StrEnum):
-    """Where the data of a source come from."""
+    """Origin of the data of a source."""
 
     FILE = "file"
     REMOTE = "remote"
@@ -39,52 +39,52 @@ class JobSource:
     """The data that a job reads."""
 
     name: str  #: Short name, unique in the suite.
-    kind: SourceKind  #: Where the data come from.
-    path: str  #: The source, its URL before the plan, the scenario, or the estimate.
-    truth: str = ""  #: Truth of an estimate, otherwise empty.
-    settings: Mapping[str, object] = field(default_factory=dict)  #: All settings of a simulation, otherwise empty.
+    kind: SourceKind  #: Origin of the data.
+    path: str  #: Path of the source, its URL before the plan, the scenario, or the estimate.
+    truth: str = ""  #: Truth of an estimate; otherwise empty.
+    settings: Mapping[str, object] = field(default_factory=dict)  #: All settings of a simulation; otherwise empty.
     sha256: str  #: Hash of the content, or of the settings; empty before the plan.
-    truth_sha256: str = ""  #: Hash of the truth of an estimate alone, otherwise empty.
-    drive: str = ""  #: Hash of the drive that the source is of, which its copies share; empty before the plan.
-    variant: str = ""  #: Variant of an error budget (`suite/running/variants.py`), otherwise empty.
+    truth_sha256: str = ""  #: Hash of the truth of an estimate; otherwise empty.
+    drive: str = ""  #: Hash of the drive of the source, which copies share; empty before the plan.
+    variant: str = ""  #: Variant of an error budget (`suite/running/variants.py`); otherwise empty.
     faults: str = ""  #: Faults that belong to the variant, joined by `+`.
-    seed: int = 0  #: Seed of a simulation, otherwise 0.
+    seed: int = 0  #: Seed of a simulation; otherwise 0.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
     """One run: a pure function of its fields."""
 
-    kind: JobKind  #: What is done.
+    kind: JobKind  #: Kind of the job.
     source: JobSource  #: The data.
-    faults: str = ""  #: Injected faults, joined by `+`; empty for none.
-    fault_seed: int  #: Seed of which pairs they affect.
+    faults: str = ""  #: Injected faults, joined by `+`; empty if there are none.
+    fault_seed: int  #: Seed that selects the affected pairs.
     configuration: str  #: Name of the configuration.
     #: Parameters that differ from the defaults, by dotted name (`localisation.max_features`).
     parameters: Mapping[str, object] = field(default_factory=dict)
     start: str  #: First pose: `identity` or `truth`.
-    scoring: TrajectoryScoreConfig  #: How it is scored.
+    scoring: TrajectoryScoreConfig  #: Settings of the score.
     repeat: int  #: Number of the repetition, from 0.
-    threads: int  #: Threads that it may use.
+    threads: int  #: Number of threads.
     code: str  #: Fingerprint of the code.
-    #: Figures and conditions of which all errors are kept, because a limit is on their tolerance bound.
+    #: Figures and conditions for which all errors are kept, because their tolerance bound is limited.
     kept_errors: tuple[tuple[str, str], ...] = ()
 
     @property
     def key(self) -> str:
-        """Name of the result: a hash of all that the result depends on; names and places of files are not among it."""
+        """Name of the result: a hash of all inputs of the result, without names and paths of files."""
         faults = [self.faults, self.fault_seed if self.faults else 0]
         how = [self.parameters, self.start, self.scoring, self.kept_errors, self.repeat, self.threads]
         return digest([self.kind, [self.source.kind, self.source.sha256], *faults, *how, self.code])
 
     @property
     def alteration(self) -> str:
-        """What the source was changed by: the variant of a budget, or the faults; empty for neither."""
+        """Variant of a budget or faults by which the source was changed; empty if there are none."""
         return self.source.variant or self.faults
 
     @property
     def label(self) -> str:
-        """Name for people: `localise rocky-7 + black:share=0.1, default, repeat 2`."""
+        """Displayed name: `localise rocky-7 + black:share=0.1, default, repeat 2`."""
         faults = f" + {self.alteration}" if self.alteration else ""
         repeat = f", repeat {self.repeat}" if self.repeat else ""
         configuration = "" if self.configuration == NO_CONFIGURATION else f", {self.configuration}"
@@ -92,13 +92,13 @@ class Job:
 
     @property
     def drive(self) -> str:
-        """What repeats and copies of one drive have in common; their errors are not independent."""
+        """Hash that repeats and copies of one drive share. Their errors are not independent."""
         source = self.source
         return digest([self.kind, source.kind, source.drive or source.truth_sha256 or source.sha256, self.faults])
 
     @property
     def pairing(self) -> str:
-        """What jobs of two suites have in common that are compared: the same work on the same data."""
+        """Hash of work and data, by which jobs of two suites are paired in a comparison."""
         data = [self.kind, self.source.kind, self.source.sha256, self.faults, self.fault_seed, self.repeat]
         return digest([*data, self.start, self.scoring])
 
@@ -115,25 +115,25 @@ class FailureCause(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobOutcome:
-    """What came of a job."""
+    """Outcome of a job."""
 
-    result: str | None = None  #: The score as JSON; None if it failed.
-    cause: FailureCause | None = None  #: Why it failed.
+    result: str | None = None  #: The score as JSON; None if the job failed.
+    cause: FailureCause | None = None  #: Cause of the failure.
     message: str = ""  #: The error, or the limit.
-    worker: str = ""  #: Address of the worker that ran it.
+    worker: str = ""  #: Address of the worker.
 
 
 @dataclass(slots=True, kw_only=True)
 class WorkerRecord:
-    """A worker of a suite, as suite.json names it."""
+    """Record of a worker in suite.json."""
 
-    worker: str  #: Its address.
+    worker: str  #: Address of the worker.
     host: str = ""
-    version: str = ""  #: Of sfr_loc_map.
+    version: str = ""  #: Version of sfr_loc_map.
     python: str = ""
-    code: str = ""  #: Fingerprint of its code.
-    done: int = 0  #: Tasks.
-    set_aside: str = ""  #: How its code differs, so that it gets no task; empty if it may run tasks.
+    code: str = ""  #: Fingerprint of the code of the worker.
+    done: int = 0  #: Number of finished tasks.
+    set_aside: str = ""  #: Difference of the code because of which the worker gets no tasks; empty if it may run tasks.
 
 
 def digest(value: object) -> str:

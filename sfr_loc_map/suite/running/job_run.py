@@ -47,9 +47,9 @@ PROVENANCE_KEYS = ("key", "faults", "fault_seed", "configuration", "repeat", "st
 
 
 def run_job(job: Job, scratch: Path, cache: Path) -> Score:
-    """Return a job's score, without verdicts: the summary of the suite judges.
+    """Return the score of a job. The score has no verdicts, because the summary of the suite judges the limits.
 
-    Paths in the score are relative to `scratch`, an empty folder; sources are kept in `cache`.
+    Paths in the score are relative to `scratch`, an empty folder. Sources are stored in `cache`.
     """
     cv2.setNumThreads(job.threads)
     numba.set_num_threads(min(job.threads, numba.get_num_threads()))
@@ -78,8 +78,8 @@ def _localise(job: Job, source: Source, truth: Path, scratch: Path, hidden: Sequ
     save_trajectory(estimate, done.trajectory)
     save_stats(stats, done.records, done.method, done.trajectory)
     run = load_run(ScoreInputs(estimate=estimate, truth=truth, stats=(stats,)))
-    assert run.drive is not None  # estimate and truth are there
-    expected_ns = source.expected_loc_ns()  # images that a fault has dropped cannot be covered
+    assert run.drive is not None  # estimate and truth are given
+    expected_ns = source.expected_loc_ns()  # without the images that a fault has dropped
     return replace(run, drive=replace(run.drive, image_stamps_ns=expected_ns))
 
 
@@ -115,7 +115,7 @@ def _replay(job: Job, path: Path, scratch: Path) -> Score:
         command += ["--partial"]
     for condition in job.scoring.conditions:
         command += ["--condition", condition]
-    # the command line is above this layer, so that it is run as the command that it is
+    # the command line belongs to a higher layer, so it is run as a process
     done = subprocess.run(
         command,
         stdin=subprocess.DEVNULL,
@@ -141,7 +141,7 @@ def _section(job: Job, section: str) -> dict[str, object]:
 
 
 def _provenance(job: Job, provenance: Provenance | None, scratch: Path) -> Provenance:
-    """Add what the job was; names and places of its files come from the suite, not from the scratch folder."""
+    """Return the provenance with the fields of the job. Names and paths are those of the suite, not of `scratch`."""
     known = provenance or Provenance(version="")
     about = {"task": job.kind.value, "source": job.source.name, "source_sha256": job.source.sha256}
     about["path"] = job.source.path

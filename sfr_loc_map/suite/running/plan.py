@@ -1,4 +1,4 @@
-"""From the file of a suite to its jobs: what each source holds, and all combinations."""
+"""Makes the jobs of a suite from its file: inspects each source and combines sources, faults and configurations."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from sfr_loc_map.suite.running.sources import fetch
 from sfr_loc_map.suite.running.specification import Refusal, SuiteSpecification
 
 READER_THREADS = 8
-"""Sources that are hashed, or fetched, at a time. For many large sources, hashing takes longer than the jobs."""
+"""Number of sources hashed or fetched in parallel. For many large sources, hashing takes longer than the jobs."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceFacts:
-    """What a plan needs to know of a source: hash of the content, number of localisation and of mapping pairs."""
+    """Facts of a source for a plan: hash of the content, numbers of localisation and mapping pairs."""
 
     sha256: str
     pairs: int
     nav_pairs: int
-    trace: DriveTrace = field(default_factory=DriveTrace)  #: What copies of its drive have in common with it.
+    trace: DriveTrace = field(default_factory=DriveTrace)  #: Features that copies of the drive share.
 
 
 def make_plan(
     specification: SuiteSpecification, facts_of: Callable[[Path], SourceFacts], cache: Path
 ) -> tuple[list[Job], list[Refusal]]:
-    """Return a suite's jobs in the order of its file, the same work once, and unreadable sources."""
+    """Return the jobs of a suite in the order of its file, without duplicates, and the unreadable sources."""
     sources = list(specification.sources)
     names = [source.name for source in sources]
     for index, source in enumerate(sources):
@@ -58,7 +58,7 @@ def make_plan(
     of_drives = with_drives([item.source for item in known], [item.trace for item in known])
     for source, item in zip(of_drives, known, strict=True):
         for job in _jobs(specification, code, source, item.possible):
-            jobs.setdefault(job.key, job)  # of the first configuration that has it: another one renames nothing
+            jobs.setdefault(job.key, job)  # named by the first configuration with this job
     if not jobs and not refusals:
         raise ConfigError(f"{specification.path}: no task: the sources have no data for 'tasks'")
     return list(jobs.values()), refusals
@@ -68,12 +68,12 @@ class KnownSource(NamedTuple):
     """A source on this host, with its hash."""
 
     source: JobSource
-    possible: tuple[JobKind, ...]  #: Kinds of jobs that it has the data for.
-    trace: DriveTrace  #: What copies of its drive have in common with it.
+    possible: tuple[JobKind, ...]  #: Kinds of jobs for which the source has data.
+    trace: DriveTrace  #: Features that copies of the drive share.
 
 
 def _known(source: JobSource, facts_of: Callable[[Path], SourceFacts], cache: Path) -> KnownSource:
-    """Return a source on this host, fetched if it is a remote one."""
+    """Return a source on this host, fetched if it is remote."""
     trace = DriveTrace()
     if source.kind is SourceKind.ESTIMATE:
         truth_sha256 = files_hash(source.truth)
@@ -105,7 +105,7 @@ def _jobs(
             continue
         elif source.variant:
             faults = (source.faults,)
-        # parameters of the other part do not change a job
+        # parameters of the other task do not change a job
         used = {JobKind.LOCALISE: "localisation.", JobKind.MAP: "mapping."}.get(kind, "")
         for fault, (name, parameters), repeat in product(faults, configurations.items(), range(settings.repeats)):
             yield Job(
@@ -125,7 +125,7 @@ def _jobs(
 
 
 def inspect_source(path: Path) -> SourceFacts:
-    """Return what a plan needs to know of a source; raise InputError if it cannot be read."""
+    """Return the facts of a source for a plan; raise InputError if the source cannot be read."""
     from sfr_loc_map.io.registry import open_source  # takes half a second, and a resumed suite knows its sources
 
     source = open_source(path)

@@ -1,4 +1,4 @@
-"""By which code, where and when a suite was run."""
+"""Provenance of the run of a suite: code, host and time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sfr_loc_map.suite.running.digests import PACKAGE
 
 
 def about_run() -> dict[str, object]:
-    """Return by which code, where and when a suite is run; commit, branch and date are None where not known."""
+    """Return code, host and time of the run of a suite; commit, branch and date are None if unknown."""
     git = GIT
     if not git and (PACKAGE.parent / ".git").exists():  # run from its sources
         describe = "describe --always --dirty --abbrev=40 --exclude=*"

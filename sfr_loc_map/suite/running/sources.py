@@ -1,4 +1,4 @@
-"""Sources that have to be made or fetched first: simulated ones, and those that lie elsewhere (what fsspec reads)."""
+"""Sources that must be rendered or fetched first: simulated sources, and remote sources (any that fsspec reads)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def local_path(source: JobSource, cache: Path) -> Path:
-    """Return the place of a source here; a simulation is rendered once for all jobs."""
+    """Return the local path of a source. A simulation is rendered once for all jobs."""
     if source.kind is not SourceKind.SIMULATED:
         return Path(source.path)
     from sfr_loc_map.simulation.simulate import simulate
@@ -30,16 +30,16 @@ def local_path(source: JobSource, cache: Path) -> Path:
 
 
 def fetch(url: str, cache: Path) -> Path:
-    """Return the place of the copy of a remote source; it is fetched again if the server has another version."""
+    """Return the path of the local copy of a remote source; a new version on the server is fetched again."""
     with _opened(url) as (system, path):
         system.invalidate_cache()
         protocols = (system.protocol,) if isinstance(system.protocol, str) else system.protocol
-        # over HTTP there are only files: what is listed are the links of a page
+        # HTTP has no folders; a listing would return the links of a page
         one = "http" in protocols or system.isfile(path)
         files = {path: system.info(path)} if one else system.find(path, detail=True)
         if not files:
             raise FileNotFoundError(url)
-        # formats are known by their endings, so the name stays
+        # the name is kept, because formats are detected by suffix
         name = url.partition("?")[0].rstrip("/").rpartition("/")[2] or "source"
 
         def get(folder: Path) -> None:
@@ -54,7 +54,7 @@ def fetch(url: str, cache: Path) -> Path:
 
 
 def _made_once(target: Path, make: Callable[[Path], object]) -> Path:
-    """Return a folder, made by the first caller; other callers wait meanwhile."""
+    """Return a folder that the first caller makes while other callers wait."""
     target.parent.mkdir(parents=True, exist_ok=True)
     with target.with_name(f"{target.name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -65,7 +65,7 @@ def _made_once(target: Path, make: Callable[[Path], object]) -> Path:
 
 
 def expand(url: str) -> list[str]:
-    """Return the URLs that match one with `*`, `?` or `[`; one without is returned as it is."""
+    """Return the URLs that match a pattern with `*`, `?` or `[`; return other URLs unchanged."""
     if not any(sign in url.partition("://")[2] for sign in "*?["):
         return [url]
     with _opened(url) as (system, path):
@@ -74,7 +74,7 @@ def expand(url: str) -> list[str]:
 
 @contextlib.contextmanager
 def _opened(url: str) -> Iterator[tuple[AbstractFileSystem, str]]:
-    """Yield the file system and the path of a URL; every error of it is an InputError."""
+    """Yield the file system and the path of a URL; errors of the file system become InputError."""
     try:
         from fsspec.core import url_to_fs
 
@@ -84,7 +84,7 @@ def _opened(url: str) -> Iterator[tuple[AbstractFileSystem, str]]:
             f"'{url}' cannot be read here ({error}): pip install 'sfr_loc_map[suite]', for s3:// also s3fs"
         ) from error
     except ValueError as error:
-        raise InputError(f"'{url}' cannot be read: {error}; give a path, or a URL as https:// or s3://") from error
+        raise InputError(f"'{url}' cannot be read: {error}; give a path, or a URL such as https:// or s3://") from error
     try:
         yield opened
     except Exception as error:

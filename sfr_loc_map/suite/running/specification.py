@@ -1,4 +1,4 @@
-"""The file of a suite (docs/suites.md): which sources, faults, configurations and tasks."""
+"""The file of a suite (docs/suites.md): sources, faults, configurations and tasks."""
 
 from __future__ import annotations
 
@@ -29,40 +29,38 @@ SECTIONS: Mapping[str, tuple[type[LocalisationConfig | MappingConfig], Task]] = 
     "mapping": (MappingConfig, Task.MAPPING),
 }
 METHOD_KEYS = ("method", "method_config", "method_sha256")
-"""Keys beside the parameters of a part: the method, the file with its configuration; the last is added here."""
+"""Keys in addition to the parameters of a task: method, file of its configuration, and hash (added here)."""
 LISTS = ("sources", "perturb", "tasks", "conditions")
 
 
 @dataclass(frozen=True, slots=True)
 class SuiteSettings:
-    """Single values of a suite."""
+    """Scalar settings of a suite."""
 
-    spacing: int = param(
-        10, unit="frames", doc="Frames from one start of a sub-trajectory to the next.", low=1, high=10**6
-    )
+    spacing: int = param(10, unit="frames", doc="Frames between the starts of sub-trajectories.", low=1, high=10**6)
     rebase: str = param(
         "pose",
-        doc="How error from before the start is kept out, as of `sfr score`.",
+        doc="How errors from before the start of a sub-trajectory are removed, as in `sfr score`.",
         choices=("pose", "displacement", "position"),
     )
-    partial: bool = param(False, doc="Judge an estimate of a part of a drive as if it were the whole, and say so.")
-    stop_when_decided: bool = param(False, doc="End when sequential tests (`good` of a limit) decide all limits.")
+    partial: bool = param(False, doc="Judge an incomplete estimate as if it were complete, and report this.")
+    stop_when_decided: bool = param(
+        False, doc="Stop when sequential tests (`good` of a limit) have decided all limits."
+    )
     start: str = param("truth", doc="First pose of a drive.", choices=("identity", "truth"))
-    repeats: int = param(1, doc="Runs of each task.", low=1, high=1000)
-    seed: int = param(0, doc="Seed of which pairs a fault affects.", low=0, high=2**31 - 1)
-    threads: int = param(1, doc="Threads of a task.", low=1, high=256)
+    repeats: int = param(1, doc="Number of runs of each task.", low=1, high=1000)
+    seed: int = param(0, doc="Seed that selects the pairs that a fault affects.", low=0, high=2**31 - 1)
+    threads: int = param(1, doc="Number of threads of a task.", low=1, high=256)
     memory_mb: int = param(
-        4000, unit="MB", doc="Resident memory at which the process of a task is ended.", low=500, high=10**6
+        4000, unit="MB", doc="Resident memory above which the process of a task is killed.", low=500, high=10**6
     )
-    timeout_s: float = param(3600.0, unit="s", doc="Time after which a task is ended.", low=0.1, high=1e7)
-    wait_s: float = param(
-        300.0, unit="s", doc="Time without any worker that may run a task before the suite ends.", low=0.1, high=1e7
-    )
+    timeout_s: float = param(3600.0, unit="s", doc="Time after which a task is killed.", low=0.1, high=1e7)
+    wait_s: float = param(300.0, unit="s", doc="Maximum time without a worker that may run a task.", low=0.1, high=1e7)
 
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """A source that cannot be read, and why."""
+    """A source that cannot be read, and the reason."""
 
     path: str
     reason: str
@@ -70,29 +68,29 @@ class Refusal:
 
 @dataclass(frozen=True, slots=True)
 class SuiteSpecification:
-    """What a suite is made of."""
+    """Content of the file of a suite."""
 
-    path: Path  #: The file.
-    sources: tuple[JobSource, ...]  #: One for each match and each seed; those of files without their hashes.
-    refusals: tuple[Refusal, ...]  #: Entries that match nothing, or whose server does not answer.
+    path: Path  #: File of the suite.
+    sources: tuple[JobSource, ...]  #: One for each match and each seed; files have no hashes yet.
+    refusals: tuple[Refusal, ...]  #: Entries without a match, or with a server that does not answer.
     faults: tuple[str, ...]  #: Injected faults; the source without faults comes first, as an empty text.
     configurations: Mapping[str, Mapping[str, object]]  #: Parameters by dotted name, by the configuration's name.
-    tasks: tuple[JobKind, ...] | None  #: What is done; None for what each source has.
-    budget: tuple[str, ...]  #: Names of the sources of error of a budget, empty without one.
-    scoring: TrajectoryScoreConfig  #: How each task is scored; conditions that only the limits name are among it.
-    limits: Mapping[str, Any]  #: Limits, empty for none.
-    limits_file: Path | None  #: File of the limits, None if they are in the suite's file or absent.
-    kept_errors: tuple[tuple[str, str], ...]  #: Figures and conditions whose tolerance bound is limited.
-    settings: SuiteSettings  #: Single values.
+    tasks: tuple[JobKind, ...] | None  #: Requested tasks; None: the tasks for which each source has data.
+    budget: tuple[str, ...]  #: Names of the sources of error of a budget; empty if there is none.
+    scoring: TrajectoryScoreConfig  #: Settings of the scores, including conditions that only the limits name.
+    limits: Mapping[str, Any]  #: Limits; empty if there are none.
+    limits_file: Path | None  #: File of the limits; None if they are in the suite's file or missing.
+    kept_errors: tuple[tuple[str, str], ...]  #: Figures and conditions with a limited tolerance bound.
+    settings: SuiteSettings  #: Scalar settings.
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """The suite's file, and the file of its limits if they have one."""
+        """The file of the suite, and the file of its limits if there is one."""
         return (self.path,) if self.limits_file is None else (self.path, self.limits_file)
 
 
 def load_specification(path: Path) -> SuiteSpecification:
-    """Read a suite's file."""
+    """Read the file of a suite."""
     content = load_yaml(path)
     lists = {name: content.pop(name, None) or [] for name in LISTS}
     budget = parse_budget(content.pop("budget"), str(path)) if "budget" in content else ()
@@ -143,12 +141,12 @@ def load_specification(path: Path) -> SuiteSpecification:
 
 
 def limits_in(path: Path) -> Mapping[str, Any]:
-    """Return the limits of a suite's file, or of the file that it names for them; empty for none."""
+    """Return the limits in the file of a suite, or in the limits file that it names; empty if there are none."""
     return _limits(load_yaml(path).get("limits"), path)
 
 
 def _kept_errors(limits: Limits) -> tuple[tuple[str, str], ...]:
-    """Return the figures and conditions whose tolerance bound is limited, which the errors of all drives prove."""
+    """Return the figures and conditions with a limited tolerance bound, which requires the errors of all drives."""
     pairs = ((item.limited.figure, item.condition) for item in limits.limits if item.terms is not None)
     return tuple(sorted({(figure, condition) for figure, condition in pairs if condition is not None}))
 
@@ -156,12 +154,12 @@ def _kept_errors(limits: Limits) -> tuple[tuple[str, str], ...]:
 def _sources(entry: object, folder: Path, origin: str) -> Iterator[JobSource]:
     if isinstance(entry, str) and "://" in entry:
         if not (urls := expand(entry)):
-            raise InputError(f"source '{entry}': nothing there matches; give an existing URL or glob")
+            raise InputError(f"source '{entry}': no match; give an existing URL or glob")
         yield from (_source(SourceKind.REMOTE, url) for url in urls)
     elif isinstance(entry, str) and entry:
         found = sorted(glob.glob(str(folder / entry), recursive=True))
         if not found:
-            raise InputError(f"source '{entry}': nothing in '{folder}' matches; give an existing path or glob")
+            raise InputError(f"source '{entry}': no match in '{folder}'; give an existing path or glob")
         yield from (_source(SourceKind.FILE, path) for path in found)
     elif isinstance(entry, Mapping) and set(entry) == {"estimate", "truth"}:
         path, truth = (str(folder / str(entry[name])) for name in ("estimate", "truth"))
@@ -190,12 +188,12 @@ def _simulations(entry: Mapping[str, Any], folder: Path, origin: str) -> Iterato
 
 
 def scenario_settings(scenario: Path) -> dict[str, object]:
-    """Return all settings of a scenario by dotted name; its seed is that of each drive."""
+    """Return all settings of a scenario by dotted name. The seed is 0, because each drive has its own seed."""
     return flatten(build(SimulationConfig, load_yaml(scenario) | {"seed": 0}, origin=str(scenario)))
 
 
 def simulated_source(scenario: Path, settings: Mapping[str, object], seed: int, origin: str) -> JobSource:
-    """Return the drive of one seed of a scenario with settings; raise ConfigError if they are not valid."""
+    """Return the drive of one seed of a scenario; raise ConfigError if the settings are invalid."""
     complete = flatten(build(SimulationConfig, {**settings, "seed": seed}, origin=origin))
     return JobSource(
         name=f"{scenario.stem}-{seed}",
@@ -208,7 +206,7 @@ def simulated_source(scenario: Path, settings: Mapping[str, object], seed: int, 
 
 
 def _budget_sources(sources: Sequence[JobSource], budget: Sequence[ErrorSource], path: Path) -> Iterator[JobSource]:
-    """Yield each simulation with each combination of the sources of error that the budget needs."""
+    """Yield each simulation with each combination of the sources of error that the budget requires."""
     for source in sources:
         if source.kind is not SourceKind.SIMULATED:
             raise ConfigError(f"{path}: 'budget' needs sources 'simulate: SCENARIO'; '{source.name}' is not one")
@@ -246,13 +244,13 @@ def _parameters(content: object, origin: str, folder: Path) -> dict[str, object]
         is_ours = str(values.get(METHOD_KEYS[0], OURS)) == OURS
         if unread := [name for name in values if (name == METHOD_KEYS[1] if is_ours else name in own)]:
             whose = "another method" if is_ours else "ours"
-            raise ConfigError(f"{origin}: '{unread[0]}' is of {whose}, and would not be read: omit it")
+            raise ConfigError(f"{origin}: '{unread[0]}' is a parameter of {whose} and would be ignored: omit it")
         changed |= {f"{section}.{name}": value for name, value in new.items()}
     return changed
 
 
 def _method(values: Mapping[str, object], task: Task, folder: Path) -> dict[str, object]:
-    """Return what a job keeps of a method: whole paths, the text of its configuration, the hash of its file."""
+    """Return the fields of a method for a job: absolute path, text of the configuration, and hash of the file."""
     spec, text = str(values["method"]), ""
     place, _, name = spec.rpartition(":")
     if spec.startswith(LIBRARY_PREFIX):
@@ -269,7 +267,7 @@ def _method(values: Mapping[str, object], task: Task, folder: Path) -> dict[str,
 
 
 def chosen_method(section: Mapping[str, object], task: Task) -> Method | None:
-    """Return the method of a part of a configuration, None where it is ours; raise MethodError if it is gone."""
+    """Return the method in a section of a configuration, None for ours; raise MethodError if it is missing."""
     if METHOD_KEYS[0] not in section:
         return None
     return find_method(str(section["method"]), task, str(section.get("method_config", "")))

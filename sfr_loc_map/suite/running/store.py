@@ -1,11 +1,11 @@
-"""The folder of a suite. Its results are files, and what is done follows from them.
+"""The folder of a suite. Results are files, from which the state of each task follows.
 
 DIR/results/KEY.json        score of a job (sfr-score/2)
-DIR/failures/KEY.json       why a job failed
-DIR/plan.json               what the sources of the suite's file hold, its jobs in their order, its limits, its code;
-                            path and hash of that file and of the file of the limits
-DIR/workers.json            the workers of its runs, what they did, why they were set aside
-DIR/cache/                  simulated and fetched sources, may be deleted
+DIR/failures/KEY.json       cause of the failure of a job
+DIR/plan.json               facts of the sources, jobs in the order of the suite's file, limits, code; path and hash
+                            of the suite's file and of the limits file
+DIR/workers.json            workers of the runs: finished tasks, and why a worker was set aside
+DIR/cache/                  simulated and fetched sources; may be deleted
 """
 
 from __future__ import annotations
@@ -33,25 +33,31 @@ from sfr_loc_map.suite.running.specification import Refusal, limits_in
 
 PLAN, WORKERS = "plan.json", "workers.json"
 ADVICE = "delete it and run the suite again"
-WORK = ("task", "source", "faults", "fault_seed", "repeat")  #: Keys of a result's provenance that name its work.
+WORK = (
+    "task",
+    "source",
+    "faults",
+    "fault_seed",
+    "repeat",
+)  #: Keys in the provenance of a result that identify the work.
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
 class JobFailure:
-    """A job that failed, and why."""
+    """A failed job with the cause."""
 
     key: str
     label: str
-    source: str  #: Place of its source.
+    source: str  #: Path of the source.
     cause: FailureCause
     message: str
     configuration: str = ""
-    pairing: str = ""  #: What it has in common with the same job of other suites.
+    pairing: str = ""  #: Hash that the same job in other suites shares.
 
 
 class Store:
-    """The folder of a suite: opened, or made; OutputError if it holds something else."""
+    """The folder of a suite, opened or created; raises OutputError if the folder has other content."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = Path(folder)
@@ -59,7 +65,7 @@ class Store:
         plan = self.folder / PLAN
         others = [path.name for path in self.folder.iterdir()] if self.folder.is_dir() else []
         if others and not plan.exists() and not self.results.is_dir():
-            raise OutputError(f"'{folder}' holds {others[0]} and is not a folder of a suite: choose another name")
+            raise OutputError(f"'{folder}' contains {others[0]} and is not the folder of a suite: choose another name")
         try:
             for path in (self.results, self.failures, self.cache):
                 path.mkdir(parents=True, exist_ok=True)
@@ -75,7 +81,7 @@ class Store:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Hold the folder for one run at a time."""
+        """Lock the folder, which only one run may use at a time."""
         try:
             stream = (self.folder / ".lock").open("w")
         except OSError as error:
@@ -84,11 +90,11 @@ class Store:
             try:
                 fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
-                raise OutputError(f"another run works in '{self.folder}': wait for its end, or end it") from error
+                raise OutputError(f"another run uses '{self.folder}': wait for its end, or stop it") from error
             yield
 
     def facts_of(self, path: Path) -> SourceFacts:
-        """Return what a source holds; it is read once as long as its `file_state` stays."""
+        """Return the facts of a source, which are cached until the `file_state` changes."""
         state = file_state(path)
         known = self._plan["sources"].get(str(path.absolute()))
         if known is not None and known["stamp"] == state:
@@ -104,9 +110,9 @@ class Store:
         limits: Mapping[str, object] = {},
         files: Sequence[Path] = (),
     ) -> None:
-        """Take the jobs and limits of a suite's file as it is now, and the sources that it cannot read.
+        """Save the jobs and limits of the current file of the suite, and its unreadable sources.
 
-        `files` are the suite's file and, if its limits have one of their own, that file.
+        `files` are the file of the suite and the file of its limits, if there is one.
         """
         self._plan |= {
             "files": [{"path": str(path.absolute()), "sha256": hash_path(path)} for path in files],
@@ -119,9 +125,9 @@ class Store:
         self._jobs = None
 
     def check_files(self) -> tuple[str, ...]:
-        """Compare the plan with the files that it was made of; return those that are not there.
+        """Compare the plan with the files from which it was made; return the missing files.
 
-        InputError if a file has changed, or if the limits of the plan are not those of the suite's file.
+        Raise InputError if a file has changed, or if the limits of the plan differ from those of the suite's file.
         """
         plan = self.folder / PLAN
         absent = []
@@ -130,7 +136,7 @@ class Store:
             if not path.is_file():
                 absent.append(str(path))
             elif hash_path(path) != item["sha256"]:
-                raise InputError(f"'{path}' has changed since '{plan}' was made of it: run the suite again")
+                raise InputError(f"'{path}' has changed since '{plan}' was written: run the suite again")
         if self._plan["files"] and not absent:
             suite = Path(self._plan["files"][0]["path"])
             if to_plain(limits_in(suite)) != self._plan["limits"]:
@@ -139,27 +145,27 @@ class Store:
 
     @property
     def run(self) -> dict[str, Any]:
-        """By which code, where and when it was run last."""
+        """Code, host and time of the last run."""
         return dict(self._plan["run"])
 
     @property
     def limits(self) -> Limits | None:
-        """Limits of the suite's verdicts, None for none."""
+        """Limits of the suite; None if there are none."""
         limits = self._plan["limits"]
         return parse_limits(limits, f"'{self.folder / PLAN}': limits") if limits else None
 
     @property
     def refusals(self) -> tuple[Refusal, ...]:
-        """Sources that could not be read when it was run last, and those that left results but are of no task now."""
+        """Unreadable sources of the last run, and sources that have results but no task any more."""
         unread = (_record(Refusal, item, self.folder / PLAN) for item in self._plan["refusals"])
         return (*unread, *self.left_over())
 
     def left_over(self) -> tuple[Refusal, ...]:
         """Return the sources that have a result or a failure in the folder, but no task of the same kind in the plan.
 
-        A suite without its bad drive would otherwise be complete. Results of a source that is run again with other
-        code, another configuration or other data are superseded. A source is the same one if its path or its data are:
-        another source may have the same name.
+        Otherwise a suite would be complete after its bad drive was removed. Results of a source that is run again with
+        other code, configuration or data are superseded. Sources are identified by path or data, because names may be
+        equal.
         """
         keys = {job.key for job in self.jobs}
         planned: dict[object, set[object]] = {}
@@ -180,26 +186,26 @@ class Store:
         return tuple(found)
 
     def _place(self, path: str) -> str:
-        """Return the path of a source; of a fetched source, whose folder is named after its version, the name alone."""
+        """Return the path of a source; for a fetched source the name, because its folder depends on the version."""
         return Path(path).name if self.cache.absolute() in Path(path).parents else path
 
     def workers(self) -> tuple[WorkerRecord, ...]:
-        """Return the workers of all its runs."""
+        """Return the workers of all runs."""
         path = self.folder / WORKERS
         return tuple(_record(WorkerRecord, item, path) for item in (_read(path) if path.exists() else ()))
 
     def add_workers(self, records: Sequence[WorkerRecord]) -> None:
-        """Keep the workers of a run beside those of the runs before."""
+        """Add the workers of a run to those of earlier runs."""
         write_text(json_line([*self.workers(), *records]), self.folder / WORKERS)
 
     def state(self, key: str) -> str:
-        """Return `failed` if there is a failure, which is later than a result, else `done` or `waiting`."""
+        """Return `failed` if there is a failure, which is newer than any result; otherwise `done` or `waiting`."""
         if (self.failures / f"{key}.json").is_file():
             return "failed"
         return "done" if (self.results / f"{key}.json").is_file() else "waiting"
 
     def score(self, job: Job) -> Score:
-        """Return the score of a job; InputError if the file has the score of another job."""
+        """Return the score of a job; raise InputError if the file contains the score of another job."""
         path = self.results / f"{job.key}.json"
         score = from_dict(_read(path), f"'{path}'")
         about = {} if score.provenance is None else score.provenance.configuration
@@ -210,12 +216,12 @@ class Store:
         return score
 
     def failure(self, key: str) -> JobFailure:
-        """Return why a job failed."""
+        """Return the failure of a job."""
         path = self.failures / f"{key}.json"
         return _record(JobFailure, _read(path), path)
 
     def save(self, job: Job, outcome: JobOutcome) -> None:
-        """Keep what came of a job, whole or not at all."""
+        """Save the outcome of a job atomically."""
         failed = self.failures / f"{job.key}.json"
         if outcome.cause is None:
             write_text(outcome.result or "", self.results / f"{job.key}.json")
@@ -226,21 +232,22 @@ class Store:
 
     @property
     def jobs(self) -> tuple[Job, ...]:
-        """The jobs of the suite, in its order."""
+        """The jobs of the suite in the order of its file."""
         if self._jobs is None:
             self._jobs = tuple(_record(Job, item, self.folder / PLAN) for item in self._plan["jobs"])
         return self._jobs
 
 
 def _work(task: object, source: object, faults: object, fault_seed: object, repeat: object) -> tuple[object, ...]:
-    """Return what is done with which source; without faults their seed changes nothing."""
+    """Return the key of the work on a source. Without faults, the seed of the faults has no effect."""
     return (task, source, faults, fault_seed if faults else 0, repeat)
 
 
 def _left_over(source: str, path: Path) -> Refusal:
     where = f"{path.parent.name}/{path.name}"
     return Refusal(
-        source, f"'{source}' was run ({where}) and is in no task now: add it to the suite, or delete that file"
+        source,
+        f"'{source}' was run ({where}) but is not in the suite any more: add it to the suite, or delete this file",
     )
 
 

@@ -1,7 +1,7 @@
-"""Variants of a scenario for an error budget: with all its sources of error, with none, with one, with all but one.
+"""Variants of a scenario for an error budget: with all sources of error, with none, with one, and with all but one.
 
-The drives of one seed share terrain, path and light in all variants, so that differences are paired by seed. What
-follows from their errors is in `suite/statistics/budget.py`.
+The drives of one seed share terrain, path and light in all variants, so that differences are paired by seed. The
+errors are evaluated in `suite/statistics/budget.py`.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.faults.kinds import parse_fault, with_amount
 from sfr_loc_map.simulation.config import SimulationConfig
 
-ALL, NONE, ONLY = "all sources", "no source", "only "  #: Names of two variants, and how those of one source begin.
+ALL, NONE, ONLY = "all sources", "no source", "only "  #: Names of two variants, and prefix of variants with one source.
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorSource:
-    """A source of error: settings of the simulation that are without it, or a fault that is it."""
+    """A source of error: a fault, or settings of the simulation that disable the source."""
 
-    name: str  #: For people, as `image noise`.
-    without: Mapping[str, object] = field(default_factory=dict)  #: Settings that leave it out, by dotted name.
-    fault: str = ""  #: The fault, as of `--fault`; empty where settings make it.
-    sigma: float | None = None  #: Its amount is normal with this standard deviation, drawn for each seed; None: fixed.
+    name: str  #: Displayed name, such as `image noise`.
+    without: Mapping[str, object] = field(default_factory=dict)  #: Settings that disable the source, by dotted name.
+    fault: str = ""  #: The fault as for `--fault`; empty if the source is given by settings.
+    sigma: float | None = None  #: Standard deviation of the normal amount, drawn for each seed; None: fixed.
 
     def fault_of(self, seed: int) -> str:
-        """Return the fault in the drives of one seed, which is the same in each of them; empty for none."""
+        """Return the fault in all drives of one seed; empty if the source has no fault."""
         if self.sigma is None:
             return self.fault
         neutral = parse_fault(self.fault).kind.info.neutral
@@ -39,7 +39,7 @@ class ErrorSource:
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """A scenario with some of its sources of error."""
+    """A scenario with a subset of its sources of error."""
 
     name: str  #: From `variant_name`.
     active: tuple[ErrorSource, ...]
@@ -56,7 +56,7 @@ class Variant:
 
 
 def variants_of(sources: Sequence[ErrorSource]) -> list[Variant]:
-    """Return the scenario with all sources, with none, and for each with it alone and with all but it, each once."""
+    """Return the variants without duplicates: all sources, none, each source alone, and all but each source."""
     names = [source.name for source in sources]
     alone = [{name} for name in names]
     all_but_one = [set(names) - {name} for name in names]
@@ -70,7 +70,7 @@ def variants_of(sources: Sequence[ErrorSource]) -> list[Variant]:
 
 
 def variant_name(active: Collection[str], names: Sequence[str]) -> str:
-    """Return the name of the variant in which these sources of error are active; one set has one name."""
+    """Return the unique name of the variant with these active sources of error."""
     if len(active) == len(names):
         return ALL
     if not active:
@@ -82,7 +82,7 @@ def variant_name(active: Collection[str], names: Sequence[str]) -> str:
 
 
 def parse_budget(content: object, origin: str) -> tuple[ErrorSource, ...]:
-    """Return the sources of error of the key `budget` of a suite's file; raise ConfigError if it is not valid."""
+    """Return the sources of error in the key `budget` of a suite's file; raise ConfigError if it is invalid."""
     if not isinstance(content, Mapping) or len(content) < 2:
         raise ConfigError(
             f"{origin}: 'budget' must map the names of at least two sources of error to 'fault: KIND' or "
@@ -107,7 +107,7 @@ def _error_source(name: str, value: object, origin: str) -> ErrorSource:
     is_positive = isinstance(sigma, int | float) and not isinstance(sigma, bool) and 0.0 < sigma < np.inf
     if not is_positive or not (info.is_signed or info.neutral):
         raise ConfigError(
-            f"{origin}: 'sigma' must be a positive number, and the amount of the fault a factor or of either sign"
+            f"{origin}: 'sigma' must be a positive number, and the amount of the fault must be a factor or signed"
         )
     return ErrorSource(name, fault=text, sigma=float(sigma))
 
@@ -116,7 +116,7 @@ def _settings(value: object, origin: str) -> dict[str, object]:
     known = flatten(SimulationConfig())
     if not isinstance(value, Mapping) or not value or not set(value) <= set(known):
         raise ConfigError(
-            f"{origin}: 'without' must map settings of a scenario, as sensor.blur_px, to their values without the "
+            f"{origin}: 'without' must map settings of a scenario, such as sensor.blur_px, to their values without the "
             f"error; found '{value}'"
         )
     build(SimulationConfig, {**known, **value}, origin=origin)
@@ -124,5 +124,5 @@ def _settings(value: object, origin: str) -> dict[str, object]:
 
 
 def error_sources_of(variants: Iterable[str]) -> list[str]:
-    """Return the names of the sources of error of which these are the variants, in the order of the suite's file."""
+    """Return the names of the sources of error of variants, in the order of the suite's file."""
     return [name.removeprefix(ONLY) for name in dict.fromkeys(variants) if name.startswith(ONLY)]

@@ -73,5 +73,5 @@ def test_mlflow_has_the_figures_and_the_files(
     assert (run.data.metrics["failed"], run.info.status, run.data.tags["sfr.host"]) == (1.0, "FAILED", "h")
     assert [item.path for item in client.list_artifacts(run.info.run_id)] == ["suite.json"]
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
-    with pytest.raises(OutputError, match="accepted no run"):
+    with pytest.raises(OutputError, match="rejected the run"):
         log_to_mlflow(summary, tmp_path / "out", "http://127.0.0.1:9")

@@ -58,7 +58,7 @@ def test_every_key_means_something(tmp_path: Path) -> None:
         ({"sources": []}, "no 'sources'"),
         ({"sources": "a"}, "a list is required"),
         ({"sources": [3]}, "needs a path"),
-        ({"sources": ["*.bag"]}, "nothing in"),
+        ({"sources": ["*.bag"]}, "no match in"),
         ({"sources": [{"simulate": "s", "seeds": ["x"]}]}, "list of whole numbers"),
         ({"sources": [{"estimate": "e"}]}, "truth"),
         ({"perturb": ["rain"]}, "rain"),
@@ -82,7 +82,7 @@ def test_what_is_wrong_is_one_line(change: dict[str, object], words: str, tmp_pa
 def test_a_source_that_is_gone_is_named_beside_those_that_are_there(tmp_path: Path) -> None:
     made = load_specification(written(tmp_path, GOOD | {"sources": ["a.mcap", "gone*.mcap"]}))
     assert [source.name for source in made.sources] == ["a.mcap"]
-    assert [(refusal.path, "nothing in" in refusal.reason) for refusal in made.refusals] == [("gone*.mcap", True)]
+    assert [(refusal.path, "no match in" in refusal.reason) for refusal in made.refusals] == [("gone*.mcap", True)]
 
 
 @pytest.mark.parametrize("name", ["quick", "acceptance", "robustness"])
