@@ -237,7 +237,7 @@ class LiveServer:
         origin = request.headers.get("Origin")
         token = self._config.token
         if not token and not _is_loopback(_split(f"//{host}")[0]):
-            return "this page is for 127.0.0.1 and localhost alone"
+            return "this page is served only for 127.0.0.1 and localhost"
         if origin is not None and _split(origin)[1] != host:
             return "the request comes from another page"
         if token and not any(_is_equal(word, token) for word in _given_tokens(request)):

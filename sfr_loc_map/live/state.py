@@ -298,7 +298,7 @@ class LiveState:
         return content | {"live": live | {"events": self.events_to_plain()}}
 
     def live_to_plain(self, now_s: float) -> dict[str, Any]:
-        """Return the additions of `state.json` to the score as JSON values, except those of the report only."""
+        """Return the `live` part of `state.json` as JSON values, without events and the content of the report."""
         with self.lock:
             silent = self._silent_nodes(now_s)
             report, rows = self.report, self.path.rows

@@ -19,13 +19,13 @@ MAX_EVENTS, MAX_TEXT = 400, 200
 
 @dataclass(frozen=True, slots=True)
 class Freshness:
-    """Limits of the time without a message; data that exceed both limits are stale."""
+    """Limits of the time without a message; data are stale once both limits are exceeded."""
 
     after_s: float
     periods: float  #: Multiple of the message period.
 
     def is_stale(self, silent_s: float, period_s: float) -> bool:
-        """Return whether the silence is too long for messages of a period; 0 for an unknown period."""
+        """Return whether a silence is too long for a message period, which is 0 if unknown."""
         return silent_s > max(self.after_s, self.periods * period_s)
 
 
@@ -77,7 +77,8 @@ class LiveTopic:
         """Return the topic as JSON values."""
         stamp = None if self.stamp_ns is None else str(self.stamp_ns)
         age_s = round(max(now_s - self.received_s, 0.0), 3)
-        rate_hz = round(1.0 / self.period_s, 2) if self.period_s > 1e-6 else None  # else all arrived together
+        # The rate is unknown if all messages arrived at the same time.
+        rate_hz = round(1.0 / self.period_s, 2) if self.period_s > 1e-6 else None
         return {"stamp_ns": stamp, "age_s": age_s, "rate_hz": rate_hz, "stale": self.is_stale(now_s), "lost": lost}
 
 
@@ -115,7 +116,8 @@ class Timeline:
                 if self._pose is not None and POSE in self._open:
                     self._note_tracking(at_s, lost=self._open[POSE].kind is EventKind.LOST)
         elif isinstance(update, updates.Status) and update.kind is StatusKind.HEALTH:
-            is_bad = update.level is Level.ERROR and update.node != LOCALISATION_NODE  # lost: another event
+            # Lost poses have their own events.
+            is_bad = update.level is Level.ERROR and update.node != LOCALISATION_NODE
             kind = EventKind.NODE if is_bad else None
             if update.values.get("activity") == EventKind.COMPILING:
                 kind = EventKind.COMPILING

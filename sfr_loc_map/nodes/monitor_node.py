@@ -54,7 +54,7 @@ from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.topics import CLOUD, ESTIMATE, NAV_POSE, TRUE_POINTS, call_topic, configuration_topic
 
 ESTIMATES, TRUTH = "estimate", "truth"  #: Sources of poses; a new run of one source is a new run of both.
-IN_FLIGHT_S = 5.0  #: During a run, missing results of the pairs of the last 5 s do not count yet.
+IN_FLIGHT_S = 5.0  #: During a run, results of pairs younger than this do not count as missing.
 
 
 @dataclass(frozen=True, slots=True)

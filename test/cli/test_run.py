@@ -148,7 +148,7 @@ def test_a_node_that_dies_ends_the_others_or_is_started_again(tmp_path: Path) ->
                 assert "was killed by SIGKILL: its output is above" in run.text.splitlines()[-1]
                 assert not Path(f"/proc/{pids[1]}").exists()
                 continue
-            run.wait_for("was killed by SIGKILL: started again")
+            run.wait_for("was killed by SIGKILL: restarted")
             new = wait_until(lambda run=run: len(nodes_of(run.popen.pid)) == 2 and nodes_of(run.popen.pid), "both")
             assert pids[1] in new
             wait_until(lambda new=new: all(map(has_started_ros, new)), "the start of the node")

@@ -63,7 +63,7 @@ class GraphObserver(Peer):
         self._worked: set[str] = set()
 
     def observe(self, seconds: float, namespace: str, *, extrinsics_given: bool) -> Observation:
-        """Collect messages and query the nodes of the suite. An empty namespace stands for that of the nodes."""
+        """Collect messages and query the nodes of the suite. If the namespace is empty, that of the nodes is used."""
         self._wait_for_discovery()
         spaces = sorted({space.strip("/") for _, space in self._suite_nodes()})
         if len(spaces) > 1 and not namespace.strip("/"):
@@ -119,7 +119,7 @@ class GraphObserver(Peer):
         return [(name, space) for name, space in self.ros_node.get_node_names_and_namespaces() if name in SUITE_NODES]
 
     def _subscribe(self, name: str, full_name: str, types: list[str]) -> None:
-        """Subscribe to a topic of the expected type. Best effort receives messages whatever the publisher offers."""
+        """Subscribe to a topic of the expected type with best effort, which is compatible with all publishers."""
         if set(types) - set(EXPECTED[name]):
             return
         stamps, messages, gaps = self._stamps.setdefault(name, []), self._messages[name], self._gaps[name]

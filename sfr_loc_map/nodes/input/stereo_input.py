@@ -1,4 +1,4 @@
-"""Receive the topics of one stereo rig, and synchronise the images to pairs of the size of the rig."""
+"""Receive the topics of a stereo rig, and synchronise the images to stereo pairs."""
 
 from __future__ import annotations
 
@@ -283,7 +283,7 @@ class StereoInput:
         if len(self._without_rig) > self._config.queue_depth:
             self._without_rig.popleft()
             self._dropped["without_camera_info"] += 1
-            self._status.error(f"images of '{self._name}' come without a usable camera_info of both cameras: dropped")
+            self._status.error(f"images of '{self._name}' dropped: usable camera_info of both cameras is required")
 
     def _subscribe_latched(self) -> None:
         """Subscribe to latched camera_info, because a volatile subscription misses earlier messages."""

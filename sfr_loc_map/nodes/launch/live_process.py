@@ -46,7 +46,7 @@ class LiveProcess(AbstractContextManager["LiveProcess"]):
             write_text(json.dumps(self._told), self._end_file)
 
     def stay(self, words: str = "") -> None:
-        """Wait until a signal arrives or the page ends; print that the page is still served, after other words."""
+        """Print `words` and that the page is still served; wait until a signal arrives or the page ends."""
         if self._process.is_running:
             print(f"{words}the run is over; its page is served until Ctrl-C", file=sys.stderr, flush=True)
             with suppress(KeyboardInterrupt), stopping() as ended:

@@ -55,7 +55,7 @@ class ChildProcess:
         self.start()
 
     def start(self) -> None:
-        """Start the process, again after it has ended."""
+        """Start or restart the process."""
         stream = None if self._log is None else self._log.open("ab")
         try:
             self.popen = subprocess.Popen(
@@ -203,16 +203,17 @@ def node_names(chosen: Sequence[str]) -> list[str]:
     for name in chosen:
         if name not in (*NODES, EVERYTHING):
             raise ConfigError(
-                f"'{name}' is not a node: give {EVERYTHING}, {', '.join(NODES)}; for ROS after --ros-args"
+                f"'{name}' is not a node: give {EVERYTHING}, {', '.join(NODES)}; arguments for ROS follow --ros-args"
             )
     everything = not chosen or EVERYTHING in chosen
     return [f"{name}_node" for name in NODES if everything or name in chosen]
 
 
 def run_nodes(nodes: Sequence[str], arguments: Sequence[str], say: Callable[[str], None], *, respawn: bool) -> None:
-    """Run nodes, one process each with the same arguments, until a signal ends them.
+    """Run nodes with the same arguments, each in its own process, until a signal arrives.
 
-    One that crashes is started again if wanted (`say` tells so); where one ends otherwise a `NodeError` ends all.
+    With `respawn`, crashed nodes are restarted and reported by `say`. Otherwise, and if a node ends without a crash, a
+    NodeError ends all nodes.
     """
     environment.prepare()
     try:
@@ -225,7 +226,7 @@ def run_nodes(nodes: Sequence[str], arguments: Sequence[str], say: Callable[[str
                     supervisor.check()
                     continue
                 for ending in supervisor.restart_crashed():
-                    say(f"{ending}: started again")
+                    say(f"{ending}: restarted")
                     time.sleep(RESTART_PAUSE_S)
     except KeyboardInterrupt:
         return

@@ -83,7 +83,7 @@ def status_msg(name: str, level: Level, message: str, values: Mapping[str, Value
 
 
 def level_of(status: DiagnosticStatus) -> Level:
-    """Return the level of a status: bytes in a received message, possibly an integer or out of range from others."""
+    """Return the level of a status, given as a byte or an integer; values above the range are limited to its end."""
     level = status.level
     return Level(min(level[0] if isinstance(level, bytes) else int(level), max(Level)))
 
@@ -168,7 +168,7 @@ class StatusReporter:
         times: Mapping[str, float] = MappingProxyType({}),
         statistics: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
-        """Note a call. Times that begin with `latency_` are summarised, statistics of `OFFSETS` are monitored."""
+        """Note a call; its latencies are summarised, and its statistics that `OFFSETS` names are monitored."""
         with self._lock:
             self._remember(self._calls, time.monotonic())
             self._last_call = (level, state)
@@ -280,7 +280,7 @@ class StatusReporter:
         self._node.get_logger().info(one_line(text))
 
     def warn(self, text: str, kind: str = "") -> None:
-        """Report a problem despite which the node works: log, and health with the latest problem of each kind."""
+        """Report a problem that does not stop the node: log, and health with the latest problem of each kind."""
         text = one_line(text)
         self._node.get_logger().warning(text, throttle_duration_sec=LOG_PERIOD_S)
         self.note_problem(Level.WARN, text, kind)

@@ -108,7 +108,7 @@ class AnswerBook:
             found.append(FindingRecord(kind=kind, count=count, first_stamp_ns=first, text=text))
         if missing:
             given_up = self._in_a_row >= MAX_IN_A_ROW
-            text = f"no answer within {self._timeout_s:g} s" + (", at the end not awaited" if given_up else "")
+            text = f"no answer within {self._timeout_s:g} s" + (", and the replay stopped waiting" if given_up else "")
             kind = FindingKind.HANGING if given_up and not self.ended else FindingKind.MISSING
             found.append(FindingRecord(kind=kind, count=len(missing), first_stamp_ns=missing[0], text=text))
         return tuple(found)

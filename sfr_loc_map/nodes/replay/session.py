@@ -113,7 +113,7 @@ def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[Runnin
             publish_extrinsics(peer.ros_node, source.loc.rig.T_rb_sb)
         say("waiting for the nodes")
         if options.page is not None and not peer.wait_for_page(options.page):
-            say("the page is not connected yet: it will lack the begin of the replay")
+            say("the page is not connected yet: the start of the replay will be missing there")
         player.wait_until_ready()
         if external is not None:
             rig = f"{external.options.task.rig}/"

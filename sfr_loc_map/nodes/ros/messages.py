@@ -95,7 +95,7 @@ def points_of(message: PointCloud2, wanted: Mapping[str, Sequence[type[np.generi
             raise InputError(f"{what}: field '{name}' exceeds the point of {message.point_step} bytes")
     height, width, step, row = (int(n) for n in (message.height, message.width, message.point_step, message.row_step))
     if row < step * width or len(message.data) < row * height:
-        raise InputError(f"{what} is {width} x {height} points of {step} bytes in {len(message.data)}: too few")
+        raise InputError(f"{what} is {width} x {height} points of {step} bytes: {len(message.data)} bytes are too few")
     dtype = np.dtype({"names": list(wanted), "formats": formats, "offsets": offsets, "itemsize": step})
     if not height * width:
         return np.zeros((height, width), dtype)

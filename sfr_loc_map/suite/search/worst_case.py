@@ -115,7 +115,7 @@ class Tried:
 
 
 def search_worst(chooser: Chooser, evaluate: Evaluate, runs: int, batch: int) -> Iterator[Tried]:
-    """Yield the points of a search that have a result, in the order of their choice."""
+    """Yield the points of a search that have a result, in the order of the search."""
     for begin in range(0, runs, batch):
         points = chooser.ask(min(batch, runs - begin))
         ratios = evaluate(points)

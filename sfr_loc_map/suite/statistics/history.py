@@ -1,10 +1,10 @@
 """Detect changes of a suite's figures from night to night (docs/decisions/0008-history.md).
 
 The last night and the mean of the last four nights are compared with up to 30 reference nights. Each figure of a drive
-is divided by its mean over the reference nights (paired ratio). So is the mean over all drives, which reveals a small
-change that is common to all drives. Each ratio has a prediction interval of Student's t from the scatter of the
-reference nights. A change is reported if the interval excludes 1. The level of the intervals is divided by the number
-of ratios of a night (Bonferroni), so that without a change at most one night in 365 raises an alarm.
+is divided by its mean over the reference nights (paired ratio). The mean over all drives is divided likewise, so that a
+small change that is common to all drives is detected. Each ratio has a prediction interval of Student's t from the
+scatter of the reference nights. A change is reported if the interval excludes 1. The level of the intervals is divided
+by the number of ratios of a night (Bonferroni), so that without a change at most one night in 365 raises an alarm.
 """
 
 from __future__ import annotations

@@ -410,7 +410,7 @@ def _of_group(verdict: Verdict, over: str, missed_by: int) -> GroupVerdict:
 
 
 def pool(results: Sequence[tuple[str, Score]], condition: str) -> Iterator[Figure]:
-    """Yield the pooled errors of scores for a condition; each score is given with its drive, which repeats share.
+    """Yield the pooled errors of scores for a condition; each score is given with the key of its drive.
 
     Means and sigmas of a vector are pooled axis by axis.
     """
