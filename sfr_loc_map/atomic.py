@@ -50,7 +50,7 @@ def write_text(text: str, path: Path) -> None:
 
 
 def replace(new: Path, target: Path) -> None:
-    """Move a new file or folder to a path that is free, a regular file or an empty folder."""
+    """Move a new file or folder to a target that is absent, a regular file or an empty folder."""
     _check_free(target)
     os.replace(new, target)
 

@@ -122,7 +122,7 @@ class Landmarks:
     last_seen: FloatArray  #: `(M, 4)` u, v left, u, v right in the newest keyframe, px; NaN if not observed.
 
     def subset(self, kept: Mask) -> Landmarks:
-        """Return the landmarks of a mask `(M,)`."""
+        """Return the landmarks for which a mask `(M,)` is True."""
         rows = np.flatnonzero(kept)
         planes = self.planes
         estimates = self.estimates

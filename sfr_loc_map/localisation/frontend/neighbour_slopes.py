@@ -25,9 +25,9 @@ PLANE_NOISE_PX = 0.3
 """Scale of the Cauchy weight of a disparity's residual from the local plane, px. It is ten times the noise of a
 disparity (0.03 px), because the ground between corners is not flat."""
 SLOPE_INFORMATION = 0.02
-"""Information of the zero-slope prior over the squared distance of the farthest neighbour. Chosen by hand: a fiftieth
-of the information of a neighbour at that distance. If all neighbours lie on a line, the prior determines the slope
-across that line."""
+"""Information of the zero-slope prior, divided by the squared distance of the farthest neighbour. Chosen by hand: a
+fiftieth of the information of a neighbour at that distance. If all neighbours lie on a line, the prior determines the
+slope across that line."""
 NEARNESS = -2.0  #: Exponent of the Gaussian weight at the farthest neighbour, which is at two standard deviations.
 MAX_SLOPE = 0.7  #: Maximum slope, px of disparity per px. At 0.7, a patch has 0.3 of its width in the right image.
 
@@ -43,8 +43,8 @@ class Neighbours(NamedTuple):
 def nearest(points: FloatArray, begin: NDArray[np.intp], support: FloatArray, count: int) -> Neighbours:
     """Return the nearest support points of each point.
 
-    The search proceeds in both directions along u. It ends where the distance along u alone exceeds the distance of the
-    farthest of the nearest points.
+    The search proceeds in both directions along u. It ends where the distance along u alone exceeds the distance of all
+    `count` points found so far.
 
     Args:
         points: `(N, 2)` u, v, pixels.

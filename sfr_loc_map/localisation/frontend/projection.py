@@ -120,7 +120,7 @@ def cross(a: Vector, b: Vector) -> Vector:
 def linearise_in_host(landmark: FloatArray, camera: Intrinsics, out: StereoProjection) -> None:
     """Project a landmark `(3,)` into its host pair; `by_target` is unchanged.
 
-    The elements of a landmark are u and v, px, and the inverse depth, 1/m.
+    The elements of the landmark are u and v, px, and inverse depth, 1/m.
     """
     uv = out.uv
     by_landmark = out.by_landmark
@@ -143,7 +143,8 @@ def linearise_landmark(
     `K^-1 (u, v, 1)` is `(3,)`, the inverse depth in 1/m.
 
     Returns:
-        Depth in the target camera times the inverse depth. Behind the camera it is 0, and `out` is unchanged.
+        Depth in the target camera times the inverse depth. If the landmark is behind the camera, the result is 0 and
+        `out` is unchanged.
     """
     r_wc = target.rotation
     r_wh = hosts.rotations[k]
