@@ -1,4 +1,4 @@
-"""A long run of the nodes: the growth of their memory at the highest rate."""
+"""Memory growth of the nodes in a long run at the highest rate."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from campaigns.node_harness import Harness
 from helpers.own_domain import in_own_domain
 
 WARM_UP_SHARE = 1.0 / 3.0
-"""Share of a run before memory is judged: buffers fill, the allocator reaches its size."""
+"""Fraction of a run before memory is evaluated, because buffers and the allocator first have to fill."""
 SLOPE_LIMIT_MB_H = 1.0
 PAIRS_PER_MAP = 50
 
@@ -28,7 +28,8 @@ class MemoryTrend:
     def slope(self) -> tuple[float, float]:
         """Return the slope after the warm-up and its standard error, MB/h, by least squares.
 
-        Neighbouring values are correlated; the error is that of the means of ten equal parts, taken as independent.
+        Neighbouring values are correlated, so the fit uses the means of ten equal parts, which are assumed to be
+        independent.
         """
         begin = int(len(self.mb) * WARM_UP_SHARE)
         hours, mb = np.array(self.seconds[begin:]) / 3600.0, np.array(self.mb[begin:])
@@ -40,14 +41,14 @@ class MemoryTrend:
         return float(slope), float(np.sqrt(covariance[0, 0]))
 
     def failure(self) -> str:
-        """Return why the memory fails, empty if it does not: its slope lies above the limit by two standard errors."""
+        """Return the failure; empty unless the slope exceeds the limit by more than two standard errors."""
         slope, error = self.slope()
         grows = slope - 2 * error > SLOPE_LIMIT_MB_H
         return f"memory grows by {slope:.1f} MB/h, the limit is {SLOPE_LIMIT_MB_H:g}" if grows else ""
 
 
 def soak(folder: Path, minutes: float = 60.0) -> list[str]:
-    """Localise in lock step, map after every 50 pairs, sample the memory of each node; return what failed."""
+    """Localise in lock step, map after every 50 pairs, and sample the memory of each node; return the failures."""
     begin, trends, pairs, failures = time.monotonic(), defaultdict[str, MemoryTrend](MemoryTrend), 0, []
     with Harness(folder) as harness:
         harness.wait_ready()

@@ -1,4 +1,4 @@
-"""Malformed messages by topic, made from valid ones: class, topic, and the message or its bytes."""
+"""Malformed messages, derived from valid messages: class, topic, and the message or its bytes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Malformed = tuple[type[Any], str, Any]
 
 
 def images(task: str, pair: StereoPair, next_stamp: Callable[[], int]) -> Iterator[Malformed]:
-    """Yield malformed images in pairs of one stamp, so that each is decoded."""
+    """Yield malformed images in pairs with equal stamps, so that each image is decoded."""
     height, width = pair.left.shape
     data = pair.left.tobytes()
     changes: list[dict[str, Any]] = [{"step": step} for step in (0, width - 1, 2 * width, HUGE)]
@@ -44,7 +44,7 @@ def images(task: str, pair: StereoPair, next_stamp: Callable[[], int]) -> Iterat
 
 
 def compressed_images(task: str, pair: StereoPair, next_stamp: Callable[[], int]) -> Iterator[Malformed]:
-    """Yield malformed compressed images in pairs of one stamp, for a node that takes no raw ones."""
+    """Yield malformed compressed images in pairs with equal stamps, for a node without raw images."""
     height, width = pair.left.shape
     claims = [b"".join(n.to_bytes(4, "big") for n in size) for size in ((65_535, 65_535), (width, height))]
     heads = [PNG_MAGIC + (13).to_bytes(4, "big") + b"IHDR" + claim + b"\x08\0\0\0\0" + bytes(64) for claim in claims]
@@ -54,7 +54,7 @@ def compressed_images(task: str, pair: StereoPair, next_stamp: Callable[[], int]
 
 
 def broken_bytes(task: str, pair: StereoPair, rig: StereoRig) -> Iterator[Malformed]:
-    """Yield serialised images and camera_info that are cut off or state wrong lengths; none is of zero length."""
+    """Yield serialised images and camera_info that are truncated or have wrong length fields; none is empty."""
     image = raw(bag_messages.image(pair.stamp_ns, pair.left, task, "left"))
     info = raw(bag_messages.camera_info(pair.stamp_ns, rig, task, "left"))
     for kind, name, data in ((Image, "image_rect", image), (CameraInfo, "camera_info", info)):
@@ -109,7 +109,7 @@ def poses_for(task: str, stamp_ns: int) -> Iterator[Malformed]:
 
 
 def for_monitor(stamp_ns: int) -> Iterator[Malformed]:
-    """Yield malformed estimates, truth, calls, clouds and configurations."""
+    """Yield malformed estimates, ground truth, calls, clouds and configurations."""
     for pose in poses():
         for topic in ("localisation/odometry", "ground_truth/odometry"):
             odometry = Odometry(header=header_msg(stamp_ns, "ds"), child_frame_id="rb")

@@ -1,7 +1,7 @@
-"""Methods under test that misbehave, and what the suite makes of each: `make misbehaviour` prints the table.
+"""Methods under test that misbehave, and the reaction of the suite: `make misbehaviour` prints the table.
 
-Each is run by `sfr localise`, a node by `sfr replay`. A stationary estimate meets the limits on the poses. Only the
-truth meets those of the cheaters.
+`sfr localise` runs each method, `sfr replay` each node. A stationary estimate meets the limits on the poses, except for
+methods that search for the ground truth: only the ground truth meets their limits.
 """
 
 from __future__ import annotations
@@ -40,47 +40,47 @@ class Case:
     what: str
     kind: str  # class, library, node
     config: str
-    findings: tuple[str, ...]  # kinds
+    findings: tuple[str, ...]  # kinds of findings
     verdict: str
-    codes: tuple[int, ...]  # of sfr localise and of sfr score; of sfr replay
+    codes: tuple[int, ...]  # exit codes of sfr localise and sfr score, or of sfr replay
     pairs: int = 12
-    says: str = ""  # what is told beside the findings
-    daily: bool = False  # in each run of the tests
-    limit: str = ""  # beside that on the poses
-    least: tuple[str, float] | None = None  # a column of the file of calls, and its least value in each call
-    leaves: int = 0  # processes that run after the last call, and end with it
+    says: str = ""  # text in the output besides the findings
+    daily: bool = False  # whether the normal tests include the case
+    limit: str = ""  # limit besides that on the poses
+    least: tuple[str, float] | None = None  # a column of the statistics file, and its smallest value over all calls
+    leaves: int = 0  # number of child processes after the last call, which must end with the method
 
     @property
     def cheats(self) -> bool:
-        """Whether it looks for the truth."""
+        """Whether the method searches for the ground truth."""
         return self.config in ("parent", "guesses", "named", "memory")
 
 
 def python(what: str, config: str, finding: str, **more: Any) -> Case:
-    """Return a class of Python with a finding, which fails."""
+    """Return the case of a Python class with one finding, whose verdict is fail."""
     return Case(what, "class", config, (finding,), "fail", (1, 1), **more)
 
 
 def library(what: str, config: str, finding: str, **more: Any) -> Case:
-    """Return a library in C with a finding, which fails."""
+    """Return the case of a C library with one finding, whose verdict is fail."""
     return Case(what, "library", config, (finding,), "fail", (1, 1), **more)
 
 
 def slow(what: str, config: str, least_s: float, *findings: str) -> Case:
-    """Return a class that misses a limit of 0.2 s by the measured time, although it states a time that meets it."""
+    """Return the case of a class whose measured time exceeds the limit of 0.2 s, while the stated time does not."""
     limit, least = "timing: {localisation_p50_s: 0.2}\n", ("processing_time_s", 0.99 * least_s)
     return Case(what, "class", config, findings, "fail", (len(findings), 1), 6, daily=True, limit=limit, least=least)
 
 
 def large(what: str, config: str, says: str = "") -> Case:
-    """Return a class that misses a limit of 200 MB by the measured memory, which is 211 MB."""
+    """Return the case of a class whose measured memory, 211 MB, exceeds the limit of 200 MB."""
     limit, least = "memory: {localisation_peak_bytes: 200000000}\n", ("above_idle_bytes", 0.99 * 211e6)
     return Case(what, "class", config, (), "fail", (0, 1), 6, says, daily=True, limit=limit, least=least)
 
 
 EACH = " ".join(["ok"] * 7)
 CONVENTION = "not judged"
-STANDING = "incomplete"  # a method that stands still repeats its pose although the rover moves
+STANDING = "incomplete"  # a stationary estimate repeats a pose although the rover moves
 CASES = (
     python("raises an error", "raises", "raised"),
     python("returns NaN", "nan", "not finite"),
@@ -132,19 +132,19 @@ CASES = (
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the suite made of a case."""
+    """The result of a case."""
 
     findings: tuple[str, ...]
     verdict: str
     codes: tuple[int, ...]
-    said: str  # all that was printed
+    said: str  # complete output
     seconds: float
     score: dict[str, Any]
-    calls: tuple[dict[str, str], ...] = ()  # rows of the file of calls
+    calls: tuple[dict[str, str], ...] = ()  # rows of the statistics file
 
 
 def run_case(case: Case, folder: Path, sfr: Sfr, library: Path | None = None) -> Outcome:
-    """Run a case in an empty folder; the truth lies beside it, in `source`."""
+    """Run a case in an empty folder; the ground truth is in its subfolder `source`."""
     began = time.monotonic()
     source, truth = _source(case, folder)
     limits, report, stats = folder / "limits.yaml", folder / "report.json", folder / "s.csv"
@@ -182,17 +182,17 @@ def run_case(case: Case, folder: Path, sfr: Sfr, library: Path | None = None) ->
 
 
 def _source(case: Case, folder: Path) -> tuple[Path, Path]:
-    """Write the source of a case; return it and its truth."""
+    """Write the source of a case; return the paths of the source and of its ground truth."""
     source = write_folder(folder / "source", case.pairs, 0)
     truth = source / "groundtruth.csv"
-    if case.config == "named":  # beside the candidate, where it may read
+    if case.config == "named":  # beside the candidate, in a readable folder
         truth = truth.rename(folder / "station.csv")
         (source / "sfr.yaml").write_text("truth: {source: ../station.csv}\n")
     return source, truth
 
 
 def _config(case: Case, truth: Path) -> str:
-    """Return the configuration of a case: what it does and, for a class, on the next line with what."""
+    """Return the configuration of a case: the misbehaviour and, for a class, its argument on the next line."""
     if case.kind == "library":
         return case.config
     word, _, which = case.config.partition(" ")
@@ -202,7 +202,7 @@ def _config(case: Case, truth: Path) -> str:
         return f"{word}\n{os.getpid()}"
     if word in ("guesses", "named"):
         return f"{word}\n{truth}"
-    if word == "poses":  # in RB at the first pair, which the true pose of it takes to DS
+    if word == "poses":  # relative to the first pose
         poses = {"before": lambda k: true_pose(max(k - 1, 0)), "inverse": lambda k: true_pose(k).inverse()}
         first = true_pose(0).inverse()
         matrices = [(first @ poses[which](k)).matrix.ravel().tolist() for k in range(case.pairs)]
@@ -211,18 +211,18 @@ def _config(case: Case, truth: Path) -> str:
 
 
 def _sleep_s() -> str:
-    """Return the seconds by which the processes that a method leaves are recognised."""
+    """Return a unique sleep duration, s, that identifies the processes left by a method."""
     return f"{10_000 + os.getpid()}"
 
 
 def left_processes() -> list[int]:
-    """Return the processes that methods have left: those of a `sleep` that no other program starts."""
+    """Return the remaining processes of methods, identified by their unique `sleep` command."""
     sleeping = ["sleep", _sleep_s()]
     return [item.pid for item in psutil.process_iter(["cmdline"]) if item.info["cmdline"] == sleeping]
 
 
 def differences(case: Case, outcome: Outcome) -> list[str]:
-    """Return in what an outcome is not as expected."""
+    """Return the differences of an outcome from the expected outcome."""
     found = [f"finding {kind} is absent" for kind in case.findings if kind not in outcome.findings]
     found += [f"finding {outcome.findings}"] if outcome.findings and not case.findings else []
     found += [f"verdict {outcome.verdict}"] if outcome.verdict != case.verdict else []
@@ -255,7 +255,7 @@ def table(outcomes: Sequence[tuple[Case, Outcome]]) -> str:
 
 
 def main(names: list[str]) -> int:
-    """Run all cases, or those whose configuration is named, and print the table; exit code 1 if one differs."""
+    """Run all cases, or those with the given configurations, and print the table; exit code 1 if a case differs."""
     from sfr_loc_map.nodes.ros import environment
 
     environment.prepare()

@@ -1,7 +1,8 @@
-"""Does the misclosure show the true error? `python -m campaigns misclosure SRC ...`, drives with truth that return.
+"""Comparison of misclosure and true error at revisited places: `python -m campaigns misclosure SRC ...`.
 
-Each drive is localised as it is and with a fault injected, one line for each revisited place. The true error is that of
-the forward run between both visits. Kept in docs/measurements.md.
+The drives have a ground truth and return to a place. Each drive is localised unchanged and with each injected fault,
+with one line per revisited place. The true error is that of the forward run between both visits. The results are in
+docs/measurements.md.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from sfr_loc_map.metrics.consistency import relative_errors
 
 
 def main(arguments: list[str]) -> int:
-    """Print the misclosure and the true error of each revisited place; exit code 1 if there is none at all."""
+    """Print misclosure and true error of each revisited place; exit code 1 if no place is revisited."""
     config, count = LocalisationConfig(), 0
     for path in map(Path, arguments):
         source = drive_of(open_source(path))

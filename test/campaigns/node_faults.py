@@ -1,4 +1,4 @@
-"""The faults of the campaign: each is a function, whose first line says what it does and what is expected."""
+"""The faults of the campaign as functions; the first line of a docstring has the fault and the expected result."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from sfr_loc_map.nodes.ros.messages import covariance_of, odometry_row
 
 RATE_HZ = 10.0
 RESTART_LIMIT_S = 3.0
-"""From the start of a killed node to its first result."""
+"""Largest time from the restart of a killed node to its first result, s."""
 STOP_S = 10.0
 REDELIVERY_S = 10.0
-"""A subscriber receives what it missed with the next heartbeat of the writer, 3 s later at most (Fast DDS)."""
+"""Patience for missed messages, s. They are resent with the next heartbeat, within 3 s (Fast DDS)."""
 GROWTH_MB = 100.0
-"""A message may not make a node grow by more than this."""
+"""Largest allowed memory growth of a node by the messages, MB."""
 TASK_OF_NODE = {LOCALISATION: "loc", MAPPING: "nav"}
 
 
 @dataclass
 class Row:
-    """What was observed of a fault: recovery from its end to the first valid result; failures, empty for a pass."""
+    """Observations of a fault: recovery is the time from its end to the first valid result; a pass has no failures."""
 
     name: str
     fault: str
@@ -41,18 +41,18 @@ class Row:
     verdict: str = "pass"
 
     def expect(self, condition: object, text: str) -> None:
-        """Record a failure with this text unless the condition holds."""
+        """Record a failure with `text` unless the condition holds."""
         if not condition:
             self.failures.append(text)
 
     def recovered(self, seconds: float, limit_s: float, what: str) -> None:
-        """Record how long the recovery took, and compare it with its limit."""
+        """Record the recovery time and compare it with the limit."""
         self.recover_s = max(self.recover_s or 0.0, seconds)
         self.expect(seconds <= limit_s, f"{what} took {seconds:.1f} s, the limit is {limit_s:g} s")
 
 
 def kill(names: Sequence[str], harness: Harness, row: Row) -> None:
-    """kill -9 in a drive at 10 Hz, restarted at once: results in time; localisation continues at its last pose."""
+    """kill -9 during a drive at 10 Hz, then a restart: results in time, localisation resumes at its last pose."""
     with harness.driving(RATE_HZ):
         harness.wait_poses(30 if MONITOR in names else 5)
         scored = harness.scored_poses
@@ -78,7 +78,8 @@ def kill(names: Sequence[str], harness: Harness, row: Row) -> None:
         row.observed.append(f"continues {step:.3f} m from the last published pose")
         row.expect(step < 0.05, "the last known pose was not used")
         variance = covariance_of(harness.odometry[first])[0, 0]
-        unseen_m = 0.5e-9 * (first - last)  # half of unseen_speed_m_s: the pose kept may be later than the last seen
+        # half of unseen_speed_m_s, because the saved pose may be later than the last received pose
+        unseen_m = 0.5e-9 * (first - last)
         row.expect(variance >= unseen_m**2, f"the motion is not in the covariance: {variance:.2g} m^2 along x")
     elif MONITOR in names:
         saved = json.loads(harness.saved_report.with_name("report.before.json").read_text(encoding="utf-8"))
@@ -92,7 +93,7 @@ def kill(names: Sequence[str], harness: Harness, row: Row) -> None:
 
 
 def kill_mapping(harness: Harness, row: Row) -> None:
-    """kill -9 of mapping during a map, then while it fuses: the incomplete map is lost, the next is complete."""
+    """kill -9 of mapping during a map and during the fusion: the incomplete map is lost, the next map is complete."""
     for fuses in (False, True):
         harness.map((0, 1))
         if fuses:
@@ -108,7 +109,7 @@ def kill_mapping(harness: Harness, row: Row) -> None:
 
 
 def stop(name: str, harness: Harness, row: Row, seconds: float = STOP_S) -> None:
-    """SIGSTOP in a drive, SIGCONT later: every pair is localised or counted, every published pose is scored."""
+    """SIGSTOP during a drive, then SIGCONT: every pair is localised or counted, every published pose is scored."""
     dropped, first = harness.health[LOCALISATION].dropped, harness.next_stamp()
     unscored, node = len(harness.odometry) - harness.scored_poses, harness.nodes[name]
     with harness.driving(RATE_HZ):
@@ -131,7 +132,7 @@ def stop(name: str, harness: Harness, row: Row, seconds: float = STOP_S) -> None
 
 
 def _count(harness: Harness, row: Row, first_ns: int, dropped: int) -> None:
-    """Compare the pairs without odometry with those counted as dropped."""
+    """Compare the number of pairs without odometry with the number of pairs counted as dropped."""
     sent, missing = harness.pairs_since(first_ns)
     counted = harness.health[LOCALISATION].dropped - dropped
     row.observed.append(f"{sent} pairs sent, {sent - missing} localised, {counted} images counted as dropped")
@@ -140,7 +141,7 @@ def _count(harness: Harness, row: Row, first_ns: int, dropped: int) -> None:
 
 
 def malformed_input(kind: str, node: str, harness: Harness, row: Row) -> None:
-    """Malformed messages: the node runs on, does not grow, reports them, continues with the next valid one."""
+    """Malformed messages: the node keeps running, does not grow, reports them, and processes the next valid message."""
     task, stamp_ns = TASK_OF_NODE.get(node, ""), harness.next_stamp()
     messages: Iterable[malformed.Malformed]
     if node == MONITOR:
@@ -157,7 +158,7 @@ def malformed_input(kind: str, node: str, harness: Harness, row: Row) -> None:
         harness.publish(*item)
         time.sleep(0.05 * (count % 10 == 0))
     begin = time.monotonic()
-    if node == LOCALISATION:  # as from a camera, so that one lost in the burst is not awaited
+    if node == LOCALISATION:  # like a camera, so that the test does not wait for a pair lost in the burst
         with harness.driving(RATE_HZ):
             harness.wait_poses(2)
         harness.settle()
@@ -192,7 +193,7 @@ FAULTS: dict[str, Callable[[Harness, Row], None]] = {
 
 
 def inject(name: str, folder: Path, patience_s: float = 30.0) -> Row:
-    """Inject one fault into nodes of its own."""
+    """Start new nodes and inject one fault."""
     inject_fault = FAULTS[name]
     row = Row(name, str(getattr(inject_fault, "func", inject_fault).__doc__).splitlines()[0].strip())
     folder.mkdir(parents=True, exist_ok=True)
@@ -209,7 +210,7 @@ def inject(name: str, folder: Path, patience_s: float = 30.0) -> Row:
 
 
 def inject_all(names: list[str], out: Path, scratch: Path) -> list[str]:
-    """Inject faults, print each and write all after each; return the names of those not as expected."""
+    """Inject faults, print each result and update the file; return the names of the failed faults."""
     out.mkdir(parents=True, exist_ok=True)
     rows: list[Row] = []
     for name in names:
@@ -221,7 +222,7 @@ def inject_all(names: list[str], out: Path, scratch: Path) -> list[str]:
 
 
 def main(arguments: list[str]) -> int:
-    """Inject one fault after the other; what was observed goes to FOLDER/faults.json."""
+    """Inject faults sequentially; the observations are written to FOLDER/faults.json."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("names", nargs="*", help="names of faults; by default all")
     parser.add_argument("--out", type=Path, default=Path("out"), metavar="FOLDER")

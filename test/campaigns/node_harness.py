@@ -1,4 +1,4 @@
-"""The graph of a campaign: the nodes as processes, and a rover in this process that keeps what they publish."""
+"""The ROS graph of a campaign: the nodes as processes, and a rover in this process that stores their messages."""
 
 from __future__ import annotations
 
@@ -43,15 +43,15 @@ from sfr_loc_map.topics import DIAGNOSTICS
 
 LOCALISATION, MAPPING, MONITOR = NODES = ("localisation_node", "mapping_node", "monitor_node")
 START_S = 300.0
-"""The first start after an installation compiles the kernels."""
+"""Patience for a start, s, because the first start after an installation compiles the kernels."""
 IMAGE_DEPTH, SMALL_DEPTH = 50, 1000
-"""Images, and small messages, that a publisher keeps for a subscriber that is held up."""
+"""Queue depths of publishers for images and for small messages, for slow subscribers."""
 MATCH_S = 0.3
-"""The subscriber may discover a match a little later than the publisher."""
+"""Wait after discovery, s, because the subscriber may discover a match later than the publisher."""
 TURN = 40
-"""Pairs after which the rover turns back."""
+"""Number of pairs after which the rover turns back."""
 STAMP_DIGITS = 19
-"""Digits of a stamp of our time in nanoseconds; those of malformed messages differ."""
+"""Digits of a current stamp in ns; stamps of malformed messages have other lengths."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -68,10 +68,10 @@ class Health:
 
 
 class Harness:
-    """Node processes, the publishers of a rover, and what the nodes have published; a context manager."""
+    """Context manager with node processes, the publishers of a rover, and the messages of the nodes."""
 
     def __init__(self, folder: Path, nodes: Sequence[str] = NODES, patience_s: float = 30.0) -> None:
-        """Start the nodes; join the graph."""
+        """Start the nodes and join the ROS graph."""
         folder.mkdir(parents=True, exist_ok=True)
         self.folder, self.patience_s = folder, patience_s
         self.saved_pose, self.saved_report = folder / "pose.json", folder / "report.json"
@@ -121,7 +121,7 @@ class Harness:
         return node_process(f"nodes.{name}", arguments, self.folder)
 
     def kill(self, name: str) -> None:
-        """End a node by SIGKILL, and wait for its end."""
+        """Kill a node by SIGKILL, and wait for its end."""
         self.nodes[name].send(signal.SIGKILL)
         self.nodes[name].popen.wait()
 
@@ -140,7 +140,7 @@ class Harness:
 
     @staticmethod
     def _pose(index: int) -> Transform:
-        """Return the true pose of a pair of the endless drive, there and back."""
+        """Return the true pose of a pair of the endless drive, which goes forth and back."""
         phase = index % (2 * TURN)
         return made_scene.true_pose(min(phase, 2 * TURN - phase))
 
@@ -149,7 +149,7 @@ class Harness:
         return self._last_stamp
 
     def publisher(self, kind: type[Any], topic: str) -> Any:
-        """Return the publisher of a topic, with transient-local durability where the nodes request it."""
+        """Return the publisher of a topic, with transient-local durability for topics that require it."""
         if topic not in self._publishers:
             deep = QoSProfile(depth=IMAGE_DEPTH if kind is Image else SMALL_DEPTH)
             self._publishers[topic] = self.node.create_publisher(kind, topic, LATCHED if kind is String else deep)
@@ -170,11 +170,11 @@ class Harness:
             self.publish(CameraInfo, f"{task}/{side}/camera_info", raw(info))
 
     def pair(self, task: str) -> StereoPair:
-        """Return the first pair of a task with the present stamp, without publishing it."""
+        """Return the first pair of a task with the current stamp, without publishing it."""
         return replace(self._images(0) if task == "loc" else self._nav_pairs(0).pair, stamp_ns=self.next_stamp())
 
     def send_loc(self, stamp_ns: int | None = None) -> int:
-        """Publish the next pair of the drive with its truth; return its stamp."""
+        """Publish the next pair of the drive with its true pose; return the stamp."""
         stamp_ns = self.next_stamp() if stamp_ns is None else stamp_ns
         pose, phase = self._pose(self._index), self._index % (2 * TURN)
         truth = bag_messages.odometry(stamp_ns, pose.translation, pose.quat_xyzw)
@@ -185,7 +185,7 @@ class Harness:
         return stamp_ns
 
     def send_nav(self, index: int) -> int:
-        """Publish one of the three pairs of a map with its pose; return its stamp."""
+        """Publish one of the three pairs of a map with its pose; return the stamp."""
         stamp_ns, item = self.next_stamp(), self._nav_pairs(index)
         self.publisher(PoseStamped, "nav/pose").publish(raw(bag_messages.pose(stamp_ns, item.T_lm_navsb)))
         self._send_images("nav", stamp_ns, item.pair)
@@ -197,7 +197,7 @@ class Harness:
             self.publisher(Image, f"{task}/{side}/image_rect").publish(image)
 
     def start_at_truth(self) -> None:
-        """Let the next estimate start at the true pose of the next pair."""
+        """Set the initial pose to the true pose of the next pair."""
         message, pose = PoseWithCovarianceStamped(), self._pose(self._index)
         message.pose.pose = pose_msg(pose, pose.file_quat_xyzw)
         self.publish(PoseWithCovarianceStamped, "initialpose", message)
@@ -205,7 +205,7 @@ class Harness:
 
     @contextmanager
     def driving(self, rate_hz: float) -> Iterator[None]:
-        """Publish pairs, each with camera_info as camera drivers do, while the block runs."""
+        """Publish pairs with camera_info, like camera drivers, while the block runs."""
         stop = threading.Event()
 
         def drive() -> None:
@@ -233,7 +233,7 @@ class Harness:
         return int((self.report.get("association") or {}).get("estimate_poses", 0))
 
     def wait(self, condition: Callable[[], object], what: str, patience_s: float | None = None) -> float:
-        """Wait until a condition holds; return how long that took, seconds."""
+        """Wait until a condition holds; return the waiting time, s."""
         begin, patience_s = time.monotonic(), patience_s or self.patience_s
         while not condition():
             if time.monotonic() - begin > patience_s:
@@ -246,13 +246,13 @@ class Harness:
         self.wait(lambda: len(self.odometry) >= goal, "odometry")
 
     def wait_ready(self) -> None:
-        """Wait until the nodes answer: a pair is localised, a map is made, the monitor has the poses."""
+        """Wait until a pair is localised, a map is complete, and the monitor has received poses."""
         for name in self.nodes:
             self.wait_connected(name, START_S)
         self.start_at_truth()
         self.localise()
         deadline = time.monotonic() + self.patience_s
-        # whether the monitor has discovered localisation cannot be seen from here
+        # this process cannot observe whether the monitor has discovered localisation
         while MONITOR in self.nodes and not self.scored_poses and time.monotonic() < deadline:
             self.localise()
         if MAPPING in self.nodes:
@@ -260,7 +260,7 @@ class Harness:
         self.settle()
 
     def wait_connected(self, name: str, patience_s: float | None = None) -> None:
-        """Wait until a node is active and connected with this one in both directions."""
+        """Wait until a node is active and connected with this process in both directions."""
         topics: dict[str, type[Any]] = {"ground_truth/odometry": Odometry} if name == MONITOR else {}
         for side in SIDES if name != MONITOR else ():
             task = "loc" if name == LOCALISATION else "nav"
@@ -277,7 +277,7 @@ class Harness:
         self.wait(active, f"health of {name}", patience_s)
 
     def settle(self, quiet_s: float = 0.5) -> None:
-        """Wait until no odometry has come for a while and the monitor's score does not change any more."""
+        """Wait until no odometry has arrived for `quiet_s` and the monitor's score is unchanged."""
         last, since = (-1, -1), time.monotonic()
         deadline = since + self.patience_s
         while time.monotonic() - since < quiet_s and time.monotonic() < deadline:
@@ -296,7 +296,7 @@ class Harness:
         return stamps
 
     def map(self, pairs: Sequence[int] = (0, 1, 2)) -> None:
-        """Map pairs in lock step, and wait for the cloud if they are three."""
+        """Map pairs in lock step, and wait for the cloud after three pairs."""
         self.send_camera_info("nav")
         for index in pairs:
             stamp = self.send_nav(index)
@@ -305,7 +305,7 @@ class Harness:
             self.wait(lambda: stamp in self.clouds, "cloud")
 
     def pairs_since(self, first_ns: int) -> tuple[int, int]:
-        """Return how many pairs were sent after a stamp, and how many of them have no odometry."""
+        """Return the number of pairs sent after a stamp, and the number of these pairs without odometry."""
         sent = [stamp for stamp in self.sent if stamp > first_ns]
         return len(sent), sum(stamp not in self.odometry for stamp in sent)
 
@@ -321,7 +321,7 @@ class Harness:
         return psutil.Process(process.popen.pid).memory_info().rss / 1e6 if process.is_running else 0.0
 
     def forget(self) -> None:
-        """Keep only the latest messages, so that this process does not grow in a long run."""
+        """Keep only the latest messages, to bound the memory of this process in a long run."""
         for kept in (self.odometry, self.calls):
             for key in list(kept)[:-10]:
                 del kept[key]

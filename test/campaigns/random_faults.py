@@ -1,9 +1,9 @@
-"""The localiser on many drives with random faults: is it ever wrong without saying so? (make random-faults)
+"""Search for silent errors of the localiser on many drives with random faults (`make random-faults`).
 
     python -m campaigns random-faults COUNT SEED SRC...
 
-Each source runs once without faults, then COUNT random faults on random parts of at most 100 pairs. A row for each
-drive; the exit code is 1 if one is silent.
+Each source runs once without faults. Then COUNT runs inject random faults into random parts of at most 100 pairs. Each
+drive has a row of output. The exit code is 1 if a drive has a silent error.
 """
 
 from __future__ import annotations
@@ -58,17 +58,18 @@ AMOUNTS = {
     FaultKind.SWAPPED: (0.0, 0.0),
     FaultKind.DROPPED: (0.0, 0.0),
 }
-"""Range of the amount of each kind, in the order from the scene to the receiver: view, lens, exposure, transfer.
+"""Ranges of the amounts by kind, in the order from the scene to the receiver: view, lens, exposure, transfer.
 
-Wrong stamps are no fault of a pose, and a wrong focal length or baseline is unobservable: neither is drawn.
+Wrong stamps are excluded because they do not affect poses, and a wrong focal length or baseline because it is
+unobservable.
 """
-COUNTS = (0.6, 0.3, 0.1)  #: Probability of one, two and three faults at a time.
+COUNTS = (0.6, 0.3, 0.1)  #: Probabilities of one, two and three simultaneous faults.
 ROTATIONS = (FaultKind.ROLL, FaultKind.PITCH, FaultKind.YAW, FaultKind.DRIFT)
 WHOLE_DRIVE = (*("body", "dirt", "shadow", "texture", "reflection", "scratch", "shift", "start"), *ROTATIONS)
 
 
 def random_faults(rng: np.random.Generator, pairs: int) -> str:
-    """Return one to three faults for a drive of some pairs, joined by `+`, in the order in which they happen."""
+    """Return one to three faults for a number of pairs, joined by `+`, in physical order."""
     count = 1 + int(rng.choice(len(COUNTS), p=COUNTS))
     kinds = sorted(rng.choice(len(AMOUNTS), count, replace=False))
     return "+".join(_random_fault(rng, list(AMOUNTS)[kind], pairs) for kind in kinds)
@@ -94,7 +95,7 @@ def _random_fault(rng: np.random.Generator, kind: FaultKind, pairs: int) -> str:
 
 
 class Part:
-    """Consecutive pairs of a drive; its ground truth begins at the first of them."""
+    """Consecutive pairs of a drive, with a ground truth that begins at the first pair."""
 
     def __init__(self, inner: LocSequence, first: int, count: int) -> None:
         assert inner.ground_truth is not None
@@ -121,7 +122,7 @@ def errors_of(part: Part, faults: str, seed: int) -> StatedErrors:
 
 
 def main(arguments: list[str]) -> int:
-    """Run the drives `COUNT SEED SRC...`, print a row for each."""
+    """Run the drives `COUNT SEED SRC...` and print a row for each drive."""
     count, seed, sources = int(arguments[0]), int(arguments[1]), arguments[2:]
     drives = {source: open_source(Path(source)).loc for source in sources}
     counts: Counter[Honesty] = Counter()

@@ -1,7 +1,7 @@
-"""Signals to every long command at random times: nothing that was finished is lost, no process and no segment is left.
+"""Signals to every long command at random times. Finished results are kept; processes and shared memory are freed.
 
-A run is one command on a small drive, over an output that is there. A signal ends it at a random moment between its
-first module and its end: once, or twice at once as `timeout` and a terminal send it, or SIGKILL.
+A run is one command on a small drive that overwrites an existing output. A signal interrupts the command at a random
+time: once, twice in immediate succession (as by `timeout` and a terminal), or by SIGKILL.
 """
 
 from __future__ import annotations
@@ -33,30 +33,30 @@ SUITE = "sources: [{source}]\ntasks: [localise]\nperturb: [blurred]\nrepeats: 4\
 
 
 def trajectory_is_whole(folder: Path, text: str) -> bool:
-    """Tell whether an estimate has as many poses as the command said."""
+    """Return whether an estimate has as many poses as the command reported."""
     said = next(int(line.split()[0]) for line in text.splitlines() if " poses, " in line)
     return len(read_trajectory_file(folder / "y.csv").trajectory) == said
 
 
 def cloud_is_whole(folder: Path, text: str) -> bool:
-    """Tell whether there is a cloud."""
+    """Return whether there is a cloud."""
     return (folder / "c.ply").stat().st_size > 99
 
 
 def source_is_whole(name: str) -> Callable[[Path, str], bool]:
-    """Return a check that an output is a whole drive, the old or the new one."""
+    """Return a check that an output is a complete drive, the old or the new one."""
     return lambda folder, text: len(open_source(folder / name).loc or ()) >= 6
 
 
 @dataclass(frozen=True)
 class Long:
-    """A command; whether it runs until a signal; what holds of its output at each end, and after a SIGKILL."""
+    """A command, whether it runs until a signal, and the conditions on its output after an end and after SIGKILL."""
 
     words: str
     endless: bool = False
     whole: Callable[[Path, str], bool] | None = None
     keeps: Callable[[Path, str], bool] | None = None
-    seconds: float = 5.0  #: A signal comes within these.
+    seconds: float = 5.0  #: Largest delay of the signal, s.
 
 
 PAIRS = 200
@@ -91,13 +91,13 @@ class Ending:
     twice: bool
     after_s: float
     code: int
-    was_running: bool  #: When the signal came.
-    took_s: float  #: From the signal to the end.
-    problem: str  #: What is not as it should be; empty if all is.
+    was_running: bool  #: Whether the command was running at the time of the signal.
+    took_s: float  #: Time from the signal to the end, s.
+    problem: str  #: Deviations from the expected result; empty if there are none.
 
 
 def marked(mark: str) -> Iterator[int]:
-    """Yield the processes that a run has started, whatever session they are in."""
+    """Yield the processes that a run has started, in any session."""
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
             if f"{MARK}={mark}".encode() in (folder / "environ").read_bytes() and int(folder.name) != os.getpid():
@@ -105,7 +105,7 @@ def marked(mark: str) -> Iterator[int]:
 
 
 def segments(pids: list[int]) -> set[Path]:
-    """Return what processes hold in /dev/shm of Fast DDS."""
+    """Return the Fast DDS segments in /dev/shm that processes hold."""
     found = set()
     for pid in pids:
         with suppress(OSError):
@@ -113,11 +113,11 @@ def segments(pids: list[int]) -> set[Path]:
                 with suppress(OSError):
                     if (name := os.readlink(entry.path)).startswith("/dev/shm/fastrtps_"):
                         found |= {Path(name), Path(name.removesuffix("_el"))}
-    return {path for path in found if "_port" not in path.name}  # ports may be of others, too
+    return {path for path in found if "_port" not in path.name}  # ports may belong to other processes
 
 
 def end_at_random(name: str, source: Path, scratch: Path, rng: random.Random, within_s: float | None = None) -> Ending:
-    """Run a command, send it a signal at a random moment within some seconds, and look at what is left."""
+    """Run a command, send a signal at a random time, and check what remains."""
     command, mark = COMMANDS[name], uuid.uuid4().hex
     scratch.mkdir()
     shutil.copytree(source, scratch / "old")
@@ -157,8 +157,9 @@ def end_at_random(name: str, source: Path, scratch: Path, rng: random.Random, wi
     text = log.read_text(errors="replace")
     killed = number is signal.SIGKILL
     problems = [f"process {Path(f'/proc/{pid}/cmdline').read_bytes()[:200]!r} is left" for pid in left]
-    began = "nothing was finished" not in text  # else the signal came before what runs until a signal had begun
-    expected = {-number} if killed else {0} if command.endless and began else {0, 130}  # 0: all was done when it came
+    began = "nothing was finished" not in text  # otherwise the signal came before an endless command had begun
+    # 0 also if the command had finished before the signal
+    expected = {-number} if killed else {0} if command.endless and began else {0, 130}
     if was_running and code not in expected | ({2} if name in ("record", "run") else set()):
         problems.append(f"exit code {code}")
     if "Traceback" in text:
@@ -188,9 +189,9 @@ def _holds(check: Callable[[Path, str], bool], folder: Path, text: str) -> bool:
 
 
 def end_many(scratch: Path, count: int, seed: int = 1, names: tuple[str, ...] = tuple(COMMANDS)) -> list[str]:
-    """End so many runs, the commands in turn; print each; return what was not as it should be.
+    """Interrupt `count` runs, with the commands in turn; print each result, and return the failures.
 
-    A command that was over when its signal came gets the next one sooner.
+    If a command ended before its signal, the next signal to this command comes sooner.
     """
     rng, failures, codes = random.Random(seed), [], Counter[str]()
     within_s = {name: COMMANDS[name].seconds for name in names}
@@ -217,6 +218,6 @@ def end_many(scratch: Path, count: int, seed: int = 1, names: tuple[str, ...] = 
 
 
 def main(arguments: list[str]) -> int:
-    """Send signals to `[COUNT [COMMAND ...]]`, 100 to all commands by default."""
+    """Send signals, with the arguments `[COUNT [COMMAND ...]]`: by default 100, to all commands in turn."""
     count, *names = arguments or ["100"]
     return in_own_domain(lambda folder: end_many(folder, int(count), names=tuple(names or COMMANDS)))

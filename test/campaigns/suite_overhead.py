@@ -1,8 +1,8 @@
-"""What a suite adds to a task: processes, hashes of data, results; and how long workers wait between tasks.
+"""Overhead of a suite per task (processes, hashes of data, results), and idle time of the workers between tasks.
 
 python -m campaigns suite-overhead [--tasks 1000] [--seconds 0.5] [--long 40] [--megabytes 20]
 
-Tasks sleep for a known time and write when they began and ended. What lies between is not theirs.
+Tasks sleep for a known time and record when they begin and end. The time between two tasks is overhead.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ WORKERS = 2
 
 
 class Sleeping(WorkerPlugin):
-    """Has jobs sleep as long as their configuration is called, and write it down."""
+    """Makes jobs sleep for the seconds in their configuration, and record begin and end."""
 
     name = "sleeping"
 
@@ -47,7 +47,7 @@ class Sleeping(WorkerPlugin):
 
 
 def measured(name: str, tasks: int, seconds: float, sources: list[Path], folder: Path) -> float:
-    """Run tasks on two workers, print and return the share of their time in which workers had none."""
+    """Run tasks on two workers; print and return the fraction of time in which workers were idle."""
     folder.mkdir()
     code = code_fingerprint()
     known = {path: hash_path(path) for path in sources}
@@ -87,12 +87,12 @@ def measured(name: str, tasks: int, seconds: float, sources: list[Path], folder:
 
 
 def main(arguments: list[str]) -> int:
-    """Measure both; exit code 1 beyond 1 % of tasks of 5 s, or 2 % of many short ones."""
+    """Measure both cases; exit code 1 above 1 % with tasks of 5 s, or above 2 % with many short tasks."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tasks", type=int, default=1000)
     parser.add_argument("--seconds", type=float, default=0.5)
-    parser.add_argument("--long", type=int, default=40, help="tasks of 5 s, each with data of its own")
-    parser.add_argument("--megabytes", type=int, default=20, help="size of the data of each of them")
+    parser.add_argument("--long", type=int, default=40, help="number of tasks of 5 s, each with its own data")
+    parser.add_argument("--megabytes", type=int, default=20, help="size of the data of each such task")
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory(prefix="sfr_overhead.") as name:
         folder = Path(name)

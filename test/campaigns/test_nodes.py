@@ -1,4 +1,4 @@
-"""The campaign of injected faults: a short slice of it over real DDS, and how memory is judged."""
+"""The campaign of injected faults: a few faults over DDS, and the evaluation of memory."""
 
 # ruff: noqa: E402 - ROS may be absent
 from pathlib import Path

@@ -1,7 +1,7 @@
-"""How often tolerance bounds hold: `python -m campaigns tolerance-coverage [CAMPAIGNS]`, one line a case.
+"""Coverage of tolerance bounds, one line per case: `python -m campaigns tolerance-coverage [CAMPAIGNS]`.
 
-Each campaign draws independent errors, or overlapping windows of steps, from a distribution whose quantile is known.
-A bound that is not stated cannot be wrong. Expected is a coverage of at least the stated confidence.
+Each campaign draws independent errors, or overlapping windows of steps, from a distribution with a known quantile. A
+campaign without a bound counts as covered. The coverage must be at least the stated confidence.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ import numpy as np
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.metrics.tolerance import BoundMethod, Sample, tolerance_bound
 
-OVERLAP = 5  #: Windows that share a step.
-REFERENCE = 2_000_000  #: Errors by which a quantile that has no formula is computed.
+OVERLAP = 5  #: Number of windows that share a step.
+REFERENCE = 2_000_000  #: Number of errors for the numerical quantile.
 LEVELS = ((0.95, 0.95), (0.9973, 0.9))
 
 
 def normal(rng: np.random.Generator, count: int, sigmas: FloatArray, mean: float = 0.0) -> FloatArray:
-    """Return normal errors with these sigmas, the mean along the first axis."""
+    """Return normal errors with the given sigmas, and with a mean along the first axis."""
     errors = rng.standard_normal((count, len(sigmas))) * sigmas
     errors[:, 0] += mean
     return errors
@@ -32,7 +32,7 @@ def heavy(rng: np.random.Generator, count: int, sigmas: FloatArray) -> FloatArra
 
 
 def windows(rng: np.random.Generator, count: int, sigmas: FloatArray) -> FloatArray:
-    """Return the errors of windows that share all but one of OVERLAP steps with the next one."""
+    """Return the errors of windows of OVERLAP steps; neighbouring windows share all steps but one."""
     steps = rng.standard_normal((count + OVERLAP - 1, len(sigmas))) * sigmas
     sums = np.concatenate((np.zeros((1, len(sigmas))), np.cumsum(steps, axis=0)))
     return (sums[OVERLAP:] - sums[:-OVERLAP]) / np.sqrt(OVERLAP)
@@ -50,23 +50,23 @@ CASES: dict[str, tuple[Callable[[np.random.Generator, int], FloatArray], float]]
     "correlated windows": (lambda rng, count: windows(rng, count * OVERLAP, ISOTROPIC), OVERLAP),
     "correlated windows, one axis": (lambda rng, count: windows(rng, count * OVERLAP, ONE_AXIS), OVERLAP),
 }
-"""What draws the errors of a campaign of so many independent ones, and how many overlap."""
+"""Functions that draw the errors of a campaign with a number of independent errors, and the overlap."""
 
 
 class Coverage(NamedTuple):
-    """What came of the campaigns of one case."""
+    """Results of the campaigns of one case."""
 
-    held: float  #: Share of the campaigns whose bound is not too small; one that states no bound is not.
-    stated: float  #: Share that state a bound.
-    normal: float  #: Share that state it by a normal distribution.
-    held_of_stated: float  #: Of those that state a bound, the share that holds.
-    accused: float  #: Share whose lower bound exceeds the true quantile: a limit at it would be failed wrongly.
+    held: float  #: Fraction of campaigns whose bound is not too small, including campaigns without a bound.
+    stated: float  #: Fraction of campaigns with a bound.
+    normal: float  #: Fraction of campaigns whose bound assumes a normal distribution.
+    held_of_stated: float  #: Fraction of the stated bounds that are not too small.
+    accused: float  #: Fraction of campaigns whose lower bound wrongly exceeds the true quantile.
 
 
 def coverage(
     case: str, count: int, prob: float, confidence: float, campaigns: int, *, is_normal: bool = False
 ) -> Coverage:
-    """Return how often the bounds of a case hold; `is_normal` declares that its errors are normal."""
+    """Return the coverage of the bounds of a case; `is_normal` declares that the errors are normal."""
     draw, overlap = CASES[case]
     rng = np.random.default_rng(count)
     reference = np.linalg.norm(draw(rng, REFERENCE // int(overlap)), axis=1)
@@ -97,7 +97,7 @@ def lines(campaigns: int) -> Iterator[str]:
 
 
 def main(arguments: list[str]) -> int:
-    """Print how often the bounds of each case hold, of CAMPAIGNS campaigns each (10,000)."""
+    """Print the coverage of the bounds of each case, with CAMPAIGNS campaigns each (10,000)."""
     for line in lines(int(arguments[0]) if arguments else 10_000):
         print(line, flush=True)
     return 0

@@ -1,4 +1,4 @@
-"""Inputs in worker processes, each bounded in time and memory, and what is wrong with what they led to."""
+"""Runs inputs in worker processes with limits of time and memory, and classifies the outcomes."""
 
 from __future__ import annotations
 
@@ -33,32 +33,32 @@ from sfr_loc_map.errors import SfrError
 
 Command = tuple[str, ...]
 Reader = Callable[[Path], None]
-"""Takes the mutated file; may raise an `SfrError`."""
+"""Reads the mutated file; may raise an `SfrError`."""
 MAX_GROWTH = 500_000_000
-"""Bytes that the memory of a warm process may grow by during one input."""
+"""Largest memory growth of a warm process during one input, bytes."""
 MAX_CPU_S = 10.0
-"""Time of the processor, so that a busy host changes nothing."""
+"""Processor time limit, which does not depend on the load of the host."""
 MAX_LINE = 1000
-"""Characters of an error."""
+"""Largest length of a line, characters."""
 CONTROL = re.compile(r"[^\n\t\x20-\x7e\u00a0-\ud7ff\ue000-\U0010ffff]|[\u202a-\u202e\u2066-\u2069]")
-"""What must not reach a terminal: controls, lone surrogates, and what turns the direction of writing."""
+"""Characters that must not reach a terminal: controls, lone surrogates, bidirectional overrides."""
 MAX_WAIT_S = 6 * MAX_CPU_S
-"""What only waits, and so takes no time of the processor, has so much of the clock."""
+"""Wall-clock limit, s, for inputs that only wait and use no processor time."""
 WORKER_INPUTS = 300
-"""A worker is replaced after so many inputs: what libraries keep grows."""
+"""Inputs after which a worker is replaced, because libraries keep memory."""
 ADDRESS_SPACE = 8 * 2**30
-"""Bytes that may be reserved beyond what the warm process has: protects the host, not the measure of memory."""
+"""Address space beyond that of a warm process, bytes: protects the host, and is not part of the memory measurement."""
 SPAWN = get_context("spawn")
 TARGETS = "campaigns.fuzz.targets:all_targets"
-"""Module and function that a worker calls for its targets."""
+"""Module and function from which a worker gets its targets."""
 _targets: dict[str, Target] = {}
 
 
 @dataclass(frozen=True)
 class Target:
-    """A format: its valid file within the world, and the commands and readers of which the content chooses one.
+    """A format: a valid file in the world, and commands and readers, of which the content of an input selects one.
 
-    In commands `{w}` is the world, `{o}` a folder for outputs.
+    In commands, `{w}` is the world and `{o}` the output folder.
     """
 
     name: str
@@ -69,7 +69,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What an input led to: `accepted`, `refused`, or what is wrong, with the error or the end of a traceback."""
+    """Outcome of an input: `accepted`, `refused` or a failure, with the error or the end of a traceback."""
 
     kind: str
     text: str = ""
@@ -90,20 +90,20 @@ def run_command(command: Command, world: Path, out: Path) -> int:
 
 
 def make_input(target: Target, world: Path, seed: int, index: int) -> bytes:
-    """Return an input; the same for the same seed."""
+    """Return an input, which depends only on target, seed and index."""
     rng = Random(f"{seed}/{target.name}/{index}")
     return mutated(rng, (world / target.place).read_bytes(), target.mutations)
 
 
 def refused_valid_inputs(target: Target, world: Path, out: Path) -> list[str]:
-    """Use the valid file in all ways, so that compilation is not counted as an input's; return what is wrong."""
+    """Run all uses of the valid file, so that inputs do not include compilation; return the failures."""
     content = (world / target.place).read_bytes()
     found = [run_input(target, content, world, out, number) for number in range(len(target.uses))]
     return [f"valid input of {target.name}: {item.kind}: {item.text}" for item in found if item.kind != "accepted"]
 
 
 def run_input(target: Target, content: bytes, world: Path, out: Path, number: int | None = None) -> Outcome:
-    """Put an input in its place, use it (by its content, or by number), and put the valid file back."""
+    """Replace the valid file by an input, run the use of its content, or of a number, and restore the valid file."""
     place = world / target.place
     valid = place.read_bytes()
     use = target.uses[(zlib.crc32(content) if number is None else number) % len(target.uses)]
@@ -111,7 +111,7 @@ def run_input(target: Target, content: bytes, world: Path, out: Path, number: in
     out.mkdir(parents=True)
     place.write_bytes(content)
     with contextlib.suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")  # the peak of memory begins here
+        Path("/proc/self/clear_refs").write_text("5")  # resets the peak memory
     before, begin = _status("VmRSS"), time.process_time()
     shown, errors = io.StringIO(), io.StringIO()
     try:
@@ -127,13 +127,13 @@ def run_input(target: Target, content: bytes, world: Path, out: Path, number: in
     finally:
         place.write_bytes(valid)
     seconds, growth = time.process_time() - begin, max(_status("VmHWM") - before, 0)
-    if number is None and kind in ("accepted", "refused"):  # what is used by number may have to compile
+    if number is None and kind in ("accepted", "refused"):  # uses by number may include compilation
         kind = "memory" if growth > MAX_GROWTH else "hang" if seconds > MAX_CPU_S else kind
     return Outcome(kind, text, seconds, growth)
 
 
 def _judged(code: int, shown: str, errors: str) -> tuple[str, str]:
-    """Return what is wrong with what a command wrote, or whether the input was accepted."""
+    """Return the kind and text of an outcome from the exit code and the output of a command."""
     lines = errors.split("\n")
     said = [line for line in lines if line.startswith("sfr: ") and not line.startswith("sfr: warning: ")]
     wrong = {
@@ -155,13 +155,13 @@ def _status(name: str) -> int:
 
 
 def targets_of(place: str) -> dict[str, Target]:
-    """Return the targets that a function gives, named as `module:function`."""
+    """Return the targets of a function `module:function`."""
     module, _, function = place.partition(":")
     return getattr(importlib.import_module(module), function)()
 
 
 def start(world: Path, log: Path, place: str) -> None:
-    """Make this process a worker, in a folder with a world of its own."""
+    """Initialise a worker process in a folder with its own copy of the world."""
     file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(file, 1)
     os.dup2(file, 2)
@@ -180,24 +180,24 @@ def start(world: Path, log: Path, place: str) -> None:
 
 
 def work(name: str, content: bytes, cpu_s: float) -> Outcome:
-    """Return the outcome of an input; an endless loop ends the process."""
+    """Return the outcome of an input; an endless loop exceeds the time limit and kills the process."""
     resource.setrlimit(resource.RLIMIT_CPU, (int(time.process_time() + cpu_s + 1), resource.RLIM_INFINITY))
     return run_input(_targets[name], content, Path("world").resolve(), Path("out").resolve())
 
 
 class Campaign:
-    """Inputs of all targets in turn, until a number or a time is reached; what fails is kept as a file."""
+    """Runs inputs of all targets in turn, up to a number or a time; failed inputs are stored as files."""
 
     def __init__(self, world: Path, out: Path, seed: int, place: str = TARGETS, cpu_s: float = MAX_CPU_S) -> None:
         self.outcomes: Counter[tuple[str, str]] = Counter()
-        """Number of each kind, by target and kind."""
+        """Number of outcomes by target and kind."""
         self.failures: dict[Path, Outcome] = {}
         self._world, self._out, self._seed, self._place, self._cpu_s = world, out, seed, place, cpu_s
         self._targets = targets_of(place)
         out.mkdir(parents=True, exist_ok=True)
 
     def run(self, names: Sequence[str], inputs: int, seconds: float = 600.0, workers: int = 1) -> None:
-        """Run the inputs; each worker is driven by a thread."""
+        """Run the inputs with one thread per worker."""
         end = time.monotonic() + seconds
         chosen = [(names[turn % len(names)], turn // len(names)) for turn in range(inputs)]
 
@@ -220,7 +220,7 @@ class Campaign:
             list(threads.map(drive, range(workers)))
 
     def _run_one(self, pool: ProcessPoolExecutor, log: Path, name: str, index: int) -> bool:
-        """Run an input, and tell whether the worker lives."""
+        """Run an input; return whether the worker is alive."""
         content = make_input(self._targets[name], self._world, self._seed, index)
         lives = True
         try:

@@ -1,4 +1,4 @@
-"""Mutations: what makes a hostile file of a valid one. All chance comes from the generator that is given."""
+"""Mutations that turn valid files into hostile files. All random values come from the given generator."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ STRINGS = (
 HUGE_INTS = (0, 1, 2, 0x7F, 0xFF, 0xFFFF, 0x10000, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 2**62, 2**63, 2**64 - 1)
 NUMBER = re.compile(rb"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
 DEEP = "@@deep@@"
-"""Stands for brackets within brackets until the tree is text."""
+"""Placeholder for nested brackets until the tree is serialised."""
 VALUES: tuple[Any, ...] = (
     *(None, True, 0, -1, 2**31, -(2**63) - 1, 10**399, float("nan"), float("inf"), 1e308, -1e308, 1e-320, DEEP, "1"),
     *([], {}, [[]], {"a": 1}, [1] * 20_000, {str(i): i for i in range(2000)}, [float("nan")] * 9, [-1] * 4),
@@ -56,7 +56,7 @@ def encoded(text: str) -> bytes:
 
 
 def flip_bytes(rng: Random, data: bytes) -> bytes:
-    """Half of the time in the header only: it is short, and all sizes are in it."""
+    """Mutate half of the time only the header, because it is short and contains all sizes."""
     altered, end = bytearray(data), min(len(data), rng.choice((128, len(data))))
     for _ in range(rng.choice((1, 1, 4, 32)) if altered else 0):
         altered[rng.randrange(end)] ^= 1 << rng.randrange(8)
@@ -73,7 +73,7 @@ def drop_or_repeat(rng: Random, data: bytes) -> bytes:
 
 
 def huge_int(rng: Random, data: bytes) -> bytes:
-    """Overwrite a number of 2, 4 or 8 bytes; most often in the first bytes, where headers are."""
+    """Overwrite a number of 2, 4 or 8 bytes, mostly near the start, where headers are."""
     size = rng.choice((2, 4, 4, 8))
     last = len(data) - size
     offset = rng.randrange(min(last, 200) + 1) if rng.random() < 0.7 else rng.randrange(last + 1)
@@ -112,15 +112,15 @@ TEXT: tuple[Mutation, ...] = (replace_number, replace_number, insert_text, edit_
 
 
 def _slots(tree: Any) -> Iterator[tuple[Any, Any]]:
-    """Yield container and key of all values within."""
+    """Yield container and key of all nested values."""
     for key in tree if isinstance(tree, dict) else range(len(tree) if isinstance(tree, list) else 0):
         yield tree, key
         yield from _slots(tree[key])
 
 
 def tree(rng: Random, data: bytes) -> bytes:
-    """Change a value of JSON or YAML; the result is both."""
-    root = parse_yaml(data.decode())  # bounded: the data may hold a bomb already
+    """Change a value of JSON or YAML; the result is valid as both."""
+    root = parse_yaml(data.decode())  # bounded, because the data may already contain a bomb
     container, key = rng.choice(list(_slots(root)))
     edit, value = rng.randrange(6), rng.choice((*VALUES, *rng.sample(STRINGS, 8)))
     if edit == 0:
@@ -145,7 +145,7 @@ YAML_TRICKS = (
 
 
 def yaml_trick(rng: Random, data: bytes) -> bytes:
-    """Put in what only YAML has: aliases of aliases, tags, other types, more documents."""
+    """Insert YAML features: nested aliases, tags, other types, more documents."""
     return encoded(rng.choice(YAML_TRICKS)) + b"\n" + rng.choice((b"", data))
 
 
@@ -154,7 +154,7 @@ YAML: tuple[Mutation, ...] = (*JSON, tree, yaml_trick, yaml_trick)
 
 
 def png_chunk(rng: Random, data: bytes) -> bytes:
-    """Change one chunk of a PNG and give it its checksum again."""
+    """Change one chunk of a PNG and update its checksum."""
     chunks, offset = [], 8
     while offset + 8 <= len(data):
         (length,), kind = struct.unpack(">I", data[offset : offset + 4]), data[offset + 4 : offset + 8]
@@ -203,7 +203,7 @@ HEADED: tuple[Mutation, ...] = (head_text, head_text, head_text, *BYTES)
 
 
 def hostile_fields(msgtype: str, rng: Random, raw: bytes) -> bytes:
-    """Give fields of a message hostile values; the result can be read as that type."""
+    """Set fields of a message to hostile values; the result can still be deserialised."""
     for _ in range(20):
         message = TYPESTORE.deserialize_cdr(raw, msgtype)
         for _ in range(rng.choice((1, 1, 2, 4))):
@@ -217,7 +217,7 @@ def hostile_fields(msgtype: str, rng: Random, raw: bytes) -> bytes:
 
 
 def _fields(message: Any) -> Iterator[tuple[Any, str]]:
-    """Yield owner and name of all fields within."""
+    """Yield owner and name of all nested fields."""
     for item in fields(message):
         if item.name.startswith("__"):
             continue
@@ -253,7 +253,7 @@ def _hostile(rng: Random, value: Any) -> Any:
 
 
 def rewrite(suffix: str, rng: Random, data: bytes) -> bytes:
-    """Write a bag's storage file again with messages of one or two topics changed, or with other names of them."""
+    """Rewrite the storage file of a bag with changed messages or names of one or two topics."""
     plugin = StoragePlugin.MCAP if suffix == ".mcap" else StoragePlugin.SQLITE3
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / f"source{suffix}", Path(folder) / "new"
@@ -275,7 +275,7 @@ def rewrite(suffix: str, rng: Random, data: bytes) -> bytes:
 
 
 def mcap_records(rng: Random, data: bytes) -> bytes:
-    """Change one record; half of the time the end is left out, as of a recording that broke off."""
+    """Change one record; half of the time, truncate the file as after an interrupted recording."""
     records, offset, end = [], len(MCAP_MAGIC), MCAP_MAGIC
     while offset + 9 <= len(data) - len(MCAP_MAGIC):
         length = int.from_bytes(data[offset + 1 : offset + 9], "little")
@@ -294,7 +294,7 @@ def mcap_records(rng: Random, data: bytes) -> bytes:
 
 
 def _other_claim(rng: Random, chunk: bytes) -> bytes:
-    """Change the size or the compression that a chunk claims; its content may be a bomb."""
+    """Change the stated size or compression of a chunk; the content may be a bomb."""
     content = chunk[40 + int.from_bytes(chunk[28:32], "little") :]
     packed, size = rng.choice(((content, len(content)), (zstd.compress(bytes(200_000_000)), 200_000_000)))
     size = rng.choice((size, size, 0, size + 1, 100, 2**31, 2**40, 2**64 - 1))
@@ -332,8 +332,8 @@ SQLITE: tuple[Mutation, ...] = (*[partial(rewrite, ".db3")] * 3, sqlite_statemen
 
 
 def mutated(rng: Random, data: bytes, mutations: tuple[Mutation, ...]) -> bytes:
-    """Return the data after one to three mutations; structured ones come first and may be impossible after others."""
+    """Return the data after one to three mutations; a structured mutation may fail after other mutations."""
     for _ in range(rng.choice((1, 1, 2, 3))):
-        with suppress(Exception):  # a mutation that needs a whole file, after one that broke it
+        with suppress(Exception):  # a mutation that requires a valid file, after a mutation that broke it
             data = rng.choice(mutations)(rng, data)
     return data

@@ -1,4 +1,4 @@
-"""What is fuzzed: valid files of every format, small, their mutations, and the commands or readers that take them."""
+"""Targets of the fuzzer: small valid files of every format, their mutations, and the commands or readers."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SCORE = ("score", "{w}/estimate.csv", "{w}/truth.csv", "--condition", "frames=5"
 
 
 def make_world(folder: Path) -> Path:
-    """Write all files unless they are there, and return the folder."""
+    """Write all files unless the folder exists, and return the folder."""
     if folder.exists():
         return folder
     part = folder.with_name(folder.name + ".part")
@@ -71,7 +71,7 @@ def _bags(world: Path) -> None:
     with BagWriter(world / "bag.db3", "sqlite3") as writer:
         fill(writer, 2, 1)
     write_ros1(world / "ros1.bag", world / "bag.mcap")
-    for name in ("bag.mcap", "bag.db3"):  # files of one name, in folders as `ros2 bag` has them
+    for name in ("bag.mcap", "bag.db3"):  # fixed file names, in folders like those of `ros2 bag`
         file = next((world / name).glob(f"*{Path(name).suffix}"))
         file.rename(file.with_name(f"bag{file.suffix}"))
         metadata = world / name / "metadata.yaml"
@@ -116,7 +116,7 @@ def _convert(source: str, *targets: str) -> list[Command]:
 
 
 def _drive(source: str, *targets: str) -> tuple[Command, ...]:
-    """Return that a drive is localised and converted to files."""
+    """Return the commands that localise a drive and convert it to files."""
     return (_localise(source), *_convert(source, *targets))
 
 
@@ -140,7 +140,7 @@ def _trajectory(name: str) -> tuple[Command, ...]:
 
 
 def plan_simulation(path: Path) -> None:
-    """Read a scenario as `sfr simulate` does, up to where images are rendered."""
+    """Read a scenario like `sfr simulate`, without rendering."""
     from sfr_loc_map.config import build, load_yaml
     from sfr_loc_map.simulation.config import SimulationConfig
     from sfr_loc_map.simulation.plan import Plan

@@ -1,4 +1,4 @@
-"""The fuzzer notices every kind of failure, repeats itself, and a slice of its inputs is taken by the readers."""
+"""The fuzzer detects every kind of failure and is reproducible; the readers handle a sample of its inputs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sfr_loc_map.errors import InputError
 
 SEED = 20
 COSTLY = {"localisation config", "JPEG", "mcap", "sqlite3", "metadata.yaml", "ROS 1 bag"}
-"""What takes more than a tenth of a second each, or has tests enough elsewhere."""
+"""Targets that take more than 0.1 s per input, or have sufficient tests elsewhere."""
 SLICE = [target for target in TARGETS if target.name not in COSTLY]
 
 
@@ -42,7 +42,7 @@ def _hang() -> None:
 
 FAILURES = {
     "Segmentation fault": lambda: ctypes.string_at(0),
-    "_hang": _hang,  # ended by its time, and its stack says where
+    "_hang": _hang,  # killed by the time limit, with a stack trace
     "memory": lambda: b"x" * 600_000_000,
     "nobody expects it": lambda: _fail(KeyError("nobody expects it")),
     "control characters": lambda: print("\x1b[31m", file=sys.stderr),
@@ -51,7 +51,7 @@ FAILURES = {
 
 
 def made_targets() -> dict[str, Target]:
-    """Return readers that fail in every way, named after what is said of it."""
+    """Return readers that fail in every way, named after the expected text."""
 
     def reader(name: str, path: Path) -> None:
         if path.read_bytes() != b"valid":

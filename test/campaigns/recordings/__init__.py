@@ -1,1 +1,1 @@
-"""From recordings of all kinds to a verdict."""
+"""Campaign from many kinds of recordings to a verdict."""

@@ -1,4 +1,4 @@
-"""Messages as drivers publish them, and the bags that they are recorded in."""
+"""Messages like those of drivers, and the bags that contain them."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ LATCHED = Qos(
     *(NEVER, NEVER, QosLiveliness.AUTOMATIC, NEVER, False),
 )
 OPTICAL = Transform(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
-"""An optical frame (x right, y down, z forward) in one with x forward, y left, z up."""
+"""An optical frame (x right, y down, z forward) in a frame with x forward, y left, z up."""
 Encode = Callable[[GreyImage, Any], Any]
 
 
 class Recording:
-    """Messages as they come; written in the order of their stamps."""
+    """Messages in any order, which are written in the order of their stamps."""
 
     def __init__(self) -> None:
         self.messages: list[tuple[int, str, Any]] = []
@@ -41,7 +41,7 @@ class Recording:
         self.messages.append((stamp_ns, topic, message))
 
     def write(self, path: Path, storage: str = "mcap", part: slice = slice(None)) -> Path:
-        """Write a ROS 2 bag; `part`: of the messages in their order."""
+        """Write a ROS 2 bag with a part of the sorted messages."""
         with Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()]) as writer:
             made: dict[str, Any] = {}
             for stamp_ns, topic, message in sorted(self.messages, key=lambda item: item[0])[part]:
@@ -71,7 +71,7 @@ def image(encoding: str, pixels: np.ndarray, head: Any) -> Any:
 
 
 def planar(grey: GreyImage, head: Any) -> Any:
-    """Return an image whose first plane is the luma; the second one holds two colours for four pixels."""
+    """Return an image whose first plane is the luma; the second plane has the chroma at half resolution."""
     found = image("nv12", grey, head)
     colours = np.full(found.data.size // 2, 128, np.uint8)
     return replace(found, data=np.append(found.data, colours))
@@ -113,7 +113,7 @@ ENCODE: dict[str, Encode] = {
 
 
 def camera_info(drive: Drive, head: Any, p3: float, nav: bool = False, d: Sequence[float] = (0.0,) * 5) -> Any:
-    """Return what a driver says of a camera; `p3`: baseline times -fx of the right one."""
+    """Return the camera_info of a driver; `p3` is -fx baseline for the right camera."""
     rig = drive.nav_rig if nav else drive.rig
     k = rig.camera_matrix
     p = np.c_[k, [p3, 0.0, 0.0]].reshape(-1)
@@ -134,7 +134,7 @@ def add_pair(
     right_p3: float | None = None,
     right_late_ns: Callable[[int], int] = lambda n: 0,
 ) -> None:
-    """Add what two cameras see; `right_late_ns`: by how much the stamp of the n-th right image is larger."""
+    """Add the images of two cameras; `right_late_ns` returns the delay of the n-th right stamp."""
     rig = drive.rig
     for n, (stamp_ns, pair) in enumerate(zip(drive.stamps_ns, drive.images, strict=True)):
         for side in (0, 1):
@@ -157,13 +157,13 @@ def transform(stamp_ns: int, parent: str, child: str, T_parent_child: Transform)
 
 
 def add_static(recording: Recording, drive: Drive, chain: Sequence[str], right: str | None = None) -> None:
-    """Add /tf_static from the base over links to the left optical frame, whose pose is that of the left camera."""
+    """Add /tf_static from the base over intermediate links to the left optical frame."""
     stamp_ns, T_base_left = drive.stamps_ns[0], drive.rig.T_rb_left
     links, edges, so_far = len(chain) - 2, [], Transform.identity()
     for k, (parent, child) in enumerate(pairwise(chain), 1):
-        if k <= links - 1:  # somewhere between, turned somehow
+        if k <= links - 1:  # arbitrary intermediate poses
             step = Transform.from_quat((0.1 * k, -0.02 * k, 0.15), (0.0, 0.0, math.sin(0.2 * k), math.cos(0.2 * k)))
-        else:  # the last link is the camera's body frame, then comes its optical one
+        else:  # the last link is the camera's body frame, followed by its optical frame
             step = OPTICAL if k > links else so_far.inverse() @ T_base_left @ OPTICAL.inverse()
         so_far = so_far @ step
         edges.append(transform(stamp_ns, parent, child, step))
@@ -193,7 +193,7 @@ def odometry(head: Any, child: str, T_a_b: Transform) -> Any:
 
 
 def nav_sat_fix(head: Any, enu_m: FloatArray, sigma_m: float) -> Any:
-    """Return a fix of a place east, north and up of 60 N, 24 E: by WGS84 and a topocentric frame, solved by Newton."""
+    """Return a fix at a position east, north and up of 60 N, 24 E (WGS 84), solved by Newton's method."""
     origin = np.array([60.0, 24.0, 20.0])
     place = origin
     for _ in range(6):
@@ -205,7 +205,7 @@ def nav_sat_fix(head: Any, enu_m: FloatArray, sigma_m: float) -> Any:
 
 
 def enu_of(place: FloatArray, origin: FloatArray) -> FloatArray:
-    """Return east, north, up of an origin of latitude, longitude (deg) and height (m), by the ellipsoid WGS84."""
+    """Return the position east, north, up of an origin given by latitude, longitude, deg, and height, m (WGS 84)."""
 
     def geocentric(at: FloatArray) -> FloatArray:
         a, e2 = 6_378_137.0, 0.00669437999014

@@ -1,4 +1,4 @@
-"""From each recording to a verdict: the commands, what they took, the error, and what is said without them.
+"""From each recording to a verdict: commands, time, error, and the result without the configuration.
 
 python -m campaigns recordings [NAME ...] [--out FOLDER]    writes FOLDER/recordings.md and the recordings
 """
@@ -26,7 +26,7 @@ HEADING = "| recording | commands | s | error | plain | allowed | verdict | by t
 
 
 class Ran(NamedTuple):
-    """A command that ended."""
+    """Result of a command."""
 
     code: int
     seconds: float
@@ -40,7 +40,7 @@ def run(*words: object) -> Ran:
 
 
 def replay(source: Path, folder: Path, out: str, *more: object) -> tuple[Ran, Path]:
-    """Replay to a verdict; the second value is the folder of its outputs."""
+    """Replay to a verdict; also return the output folder."""
     words = ("replay", source, "--limits", folder / "limits.yaml", "--out", folder / out)
     return run(*words, *more), folder / out
 
@@ -54,7 +54,7 @@ def init_words(folder: Path, made: Made) -> list[object]:
 
 @dataclass
 class Outcome:
-    """What a recording came to."""
+    """The result of a recording."""
 
     row: Row
     commands: int
@@ -66,7 +66,7 @@ class Outcome:
     said: str
 
     def fails(self, plain: dict[str, float]) -> list[str]:
-        """Return what is not as it must be."""
+        """Return the failures."""
         found = []
         if self.error is None or self.verdict != "pass":
             found.append(f"no verdict: {self.said.strip()[-400:]}")
@@ -87,11 +87,11 @@ class Outcome:
 
 
 def judge(row: Row, folder: Path, drive: Drive, plain: dict[str, float]) -> Outcome:
-    """Make a recording and take it to a verdict: by `init`, by the doctor, and with neither."""
+    """Make a recording and process it to a verdict: by `init`, by the doctor, and without both."""
     folder.mkdir(parents=True)
     (folder / "limits.yaml").write_text(LIMITS[row.figure])
     made = row.make(folder, drive)
-    bare, out = replay(made.source, folder, "without")  # first: nothing beside the recording yet
+    bare, out = replay(made.source, folder, "without")  # before any configuration exists beside the recording
     without = f"exit {bare.code}"
     if bare.code in (0, 1):
         error = error_of(row.figure, out)
@@ -107,7 +107,7 @@ def judge(row: Row, folder: Path, drive: Drive, plain: dict[str, float]) -> Outc
 
 
 def by_doctor(made: Made, folder: Path) -> str:
-    """Let the doctor write what it proposes; what only the owner knows, it asks for."""
+    """Write the configuration that the doctor proposes, with the owner's settings, and replay."""
     fixed = run("info", made.source, "--write", *init_words(folder, made)[4:])
     if fixed.code not in (0, 1):
         return f"doctor: exit {fixed.code}: {' '.join(fixed.said.split())[-200:]}"

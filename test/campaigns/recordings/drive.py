@@ -1,4 +1,4 @@
-"""A short drive of the sample at half size, from which all recordings are made: images, rig, true poses."""
+"""A short drive of the sample at half resolution, from which all recordings are made: images, rig, true poses."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from sfr_loc_map.io.sequence import panorama_of
 
 SAMPLE = Path(__file__).parents[3] / "sample" / "sample.mcap"
 BEGIN_NS, PERIOD_NS = 1_700_000_000_000_000_000, 100_000_000
-"""The pairs come ten times a second, as from a camera; the rover drives as much faster."""
+"""Pairs have a rate of 10 Hz, as from a camera; the rover is faster than in the sample accordingly."""
 PAIRS = 36  # 4.3 m: three starts of 1 m at the default spacing
 ANTENNA_M = (-0.21, 0.13, 0.84)
-"""Where prism, antenna or markers sit in RB."""
+"""Position of the prism, antenna or markers in RB."""
 MARKERS_XYZW = (0.0, 0.0, 0.6, 0.8)
 """Orientation of the markers' frame in RB."""
 
 
 @dataclass(frozen=True)
 class Drive:
-    """What was driven and seen."""
+    """Images, rigs and true poses of a drive."""
 
     rig: StereoRig
     images: list[tuple[GreyImage, GreyImage]]
@@ -41,7 +41,7 @@ class Drive:
         return [BEGIN_NS + n * PERIOD_NS for n in range(len(self.images))]
 
     def truth(self, rate: int = 1) -> Iterator[tuple[int, Transform]]:
-        """Yield stamp and T_ds_rb, `rate` of them from each pair to the next, on the line between."""
+        """Yield stamp and T_ds_rb, `rate` per pair, interpolated between the pairs."""
         poses = [*map(Transform.from_quat, self.positions, self.quats_xyzw)]
         for n in range((len(poses) - 1) * rate + 1):
             k, part = divmod(n, rate)
@@ -50,7 +50,7 @@ class Drive:
 
 
 def load_drive(pairs: int = PAIRS) -> Drive:
-    """Read the first pairs of the sample, halved: a pixel is the mean of four, so that f and c halve exactly."""
+    """Read the first pairs of the sample at half resolution; a pixel is the mean of four, so f and c scale exactly."""
     source = open_source(SAMPLE)
     assert source.loc is not None
     assert source.loc.ground_truth is not None

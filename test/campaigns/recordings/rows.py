@@ -1,4 +1,4 @@
-"""The recordings, one function each: what other people's drivers, tools and rooms give of the same drive."""
+"""The recordings, one function each: the same drive as recorded by various drivers, tools and laboratories."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ TRUTH = "/ground_truth/odom"
 
 @dataclass(frozen=True)
 class Made:
-    """A recording: where it is, and what only its owner knows of it."""
+    """A recording: its path, and the settings that only its owner knows."""
 
     source: Path
     calibration: Path | None = None
@@ -60,13 +60,13 @@ Make = Callable[[Path, Drive], Made]
 
 @dataclass(frozen=True)
 class Row:
-    """A kind of recording: how it is made, and by how much its error may differ from that of the plain one."""
+    """A kind of recording: the function that makes it, and the allowed deviation of its error from the plain one."""
 
     name: str
     make: Make
-    loses: float  #: Of the position error over 1 m, mean + 3 sigma, mm; of a map's 95th percentile, m.
+    loses: float  #: Allowed deviation of mean + 3 sigma over 1 m, mm, or of a map's 95th percentile, m.
     why: str
-    figure: str = "position"  #: What is compared: `position`, `chord` (the truth has positions alone) or `map`.
+    figure: str = "position"  #: Compared figure: `position`, `chord` (truth without attitude) or `map`.
 
 
 ROWS: dict[str, Row] = {}
@@ -95,7 +95,7 @@ def camera_of(
     truth: bool = True,
     **more: Any,
 ) -> Recording:
-    """Return a drive by a driver: its image topics, the frames of its images, /tf_static from the base to the left."""
+    """Return the recording of a driver: image topics, frames of the images, /tf_static from the base to the left."""
     recording = Recording()
     infos = tuple(f"{topic.removesuffix('/compressed').rpartition('/')[0]}/{info}" for topic in (left, right))
     add_pair(recording, drive, (left, right), more.pop("infos", infos), frames, **more)
@@ -110,7 +110,7 @@ STEREO_LINKS = ("base_link", "stereo_link", "left_link")
 
 
 def stereo(drive: Drive, ending: str = "", **more: Any) -> Recording:
-    """Return a drive by a rectified pair with usual names."""
+    """Return a recording of a rectified pair with common names."""
     left, right, frames = STEREO
     return camera_of(drive, left + ending, right + ending, frames, STEREO_LINKS, **more)
 
@@ -139,7 +139,7 @@ def zed(folder: Path, drive: Drive) -> Made:
     links = ("base_link", "zed_camera_link", "zed_camera_center", "zed_left_camera_frame")
     names = [f"{root}/{side}/color/rect/image" for side in ("left", "right")]
     recording = camera_of(drive, *names, (frame.format("left"), frame.format("right")), links, encoding="bgra8")
-    for stamp_ns, T_ds_rb in drive.truth():  # what the camera itself thinks is no truth
+    for stamp_ns, T_ds_rb in drive.truth():  # the camera's own odometry is not a ground truth
         drifted = Transform(T_ds_rb.rotation, 1.05 * T_ds_rb.translation)
         recording.add(f"{root}/odom", stamp_ns, odometry(header(stamp_ns, "odom"), "zed_camera_link", drifted))
         recording.add(
@@ -243,7 +243,7 @@ D_LEFT, D_RIGHT = (-0.08, 0.02, 0.0003, -0.0002), (-0.07, 0.015, -0.0002, 0.0001
 
 
 def raw_pair(drive: Drive) -> Drive:
-    """Return the drive as cameras with distortion see it."""
+    """Return the drive with the images of cameras with distortion."""
     k = drive.rig.camera_matrix
     u, v = np.meshgrid(np.arange(drive.rig.width, dtype=np.float64), np.arange(drive.rig.height, dtype=np.float64))
     pixels = np.stack((u.reshape(-1), v.reshape(-1)), 1)[:, None]
@@ -265,7 +265,7 @@ def without_info(folder: Path, drive: Drive, *, raw: bool) -> Path:
 
 
 def kalibr_chain(folder: Path, drive: Drive) -> Path:
-    """Write the calibration of two raw cameras as Kalibr does."""
+    """Write the calibration of two raw cameras in the format of Kalibr."""
     rig, file = drive.rig, folder / "camchain.yaml"
     cameras = {}
     for name, d in (("cam0", D_LEFT), ("cam1", D_RIGHT)):
@@ -291,7 +291,7 @@ def kalibr_yaml(folder: Path, drive: Drive) -> Made:
 
 @row(5.0, "images are distorted and rectified again")
 def image_folder(folder: Path, drive: Drive) -> Made:
-    """PNG files that are named by their times, the truth of another program beside them."""
+    """PNG files named by their stamps, with the ground truth of another program beside them."""
     place, rig = folder / "photos", drive.rig
     for side, name in enumerate(("left", "right")):
         (place / name).mkdir(parents=True)
@@ -467,7 +467,7 @@ def pan_tilt_tf(folder: Path, drive: Drive) -> Made:
 
 
 def truth_by(drive: Drive, topic: str, message: Callable[[Any, Transform], Any], rate: int = 5) -> Recording:
-    """Return a drive whose truth is on a topic of another type, at another rate."""
+    """Return a drive with the ground truth on a topic of another type and at another rate."""
     recording = stereo(drive, truth=False)
     for stamp_ns, T_ds_rb in drive.truth(rate):
         recording.add(topic, stamp_ns, message(header(stamp_ns, "world"), T_ds_rb))
@@ -477,7 +477,7 @@ def truth_by(drive: Drive, topic: str, message: Callable[[Any, Transform], Any],
 @row(0.01, "true poses at all stamps")
 def truth_odometry(folder: Path, drive: Drive) -> Made:
     recording = truth_by(drive, "/odometry/optitrack", lambda head, T_ds_rb: odometry(head, "base_link", T_ds_rb))
-    for stamp_ns, T_ds_rb in drive.truth():  # the wheels' odometry is no truth
+    for stamp_ns, T_ds_rb in drive.truth():  # wheel odometry is not a ground truth
         slipped = Transform(T_ds_rb.rotation, 0.9 * T_ds_rb.translation)
         recording.add("/wheel_odom", stamp_ns, odometry(header(stamp_ns, "odom"), "base_link", slipped))
     return Made(recording.write(folder / "bag"), settings={"truth.source": "/odometry/optitrack"})
@@ -621,7 +621,7 @@ def truth_kitti(folder: Path, drive: Drive) -> Made:
     file = folder / "poses.kitti"
     file.write_text("\n".join(" ".join(map(repr, line)) for line in lines) + "\n")
     (folder / "times.txt").write_text("\n".join(seconds(stamp_ns) for stamp_ns in drive.stamps_ns) + "\n")
-    body = T_rb_left @ OPTICAL.inverse()  # the file's axes are turned to x forward when it is read
+    body = T_rb_left @ OPTICAL.inverse()  # the reader rotates the axes of the file to x forward
     turn = body.quat_xyzw.tolist()
     lever = {"truth.lever_arm_m": body.translation.tolist(), "truth.lever_quat_xyzw": turn}
     return with_file(folder, drive, file, lever)
@@ -654,7 +654,7 @@ def ros1_by_rosbags_convert(folder: Path, drive: Drive) -> Made:
 @row(0.01, "the same messages")
 def ros1_by_rosbag(folder: Path, drive: Drive) -> Made:
     noetic, file = get_typestore(Stores.ROS1_NOETIC), folder / "recorded.bag"
-    frames = "tf2_msgs/msg/TFMessage"  # of a package that the types of the library leave out
+    frames = "tf2_msgs/msg/TFMessage"  # not in the library's types
     if frames not in noetic.fielddefs:
         noetic.register({frames: STORE.fielddefs[frames]})
     with Ros1Writer(file) as writer:

@@ -1,4 +1,4 @@
-"""One configuration for every command: what the doctor accepts, all accept; without it none gives a verdict."""
+"""All commands accept the configuration that the doctor accepts; without it there is no verdict."""
 
 from __future__ import annotations
 

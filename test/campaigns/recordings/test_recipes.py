@@ -1,4 +1,4 @@
-"""The commands of the recipes work on a recording as their camera makes it, and give the configuration shown."""
+"""The commands of the recipes work on a recording of their camera, and write the configuration on the page."""
 
 import re
 import shlex
@@ -17,12 +17,12 @@ PAGES = {
     HOWTO / "nav2_rover.md": ("nav2_rover", "motion_capture_lab"),
     HOWTO.parent / "formats.md": ("kalibr_yaml", "side_by_side", "pan_tilt_joints"),
 }
-"""The recordings of each page, in the order of its commands and of the configurations shown.
+"""The recordings of each page, in the order of its commands and configurations.
 
-A page with a single command gives this command for all of its recordings."""
+A single command on a page applies to all recordings of the page."""
 INIT = re.compile(r"^sfr (init .*--from (\S+).*)$", re.MULTILINE)
 SHOWN = re.compile(r"```yaml\n(.*?)```", re.DOTALL)
-OF_THE_DRIVE = ("conditions", "limits")  # that of the page is longer
+OF_THE_DRIVE = ("conditions", "limits")  # the drive of the page is longer
 
 
 @pytest.fixture(scope="module")

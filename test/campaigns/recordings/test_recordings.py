@@ -1,4 +1,4 @@
-"""Recordings as other people's drivers and tools make them are made of the sample, and hold its drive."""
+"""Recordings in the formats of various drivers and tools contain the drive of the sample."""
 
 from pathlib import Path
 from typing import Any
@@ -55,13 +55,13 @@ BLURRED = {
     "grey_12_bit": 0.6,
     "grey_10_bit": 0.1,
 }
-"""Mean difference of the images of what is compressed, a mosaic, of another depth, or rectified again, grey levels."""
+"""Mean difference, grey levels, of images that are compressed, mosaics, of another bit depth, or rectified again."""
 OTHER_FOCAL = ("kalibr_yaml", "opencv_yaml", "image_folder")
-"""Recordings for which cv2.stereoRectify chooses a focal length that leaves no black rim."""
+"""Recordings for which cv2.stereoRectify chooses a focal length without black borders."""
 
 
 def sections_of(made: Made) -> dict[str, Any]:
-    """Return what the owner of a recording adds to what it says itself."""
+    """Return the settings that the owner adds to a recording."""
     sections: dict[str, Any] = {}
     for name, value in made.settings.items():
         section, _, key = name.partition(".")
@@ -75,7 +75,7 @@ def sections_of(made: Made) -> dict[str, Any]:
 @pytest.mark.parametrize("name", ROWS)
 def test_a_recording_is_read_as_proposed_and_not_without(drive: Drive, tmp_path: Path, name: str) -> None:
     if name == "cut_short":
-        drive = load_drive()  # of which whole chunks are left
+        drive = load_drive()  # long enough to keep complete chunks
     made = ROWS[name].make(tmp_path, drive)
     file = tmp_path / "mine" / "sfr.yaml"
     proposal = propose_config(made.source, sections_of(made), file)
@@ -103,7 +103,7 @@ def test_a_recording_is_read_as_proposed_and_not_without(drive: Drive, tmp_path:
     if "pan_tilt" in name:
         assert source.nav is not None
         heads = [item.T_lm_navsb for item in source.nav.pairs()]
-        for read_pose, item in zip(heads, drive.nav, strict=True):  # LM is RB here: the turns between them are the same
+        for read_pose, item in zip(heads, drive.nav, strict=True):  # LM is RB here, so only relative poses are compared
             turn = heads[0].inverse() @ read_pose
             assert np.allclose(turn.matrix, (drive.nav[0].T_lm_navsb.inverse() @ item.T_lm_navsb).matrix, atol=1e-6)
     if name not in ("plain", "truth_file"):
