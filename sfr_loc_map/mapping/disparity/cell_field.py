@@ -148,7 +148,7 @@ def _between(centre: np.float32, along: np.float32, across: np.float32, corner: 
 
 @jit_rows
 def pixels_from_cells(cells: FloatImage) -> FloatImage:
-    """Return the field at pixels `(2 h, 2 w)`, bilinear between cell centres but never across a jump of surfaces."""
+    """Return the field at pixels `(2 h, 2 w)`, interpolated bilinearly between cell centres, but not across jumps."""
     rows, cols = cells.shape
     out = np.empty((2 * rows, 2 * cols), F)
     for y in prange(2 * rows):

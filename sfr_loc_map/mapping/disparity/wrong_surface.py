@@ -79,7 +79,7 @@ class JumpFeatures(NamedTuple):
     effective_pixels: FloatArray32  #: Number of pixels with equal weights that is equivalent to the window.
     window_cost: FloatArray32  #: Window cost at the own disparity, grey levels.
     close_cost: FloatArray32  #: The same cost over 3 x 3 pixels.
-    jump_px: FloatArray32  #: Disparity of the other surface minus the own disparity, pixels; 0 without one.
+    jump_px: FloatArray32  #: Disparity of the other surface minus the own one, pixels; 0 if none exists.
     contrast: FloatArray32  #: Standard deviation of the grey levels of the window.
     same_surface: FloatArray32  #: Weighted fraction of the window on the own surface.
     nearer_surface: FloatArray32  #: Weighted fraction of the window on nearer surfaces.
@@ -93,9 +93,9 @@ class SurfaceCosts(NamedTuple):
     """Matching costs of a pixel at its own disparity and at the disparity of the best other surface nearby."""
 
     own: ConstantCost
-    window_margin: np.float32  #: Window cost of the other surface minus the own cost; about `NO_COST` without one.
+    window_margin: np.float32  #: Window cost of the other surface minus the own cost; about `NO_COST` if none exists.
     close_margin: np.float32  #: The same margin over 3 x 3 pixels.
-    jump_px: np.float32  #: Disparity of the other surface minus the own disparity, pixels; 0 without one.
+    jump_px: np.float32  #: Disparity of the other surface minus the own one, pixels; 0 if none exists.
 
 
 class Neighbourhood(NamedTuple):
