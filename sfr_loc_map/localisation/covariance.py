@@ -227,7 +227,7 @@ class StepMotion:
     """Motion between the pose published last and the present pose."""
 
     of_rb: Transform  #: `T_rb_before_now`.
-    vector: FloatArray  #: `(6,)` translation, m, and rotation vector, rad, of RB.
+    vector: FloatArray  #: `(6,)` motion of RB: translation, m, and rotation vector, rad.
     displacement: FloatArray  #: `(3,)` displacement of the left camera in the world, m.
     size: MotionSize  #: Size of the motion of the left camera.
     R_rb_world: FloatArray  #: `(3, 3)` rotates vectors from the world to RB at the previous pose.

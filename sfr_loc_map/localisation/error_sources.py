@@ -55,7 +55,7 @@ class ErrorSources:
     """P, Q. Factor on the covariance of the bundle adjustment, because errors of neighbouring landmarks are
     correlated."""
     keyframe_px: float = 0.01
-    """Q. Position error of a keyframe that is common to its landmarks, px at their median depth."""
+    """Q. Position error of a keyframe, common to all its landmarks, px at their median depth."""
     min_step_ratio: float = 0.02
     """Q. Minimum ratio of a step to the keyframe interval, because a step at rest has an error, too."""
     min_interval_ratio: float = 0.25

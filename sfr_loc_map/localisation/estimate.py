@@ -53,7 +53,7 @@ class StartPose:
 class TrackingState(StrEnum):
     """State of the localiser after a call."""
 
-    INITIALISING = "initialising"  #: The first pair: the pose is the start pose.
+    INITIALISING = "initialising"  #: First pair. The pose is the start pose.
     TRACKING = "tracking"  #: A pose was estimated, and no check reported a problem.
     #: A pose was estimated or kept, but a check reported a problem. The reason is published, and the covariance
     #: includes the error that the problem may cause (`findings.RULES`).
@@ -67,7 +67,7 @@ class StateReason(StrEnum):
     UNSEEN_MOTION = "unseen_motion"  #: Part of the motion before this pair is unobserved.
     REPEATED_IMAGES = "repeated_images"  #: One or both images repeat those of the previous pair.
     UNTEXTURED_IMAGES = "untextured_images"  #: An image has no texture: it is black, white or dazzled.
-    TORN_IMAGES = "torn_images"  #: Images or their parts are of different times (partial transfer, stale image).
+    TORN_IMAGES = "torn_images"  #: Parts of the images were exposed at different times (partial transfer).
     NO_STEREO = "no_stereo"  #: The two images are not a stereo pair of the rig: identical or swapped.
     FEW_LANDMARKS = "few_landmarks"  #: Too few landmarks were tracked, or they do not agree on a pose.
     MOVING_REGIONS = "moving_regions"  #: Large parts of the images do not move with the ground.
@@ -149,7 +149,7 @@ class PoseEstimate:
     #: diagonal if lost.
     covariance: FloatArray
     state: TrackingState  #: State after this call.
-    statistics: TrackingStatistics = TrackingStatistics()  #: Figures of this call.
+    statistics: TrackingStatistics = TrackingStatistics()  #: Statistics of this call.
     #: Duration of each stage, s: `wait` (for the keyframe of the previous call), `keyframe` (its work in the
     #: background), `pyramid`, `align`, `refine`, and `relocate` if tracking failed.
     stage_s: Mapping[str, float] = field(default_factory=dict)

@@ -71,7 +71,7 @@ class Finding(Enum):
     DIVERGED = auto()  #: The adjustment of the previous keyframe diverged, and its map was discarded.
     AFTER_GAP = auto()  #: The window began after an unobserved motion.
     CALIBRATION = auto()  #: The right camera drifts, or its yaw is not yet corrected.
-    SHEARED_ROWS = auto()  #: The rows of the images are of different times (rolling shutter).
+    SHEARED_ROWS = auto()  #: The rows of the images were exposed at different times (rolling shutter).
     PARTIAL_TRANSFER = auto()  #: Unknown parts of the images are stale.
     DOUBLE_EXPOSURE = auto()  #: The exposures of two pairs are blended, and the pose may be that of the earlier pair.
     UNEXPLAINED = auto()  #: An unusually large fraction of the landmarks does not follow the pose.

@@ -45,8 +45,8 @@ AGREEING_PAIRS = 3
 more effect. Chosen by hand. If larger, clean pairs stay degraded for longer after a fault. If smaller, a second faulty
 pair after a good pair is published as good."""
 LONG_DOUBT_PAIRS = 10
-"""Number of such pairs after two motions while the ground was unknown, or after a mostly stale image, because these
-faults may last longer. Chosen by hand, like `AGREEING_PAIRS`."""
+"""Number of such pairs after two motions or a contradiction while the ground was unknown, or after a mostly stale
+image, because these faults may last longer. Chosen by hand, like `AGREEING_PAIRS`."""
 MAX_TRANSFERS = 10
 """Maximum number of consecutive pairs that count as partially transferred. Chosen by hand: such faults are short, and
 a longer sequence has another cause. If larger, an object that covers much of the image prevents keyframes for longer.
@@ -162,7 +162,7 @@ class Effect(NamedTuple):
 
     @property
     def is_transfer(self) -> bool:
-        """Whether parts of the images are of different times."""
+        """Whether parts of the images were exposed at different times."""
         return self.finding is Finding.PARTIAL_TRANSFER
 
 
@@ -194,7 +194,7 @@ class GroundMemory:
     excluded: ExcludedCells  #: Cells that do not move with the ground.
     earlier: EarlierImage | None = None  #: Image at an accepted pose; None before the first window.
     #: Pyramid level `MIXTURE_LEVEL` of the left image at the last known pose; None if that image was not compared with
-    #: earlier ones.
+    #: earlier images.
     previous: FloatImage | None = None
     confidence: Confidence = Confidence()
     transfers: int = 0  #: Number of consecutive partially transferred pairs.

@@ -56,7 +56,7 @@ class Selection(NamedTuple):
     tracks: Tracks
     motion_px: float  #: Image motion from the compared image to the pose of the tracks, px.
     is_main: bool = True  #: Whether the tracks follow the main motion.
-    not_ground: NDArray[np.intp] = NO_ROWS  #: `(N,)` rows in the window of landmarks that do not move with the ground.
+    not_ground: NDArray[np.intp] = NO_ROWS  #: `(N,)` window rows of the landmarks that do not move with the ground.
     fixed: Mask | None = None  #: `(R, C)` cells that are fixed to the camera.
     moving: Mask | None = None  #: `(R, C)` cells that move differently from the ground.
     rival_distance: MotionSize = MotionSize(0.0, 0.0)  #: Distance to the pose of the other motion.
@@ -72,7 +72,7 @@ class Ground(NamedTuple):
 
     tracks: Tracks  #: Tracks that follow the ground.
     findings: Findings
-    not_ground: NDArray[np.intp]  #: `(N,)` rows in the window of landmarks that do not move with the ground.
+    not_ground: NDArray[np.intp]  #: `(N,)` window rows of the landmarks that do not move with the ground.
     rival_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
     before: GroundMemory  #: Memory before the pair.
     after: GroundMemory  #: Memory after the pair if its pose is accepted.

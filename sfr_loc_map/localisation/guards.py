@@ -27,8 +27,8 @@ from sfr_loc_map.localisation.stale_images import ImageComparison, are_equal
 
 SLACK: Final = MotionSize(1.0, 1.0)
 """Motion, m and rad, that is plausible for any stamps, because stamps may jitter. Chosen by hand: at the default
-maximum speed and turn rate, these values correspond to errors of the stamps of 20 ms and 170 ms. If larger, slow
-motions to a wrong pose are accepted."""
+maximum speed and turn rate, these values correspond to errors of the stamps of 20 ms and 170 ms. If larger, wrong
+poses near the last pose are accepted."""
 MAX_ADJUSTMENT: Final = MotionSize(1.0, 1.0)
 """Displacement of the newest pose by a bundle adjustment, m and rad, above which the adjustment has diverged. Chosen by
 hand, far above the usual displacement of millimetres, or of centimetres with a correction of the yaw."""
@@ -40,11 +40,12 @@ MIN_STEREO_FRACTION: Final = 0.3
 """Fraction of inliers observed in both images up to which a pair is one-sided. Landmarks are triangulated from both
 images, so that both images of a good pair show most landmarks."""
 MAX_SHEAR: Final = 7.0
-"""Squared shear of the rows over its variance, per degree of freedom, above which rows are of different times. The
-ratio is at most 6.4 on clean drives and 7 to 250 for a shear of 1 px, so that some shears of 1 px are not reported."""
+"""Squared shear of the rows over its variance, per degree of freedom, above which the rows were exposed at different
+times. The ratio is at most 6.4 on clean drives and 7 to 250 for a shear of 1 px, so that some shears of 1 px are not
+reported."""
 MAX_MEAN_SHEAR: Final = 1.4
-"""Mean of this ratio above which rows are of different times. The mean is at most 1.3 on clean drives and 2 to 5 for
-a shear of 0.3 px."""
+"""Mean of this ratio above which the rows were exposed at different times. The mean is at most 1.3 on clean drives and
+2 to 5 for a shear of 0.3 px."""
 FIRST_SHEAR_GAIN: Final = 0.2
 """Initial gain g of the running mean. Each pair changes the gain to g / (1 + g), so that the initial mean has the
 weight of five pairs."""
@@ -57,7 +58,7 @@ MIN_SHEAR_GAIN: Final = 0.05  #: Minimum gain of the running mean, which then co
 def check_images(images: ImageComparison, *, has_map: bool) -> Findings:
     """Report images, or parts of images, that repeat the previous pair.
 
-    Without a map, a repeated pair is not reported. Its images are of the same time, and a window may begin with it.
+    Without a map, a repeated pair is not reported. Its two images belong together, and a window may begin with it.
     """
     if images.is_repeated:
         return _found(Finding.REPEATED_PAIR, has_map)
@@ -160,7 +161,7 @@ class ShearMean(NamedTuple):
 
 
 def check_shear(shear_chi2: float, mean: ShearMean) -> Findings:
-    """Report rows of different times (rolling shutter), in the pair or on average; the mean includes the pair."""
+    """Report rows exposed at different times (rolling shutter), in this pair or on average including this pair."""
     return _found(Finding.SHEARED_ROWS, shear_chi2 > MAX_SHEAR or mean.value > MAX_MEAN_SHEAR)
 
 

@@ -25,12 +25,12 @@ class LocatedCovariance(NamedTuple):
     covariance: FloatArray
 
     def at(self, position: FloatArray) -> FloatArray:
-        """Return the covariance at another position, which a rotation error displaces."""
+        """Return the covariance propagated to another position, which a rotation error displaces."""
         return propagated_covariance(self.covariance, position - self.position)
 
 
 class DisparityBias(NamedTuple):
-    """Path integrals `(3,)` of the position error by a disparity error."""
+    """Position errors `(3,)` by disparity errors, integrated along the path."""
 
     total: FloatArray  #: Position error per pixel of a constant disparity error, m/px.
     corrected: FloatArray  #: Position change by the yaw correction that was applied at each step, m.
@@ -51,10 +51,10 @@ class DirectedError(MotionSize):
 class Origin(NamedTuple):
     """The pose from which the covariance counts: start of the run or of the window, or an external pose."""
 
-    start: LocatedCovariance  #: Covariance of that pose.
-    #: Covariance of that pose within the window; None if the drift counts from the start of the window.
+    start: LocatedCovariance  #: Covariance of the origin.
+    #: Covariance of the origin within the window; None if the drift counts from the start of the window.
     in_window: LocatedCovariance | None = None
-    bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))  #: Path integrals up to that pose.
+    bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))  #: Path integrals up to the origin.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +78,7 @@ class PathErrors:
     in_window: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of the present pose in its window.
     #: Covariance of the motion to the last accepted pose as if unobserved, if its images may be partly stale.
     suspected: FloatArray = field(default_factory=lambda: ZERO)
-    unseen: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of the unobserved motion since then.
+    unseen: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of the unobserved motion since that pose.
     bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))  #: Path integrals up to the present pose.
     #: Sum of the directed errors since the origin (ambiguous motions, bending by the lens).
     directed: DirectedError = DirectedError(0.0, 0.0)
@@ -112,9 +112,9 @@ class PathErrors:
         """Return the errors since an external pose with a past stamp.
 
         Args:
-            origin: That pose. If it belongs to an earlier window, its start is at the start of the present window.
-            position: Position of the left camera at that pose.
-            directed: Sum of the directed errors up to that pose.
+            origin: The external pose; the start of the present window if that pose belongs to an earlier window.
+            position: Position of the left camera at the external pose.
+            directed: Sum of the directed errors up to the external pose.
         """
         since = self.directed.since(directed)
         return replace(

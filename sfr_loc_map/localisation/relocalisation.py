@@ -25,7 +25,7 @@ RESTART_AFTER = 3
 hand. If larger, the localiser stays lost for longer. If smaller, a map is discarded in which the next pair might have
 been relocalised."""
 MIN_BEST_RATIO = 0.5
-"""Minimum ratio of inliers in the left image to landmarks for the best image: the majority."""
+"""Minimum fraction of the landmarks that are inliers in the best image: the majority."""
 GOOD_IMAGE_RATIO = 0.5
 """Minimum ratio of corners to landmarks of the map in a pair that may begin a window. Chosen by hand: half. If larger,
 no window begins in a scene of less texture. If smaller, a window begins with a blurred pair."""
@@ -85,7 +85,7 @@ class RecoveryImages(NamedTuple):
     """Images from which lost tracking can be recovered."""
 
     last: KnownImage | None = None  #: Last tracked image.
-    best: KnownImage | None = None  #: Last tracked image with at least half of its inliers in the left image.
+    best: KnownImage | None = None  #: Last tracked image in which at least half of the landmarks are inliers.
     is_last_best: bool = True  #: Whether `best` is the last image.
 
     @classmethod

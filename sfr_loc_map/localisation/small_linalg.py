@@ -83,9 +83,9 @@ def solve(matrix: FloatArray, rhs: FloatArray) -> FloatArray:
 
 @jit_fast_ir_inline
 def fill_inverse_3(s: FloatArray, out: FloatArray) -> None:
-    """Fill out `(3, 3)` with the inverse of a symmetric positive definite matrix, by blocks.
+    """Fill `out` `(3, 3)` with the inverse of a symmetric positive definite matrix, by blocks.
 
-    With `A` the first 2 x 2 block, `b` the rest of the last column and `d` the last element, `e = A^-1 b` and
+    `A` is the first 2 x 2 block, `b` is the rest of the last column, and `d` is the last element. With `e = A^-1 b` and
     `r = d - b^T e`, the blocks of the inverse are `A^-1 + e e^T / r`, `-e / r` and `1 / r`.
     """
     det = s[0, 0] * s[1, 1] - s[0, 1] * s[0, 1]
@@ -108,7 +108,7 @@ def fill_inverse_3(s: FloatArray, out: FloatArray) -> None:
 
 @jit_fast_ir_inline
 def fill_inverse_4(s: FloatArray, out: FloatArray) -> None:
-    """Fill out `(4, 4)` with the inverse of a symmetric positive definite matrix, by blocks of 2 x 2.
+    """Fill `out` `(4, 4)` with the inverse of a symmetric positive definite matrix, by blocks of 2 x 2.
 
     With the blocks `A`, `B`, `D`, `E = A^-1 B` and the Schur complement `S = D - B^T E`, the blocks of the inverse are
     `A^-1 + E S^-1 E^T`, `-E S^-1` and `S^-1`. `F` is `E S^-1`.
@@ -149,7 +149,7 @@ def fill_inverse_4(s: FloatArray, out: FloatArray) -> None:
 
 @jit
 def reorder_to_rank(values: FloatArray, rank: int) -> float:
-    """Return the number with a rank, from 0, in `(N,)` without NaN, and partition the numbers there (Hoare 1961)."""
+    """Return the value at a rank (0 is the smallest) of numbers `(N,)` without NaN; partition them (Hoare 1961)."""
     low = 0
     high = len(values) - 1
     while low < high:

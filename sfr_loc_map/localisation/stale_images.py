@@ -3,9 +3,9 @@
 - Camera noise makes two images of one scene differ in every textured row. Bit-identical rows were therefore not exposed
   again.
 - A frozen image may have new noise, and then resembles the image of a stationary rover. Two exposures, however, have
-  independent noise: where noise made the first image brighter, the second image is darker (regression to the mean,
-  slope -1/2). The difference between a frozen image and its copy with added noise is independent of the first image
-  (slope 0). If hardly any pixel differs, there was no exposure at all.
+  independent noise: where noise made the first image brighter, the second image is darker on average (regression to
+  the mean, slope -1/2). The difference between a frozen image and its copy with added noise is independent of the first
+  image (slope 0). If hardly any pixel differs, there was no exposure at all.
 - A partially transferred image consists of two exposures. The rows above a boundary are new and those below are from
   the previous pair, or vice versa.
 
@@ -83,7 +83,7 @@ class ImageMemory(NamedTuple):
 class ImageComparison(NamedTuple):
     """Comparison of a pair with the previous pair."""
 
-    #: The pair with its stale parts blanked. A repeated pair is not blanked, because its images are of the same time.
+    #: The pair with its stale parts blanked. A repeated pair is not blanked, because its two images belong together.
     pair: StereoPair
     memory: ImageMemory  #: What the next pair is compared with.
     stale_rows: Mask  #: `(H,)` rows that were blanked in an image whose other rows are new.

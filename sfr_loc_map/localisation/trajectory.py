@@ -334,7 +334,7 @@ def _step_to_last_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tup
 
 
 def given(path: PathState, pose: StartPose, model: RoverModel) -> PathState:
-    """Return the path with an external pose. After the first pair, it is pending until a pair reaches its stamp."""
+    """Return the path with an external pose, which, after the first pair, waits for a pair at or after its stamp."""
     if not path.datum.has_pairs:
         return _placed(path, pose, pose.stamp_ns, model)
     return replace(path, datum=replace(path.datum, pending=PendingPose(pose, MAX_AHEAD_NS)))
@@ -376,7 +376,7 @@ def _placed(path: PathState, pose: StartPose, stamp_ns: int | None, model: Rover
 
 
 def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) -> PathState:
-    """Return the path through an external pose at a past stamp. Errors count from that pose."""
+    """Return the path, moved so that it passes through an external pose at a past stamp. Errors count from there."""
     past, apart_s = path.history.at(at_ns)
     T_ds_world = pose.T_ds_rb @ model.T_rb_left @ past.T_world_left.inverse()
     unseen = unseen_motion(path.last.speed, apart_s, model)
