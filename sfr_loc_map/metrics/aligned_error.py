@@ -64,7 +64,7 @@ def aligned_errors(estimate: Trajectory, truth: Trajectory, config: AlignedError
     MetricsError if no stamps are within `max_difference_s`, or if the alignment is undetermined.
     """
     if isinstance(truth, Truth) and not truth.has_height:
-        raise MetricsError("'--align': the truth has no heights, which APE and RPE need: omit --align")
+        raise MetricsError("APE and RPE need true heights, which the truth does not have: omit the option align")
     has_tilt = not isinstance(truth, Truth) or truth.has_tilt
     poses = aligned_poses(estimate, truth, config)
     delta = Condition.parse(config.rpe_delta)
@@ -102,7 +102,7 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
     `max_difference_s`, or if the alignment is undetermined.
     """
     if config.align == "origin" and not truth.has_attitude:
-        raise MetricsError("'--align origin' needs attitudes, the truth has none: use --align se3 or none")
+        raise MetricsError("align=origin needs true attitudes, but the truth has only positions: use align=se3 or none")
     if not truth.has_attitude and isinstance(truth, Truth):
         estimate = at_point(estimate, truth.lever_arm_m)
     estimate_rows, true_rows = unique_rows(estimate.stamps_ns), unique_rows(truth.stamps_ns)
@@ -118,7 +118,7 @@ def aligned_poses(estimate: Trajectory, truth: Trajectory, config: AlignedErrorC
     if not len(mine):
         raise MetricsError(
             f"no stamps of estimate and truth are within {config.max_difference_s:g} s of each other, so that there is "
-            "no APE: give another --max-difference, or omit --align"
+            "no APE: increase the option max_difference, or omit the option align"
         )
     est, true = (
         Trajectory(
@@ -155,7 +155,7 @@ def umeyama(points: FloatArray, targets: FloatArray, *, with_scale: bool) -> Sim
     u, singular, vt = np.linalg.svd(covariance)
     if np.count_nonzero(singular > np.finfo(np.float64).eps) < 2:
         raise MetricsError(
-            f"{len(points)} positions on a line or in one place have no alignment by least squares: use --align origin"
+            f"{len(points)} positions on a line or at one point have no least-squares alignment: use align=origin"
         )
     signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt)) or 1.0])  # equation 43
     rotation = (u * signs) @ vt  # equation 40

@@ -260,7 +260,7 @@ def score_target(
         if len(localised) and not np.isin(localised, estimate_ns).all() and other_run is None:
             raise MetricsError(
                 f"the times of {name} belong to another run: {np.count_nonzero(~np.isin(localised, estimate_ns))} of "
-                f"{len(localised)} stamps are not in the estimate; name that run by --target-run"
+                f"{len(localised)} stamps are not in the estimate; name that run by the option target_run"
             )
     scored = score_calls(calls, clock=name, details=False)
     is_measured = has_memory(scored.figures)

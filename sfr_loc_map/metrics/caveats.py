@@ -1,6 +1,6 @@
-"""What restricts the meaning of a score, one sentence for each fact.
+"""Facts that restrict the meaning of a score, one sentence each.
 
-A score has the sentences as warnings, and the test report has the same sentences as deviations.
+A score has these sentences as warnings, and the test report has the same sentences as deviations.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ from sfr_loc_map.metrics.records import TruthRecord
 from sfr_loc_map.metrics.score import Score
 
 NOT_COMPARED = "its limits were not compared"  #: End of a warning that limits were not compared with their file.
-JUDGED_ELSEWHERE = "judged in another of the scores"  #: End of a warning that names the limits that are omitted.
+JUDGED_ELSEWHERE = "judged in another of the scores"  #: End of a warning that names omitted limits.
 NOT_BOUND = "that they are of the run that gave the estimate is not shown"
-"""End of a warning that calls have nothing in common with the estimate but their stamps."""
-MAX_EXCESS = 0.05  #: Largest fraction of the path of a truth that may be noise without a warning.
+"""End of a warning that calls have only their stamps in common with the estimate."""
+MAX_EXCESS = 0.05  #: Fraction of the true path that is noise above which a warning is given.
 
 
 def truth_caveats(about: TruthRecord) -> Iterator[str]:
-    """Yield what a score by this truth does not contain."""
+    """Yield the restrictions of a score by this truth."""
     if not about.attitude:
         tilt = "" if about.tilt_deg is None else f", tilt {about.tilt_deg:.3g} deg"
         yield (
-            "the truth has only positions: attitude and heading errors are unknown; the estimate was aligned to the "
+            "the truth has only positions: attitude and heading errors are unknown; the estimate was aligned with the "
             f"truth over the drive (yaw {about.yaw_deg or 0.0:.3g} deg{tilt}, and a translation), so that attitude "
             "errors from before a sub-trajectory count in its position error (chord errors need no alignment)"
         )
@@ -31,27 +31,27 @@ def truth_caveats(about: TruthRecord) -> Iterator[str]:
         names = [name for name, is_known in (("height", about.height), ("roll and pitch", about.tilt)) if not is_known]
         judged = [] if about.height else ["horizontal position errors are judged in place of position errors"]
         judged += [] if about.tilt else ["attitude errors are unknown, and roll and pitch are those of the estimate"]
-        yield f"the truth does not know {' and '.join(names)}: {'; '.join(judged)}"
+        yield f"the truth has no {' and no '.join(names)}: {'; '.join(judged)}"
     if about.path_excess is not None and about.path_excess > MAX_EXCESS:
         yield (
             f"the noise of the truth ({about.sigma_m:.3g} m) lengthens its path by about "
-            f"{100.0 * about.path_excess:.3g} %: a sub-trajectory distance=METRES ends too early; give "
+            f"{100.0 * about.path_excess:.3g} %: a sub-trajectory distance=METRES ends too early; give the condition "
             "displacement=METRES, or a smoothed truth"
         )
 
 
 def reading_caveats(score: Score) -> Iterator[str]:
-    """Yield that the reading of the document decides verdicts."""
+    """Yield a sentence if verdicts depend on the reading of the document."""
     differ = [item for item in score.verdicts if len(set(item.by_reading.values())) > 1]
     if not differ or score.contradiction is not None:
         return
     first = differ[0]
     each = ", ".join(f"{reading} {state}" for reading, state in first.by_reading.items())
     over = f" over {label_of(first.condition)}" if first.condition else ""
-    text = f"the reading of the document (--rebase) decides {len(differ)} of {len(score.verdicts)} verdicts, the first"
+    text = f"{len(differ)} of {len(score.verdicts)} verdicts depend on the reading of the document (rebase), the first"
     yield f"{text} {first.name}{over}: {each} (displacement and position need an estimate that starts at a true pose)"
 
 
 def inputs_caveats(score: Score) -> Iterator[str]:
-    """Yield what was not compared (limits with their file, calls with the estimate) or is judged in another score."""
+    """Yield the warnings of limits or calls that were not compared, and of limits that another score judges."""
     yield from (text for text in score.warnings if text.endswith((NOT_COMPARED, JUDGED_ELSEWHERE, NOT_BOUND)))

@@ -139,7 +139,7 @@ def _paired(first: Score, other: Score, name: str) -> Iterator[PairedDifference]
     readings = first.association.rebase, other.association.rebase
     if readings[0] != readings[1]:
         used = f"'{name}' is re-based by {readings[1]}, the first score by {readings[0]}"
-        raise MetricsError(f"{used}: score both with the same re-basing (--rebase, in Python rebase=)")
+        raise MetricsError(f"{used}: score both with the same option rebase")
     for mine, theirs in itertools.product(_sub_trajectories(first), _sub_trajectories(other)):
         if mine.condition == theirs.condition:
             yield from _paired_rows(mine, theirs, name)

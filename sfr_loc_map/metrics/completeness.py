@@ -1,8 +1,8 @@
-"""Completeness: what was expected of a drive, a map, the calls or a live run, and what of it can be judged.
+"""Completeness: the expected items of a drive, a map, the calls or a live run, and the fraction that can be judged.
 
-What is expected comes from the source, never from the item under test: the stamps of its images or, where these are
-unknown, the stamps of the ground truth. Each function returns rows of the table of figures. By these rows
-`metrics.judging` decides whether there can be a verdict. docs/metrics.md, "Completeness".
+The source defines the expected items, never the item under test. They are the stamps of its images or, if the images
+are unknown, the stamps of the ground truth. Each function returns rows of the table of figures. `metrics.judging` uses
+these rows to decide whether a verdict is possible. See docs/metrics.md, "Completeness".
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from sfr_loc_map.metrics.records import Association
 from sfr_loc_map.metrics.row_part import Place, RowPart
 from sfr_loc_map.metrics.table import Figure, figure_row
 
-MISSING_SHARE = 0.01  #: An estimate that misses more is reported as incomplete where no limit judges it.
-GAP_PERIODS = 5  #: Neighbouring poses that are more of their usual periods apart cover nothing between them.
-IMAGE_PERIOD_SHARE = 0.4  #: An estimate this near to an image, in periods, is of this image: files round stamps.
-SPARSER = 1.5  #: Ratio of the usual periods of truth and images from which the truth is sparser than the images.
-DOUBLED_SHARE = 0.1  #: With more stamps that occur twice, and other poses at them, a file holds two runs.
+MISSING_SHARE = 0.01  #: Missing fraction above which an estimate is reported as incomplete without limits.
+GAP_PERIODS = 5  #: Number of median periods between neighbouring poses above which there is a gap.
+IMAGE_PERIOD_SHARE = 0.4  #: Distance of an estimate from its image, in median periods, because files round stamps.
+SPARSER = 1.5  #: Ratio of the median periods of truth and images above which the truth is sparser than the images.
+DOUBLED_SHARE = 0.1  #: Fraction of repeated stamps with another position above which a file contains two runs.
 
 
 class Gaps(NamedTuple):
-    """The intervals of a drive that no estimate covers."""
+    """The intervals of a drive without an estimate."""
 
     begins_ns: IntArray  #: `(G,)`
     ends_ns: IntArray  #: `(G,)`
-    missing: int  #: Images, or true poses, that have no estimate.
+    missing: int  #: Number of images, or of true poses, without an estimate.
 
 
 class GapSizes(NamedTuple):
-    """How much of a drive is not covered."""
+    """The longest gap, and the missing fraction of a drive."""
 
     longest_m: float
     longest_s: float
@@ -56,9 +56,9 @@ def completeness(
     image_stamps_ns: IntArray | None,
     in_flight_ns: int = 0,
 ) -> tuple[Association, list[Figure]]:
-    """Return what of a drive is covered: the association with why it is incomplete, and the rows of the score.
+    """Return the association with the reason why the estimate is incomplete, and the rows of completeness.
 
-    `frames_ns` are the stamps of the frames, which go up. MetricsError if the estimate holds two runs.
+    `frames_ns` are the ascending stamps of the frames. MetricsError if the estimate contains two runs.
     """
     stamps = single_run_stamps(estimate)
     true_ns, rows = np.unique(truth.stamps_ns, return_index=True)
@@ -78,7 +78,7 @@ def completeness(
     has_truth = is_spanned(needed, true_ns, max_gap_ns, tolerance_ns)
     has_truth &= has_frame | ~has_estimate | ~needs_frame(needed, true_ns, near_ns, association.mode)
     gaps = gaps_of(needed, ~has_estimate)
-    # a truth may be denser than the images: without images, only a long time without an estimate is a gap of the path
+    # the truth may be denser than the unknown images, so that only a long time without an estimate is a gap of the path
     gaps_of_path = gaps if images else gaps_in_truth(stamps, true_ns)
     sizes = sizes_of(gaps_of_path, stamps, true_ns, travelled_m, images)
     incomplete = why_not_covered(gaps_of_path, sizes, conditions, images)
@@ -106,7 +106,7 @@ def completeness(
 def settled(stamps_ns: IntArray, results_ns: IntArray, in_flight_ns: int) -> IntArray:
     """Return the ascending stamps whose results are due.
 
-    Due are those up to the last result, and those that are older than the time that results may take.
+    Results are due up to the stamp of the last result, and for stamps that are older than `in_flight_ns`.
     """
     if not in_flight_ns or not len(stamps_ns):
         return stamps_ns
@@ -117,25 +117,25 @@ def settled(stamps_ns: IntArray, results_ns: IntArray, in_flight_ns: int) -> Int
 
 
 def expected_row(part: RowPart, judged: int, expected: int | None) -> Figure:
-    """Return the row of what was expected of a part, and the fraction of it that is judged; null if unknown."""
+    """Return the row of the number of expected items of a part and of the judged fraction; null if unknown."""
     return figure_row(
         "judged", part=part.text, n=expected, value=None if expected is None else share_of(judged, expected)
     )
 
 
 def share_rows(name: str, count: int, total: int) -> Iterator[Figure]:
-    """Yield the rows of a count as a fraction of a total, and as it is."""
+    """Yield the rows of a count as a fraction of a total, and as a number."""
     yield figure_row(name, n=total, value=share_of(count, total))
     yield figure_row(name, part="count", n=total, value=count)
 
 
 def share_of(count: int, total: int) -> float | None:
-    """Return a count as a fraction of a total, None if there is none."""
+    """Return a count as a fraction of a total, None if the total is 0."""
     return count / total if total else None
 
 
 def single_run_stamps(estimate: Trajectory) -> IntArray:
-    """Return the stamps of an estimate in order, each once; MetricsError if the estimate holds two runs."""
+    """Return the stamps of an estimate in order, each once; MetricsError if the estimate contains two runs."""
     order = np.argsort(estimate.stamps_ns, kind="stable")
     stamps, positions = estimate.stamps_ns[order], estimate.positions[order]
     again = np.flatnonzero(stamps[1:] == stamps[:-1]) + 1
@@ -150,24 +150,25 @@ def single_run_stamps(estimate: Trajectory) -> IntArray:
 
 
 def nearness_ns(needed: IntArray, tolerance_ns: int = 0) -> int:
-    """Return how near to a needed stamp another one has to be to be of the same pair; stamps go up."""
+    """Return the largest difference between an expected stamp and another stamp of the same pair; stamps ascend."""
     if len(needed) < 2:
         return tolerance_ns
     return max(tolerance_ns, int(IMAGE_PERIOD_SHARE * np.median(np.diff(needed))))
 
 
 def has_near(stamps: IntArray, among: IntArray, near_ns: int) -> Mask:
-    """Return which stamps have one of the other stamps near them; both go up."""
+    """Return which stamps have a stamp of `among` within `near_ns`; both are ascending."""
     first = np.searchsorted(among, stamps - near_ns, "left")
     return np.asarray(first < np.searchsorted(among, stamps + near_ns, "right"))
 
 
 def needs_frame(needed: IntArray, true_ns: IntArray, near_ns: int, mode: AssociationMode | str) -> Mask:
-    """Return which needed stamps are judged only if their estimate is a frame; stamps of both go up.
+    """Return which expected stamps are judged only if their estimate is a frame; both stamps are ascending.
 
-    No figure contains the error of an estimate that is no frame. Interpolated truth makes every estimate a frame.
-    Matched truth makes a frame of the estimates at true poses, which are all estimates unless the truth is sparser than
-    the images. At both ends of the truth a file may have rounded the stamp of an estimate outwards.
+    No figure contains the error of an estimate that is not a frame. With an interpolated truth every estimate should be
+    a frame. With a matched truth every estimate at a true pose should be a frame, that is every estimate unless the
+    truth is sparser than the images. The ends of the truth are excluded, because a file may have rounded the stamp of
+    an estimate outwards.
     """
     if not len(true_ns):
         return np.zeros(len(needed), np.bool_)
@@ -181,11 +182,11 @@ def needs_frame(needed: IntArray, true_ns: IntArray, near_ns: int, mode: Associa
 
 
 def is_spanned(needed: IntArray, true_ns: IntArray, max_gap_ns: int, tolerance_ns: int) -> Mask:
-    """Return which needed stamps the ground truth covers; stamps of both go up.
+    """Return which expected stamps the ground truth covers; both stamps are ascending.
 
-    A true pose stands for one usual period of the truth before and after it, so that a truth that is sparser than the
-    images covers the images at both ends. A hole that is longer than `max_gap_ns`, and than five usual periods, covers
-    nothing between its ends.
+    A true pose covers one median period of the truth before and after it, so that a truth that is sparser than the
+    images covers the images at both ends. A gap that is longer than `max_gap_ns` and than five median periods is not
+    covered.
     """
     if not len(true_ns):
         return np.zeros(len(needed), np.bool_)
@@ -201,9 +202,9 @@ def is_spanned(needed: IntArray, true_ns: IntArray, max_gap_ns: int, tolerance_n
 
 
 def estimates_without_truth(stamps: IntArray, true_ns: IntArray, max_gap_ns: int, tolerance_ns: int) -> IntArray:
-    """Return the stamps of estimates that the truth does not cover: outside of it, and in its holes.
+    """Return the stamps of estimates before, after and in gaps of the truth; both stamps are ascending.
 
-    Where images are unknown, these stamps are those of images without a truth. Stamps of both go up.
+    If the images are unknown, these stamps count as images without a truth.
     """
     if len(true_ns) < 2:
         return np.empty(0, np.int64)
@@ -213,9 +214,9 @@ def estimates_without_truth(stamps: IntArray, true_ns: IntArray, max_gap_ns: int
 def path_without_images(
     images_ns: IntArray, true_ns: IntArray, travelled_m: FloatArray, max_gap_ns: int
 ) -> float | None:
-    """Return the fraction of the true path before the first image, after the last one, and in holes between images.
+    """Return the fraction of the true path before the first image, after the last image, and in gaps between images.
 
-    A hole is longer than `max_gap_ns` and than five usual periods. No estimate is expected there. None without a path.
+    A gap is longer than `max_gap_ns` and than five median periods. No estimate is expected there. None without a path.
     """
     if not len(true_ns) or travelled_m[-1] <= 0.0:
         return None
@@ -231,15 +232,15 @@ def path_without_images(
 
 
 def gaps_of(needed: IntArray, is_absent: Mask) -> Gaps:
-    """Return the gaps between the needed stamps that are there; stamps go up."""
-    edges = np.flatnonzero(np.diff(is_absent, prepend=False, append=False))  # a run begins, a run has ended
+    """Return the gaps between the expected stamps that have an estimate; stamps are ascending."""
+    edges = np.flatnonzero(np.diff(is_absent, prepend=False, append=False))  # begin and end of each run, alternating
     begins = needed[np.maximum(edges[::2] - 1, 0)]
     ends = needed[np.minimum(edges[1::2], len(needed) - 1)]
     return Gaps(begins, ends, int(np.count_nonzero(is_absent)))
 
 
 def gaps_in_truth(stamps: IntArray, true_ns: IntArray) -> Gaps:
-    """Return the gaps between estimates of a truth; stamps of both go up."""
+    """Return the gaps between estimates within the time span of the truth; both stamps are ascending."""
     nothing = np.empty(0, np.int64)
     if not len(stamps) or not len(true_ns):
         return Gaps(nothing, nothing, len(true_ns))
@@ -254,7 +255,7 @@ def gaps_in_truth(stamps: IntArray, true_ns: IntArray) -> Gaps:
 
 
 def sizes_of(gaps: Gaps, stamps: IntArray, true_ns: IntArray, travelled_m: FloatArray, images: int | None) -> GapSizes:
-    """Return how much of a drive is in gaps: of the images, of the true path, or of the time if the rover stood."""
+    """Return the longest gap, and the missing fraction of images, true path, or time if the rover did not move."""
     gaps_s = (gaps.ends_ns - gaps.begins_ns) / NS_PER_S
     gaps_m = np.zeros(len(gaps_s))
     if len(true_ns) and len(gaps_s):
@@ -274,7 +275,10 @@ def sizes_of(gaps: Gaps, stamps: IntArray, true_ns: IntArray, travelled_m: Float
 
 
 def why_not_covered(gaps: Gaps, sizes: GapSizes, conditions: Sequence[Condition], images: int | None) -> str | None:
-    """Return why an estimate does not cover the drive: it misses too much, or a whole sub-trajectory."""
+    """Return why an estimate does not cover the drive; None if it does.
+
+    The missing fraction exceeds `MISSING_SHARE`, or a gap is longer than the sub-trajectories of a condition.
+    """
     longest = {
         ConditionKind.DISTANCE: sizes.longest_m,
         ConditionKind.DISPLACEMENT: sizes.longest_m,
@@ -289,12 +293,12 @@ def why_not_covered(gaps: Gaps, sizes: GapSizes, conditions: Sequence[Condition]
 
 
 def covered_text(share: float, of: str, longest_gap: tuple[float, float] | None) -> str:
-    """Return which fraction of the images, the true poses or the true path is covered; the longest gap in m and s."""
+    """Return the text of the covered fraction of `of` (images, true poses or true path) and the longest gap (m, s)."""
     text = f"the estimate covers {100.0 * share:.4g} % of the {of}"
     if longest_gap is not None:
         text += f", its longest gap is {longest_gap[0]:.4g} m and {longest_gap[1]:.4g} s"
     if of != "images":
-        text += "; where the truth is longer or denser than the images, score against the source with its images"
+        text += "; if the truth is longer or denser than the images, score against the source with its images"
     return text
 
 
@@ -310,11 +314,11 @@ def map_completeness(
     bare: Sequence[float | None],
     repeated: int = 0,
 ) -> Iterator[Figure]:
-    """Yield the rows of a cloud.
+    """Yield the rows of completeness of a cloud.
 
-    `points` are those of the cloud that are finite, `point_pairs` the pairs that have one, `bare` the fraction of the
-    true pixels of each pair, in the scored range, without a point; None where the pair has no such pixel. `repeated`
-    are the points at a pixel of a pair that an earlier point has.
+    `points` is the number of finite points of the cloud. `point_pairs` has the pairs of the points. `bare` is the
+    fraction of the true pixels of each pair in the scored range that have no point, None if the pair has no such pixel.
+    `repeated` is the number of points whose pixel or position is that of an earlier point.
     """
     mapped = len(np.unique(point_pairs))
     yield expected_row(RowPart(MAP), mapped, expected_pairs)
@@ -333,11 +337,11 @@ def calls_completeness(
     values: Mapping[str, FloatArray],
     place: Place = Place.HOST,
 ) -> Iterator[Figure]:
-    """Yield the rows of the calls `(N,)` of one kind against the pairs that were expected.
+    """Yield the rows of completeness of the calls `(N,)` of one kind, relative to the expected pairs.
 
-    `values` are what was measured in each call, by `calls` (time) and `memory`, NaN where not measured. `place` is
-    where. A set of pairs is mapped by one call at the stamp of its last pair, so that at least
-    one such call is expected, at a stamp of the source.
+    `values` has the measurements of each call by `calls` (time) and `memory`, NaN if not measured. `place` is the place
+    of the measurement. One call maps a set of pairs, at the stamp of its last pair. At least one such call, at a stamp
+    of the source, is therefore expected.
     """
     for name, measured in values.items():
         given = stamps_ns[np.isfinite(measured)]
@@ -360,7 +364,7 @@ def calls_completeness(
 
 
 def live_completeness(received: int, dropped: int, restarts: int) -> Iterator[Figure]:
-    """Yield the rows of a live run: messages that were received and dropped, and restarts of the score."""
+    """Yield the rows of completeness of a live run: received and dropped messages, and restarts of the score."""
     yield expected_row(RowPart(LIVE), received, received + dropped)
     yield from share_rows("dropped", dropped, received + dropped)
     yield figure_row("restarts", value=restarts)

@@ -1,4 +1,4 @@
-"""Settings of the score, the words of settings and results, and what ends a sub-trajectory [4.1.1]."""
+"""Settings of the score, enumerations of settings and results, and conditions of sub-trajectories [4.1.1]."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from enum import StrEnum
 from sfr_loc_map.config import build, param
 from sfr_loc_map.errors import ConfigError, MetricsError
 
-MAX_VALUE = 1e9  #: Metres, seconds or frames of a condition; as many seconds fit 64 bits of nanoseconds.
-SPACING_FRAMES = 10  #: Frames from one start of a sub-trajectory to the next that the document recommends [4.1.1].
+MAX_VALUE = 1e9  #: Maximum metres, seconds or frames of a condition; this many seconds fit 64 bits of nanoseconds.
+SPACING_FRAMES = 10  #: Frames from one start of a sub-trajectory to the next, as the document recommends [4.1.1].
 
 
 class AssociationMode(StrEnum):
-    """How an estimate finds its truth; see `metrics.association`."""
+    """How estimates are associated with the truth; see `metrics.association`."""
 
     AUTO = "auto"
     MATCH = "match"
@@ -22,23 +22,26 @@ class AssociationMode(StrEnum):
 
 
 class Rebase(StrEnum):
-    """How error from before the start of a sub-trajectory is removed; see `metrics.formulas`."""
+    """How the error from before the start of a sub-trajectory is removed; see `metrics.formulas`."""
 
     POSE = "pose"  #: The estimate is re-based at the start by its complete pose.
-    DISPLACEMENT = "displacement"  #: The document to the letter: differences of displacement and of change of attitude.
-    POSITION = "position"  #: The estimate is re-based at the start by its position alone.
-    YAW_ALIGNED = "yaw_aligned"  #: As position, after a fit of yaw and translation, where the truth has no attitudes.
-    #: As position, after a fit of the complete rotation, where z of the estimate is tilted.
+    DISPLACEMENT = "displacement"  #: Literal reading of the document: compares displacements and changes of attitude.
+    POSITION = "position"  #: The estimate is re-based at the start by its position only.
+    YAW_ALIGNED = "yaw_aligned"  #: `position` after a fit of yaw and translation, if the truth has no attitudes.
+    #: `position` after a fit of the complete rotation and translation, if the estimate has a tilted z-axis.
     ROTATION_ALIGNED = "rotation_aligned"
 
     @property
     def is_fit(self) -> bool:
-        """Whether the estimate was fitted to a truth without attitudes."""
+        """Whether the estimate was aligned with a truth without attitudes."""
         return self in (Rebase.YAW_ALIGNED, Rebase.ROTATION_ALIGNED)
 
 
 class CallKind(StrEnum):
-    """What a call of a processing API did: a pair localised, a cloud made of a set of pairs, and the stages of that."""
+    """Kind of a call of a processing API.
+
+    `localisation` localises a pair. `mapping_call` maps a set of pairs, in the stages `mapping` and `fusion`.
+    """
 
     LOCALISATION = "localisation"
     MAPPING_CALL = "mapping_call"
@@ -47,12 +50,12 @@ class CallKind(StrEnum):
 
     @property
     def words(self) -> str:
-        """Its name for people."""
+        """The displayed name."""
         return self.replace("_", " ")
 
 
 class MappingState(StrEnum):
-    """The result of a mapper call for a set of pairs, or of one of its stages: mapping a pair, fusing all pairs."""
+    """The result of a mapper call for a set of pairs, or of its stages: mapping a pair, and fusing all pairs."""
 
     MAPPED = "mapped"
     FUSED = "fused"
@@ -60,7 +63,7 @@ class MappingState(StrEnum):
 
 
 class CloudKind(StrEnum):
-    """Whether a cloud holds the points of every pair, or each surface point once."""
+    """Whether a cloud contains the points of every pair, or each surface point once."""
 
     SINGLE_PAIRS = "single pairs"
     FUSED = "fused"
@@ -72,12 +75,12 @@ class VerdictState(StrEnum):
     PASS = "pass"
     FAIL = "fail"
     NOT_ENOUGH_DATA = "not enough data"
-    INCOMPLETE = "incomplete"  #: The estimate covers a part of the drive only.
-    NOT_JUDGED = "not judged"  #: Estimate and truth contradict each other, so that no figure of them judges.
+    INCOMPLETE = "incomplete"  #: A part of the expected data is missing or cannot be judged.
+    NOT_JUDGED = "not judged"  #: Estimate and truth contradict each other.
 
     @property
     def severity(self) -> int:
-        """The rank of the verdict, 0 for the worst: the one order in which verdicts are combined and listed."""
+        """The rank of the verdict, 0 for the worst. Verdicts are combined and listed in this order."""
         return SEVERITY.index(self)
 
 
@@ -92,22 +95,22 @@ SEVERITY = (
 
 
 def worst_of(states: Iterable[VerdictState]) -> VerdictState | None:
-    """Return the worst of some verdicts, None without any."""
+    """Return the worst verdict, None without a verdict."""
     return min(states, key=lambda state: state.severity, default=None)
 
 
 class ConditionKind(StrEnum):
-    """What is measured from the start of a sub-trajectory; the value is the word in settings."""
+    """Quantity that is measured from the start of a sub-trajectory. The value is its name in settings."""
 
     DISTANCE = "distance"  #: Length of the path.
     TIME = "time"
     FRAMES = "frames"
-    DISPLACEMENT = "displacement"  #: Distance from the start in a straight line.
-    TURN = "turn"  #: Angle between the attitude at the start and the present one.
+    DISPLACEMENT = "displacement"  #: Straight-line distance from the start.
+    TURN = "turn"  #: Rotation angle from the attitude at the start.
 
     @property
     def unit(self) -> str:
-        """Unit of its value."""
+        """Unit of the quantity."""
         return _UNITS[self]
 
 
@@ -116,25 +119,26 @@ _UNITS = {"distance": "m", "time": "s", "frames": "frames", "displacement": "m",
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """What ends a sub-trajectory: so many metres, seconds, frames or degrees, above 0, at most `MAX_VALUE`.
+    """Condition that ends a sub-trajectory: a number of metres, seconds, frames or degrees.
 
-    With others it ends at the first frame at which all hold.
+    The value is positive and at most `MAX_VALUE`. A combined condition ends the sub-trajectory at the first frame at
+    which all its parts hold.
     """
 
     kind: ConditionKind
     value: float
-    others: tuple[Condition, ...] = ()  #: Conditions that hold at the same time, each alone.
+    others: tuple[Condition, ...] = ()  #: Other parts of a combined condition, which have no parts themselves.
 
     @property
     def parts(self) -> tuple[Condition, ...]:
-        """Each of the conditions that hold at once, alone."""
+        """All parts of the condition as separate conditions."""
         return (Condition(self.kind, self.value), *self.others)
 
     @classmethod
     def parse(cls, text: str) -> Condition:
         """Return the condition of a text such as `distance=5`, `time=60`, `frames=100` or `distance=5,time=10`.
 
-        A unit after the number is accepted (`distance=5 m`). MetricsError if the text is not a condition.
+        A unit after the number is accepted (`distance=5 m`). MetricsError if the text is not a valid condition.
         """
         parts = []
         for word in text.split(","):
@@ -149,21 +153,21 @@ class Condition:
             ):
                 raise MetricsError(
                     f"'{text}' is not a condition: give distance=METRES, time=SECONDS, frames=NUMBER, "
-                    f"displacement=METRES or turn=DEGREES (up to 180), > 0, or several at once with commas between"
+                    f"displacement=METRES or turn=DEGREES (up to 180), > 0, or several separated by commas"
                 )
             parts.append(cls(kind, value))
         if len({part.kind for part in parts}) < len(parts):
-            raise MetricsError(f"'{text}' has a condition twice: give each once")
+            raise MetricsError(f"'{text}' has the same kind of condition twice: give each kind once")
         return cls(parts[0].kind, parts[0].value, tuple(parts[1:]))
 
     @property
     def is_of_time(self) -> bool:
-        """Whether the condition also ends a sub-trajectory in which the rover stands."""
+        """Whether the condition also ends a sub-trajectory in which the rover is stationary."""
         return all(part.kind in (ConditionKind.TIME, ConditionKind.FRAMES) for part in self.parts)
 
     @property
     def label(self) -> str:
-        """The one spelling for people: `5 m`, `60 s`, `100 frames`, `5 m and 10 s`."""
+        """The displayed form: `5 m`, `60 s`, `100 frames`, `5 m and 10 s`."""
         straight = {ConditionKind.DISPLACEMENT: " straight", ConditionKind.TURN: " turned"}
         texts = []
         for part in self.parts:
@@ -172,7 +176,7 @@ class Condition:
 
     @property
     def setting(self) -> str:
-        """The spelling on the command line and in the score, which `parse` reads: `distance=5`."""
+        """The form on the command line and in the score, which `parse` reads: `distance=5`."""
         return ",".join(f"{part.kind}={shortest(part.value)}" for part in self.parts)
 
     def __str__(self) -> str:
@@ -180,19 +184,19 @@ class Condition:
 
 
 def shortest(number: float) -> str:
-    """Return the shortest text that reads back to the same number: `5` of 5.0."""
+    """Return the shortest text that is read back as the same number: `5` for 5.0."""
     text = f"{number:g}"
     return text if float(text) == number else repr(number)
 
 
 def label_of(condition: str | None) -> str:
-    """Return the spelling for people of a condition as the score names it: `5 m` of `distance=5`; empty for None."""
+    """Return the displayed form of a condition of a score: `5 m` for `distance=5`; empty for None."""
     return "" if condition is None else Condition.parse(condition).label
 
 
 @dataclass(frozen=True, slots=True)
 class AssociationConfig:
-    """How estimates find their truth; see `metrics.association`."""
+    """Settings of the association of estimates with the truth; see `metrics.association`."""
 
     truth: str = param(
         "auto",
@@ -223,14 +227,14 @@ class TrajectoryScoreConfig:
         choices=("pose", "displacement", "position"),
     )
     partial: bool = param(
-        False, doc="Judge an estimate of a part of the drive like an estimate of the complete drive, and report this."
+        False, doc="Judge an incomplete estimate like a complete one, and report this as a deviation."
     )
     association: AssociationConfig = field(default_factory=AssociationConfig)
 
 
 @dataclass(frozen=True, slots=True)
 class AlignedErrorConfig:
-    """Settings of errors that the specification does not define; see `metrics.aligned_error`."""
+    """Settings of APE and RPE, which the specification does not define; see `metrics.aligned_error`."""
 
     align: str = param(
         "se3",
@@ -238,7 +242,7 @@ class AlignedErrorConfig:
         choices=("none", "origin", "se3", "sim3"),
     )
     max_difference_s: float = param(
-        0.01, unit="s", doc="Longest difference of stamps that belong together.", low=0.0, high=3600.0
+        0.01, unit="s", doc="Largest difference between the stamps of paired poses.", low=0.0, high=3600.0
     )
     rpe_delta: str = param("frames=1", doc="Length of a relative error: frames=NUMBER or distance=METRES.")
 
@@ -247,17 +251,17 @@ class AlignedErrorConfig:
 class MapScoreConfig:
     """Settings of the map score."""
 
-    scored_from_m: float = param(0.0, unit="m", doc="Nearest truth that counts for coverage.", low=0.0, high=1e6)
-    scored_to_m: float = param(10.0, unit="m", doc="Farthest truth that counts for coverage.", low=0.1, high=1e6)
+    scored_from_m: float = param(0.0, unit="m", doc="Minimum range of true points in the coverage.", low=0.0, high=1e6)
+    scored_to_m: float = param(10.0, unit="m", doc="Maximum range of true points in the coverage.", low=0.1, high=1e6)
     range_edges_m: tuple[float, ...] = param(
         (0.0, 4.0, 10.0, 20.0, 40.0), unit="m", doc="Edges of the range bins.", low=0.0, high=1e6
     )
 
     def __post_init__(self) -> None:
-        """Check that the ranges of coverage are in order."""
+        """Check that the scored range is not empty; ConfigError if it is."""
         if self.scored_from_m >= self.scored_to_m:
             given = f"{self.scored_from_m:g} to {self.scored_to_m:g} m"
-            raise ConfigError(f"the range {given} is empty: give the nearest, then the farthest")
+            raise ConfigError(f"the scored range {given} is empty: give the minimum, then the maximum")
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,14 +273,14 @@ class ScoreConfig:
 
 
 def score_config(conditions: Sequence[str] | None, settings: Mapping[str, object]) -> ScoreConfig:
-    """Return the settings of a score from options: ends of a sub-trajectory, others by dotted name."""
+    """Return the settings of a score from options: conditions of sub-trajectories, and settings by dotted name."""
     named = {"trajectory.conditions": tuple(conditions)} if conditions else {}
     return build(ScoreConfig, {**settings, **named}, origin="options")
 
 
 def aligned_error_config(align: str | None, settings: Mapping[str, object]) -> AlignedErrorConfig | None:
-    """Return the settings of APE and RPE, None where no alignment is named; values by name, None for the default."""
+    """Return the settings of APE and RPE, None without an alignment; a value of None selects the default."""
     given = {name: value for name, value in settings.items() if value is not None}
     if align is None and given:
-        raise ConfigError(f"{', '.join(given)}: for APE and RPE only: give --align none, origin, se3 or sim3")
+        raise ConfigError(f"{', '.join(given)}: only for APE and RPE: select the alignment none, origin, se3 or sim3")
     return None if align is None else build(AlignedErrorConfig, {"align": align, **given}, origin="options")

@@ -1,12 +1,15 @@
-"""Which single convention mismatch would explain that an estimate and the truth disagree? And its correction.
+"""Diagnosis of the single convention mismatch that explains the disagreement of estimate and truth, and its correction.
 
-Each is undone in turn and the disagreement measured again. One is named only if undoing it leaves a half or less of the
-disagreement (a third, if numbers are fitted to undo it), explains nine tenths of all sub-trajectories, and is better
-than the plain reading by that factor on the median of them. A few outliers explain nothing, frames that are omitted
-are not explained, and what a scale error of the estimate explains as well is no mismatch of a convention.
+Each mismatch is undone in turn, and the disagreement is computed for the corrected estimate. A mismatch is reported if
+its correction meets these conditions:
 
-The disagreement does not depend on the world frame: the mean over sub-trajectories of the position error
-as a share of the path and the attitude error in radians, root of the sum of squares, re-based by the whole pose.
+- At most half of the disagreement is left, or a third if numbers were fitted for the correction.
+- Nine tenths of all sub-trajectories are explained. Sub-trajectories that the correction omits count as unexplained.
+- The median over the sub-trajectories decreases by the same factor, so that outliers do not decide.
+- A scale error of the estimate does not explain the disagreement equally well.
+
+The disagreement is the mean over sub-trajectories of `hypot(position error / path length, attitude error in radians)`.
+The estimate is re-based by its complete pose, so that the disagreement does not depend on the world frame.
 """
 
 from __future__ import annotations
@@ -42,48 +45,48 @@ from sfr_loc_map.metrics.pose_convention import FIRST_POSE, MIRROR, PoseConventi
 from sfr_loc_map.metrics.records import Record
 
 GAIN, GAIN_FITTED = 2.0, 3.0
-"""Undoing a mismatch must make the disagreement this many times smaller; the second where numbers were fitted."""
-AGREES = 1e-3  #: A disagreement below this (a thousandth of the path, or 0.06 degrees) needs no explanation.
-EXPLAINED = 0.25  #: What is left must be less than this (a quarter of the path, or 14 degrees).
-EXPLAINED_SHARE = 0.9  #: So many of all sub-trajectories must be explained; those that are omitted are not.
-HONEST_SCALES = (0.8, 1.25)  #: Scales of an estimate that are an error of its method, not of its unit.
+"""Minimum factors by which a correction reduces the disagreement, without and with fitted numbers."""
+AGREES = 1e-3  #: Disagreement below which no explanation is required: 0.1 % of the path, or 0.06 deg.
+EXPLAINED = 0.25  #: Maximum disagreement after the correction: 25 % of the path, or 14 deg.
+EXPLAINED_SHARE = 0.9  #: Minimum fraction of all sub-trajectories that are explained; omitted ones are unexplained.
+HONEST_SCALES = (0.8, 1.25)  #: Range of scales that are attributed to the method and not to the unit.
 LATE_GAIN, LATE_POSES = 2.0, 30
-"""So many times smaller are the squared differences of rotations from pose to pose if each is compared with that of the
-pair before, at so many poses, where an estimate lags behind by one pair."""
-SIMPLER = 2.0  #: A mismatch with fitted numbers must explain this many times more than one without.
+"""An estimate is late by one pair if its rotations from pose to pose match those of the previous pair better: by this
+factor in the sum of squared differences, over at least this number of poses."""
+SIMPLER = 2.0  #: A mismatch with fitted numbers must leave this many times less disagreement than one without.
 MAX_POSES, MIN_POSES = 20_000, 8
 SUB_TRAJECTORIES = 400
 MIN_LEVER_M, MAX_TILT_DEG = 0.05, 60.0
-ALIKE = 0.5  #: A unit explains displacements only if this is their correlation with the true ones; noise has about 0.
+ALIKE = 0.5  #: Minimum correlation of estimated and true displacements for a wrong unit; noise has about 0.
 OFFSET_STEPS = 200
-AS_GOOD = 1.1  #: An offset to the stamps of the truth themselves is taken for the best one if it is this near to it.
+AS_GOOD = 1.1  #: Factor of disagreement up to which an offset to the exact stamps of the truth is preferred.
 STAMP_NOISE_NS = 1_000
 LOOKS_WRONG = "the estimate looks wrong:"
 Poses = tuple[FloatArray, FloatArray]  #: Positions `(N, 3)` and unit quaternions `(N, 4)`.
 
 
 class Tried(NamedTuple):
-    """A hypothesis, and what it leaves of the disagreement of each sub-trajectory, infinite where it leaves it out."""
+    """A hypothesis, and the remaining disagreement of each sub-trajectory; infinite if nothing was evaluated."""
 
     hypothesis: Hypothesis
     left: FloatArray
 
 
 class Hypothesis(Record, frozen=True, kw_only=True):
-    """One convention mismatch and what undoing it does."""
+    """One convention mismatch and the result of its correction."""
 
     mismatch: str  #: Short name.
-    sentence: str  #: What is wrong with the estimate, and what to do.
-    disagreement: float  #: What is left when it is undone.
-    fitted: bool = False  #: Whether numbers were fitted to undo it.
-    setting: str = ""  #: What corrects it as `NAME=VALUE` of `PoseConvention`; empty where none does.
+    sentence: str  #: Fault of the estimate, and its correction.
+    disagreement: float  #: Disagreement that remains after the correction.
+    fitted: bool = False  #: Whether numbers were fitted for the correction.
+    setting: str = ""  #: Setting `NAME=VALUE` of `PoseConvention` for the correction; empty if there is none.
 
 
 class Diagnosis(Record, frozen=True, kw_only=True):
-    """What was found."""
+    """The result of a diagnosis."""
 
-    disagreement: float | None  #: Of the estimate as given; None where both have no stamp in common.
-    hypotheses: tuple[Hypothesis, ...]  #: Mismatches, the best explanation first.
+    disagreement: float | None  #: Disagreement of the estimate as given; None without enough common stamps.
+    hypotheses: tuple[Hypothesis, ...]  #: Mismatches, in ascending order of the remaining disagreement.
     found: Hypothesis | None  #: Mismatch that explains the disagreement; None without a disagreement or an explanation.
 
 
@@ -95,11 +98,11 @@ def diagnose(
     *,
     every: bool = True,
 ) -> Diagnosis:
-    """Find the single convention mismatch that explains how estimate and truth (poses of RB in DS) disagree.
+    """Find the single convention mismatch that explains the disagreement of estimate and truth (poses of RB in DS).
 
-    Where they agree every hypothesis is tried all the same, unless `every` is false: a score needs none then.
+    With `every`, all hypotheses are tried even if estimate and truth agree. A score does not need these hypotheses.
     """
-    if not truth.has_attitude:  # every hypothesis is judged by attitudes too
+    if not truth.has_attitude:  # the disagreement requires attitudes
         return Diagnosis(disagreement=None, hypotheses=(), found=None)
     estimate = _in_order(estimate, max(1, len(estimate.stamps_ns) // MAX_POSES))
     truth = _in_order(truth, 1)
@@ -134,24 +137,24 @@ def diagnose(
 
 
 def _truth_scalar_first(true: Poses, found: Poses) -> Tried:
-    """Return the hypothesis that the truth is written scalar first, which no setting of the estimate corrects."""
+    """Return the hypothesis that the truth is scalar first, which no setting of the estimate corrects."""
     positions, quats = true
     left = disagreements((positions, quats[:, WXYZ]), found)
     sentence = (
-        "the truth looks wrong: its quaternions are scalar first: name its columns, as "
-        "--columns 'truth:t,x,y,z,qw,qx,qy,qz', or write them scalar last"
+        "the truth looks wrong: its quaternions are scalar first: write them scalar last, or name the columns (option "
+        "--columns 'truth:t,x,y,z,qw,qx,qy,qz')"
     )
     return Tried(Hypothesis(mismatch="truth scalar first", sentence=sentence, disagreement=float(np.mean(left))), left)
 
 
 def _in_order(poses: Trajectory, step: int) -> Trajectory:
-    """Return one pose per `step` poses in the order of their stamps, each stamp once."""
+    """Return every `step`-th pose in the order of the stamps, each stamp once."""
     rows = unique_rows(poses.stamps_ns)[::step]
     return Trajectory(poses.stamps_ns[rows], poses.positions[rows], poses.quats_xyzw[rows])
 
 
 def _best_of(tried: Sequence[Tried], plain: FloatArray | None) -> Hypothesis | None:
-    """Return the hypothesis that explains a disagreement, a simpler one rather than one with fitted numbers."""
+    """Return the hypothesis that explains a disagreement, with a preference for hypotheses without fitted numbers."""
     if plain is not None and np.mean(plain) < AGREES:
         return None
     possible = [item.hypothesis for item in tried if _explains(item, plain)]
@@ -163,7 +166,7 @@ def _best_of(tried: Sequence[Tried], plain: FloatArray | None) -> Hypothesis | N
 
 
 def _explains(tried: Tried, plain: FloatArray | None) -> bool:
-    """Return whether a hypothesis explains the disagreement of nearly all sub-trajectories, not that of a few."""
+    """Return whether a hypothesis explains the disagreement of nearly all sub-trajectories."""
     gain = GAIN_FITTED if tried.hypothesis.fitted else GAIN
     most = EXPLAINED if plain is None else min(EXPLAINED, float(np.mean(plain)) / gain)
     usual = EXPLAINED if plain is None else float(np.mean(plain))
@@ -173,7 +176,7 @@ def _explains(tried: Tried, plain: FloatArray | None) -> bool:
 
 
 def _is_scale_error(true: Poses, found: Poses, best: Hypothesis) -> bool:
-    """Return whether the estimate's own scale explains the disagreement about as well as a hypothesis does."""
+    """Return whether a scale error of the estimate explains the disagreement about as well as the best hypothesis."""
     starts, ends = _eighths(len(true[0]))
     true_m, found_m = (np.linalg.norm(p[ends] - p[starts], axis=1) for p in (true[0], found[0]))
     scale = float(true_m @ found_m) / max(float(found_m @ found_m), 1e-12)
@@ -183,7 +186,7 @@ def _is_scale_error(true: Poses, found: Poses, best: Hypothesis) -> bool:
 
 
 def _one_pair_late(true: Poses, found: Poses, stamps_ns: IntArray, before: float) -> Hypothesis | None:
-    """Return the hypothesis that each pose is that of the pair before, if the rotations from pose to pose show it."""
+    """Return the hypothesis that each pose is that of the previous pair, if the rotations from pose to pose fit it."""
     if len(stamps_ns) < LATE_POSES:
         return None
     true_turns, turns = (
@@ -209,13 +212,13 @@ def disagreements(truth: Poses, estimate: Poses) -> FloatArray:
     errors = pose_reading(formulas.Poses(*truth, *estimate), starts, ends)
     until_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(truth[0], axis=0), axis=1)))
     lengths_m = until_m[ends] - until_m[starts]
-    lengths_m = np.maximum(lengths_m, max(0.1 * float(lengths_m.mean()), 1e-9))  # never much less than the mean
+    lengths_m = np.maximum(lengths_m, max(0.1 * float(lengths_m.mean()), 1e-9))  # the rover may be stationary
     of_path = np.linalg.norm(errors.position_m, axis=1) / lengths_m
     return np.asarray(np.hypot(of_path, np.radians(errors.attitude_deg)))
 
 
 def _eighths(count: int) -> tuple[IntArray, IntArray]:
-    """Return starts and ends of sub-trajectories of an eighth of the poses."""
+    """Return starts and ends of sub-trajectories that contain an eighth of the poses each."""
     span = max(2, count // 8)
     starts = np.unique(np.linspace(0, count - 1 - span, SUB_TRAJECTORIES).astype(np.int64))
     return starts, starts + span
@@ -225,14 +228,14 @@ def _eighths(count: int) -> tuple[IntArray, IntArray]:
 
 
 class Mismatch(NamedTuple):
-    """One hypothesis: what is wrong with the estimate, and what undoes it."""
+    """A convention mismatch and its correction."""
 
     name: str
-    setting: str  #: What corrects it as `NAME=VALUE` of `PoseConvention`; empty where none does.
+    setting: str  #: Setting `NAME=VALUE` of `PoseConvention` for the correction; empty if there is none.
     sentence: str
     undo: Callable[[FloatArray, FloatArray], Poses]
-    is_fitted: bool = False  #: Whether numbers were fitted to undo it.
-    applies: Callable[[Poses, Poses], bool] = lambda true, found: True  #: Whether these poses can show it.
+    is_fitted: bool = False  #: Whether numbers were fitted for the correction.
+    applies: Callable[[Poses, Poses], bool] = lambda true, found: True  #: Whether the poses can show the mismatch.
 
 
 def _motions_inverted(p: FloatArray, q: FloatArray) -> Poses:
@@ -241,15 +244,16 @@ def _motions_inverted(p: FloatArray, q: FloatArray) -> Poses:
 
 
 def _begins_elsewhere(true: Poses, found: Poses) -> bool:
-    """Return whether the first pose is not the identity: else inverted motions are inverted poses."""
+    """Return whether the first pose differs from the identity, with which inverted motions equal inverted poses."""
     positions, quats = found
     return bool(np.abs(positions[0]).max() + quat_angle(quats[0]) > 1e-9)
 
 
 def _moves_alike(true: Poses, found: Poses) -> bool:
-    """Return whether displacements have the directions of the true ones; those of a rover that stands are noise.
+    """Return whether the displacements have the directions of the true displacements.
 
-    Without this condition, millimetres would explain the noise of any estimate at standstill, because they remove it.
+    The displacements of a stationary rover are noise. Without this condition the unit millimetre would explain this
+    noise, because a smaller unit reduces it.
     """
     starts, ends = _eighths(len(true[0]))
     moves = [quat_rotate(quat_conjugate(q[starts]), p[ends] - p[starts]) for p, q in (true, found)]
@@ -257,7 +261,7 @@ def _moves_alike(true: Poses, found: Poses) -> bool:
     return bool((moves[0] * moves[1]).sum() > ALIKE * size)
 
 
-WXYZ = [1, 2, 3, 0]  #: Columns x, y, z, w of a quaternion that was read as x, y, z, w but was written w, x, y, z.
+WXYZ = [1, 2, 3, 0]  #: Columns x, y, z, w of a quaternion that was written as w, x, y, z.
 OPTICAL = quat_from_matrix(OPTICAL_IN_BODY)
 MISMATCHES = (
     Mismatch(
@@ -330,11 +334,14 @@ MISMATCHES = (
         lambda p, q: (p * MIRROR, q * np.array([-1.0, 1.0, -1.0, 1.0])),
     ),
 )
-"""The mismatches whose correction has no numbers."""
+"""The mismatches whose correction has no fitted numbers."""
 
 
 def frame_mismatches(truth: Poses, estimate: Poses, rig: StereoRig | None) -> Iterator[Mismatch]:
-    """Yield that the poses are of another frame of the rover: rotation known or presumed, position known or fitted."""
+    """Yield the mismatches that the poses are those of the left camera or another point of the rover.
+
+    The extrinsics are those of the rig, or fitted.
+    """
     upright = np.array([0.0, 0.0, 0.0, 1.0])
     if rig is not None and rig.T_rb_sb is not None:
         left_in_sb = np.array([0.0, 0.5 * rig.baseline_m, 0.0])
@@ -342,8 +349,8 @@ def frame_mismatches(truth: Poses, estimate: Poses, rig: StereoRig | None) -> It
         known = quat_from_matrix(rig.T_rb_sb.rotation.dot(OPTICAL_IN_BODY))
         yield _left_camera(known, lever, "in place of RB (optical axes)", "frame=left_optical")
         yield _left_camera(upright, lever, "in place of RB (axes of RB)", "")
-    # motions of the sub-trajectories in the frame of their start, and the rotation that takes their directions to the
-    # true ones (Kabsch 1976): axes of rotation and directions of displacement, weighted by their size
+    # motions of the sub-trajectories in the frame of their start, and the rotation that aligns their directions with
+    # the true directions (Kabsch 1976): rotation axes and displacements, weighted by their size
     starts, ends = _eighths(len(estimate[0]))
     turns, moves, directions = [], [], []
     for positions, attitudes in (truth, estimate):
@@ -355,7 +362,7 @@ def frame_mismatches(truth: Poses, estimate: Poses, rig: StereoRig | None) -> It
     u, _, vt = np.linalg.svd(directions[0].T @ directions[1])
     fitted = quat_from_matrix(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
     for turn, axes in ((upright, "axes of RB"), (OPTICAL, "optical axes"), (fitted, "tilted optical axes")):
-        # the point whose poses are given: its displacements differ by `R l - l`
+        # the lever arm l of the point whose poses are given: its displacements differ by `R l - l`
         matrix = (matrix_from_quat(turns[0]) - np.eye(3)).reshape(-1, 3)
         lever = np.asarray(np.linalg.lstsq(matrix, (quat_rotate(turn, moves[1]) - moves[0]).ravel(), rcond=1e-3)[0])
         tilt_deg = float(np.degrees(quat_angle(quat_multiply(turn, quat_conjugate(OPTICAL)))))
@@ -369,7 +376,7 @@ def frame_mismatches(truth: Poses, estimate: Poses, rig: StereoRig | None) -> It
 def _left_camera(
     turn: FloatArray, lever_m: FloatArray, words: str, setting: str, *, is_fitted: bool = False
 ) -> Mismatch:
-    """Return that poses are those of a camera at a point of RB."""
+    """Return the mismatch that the poses are those of a camera at a point of RB."""
     if not setting:
         numbers = (*lever_m.tolist(), *turn.tolist())
         setting = "extrinsics=" + ",".join(repr(round(number, 9)) for number in numbers)
@@ -383,7 +390,7 @@ def _left_camera(
 
 
 def _upright(quats: FloatArray) -> FloatArray:
-    """Return quaternions of the same rotations, scalar >= 0."""
+    """Return quaternions of the same rotations with a scalar part >= 0."""
     return np.where(quats[:, 3:] < 0.0, -quats, quats)
 
 
@@ -399,7 +406,7 @@ def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) 
         is_last = reach < max(step // 500, 1000)
         if not is_last:
             shifts = np.linspace(best - reach, best + reach, OFFSET_STEPS + 1).astype(np.int64).tolist()
-        elif np.isfinite(least):  # what takes most stamps to those of the truth themselves, else the best one once more
+        elif np.isfinite(least):  # the offset that moves most stamps to stamps of the truth, otherwise the best offset
             stamps = est_ns + best
             after = np.clip(np.searchsorted(gt_ns, stamps), 1, len(gt_ns) - 1)
             around = np.stack((gt_ns[after - 1] - stamps, gt_ns[after] - stamps))
@@ -411,7 +418,7 @@ def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) 
         for shift in shifts:
             first, last = np.searchsorted(est_ns, gt_ns[[0, -1]] - shift).tolist()
             if last - first < max(MIN_POSES, round(EXPLAINED_SHARE * len(est_ns))):
-                continue  # nothing is explained by leaving frames out
+                continue  # an offset that omits frames explains nothing
             chosen = slice(first, last, max(1, (last - first) // 800))
             stamps = est_ns[chosen] + shift
             after = np.searchsorted(gt_ns, stamps, side="right")
@@ -435,10 +442,10 @@ def _time_offset(estimate: Trajectory, truth: Trajectory, before: float | None) 
 
 def _of_offset(offset_ns: int, step_ns: int, left: float) -> Hypothesis:
     is_late = abs(offset_ns + step_ns) < 0.02 * step_ns
-    late = "; each pose is that of the pair before" if is_late else ""
+    late = "; each pose is that of the previous pair" if is_late else ""
     return Hypothesis(
         mismatch="time offset",
-        sentence=f"{LOOKS_WRONG} its stamps are {offset_ns / NS_PER_S:+.3f} s off, add this to them{late}",
+        sentence=f"{LOOKS_WRONG} its stamps are offset: add {offset_ns / NS_PER_S:+.3f} s to the stamps{late}",
         disagreement=left,
         fitted=not is_late,
         setting=f"time_offset_ns={offset_ns}",
@@ -448,11 +455,11 @@ def _of_offset(offset_ns: int, step_ns: int, left: float) -> Hypothesis:
 def converted_estimates(
     estimates: Estimates, convention: PoseConvention, T_rb_child: Transform, truth: Trajectory | None
 ) -> Estimates:
-    """Return estimates (of a child frame of RB, as they were written) as poses of RB in DS.
+    """Return estimates, which are poses of a child frame of RB in a convention, as poses of RB in DS.
 
-    A world frame that is the first pose is aligned there with the truth; without one the first pose is the identity. A
-    covariance is propagated; where poses are inverted or mirrored it is removed. Steps (`step_cov`) are motions of
-    RB: they stay only where nothing but the world frame or the stamps differ. MetricsError if no pose has a true pose.
+    With `world=first_pose` the first pose is aligned with the truth, or with the identity if there is no truth.
+    Covariances are propagated, but removed if poses are inverted or mirrored. Steps (`step_cov`) are motions of RB and
+    are kept only if nothing but the world frame or the stamps differ. MetricsError if no pose has a true pose.
     """
     poses = converted(estimates.trajectory, convention, T_rb_child)
     is_turned = convention.inverse or convention.inverse_motion or convention.mirrored
@@ -478,7 +485,10 @@ def aligned_estimates(estimates: Estimates, T_ds_world: Transform) -> Estimates:
 
 
 def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Transform:
-    """Return `T_ds_world` that takes the first pose that has a truth to it; without a truth, to the identity."""
+    """Return `T_ds_world`, which aligns the first pose that is not lost with its true pose.
+
+    Without a truth, `T_ds_world` aligns the first pose with the identity.
+    """
     if truth is None:
         if not len(estimates.trajectory):
             raise MetricsError("there is no pose to align the world frame at: give an estimate with poses")
@@ -486,7 +496,7 @@ def world_at_first_pose(estimates: Estimates, truth: Trajectory | None) -> Trans
     frames = associate(estimates.trajectory, truth, AssociationConfig())[0]
     known = np.flatnonzero(~estimates.lost[frames.estimate_rows])
     if not len(known):
-        raise MetricsError("no pose has a true pose to align the world frame with: check the stamps, or world=ds")
+        raise MetricsError("no pose has a true pose to align the world frame with: check the stamps, or set world=ds")
     first = int(known[0])
     true = Transform.from_quat(frames.true_position[first], frames.true_attitude[first])
     return true @ Transform.from_quat(frames.position[first], frames.attitude[first]).inverse()

@@ -1,6 +1,6 @@
-"""The limits of requirements: which figures can be limited, and the rules that a score keeps with its verdicts.
+"""The limits of requirements: the figures that can be limited, and the rules that a score stores with its verdicts.
 
-Every name of a limit states figure, statistic and unit. Limits are upper bounds, except `coverage_min`.
+The name of a limit states figure, statistic and unit. Limits are upper bounds, except `coverage_min`.
 `metrics.judging.limits_file` reads a limits file, and `metrics.judging.judge` makes the verdicts.
 """
 
@@ -22,7 +22,7 @@ from sfr_loc_map.metrics.tolerance import CONFIDENCE, THREE_SIGMA
 
 
 class LimitSection(StrEnum):
-    """Section of a limits file, named by what its limits are on."""
+    """Section of a limits file, named after the subject of its limits."""
 
     COMPLETENESS = "completeness"
     TRAJECTORY = "trajectory"
@@ -33,7 +33,7 @@ class LimitSection(StrEnum):
 
 
 class Interpretation(StrEnum):
-    """Over what the share of a requirement is taken [ECSS-E-ST-60-10C, 4.1.4.2]."""
+    """Population of the fraction of a requirement [ECSS-E-ST-60-10C, 4.1.4.2]; see `metrics.judging.proof`."""
 
     TEMPORAL = "temporal"
     ENSEMBLE = "ensemble"
@@ -41,27 +41,27 @@ class Interpretation(StrEnum):
 
 
 class Terms(NamedTuple):
-    """What a limit requires besides its bound."""
+    """Terms of a limit that is judged by a tolerance bound."""
 
-    prob: float = THREE_SIGMA  #: Share of the errors that lie within the limit.
-    confidence: float = CONFIDENCE  #: Confidence with which that must be shown.
+    prob: float = THREE_SIGMA  #: Fraction of the errors that must be within the limit.
+    confidence: float = CONFIDENCE  #: Confidence with which this fraction must be proved.
     interpretation: Interpretation = Interpretation.TEMPORAL
-    normal: bool = False  #: Whether errors are declared to be normal, which few values cannot show.
-    power: float = CONFIDENCE  #: Probability that drives with the share `good` of failures pass.
-    good: float | None = None  #: Share of failures that is acceptable; with it drives are judged by a sequential test.
+    normal: bool = False  #: Whether errors are declared to be normal, which a small sample cannot prove.
+    power: float = CONFIDENCE  #: Probability of a pass if the fraction `good` of the drives fails.
+    good: float | None = None  #: Acceptable fraction of failures; if given, a sequential test judges the drives.
 
 
 class Limited(NamedTuple):
-    """The number that a limit is on: a row of the table of figures, and a column of it."""
+    """The limited number, by row and column of the table of figures."""
 
     subject: Subject
     figure: str
     statistic: str
-    part: RowPart | None = None  #: Part of the row; None: the row that is judged (`Score.figure`).
-    is_of_worst_call: bool = False  #: Whether the row is that of the kind of call with the largest number.
+    part: RowPart | None = None  #: Part of the row; None selects the judged row (`Score.figure`).
+    is_of_worst_call: bool = False  #: Whether the row with the largest value over the kinds of calls is limited.
 
     def of_target(self) -> Limited:
-        """Return the same number of the calls that were measured on a target."""
+        """Return this number for the calls that were measured on a target."""
         return self._replace(part=(self.part or RowPart()).at(Place.TARGET))
 
     @property
@@ -73,14 +73,14 @@ class Limited(NamedTuple):
 
 
 BOUND = "bound"  #: Statistic of a limit that is judged by a tolerance bound.
-MISSING = "missing_max_share"  #: Limit on how much of a drive may be missing.
-COVERAGE_MIN = "coverage_min"  #: The one limit that is a lower bound.
+MISSING = "missing_max_share"  #: Limit on the fraction of a drive that may be missing.
+COVERAGE_MIN = "coverage_min"  #: The only limit that is a lower bound.
 MINIMUM_COUNT = 2  #: Default minimum number of values for a verdict.
 MINIMUM_INDEPENDENT = 5.0  #: Default minimum number of independent sub-trajectories for a verdict.
 
 
 def names_of(kinds: Iterable[FigureKind], statistics: Sequence[str] = STATISTICS) -> dict[str, Limited]:
-    """Return the names of limits on some figures, which end in the unit: `position_mean_plus_3sigma_m`."""
+    """Return the limited numbers of figures by the name of the limit, such as `position_mean_plus_3sigma_m`."""
     return {
         f"{kind.name}_{statistic}_{kind.unit}": Limited(kind.subject, kind.name, statistic)
         for kind in kinds
@@ -124,35 +124,35 @@ PLACES: dict[LimitSection, dict[str, Limited]] = {
 PLACES[LimitSection.TARGET] = {
     name: limited.of_target() for name, limited in (PLACES[LimitSection.TIMING] | PLACES[LimitSection.MEMORY]).items()
 }
-"""The number that each name of a limits file limits, by the sections of the file; names follow from the catalogue."""
-ON_TARGET = f"{Place.TARGET} "  #: What the name of a limit on the target begins with in a verdict.
+"""The limited number of each name of a limits file, by section. The names follow from the catalogue."""
+ON_TARGET = f"{Place.TARGET} "  #: Prefix of the name of a limit on the target in a verdict.
 OF_MAP = [kind.figure for kind in SHORTFALLS if kind.part == MAP]
 """Figures of completeness that are about the map."""
 
 
 class Limit(Record, frozen=True, kw_only=True):
-    """One limit of a requirements file."""
+    """One limit of a limits file."""
 
     section: LimitSection = msgspec.field(name="part")  #: Section of the limits file.
-    name: str  #: Name of the limit in the section, which names figure, statistic and unit.
+    name: str  #: Name of the limit in the section, which states figure, statistic and unit.
     limit: float  #: Bound in the unit of the name.
-    condition: str | None = None  #: Condition of the sub-trajectories, null outside the part `trajectory`.
-    id: str | None = None  #: Number of the requirement.
-    text: str | None = None  #: Its text.
-    certain: bool = False  #: Whether a pass requires the whole 95 % interval to be within the limit.
-    prob: float | None = None  #: Share of the errors that a tolerance bound is on; null for other limits.
-    confidence: float | None = None  #: Confidence with which that share has to be shown.
-    interpretation: Interpretation | None = None  #: Over what the share is taken.
+    condition: str | None = None  #: Condition of the sub-trajectories; null outside the section `trajectory`.
+    id: str | None = None  #: Identifier of the requirement.
+    text: str | None = None  #: Text of the requirement.
+    certain: bool = False  #: Whether a pass requires the complete 95 % interval to be within the limit.
+    prob: float | None = None  #: Fraction of the errors for a tolerance bound; null for other limits.
+    confidence: float | None = None  #: Confidence with which this fraction must be proved.
+    interpretation: Interpretation | None = None  #: Population of this fraction.
     normal: bool | None = None  #: Whether the errors are declared to be normal.
-    power: float | None = None  #: Probability with which drives with the share `good` of failures pass.
-    good: float | None = None  #: Share of failures that is acceptable; with it a sequential test judges drives.
+    power: float | None = None  #: Probability of a pass if the fraction `good` of the drives fails.
+    good: float | None = None  #: Acceptable fraction of failures; if given, a sequential test judges the drives.
 
     def __post_init__(self) -> None:
-        """Check that there is such a limit; ValueError if not."""
+        """Check that the name and the condition of the limit are valid; ValueError if not."""
         if self.name not in PLACES[self.section]:
             raise ValueError(f"'{self.name}' is not a limit of the part '{self.section}'")
         if self.condition is not None and Condition.parse(self.condition).setting != self.condition:
-            raise ValueError(f"'{self.condition}' is not spelled as in a score")
+            raise ValueError(f"'{self.condition}' is not a condition in the form of a score")
 
     @property
     def limited(self) -> Limited:
@@ -161,7 +161,7 @@ class Limit(Record, frozen=True, kw_only=True):
 
     @property
     def terms(self) -> Terms | None:
-        """What the limit on a tolerance bound requires besides; None for other limits."""
+        """The terms of a limit on a tolerance bound; None for other limits."""
         if self.prob is None or self.confidence is None or self.interpretation is None:
             return None
         power = CONFIDENCE if self.power is None else self.power
@@ -174,33 +174,33 @@ class Limit(Record, frozen=True, kw_only=True):
 
     @property
     def is_on_one_call(self) -> bool:
-        """Whether one call makes what is limited, so that no number of values is required."""
+        """Whether a single call is sufficient, so that no minimum number of values is required."""
         return self.name in ("mapping_call_s", "mapping_call_max_s")
 
     @property
     def shown_name(self) -> str:
-        """The name of the limit in a verdict: after `target ` for one of the target."""
+        """The name of the limit in a verdict, with the prefix `target ` for a limit on the target."""
         return ON_TARGET + self.name if self.section is LimitSection.TARGET else self.name
 
 
 class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
-    """All limits of a file, in its order; fewer values than the minimum are not enough for a verdict."""
+    """All limits of a file, and the numbers of values that a verdict requires."""
 
-    limits: tuple[Limit, ...] = ()  #: Limits in the order of their file.
-    minimum_count: int = MINIMUM_COUNT  #: Fewer values than this are not enough data.
-    #: Fewer independent sub-trajectories than this are not enough data.
+    limits: tuple[Limit, ...] = ()  #: Limits in the order of the file.
+    minimum_count: int = MINIMUM_COUNT  #: Minimum number of values for a verdict.
+    #: Minimum number of independent sub-trajectories for a verdict.
     minimum_independent: float = MINIMUM_INDEPENDENT
 
     @property
     def conditions(self) -> list[str]:
-        """Conditions that are limited, each once."""
+        """Limited conditions, each once."""
         return list(dict.fromkeys(item.condition for item in self.limits if item.condition is not None))
 
     @property
     def figures_with_all_errors(self) -> frozenset[tuple[str, str]]:
         """Limited figures of the trajectory and their conditions.
 
-        A score keeps all their errors, so that the limited statistics and tolerance bounds can be derived again.
+        A score contains all their errors, so that the limited statistics and tolerance bounds can be recomputed.
         """
         limits = [item for item in self.limits if item.section is LimitSection.TRAJECTORY]
         pairs = ((item.limited.figure, item.condition) for item in limits)
@@ -208,18 +208,18 @@ class Limits(Record, frozen=True, kw_only=True, omit_defaults=False):
 
     @property
     def allow_missing(self) -> bool:
-        """Whether a limit states which share of the drive may be missing."""
+        """Whether a limit states which fraction of the drive may be missing."""
         return any(item.name == MISSING for item in self.limits)
 
 
 class Rules(Limits, frozen=True, kw_only=True, omit_defaults=False):
     """The rules by which the verdicts follow from the table of figures."""
 
-    partial: bool = False  #: Whether a part of what was expected is judged as if it were the whole.
+    partial: bool = False  #: Whether an incomplete estimate is judged like a complete one.
 
     @classmethod
     def of(cls, limits: Limits | None, *, partial: bool) -> Rules | None:
-        """Return limits as a score keeps them; None where there is no limit and no part was asked for."""
+        """Return the rules of limits and of partial judging; None if there are neither limits nor partial judging."""
         if limits is None:
             return cls(partial=True) if partial else None
         return cls(
@@ -231,20 +231,20 @@ class Rules(Limits, frozen=True, kw_only=True, omit_defaults=False):
 
 
 def is_lower_bound(limit_name: str) -> bool:
-    """Return whether a limit is a lower bound: its name ends in `_min` (`coverage_min`)."""
+    """Return whether a limit is a lower bound, which has a name that ends in `_min` (`coverage_min`)."""
     return limit_name.endswith("_min")
 
 
 def is_on_target(shown_name: str) -> bool:
-    """Return whether a limit is on calls that were measured on a target, by its name in a verdict."""
+    """Return whether a limit, by its name in a verdict, is on calls that were measured on a target."""
     return shown_name.startswith(ON_TARGET)
 
 
 def margin_of(name: str, limit: float, value: float) -> float:
-    """Return the distance from a value to the limit of this name, negative where the limit is missed."""
+    """Return the margin of a value to the limit of this name, negative if the limit is missed."""
     return value - limit if is_lower_bound(name) else limit - abs(value)
 
 
 def meets(limit: Limit, value: float) -> bool:
-    """Return whether a value lies within a limit; a figure passes at its limit."""
+    """Return whether a value is within a limit; a value that equals the limit is."""
     return value >= limit.limit if limit.is_lower_bound else abs(value) <= limit.limit

@@ -1,6 +1,6 @@
-"""The convention by which an estimate from elsewhere gives its poses, and the conversion to poses of RB in DS.
+"""The convention of the poses of an estimate, and the conversion to poses of RB in DS.
 
-Each setting declares one difference. The differences are undone in this order: stamps, quaternions, unit, mirroring,
+Each setting declares one difference. The differences are corrected in this order: stamps, quaternions, unit, mirroring,
 inversion, frame of the rover (`converted`), world frame (`aligned`). Values without a difference stay bit-identical.
 """
 
@@ -20,56 +20,56 @@ from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 
 RB = "rb"  #: Frame of the rover [3.2.1].
-RB_OPTICAL = "rb_optical"  #: Origin of RB, optical axes.
+RB_OPTICAL = "rb_optical"  #: Frame with the origin of RB and optical axes.
 FRAMES = (RB, RB_OPTICAL, "sb", "left", "right", "left_optical", "right_optical")
-"""Frames of the rover: RB, RB's origin with optical axes, the stereo rig SB, the cameras with axes of SB or optical."""
-MIRROR = np.array([1.0, -1.0, 1.0])  #: Factors of a position whose y axis is reversed.
-MIRROR_QUAT = np.array([-1.0, 1.0, -1.0, 1.0])  #: Factors of the quaternion of such a pose: about x and z reversed.
+"""Frames of the rover: RB, RB with optical axes, the stereo rig SB, and the cameras with axes of SB or optical axes."""
+MIRROR = np.array([1.0, -1.0, 1.0])  #: Factors that mirror a position in the x-z plane.
+MIRROR_QUAT = np.array([-1.0, 1.0, -1.0, 1.0])  #: Factors that mirror a quaternion in the x-z plane.
 FIRST_POSE = "first_pose"  #: World frame that is aligned with the truth at the first pose.
-MAX_OFFSET_NS = 2**62  #: Largest offset of stamps, ns: sums with stamps stay within 64 bits.
+MAX_OFFSET_NS = 2**62  #: Maximum offset of stamps, ns, whose sum with a stamp fits 64 bits.
 
 
 UNITS_M = (0.0254, 0.3048, 1200.0 / 3937.0, 0.9144)
-"""Inch, foot, US survey foot and yard, m: units of positions besides the powers of ten of a metre."""
+"""Units of positions that are no powers of ten of a metre: inch, foot, US survey foot and yard, m."""
 
 
 @dataclass(frozen=True, slots=True)
 class PoseConvention:
     """Differences of an estimate from poses of RB in DS with orientations as in ROS and positions in metres."""
 
-    frame: str = param("rb", doc="Frame of the rover that the poses are of.", choices=FRAMES)
+    frame: str = param("rb", doc="Frame of the rover whose poses are given.", choices=FRAMES)
     extrinsics: tuple[float, ...] = param(
         (),
         unit="m",
-        doc="Pose in RB of another frame that the poses are of: x,y,z,qx,qy,qz,qw.",
+        doc="Pose in RB of another frame whose poses are given: x,y,z,qx,qy,qz,qw.",
         low=-100.0,
         high=100.0,
     )
     world: str = param(
         "ds",
-        doc="World frame: DS, or another that is aligned at the first pose with the truth (without truth: identity).",
+        doc="World frame: DS, or a frame that is aligned at the first pose with the truth (without truth: identity).",
         choices=("ds", FIRST_POSE),
     )
     quaternion: str = param(
         "xyzw",
-        doc="Quaternions: as in ROS, scalar first, conjugated (turning DS into RB), both, or scalar first in the "
-        "columns att_q_DsToRb of a csv.",
+        doc="Quaternions: as in ROS, scalar first, conjugated (rotation from DS to RB), conjugated and scalar first, "
+        "or scalar first in the columns att_q_DsToRb of a csv file.",
         choices=("xyzw", "wxyz", "conjugated", "conjugated_wxyz", "wxyz_ds_to_rb"),
     )
-    inverse: bool = param(False, doc="Poses are inverted: of the world in the rover's frame.")
-    inverse_motion: bool = param(False, doc="Motions since the first pose are inverted, and start there.")
-    mirrored: bool = param(False, doc="Left and right are mirrored: y points right.")
+    inverse: bool = param(False, doc="Poses are inverted: they describe the world in the frame of the rover.")
+    inverse_motion: bool = param(False, doc="Motions since the first pose are inverted; the first pose is not.")
+    mirrored: bool = param(False, doc="Left and right are mirrored: the y-axis points to the right.")
     metres_per_unit: float = param(1.0, unit="m", doc="Unit of the positions.", low=1e-6, high=1e6)
     time_offset_ns: int = param(
-        0, unit="ns", doc="What is added to the stamps.", low=-MAX_OFFSET_NS, high=MAX_OFFSET_NS
+        0, unit="ns", doc="Offset that is added to the stamps.", low=-MAX_OFFSET_NS, high=MAX_OFFSET_NS
     )
 
     def __post_init__(self) -> None:
-        """Check that the frame is declared once."""
+        """Check that either a frame or extrinsics are declared; ConfigError if not."""
         if self.extrinsics and (self.frame != RB or len(self.extrinsics) != 7):
             raise ConfigError(
-                f"convention: extrinsics are seven numbers x,y,z,qx,qy,qz,qw in place of frame=NAME: found "
-                f"{len(self.extrinsics)} and frame={self.frame}"
+                f"convention: extrinsics require seven numbers x,y,z,qx,qy,qz,qw and no frame=NAME: found "
+                f"{len(self.extrinsics)} numbers and frame={self.frame}"
             )
 
     @classmethod
@@ -80,7 +80,7 @@ class PoseConvention:
         for text in texts:
             name, separator, value = text.partition("=")
             if not separator or name in values:
-                problem = "is given twice" if separator else "must have the form NAME=VALUE, as frame=left_optical"
+                problem = "is given twice" if separator else "must have the form NAME=VALUE, such as frame=left_optical"
                 raise ConfigError(f"convention '{text}': {problem}")
             try:
                 content = value.split(",") if name == "extrinsics" else value
@@ -91,7 +91,7 @@ class PoseConvention:
 
     @property
     def settings(self) -> tuple[str, ...]:
-        """The settings that differ from the default, as `parse` takes them."""
+        """The settings that differ from the default, in the form that `parse` reads."""
         differing = changed(self)
         if self.extrinsics:
             differing = {**differing, "extrinsics": ",".join(map(repr, self.extrinsics))}
@@ -99,18 +99,18 @@ class PoseConvention:
 
     @property
     def has_fitted_unit(self) -> bool:
-        """Whether the unit of the positions is a factor that no unit of length has."""
+        """Whether the factor of the positions is no known unit of length, so that it was probably fitted."""
         exponent = np.log10(self.metres_per_unit)
         is_power_of_ten = bool(np.isclose(exponent, np.rint(exponent), rtol=0.0, atol=1e-9))
         return not is_power_of_ten and not bool(np.isclose(self.metres_per_unit, UNITS_M, rtol=1e-6, atol=0.0).any())
 
     @property
     def of_another_frame(self) -> bool:
-        """Whether the poses are not of RB."""
+        """Whether the poses are those of another frame than RB."""
         return bool(self.extrinsics) or self.frame != RB
 
     def T_rb_child(self, rig: StereoRig | None) -> Transform:
-        """Return the pose in RB of the frame whose poses are given; ConfigError if that requires an unknown rig."""
+        """Return the pose in RB of the frame whose poses are given; ConfigError if the required rig is unknown."""
         if self.extrinsics:
             return Transform.from_quat(self.extrinsics[:3], self.extrinsics[3:])
         if self.frame in (RB, RB_OPTICAL):
@@ -118,7 +118,7 @@ class PoseConvention:
         if rig is None or rig.T_rb_sb is None:
             raise ConfigError(
                 f"convention 'frame={self.frame}' needs the pose of the cameras in RB (T_rb_locsb), which the source "
-                "does not have: give a source with it, or extrinsics=x,y,z,qx,qy,qz,qw"
+                "does not have: give a source with this pose, or extrinsics=x,y,z,qx,qy,qz,qw"
             )
         side = {"left": 0.5, "right": -0.5}.get(self.frame.removesuffix("_optical"), 0.0)
         rotation = OPTICAL_IN_BODY if self.frame.endswith("_optical") else np.eye(3)
@@ -126,14 +126,14 @@ class PoseConvention:
 
 
 def converted(trajectory: Trajectory, convention: PoseConvention, T_rb_child: Transform) -> Trajectory:
-    """Return poses of RB in the world frame of the estimate, from its poses of a child of RB in its convention."""
+    """Return poses of RB in the world frame of the estimate, from poses of a child frame of RB in a convention."""
     stamps = trajectory.stamps_ns
     positions = trajectory.positions
     quats = trajectory.quats_xyzw
     if convention.time_offset_ns:
         stamps = stamps + np.int64(convention.time_offset_ns)
     order = convention.quaternion
-    if order == "wxyz_ds_to_rb":  # columns att_q_DsToRb have been conjugated by the reader, as if scalar last
+    if order == "wxyz_ds_to_rb":  # the reader has conjugated the columns att_q_DsToRb as if they were scalar last
         quats = quat_conjugate(quats)
     if "wxyz" in order:
         quats = quats[:, [1, 2, 3, 0]]

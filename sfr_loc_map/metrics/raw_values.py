@@ -123,7 +123,7 @@ def _of_judged(score: Score) -> Iterator[str]:
         absent = [score.number(name, part=kind) or 0.0 for name in names if name in OF_EXPECTED]
         if not absent:
             continue
-        # answers of an external node that are late are neither judged nor missing
+        # the answers of an external node have no lower bound
         low = 0.0 if part.what == CALLS and score.external is not None else 1.0 - sum(absent)
         if not low - EXACT <= min(row.value, 1.0) <= 1.0 - max(absent) + EXACT:
             yield f"{row.label} is {_text(row.value)}, but the missing items give {_text(1.0 - sum(absent))}"

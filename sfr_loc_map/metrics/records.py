@@ -1,4 +1,4 @@
-"""Records of a score that are not figures: how estimates were compared, the item under test, and the inputs."""
+"""Records of a score besides the figures: how estimates were compared, the item under test, and the inputs."""
 
 from __future__ import annotations
 
@@ -12,62 +12,62 @@ from sfr_loc_map.metrics.formulas import Statistics
 
 
 class Record(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
-    """Base of everything that is written as JSON: frozen structs, whose types are checked when they are read."""
+    """Base of everything that is written as JSON: frozen structs whose types are checked at reading."""
 
 
 # ---- how estimates were compared with the ground truth
 
 
 class Association(Record, frozen=True, kw_only=True, omit_defaults=False):
-    """How estimates found their ground truth, and what became of the poses."""
+    """How estimates were associated with the ground truth, and the numbers of poses."""
 
-    matched: int  #: Frames: poses of the ground truth that have an estimate.
-    estimate_poses: int  #: Estimates given.
-    truth_poses: int  #: True poses given.
-    images: int | None = None  #: Images of the drive; null where they are unknown.
-    lost: int = 0  #: Frames at which the localiser was lost; they count like any other.
-    degraded: int = 0  #: Frames whose pose was reported as degraded; they count like any other.
+    matched: int  #: Frames: estimates that have a true pose, measured or interpolated.
+    estimate_poses: int  #: Estimates in the input.
+    truth_poses: int  #: True poses in the input.
+    images: int | None = None  #: Images of the drive; null if they are unknown.
+    lost: int = 0  #: Frames at which the localiser was lost; they are scored like any other.
+    degraded: int = 0  #: Frames whose pose was reported as degraded; they are scored like any other.
     exact: int = 0  #: Frames whose stamps are equal.
     near: int = 0  #: Frames whose stamps differ within the tolerance.
     interpolated: int = 0  #: Frames with interpolated ground truth.
-    estimate_duplicates: int = 0  #: Estimates ignored because a later one has the same stamp.
-    truth_duplicates: int = 0  #: True poses ignored because a later one has the same stamp.
-    estimate_unordered: int = 0  #: Estimates that came after one with a later stamp (sorted, not ignored).
-    truth_unordered: int = 0  #: True poses that came after one with a later stamp.
+    estimate_duplicates: int = 0  #: Estimates that were ignored because a later estimate has the same stamp.
+    truth_duplicates: int = 0  #: True poses that were ignored because a later true pose has the same stamp.
+    estimate_unordered: int = 0  #: Estimates after an estimate with a later stamp (sorted, not ignored).
+    truth_unordered: int = 0  #: True poses after a true pose with a later stamp (sorted, not ignored).
     largest_difference_ns: int = 0  #: Largest difference of the two stamps of a frame.
     largest_gap_ns: int = 0  #: Largest gap of the ground truth that was interpolated.
     path_length_m: float = 0.0  #: Length of the true path over the frames.
-    duration_s: float | None = None  #: From the first to the last frame.
+    duration_s: float | None = None  #: Time from the first to the last frame.
     mode: AssociationMode = AssociationMode.MATCH  #: `match` or `interpolate`.
-    tolerance_s: float = 0.0  #: Stamps this close are the same.
+    tolerance_s: float = 0.0  #: Largest difference between stamps that are considered equal.
     max_gap_s: float = 0.0  #: Longest gap of the ground truth that is interpolated.
     spacing_frames: int = SPACING_FRAMES  #: Frames from one start of a sub-trajectory to the next [4.1.1].
-    #: How error from before N is removed [4.1.2]: `T_gt(N) inv(T_est(N)) T_est(N+x)` is compared with `T_gt(N+x)`
-    #: (pose); displacements in DS, and changes of attitude and heading since N, are compared (displacement); or the
-    #: position at N alone is subtracted (position). Where the ground truth has no attitudes, the yaw (yaw_aligned) or
-    #: the complete rotation (rotation_aligned) of the estimate is fitted over the drive, then as position.
+    #: Removal of the error from before N [4.1.2]. `pose` compares `T_gt(N) inv(T_est(N)) T_est(N+x)` with `T_gt(N+x)`.
+    #: `displacement` compares displacements in DS, and the changes of attitude and heading since N. `position` removes
+    #: only the position at N. If the ground truth has no attitudes, the yaw (`yaw_aligned`) or the complete rotation
+    #: (`rotation_aligned`) of the estimate is fitted over the drive, and then `position` is applied.
     rebase: Rebase = Rebase.POSE
-    incomplete: str | None = None  #: Why the estimate does not cover the whole drive; null if it does.
+    incomplete: str | None = None  #: Why the estimate does not cover the complete drive; null if it does.
 
 
 class TruthRecord(Record, frozen=True, kw_only=True, omit_defaults=False):
-    """What is known of the ground truth."""
+    """Properties of the ground truth."""
 
-    attitude: bool  #: Whether it has attitudes; without them attitude and heading errors are unknown.
-    height: bool = True  #: Whether its heights are known; without them position errors are horizontal alone.
-    tilt: bool = True  #: Whether its roll and pitch are known; without them attitude errors are unknown.
-    sigma_m: float | None = None  #: Standard deviation of its positions along each axis; null: taken as exact.
-    sigma_deg: float | None = None  #: Standard deviation of its attitudes about each axis; null: taken as exact.
-    path_excess: float | None = None  #: Fraction by which its noise lengthens its path, `2 (sigma / step)^2`.
-    lever_arm_m: tuple[float, ...] = ()  #: Point in RB that its positions are of; the estimate was taken there.
-    declared: tuple[str, ...] = ()  #: Settings `truth.NAME=VALUE` by which it was read and that change its poses.
-    yaw_deg: float | None = None  #: Yaw that was fitted: rotates the estimate.
-    tilt_deg: float | None = None  #: Angle by which z was tilted with it; null where only the yaw was fitted.
-    translation_m: tuple[float, ...] = ()  #: Translation that was fitted, after the rotation.
+    attitude: bool  #: Whether the attitudes are known; if not, attitude and heading errors are unknown.
+    height: bool = True  #: Whether the heights are known; if not, only horizontal position errors are judged.
+    tilt: bool = True  #: Whether roll and pitch are known; if not, attitude errors are unknown.
+    sigma_m: float | None = None  #: Standard deviation of the positions along each axis; null if assumed exact.
+    sigma_deg: float | None = None  #: Standard deviation of the attitudes about each axis; null if assumed exact.
+    path_excess: float | None = None  #: Fraction by which noise lengthens the true path, `2 (sigma / step)^2`.
+    lever_arm_m: tuple[float, ...] = ()  #: Tracked point in RB; a truth without attitudes is compared at this point.
+    declared: tuple[str, ...] = ()  #: Settings `truth.NAME=VALUE` that changed the poses of the truth.
+    yaw_deg: float | None = None  #: Fitted yaw, which rotates the estimate; null without a fit.
+    tilt_deg: float | None = None  #: Tilt of z by the fitted rotation; null if only the yaw was fitted.
+    translation_m: tuple[float, ...] = ()  #: Fitted translation after the rotation.
 
     @property
     def is_exact(self) -> bool:
-        """Whether all its components are known and taken as exact."""
+        """Whether all components are known and assumed exact."""
         is_complete = self.attitude and self.height and self.tilt
         return is_complete and self.sigma_m is None and self.sigma_deg is None
 
@@ -78,7 +78,7 @@ class Alignment(Record, frozen=True, kw_only=True):
     align: str  #: How the estimate was aligned: `none`, `origin`, `se3` or `sim3`.
     association: str  #: How poses of estimate and ground truth were paired.
     max_difference_s: float  #: Longest difference of the stamps of a pair.
-    rpe_delta: str  #: Length of a relative error: `frames=1`.
+    rpe_delta: str  #: Length of a relative error, such as `frames=1`.
     scale: float = 1.0  #: `p -> scale R p + t` was applied to the estimate.
     quat_xyzw: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)  #: Rotation R, scalar last.
     translation_m: tuple[float, ...] = (0.0, 0.0, 0.0)  #: t.
@@ -87,8 +87,8 @@ class Alignment(Record, frozen=True, kw_only=True):
 class CloudRecord(Record, frozen=True, kw_only=True):
     """How a cloud was compared with the ground truth."""
 
-    kind: CloudKind | None = None  #: Whether it is fused; null where the points' pixels are unknown.
-    #: Whether the points' pixels are unknown, so that only distances to the nearest true points are known.
+    kind: CloudKind | None = None  #: Whether the cloud is fused; null if the pixels of the points are unknown.
+    #: Whether the pixels of the points are unknown, so that only distances to the nearest true points are known.
     nearest_only: bool = False
     scored_range_m: tuple[float, float]  #: Ranges [low, high) of the ground truth that count for coverage.
 
@@ -96,162 +96,163 @@ class CloudRecord(Record, frozen=True, kw_only=True):
 class CallRecords(Record, frozen=True, kw_only=True):
     """How times and memory were measured."""
 
-    clocks: dict[str, str] = {}  #: Clock of the times by kind of call; a host time is never a time of the target.
-    memory_method: str | None = None  #: How memory was measured; null if it was not.
+    clocks: dict[str, str] = {}  #: Clock of the times by kind of call; times of the host do not apply to the target.
+    memory_method: str | None = None  #: Method of measuring memory; null if memory was not measured.
 
 
-# ---- the software under test, and what it did
+# ---- the item under test, and its faults
 
 
 class TargetRecord(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
-    """What a target reports about itself (`target.json` of the harness); unknown facts are null."""
+    """Facts that a target reports about itself (`target.json` of the harness); null if unknown."""
 
     candidate: str | None = None  #: Version of the item under test.
     board: str | None = None  #: Board.
     os: str | None = None  #: Operating system.
     clock: str | None = None  #: Clock of the times.
-    clock_resolution_s: float | None = None  #: Its resolution.
+    clock_resolution_s: float | None = None  #: Resolution of the clock.
     compiler: str | None = None  #: Compiler.
-    flags: str | None = None  #: Its flags.
+    flags: str | None = None  #: Flags of the compiler.
     byte_order: str | None = None  #: `big-endian` or `little-endian`.
     pointer_bits: int | None = None  #: Size of an address.
 
 
 class TargetRun(Record, frozen=True, kw_only=True):
-    """Where calls were measured that are not of this host [4.2.1, 4.3.1]; their rows have the part `target`."""
+    """The target on which calls were measured [4.2.1, 4.3.1]; the rows of these calls have the part `target`."""
 
     name: str  #: Name of the target.
-    about: TargetRecord | None = None  #: Facts reported by the board; null where it was not a run of the harness.
-    matched_share: float | None = None  #: Fraction of estimates that have a call; null where calls have no stamps.
-    other_run: str | None = None  #: Which run the calls are of, where it is not the estimate's.
-    memory_method: str | None = None  #: How memory was measured; null if it was not.
+    about: TargetRecord | None = None  #: Facts reported by the board; null if the run was not made by the harness.
+    matched_share: float | None = None  #: Fraction of estimates that have a call; null if the calls have no stamps.
+    other_run: str | None = None  #: Run of the calls; null if it is the run of the estimate.
+    memory_method: str | None = None  #: Method of measuring memory; null if memory was not measured.
 
 
 class MethodKind(StrEnum):
-    """How a method under test is reached."""
+    """How a method under test is called."""
 
     BUILT_IN = "built-in"  #: A part of this suite.
-    PEER = "peer"  #: Known to this suite, installed by the user in an interpreter of its own.
+    PEER = "peer"  #: Known to this suite, and installed by the user in a separate interpreter.
     PYTHON = "python"  #: A Python class.
     LIBRARY = "library"  #: A C library behind the ABI of `sfr_candidate.h`.
     EXTERNAL = "external"  #: A ROS node that was not started from this suite's code.
 
 
 class FindingKind(StrEnum):
-    """What a method did wrong in a call."""
+    """Fault of a method in a call."""
 
-    CRASHED = "crashed"  #: Its process ended.
-    HANGING = "hanging"  #: It did not return in time and was ended.
-    OUT_OF_MEMORY = "out of memory"  #: It exceeded the memory that it may have and was ended.
-    LEAKING = "leaking"  #: It keeps more memory after every call.
-    RAISED = "raised"  #: It raised an error or reported a failure.
-    NOT_FINITE = "not finite"  #: A number of its result is NaN or infinite.
-    WRONG_STAMP = "wrong stamp"  #: Its result is that of another pair.
+    CRASHED = "crashed"  #: The process of the method ended.
+    HANGING = "hanging"  #: The method did not return in time and was terminated.
+    OUT_OF_MEMORY = "out of memory"  #: The method exceeded its memory limit and was terminated.
+    LEAKING = "leaking"  #: The method holds more memory after every call.
+    RAISED = "raised"  #: The method raised an error or reported a failure.
+    NOT_FINITE = "not finite"  #: A number of the result is NaN or infinite.
+    WRONG_STAMP = "wrong stamp"  #: The result has the stamp of another pair.
     MISSING = "missing answer"  #: An external node did not answer a pair.
-    EARLY = "early answer"  #: An external node answered a pair before its last image was published.
-    LATE = "late answer"  #: An external node answered after its time to answer.
-    DOUBLED = "doubled answer"  #: An external node answered a pair again.
-    MISSTATED = "misstated"  #: What it states of its time or memory contradicts what was measured from outside.
-    OTHER_FRAME = "another frame"  #: An answer of an external node names other frames.
-    INVALID_RESULT = "invalid result"  #: Its result has another type, size or meaning than agreed.
+    EARLY = "early answer"  #: An external node answered a pair before the last image of the pair was published.
+    LATE = "late answer"  #: An external node answered after the time to answer.
+    DOUBLED = "doubled answer"  #: An external node answered a pair more than once.
+    MISSTATED = "misstated"  #: The reported time or memory contradicts the measurement from outside.
+    OTHER_FRAME = "another frame"  #: An answer of an external node has other frame ids than required.
+    INVALID_RESULT = "invalid result"  #: The result has another type, size or meaning than specified.
 
     @property
     def fails(self) -> bool:
-        """Whether no score with it can be a pass; pairs without an answer make an estimate incomplete."""
+        """Whether the finding prevents a pass; pairs without an answer make an estimate incomplete."""
         return self not in (FindingKind.MISSING, FindingKind.LATE, FindingKind.DOUBLED, FindingKind.OTHER_FRAME)
 
 
 class MethodRecord(Record, frozen=True, kw_only=True):
     """The software that made the estimate or the cloud."""
 
-    name: str  #: Its name.
-    version: str | None  #: As the method reports it; null where it does not.
-    kind: MethodKind  #: How it is reached.
-    sha256: str | None = None  #: Hash of the file that it was loaded from; null where it is not one file.
-    #: Hash of the text of its configuration, of our method that of the settings that are not the defaults; null without
-    #: one, or where unknown.
+    name: str  #: Name of the method.
+    version: str | None  #: Version that the method reports; null if it reports none.
+    kind: MethodKind  #: How the method is called.
+    sha256: str | None = None  #: Hash of the file that the method was loaded from; null if it is not a single file.
+    #: Hash of the text of the configuration, for the built-in method of the settings that differ from the defaults;
+    #: null without a configuration, or if it is unknown.
     config_sha256: str | None = None
-    isolation: str | None = None  #: What its process was kept from; null where that is unknown, or not needed.
+    isolation: str | None = None  #: Isolation of the process of the method; null if unknown or not required.
 
 
 class FindingRecord(Record, frozen=True, kw_only=True):
     """Calls of a method with one kind of fault."""
 
-    kind: FindingKind  #: What it did wrong.
-    count: int  #: Number of calls.
-    first_stamp_ns: int | None  #: Stamp of the first of them.
-    text: str  #: What is known of the first, in one line.
+    kind: FindingKind  #: Kind of fault.
+    count: int  #: Number of calls with the fault.
+    first_stamp_ns: int | None  #: Stamp of the first of these calls.
+    text: str  #: Description of the fault of the first call, in one line.
 
     def __str__(self) -> str:
-        """Say it in one line."""
+        """Return the finding as one line."""
         calls = "1 call" if self.count == 1 else f"{self.count} calls, the first"
         place = "" if self.first_stamp_ns is None else f" at stamp {self.first_stamp_ns}"
         return f"{self.kind}: {calls}{place}: {self.text}"
 
 
 class AnswerCounts(Record, frozen=True, kw_only=True, omit_defaults=False):
-    """What became of the pairs that were published to an external node, and of what it published."""
+    """Numbers of the pairs that were published to an external node, and of its answers by category."""
 
-    pairs: int = 0  #: Pairs published to it.
-    answered: int = 0  #: Pairs with a usable answer of their stamp within the time to answer.
-    missing: int = 0  #: Pairs without such an answer.
-    early: int = 0  #: Answers that came before the last image of their pair.
-    late: int = 0  #: Answers ignored because they came after their time to answer.
-    doubled: int = 0  #: Answers of a stamp that had been answered.
-    other_stamp: int = 0  #: Answers whose stamp is that of no pair; poses among them count by interpolation.
-    other_frame: int = 0  #: Answers ignored because they name other frames.
-    not_usable: int = 0  #: Answers ignored because they are invalid: not finite, no unit quaternion, no x, y, z.
+    pairs: int = 0  #: Pairs that were published to the node.
+    answered: int = 0  #: Pairs with a usable answer of the same stamp within the time to answer.
+    missing: int = 0  #: Pairs without a usable answer within the time to answer.
+    early: int = 0  #: Answers before the last image of their pair was published.
+    late: int = 0  #: Answers that were ignored because they came after the time to answer.
+    doubled: int = 0  #: Answers with a stamp that had been answered before.
+    other_stamp: int = 0  #: Answers whose stamp is not that of a pair; poses are scored with an interpolated truth.
+    other_frame: int = 0  #: Answers that were ignored because they have other frame ids.
+    not_usable: int = 0  #: Answers that were ignored as invalid: not finite, no unit quaternion, or no x, y, z.
 
 
 class ProcessUsage(Record, frozen=True, kw_only=True):
-    """What the processes of a method took, seen from outside."""
+    """Resources of the processes of a method, measured from outside."""
 
-    cpu_s: float  #: Processor time of all of them, user and system, s.
-    #: That of it between the calls, and beyond what all threads could do within them; null for an external node.
+    cpu_s: float  #: CPU time of all processes, user and system, s.
+    #: CPU time between the calls, and in excess of what the threads can use within the calls, s; null for an external
+    #: node.
     cpu_outside_s: float | None = None
-    peak_rss_bytes: int  #: Largest sum of their resident memory.
-    processes: int  #: Largest number of them.
-    threads: int | None = None  #: Largest number of their threads; null for an external node.
-    method: str  #: How it was measured.
+    peak_rss_bytes: int  #: Peak of the sum of the resident memory of the processes.
+    processes: int  #: Largest number of processes.
+    threads: int | None = None  #: Largest number of threads of the processes; null for an external node.
+    method: str  #: Method of measurement.
 
 
 class ExternalScore(Record, frozen=True, kw_only=True):
     """How an external node behaved."""
 
     task: str  #: `localisation` or `mapping`.
-    topic: str  #: What it published on.
-    frames: str  #: Frames that its answers name: `parent` or `parent -> child`.
-    answers: AnswerCounts  #: What became of pairs and answers.
-    latency_s: Statistics | None  #: From publishing the last image of a pair to its answer: not a time per call.
-    process: ProcessUsage | None = None  #: CPU and memory of its processes, null where they were not watched.
-    ended: str = ""  #: How its process ended during the run; empty where it ran on, or was not started here.
+    topic: str  #: Topic of its answers.
+    frames: str  #: Frame ids of its answers: `parent` or `parent -> child`.
+    answers: AnswerCounts  #: Numbers of pairs and answers.
+    latency_s: Statistics | None  #: Latency from publishing the last image of a pair to the answer; not a call time.
+    process: ProcessUsage | None = None  #: CPU and memory of its processes; null if they were not measured.
+    ended: str = ""  #: How its process ended during the run; empty if it did not end, or was not started by the suite.
 
 
 class ConventionRecord(Record, frozen=True, kw_only=True):
     """How the poses were converted before they were scored."""
 
-    declared: tuple[str, ...] = ()  #: Settings that the user gave, `NAME=VALUE`.
-    diagnosed: str | None = None  #: Setting that the diagnosis found and the user had applied; null without.
-    fitted: bool = False  #: Whether numbers of it were fitted to the ground truth, which flatters the figures.
-    sentence: str | None = None  #: What the diagnosis reports as wrong; null without.
+    declared: tuple[str, ...] = ()  #: Settings of the user, `NAME=VALUE`.
+    diagnosed: str | None = None  #: Setting of the applied diagnosis; null if no diagnosis was applied.
+    fitted: bool = False  #: Whether numbers of this setting were fitted to the ground truth, which reduces the errors.
+    sentence: str | None = None  #: Fault that the diagnosis reports; null without a diagnosis.
 
 
 class InputFile(Record, frozen=True, kw_only=True):
     """An input of the score."""
 
-    path: str  #: As given.
+    path: str  #: Path as given by the user.
     sha256: str  #: Hash of the content.
-    data_sha256: str | None = None  #: Of a ground truth the hash of its values, whatever file they were read from.
-    read_from: str | None = None  #: Of a ground truth the topic, frame or file that it was read from, where known.
+    data_sha256: str | None = None  #: For a ground truth: hash of the values, independent of the file.
+    read_from: str | None = None  #: For a ground truth: topic, frame or file of the poses; null if unknown.
 
 
 class Provenance(Record, frozen=True, kw_only=True):
-    """What the score was made of."""
+    """Inputs, software and host with which the score was made."""
 
-    version: str  #: Of this suite.
-    commit: str | None = None  #: Commit that it was installed from, null where that is unknown.
-    command: str | None = None  #: Command that makes the figures again, null where none was given.
+    version: str  #: Version of this suite.
+    commit: str | None = None  #: Commit that the suite was installed from; null if unknown.
+    command: str | None = None  #: Command that reproduces the figures; null if unknown.
     inputs: dict[str, InputFile] = {}  #: Files by role.
-    configuration: dict[str, Any] = {}  #: Settings in force.
+    configuration: dict[str, Any] = {}  #: Active settings.
     host: dict[str, str] = {}  #: Machine, system and Python.
-    time: str | None = None  #: When it was made, ISO 8601.
+    time: str | None = None  #: Time of the score, ISO 8601.

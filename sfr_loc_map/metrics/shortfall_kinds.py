@@ -1,6 +1,6 @@
-"""The shortfalls of what was expected, one line each: of which part, how much of it leaves the part complete, in words.
+"""The table of shortfalls: figure of completeness, part of the score, largest complete value, and text.
 
-Limits on completeness and the verdicts on incomplete parts follow from this table; figures are those of the catalogue.
+Limits on completeness and the verdicts on incomplete parts follow from this table.
 """
 
 from __future__ import annotations
@@ -11,25 +11,25 @@ from sfr_loc_map.metrics.catalogue import CALLS, DRIVE, ERRORS_BEYOND, LIVE, MAP
 
 
 class ShortfallKind(NamedTuple):
-    """A figure of completeness that counts what could not be judged, or what came in another way than expected."""
+    """A figure of completeness that counts missing, unjudged or unexpected data."""
 
-    figure: str  #: In the catalogue.
-    part: str  #: What it is about: `drive`, `map`, `calls` or `live`.
-    #: Largest value with which the part is complete, unless a limit on the figure is given; None: any value.
+    figure: str  #: Name in the catalogue.
+    part: str  #: Part of the score: `drive`, `map`, `calls` or `live`.
+    #: Largest value for which the part is complete, unless a limit on the figure is given; None for any value.
     most: float | None = None
-    text: str = ""  #: Why the part is incomplete, with `percent`, `value` and `part` of the calls.
+    text: str = ""  #: Why the part is incomplete; `percent`, `value` and `part` (of the calls) are inserted.
 
 
-BEYOND_MOST = 0.02  #: Fraction of the frames that may be wrong between the judged ones, as a short loss is.
-STANDING_MOST = 0.5  #: Fraction of the sub-trajectories in which the rover may stand.
+BEYOND_MOST = 0.02  #: Largest fraction of frames with far larger errors between judged frames, such as a short loss.
+STANDING_MOST = 0.5  #: Largest fraction of the sub-trajectories in which the rover is stationary.
 SHORTFALLS = (
-    ShortfallKind("missing", DRIVE, 0.0),  # in the words of `incomplete.missing_text`
+    ShortfallKind("missing", DRIVE, 0.0),  # text by `incomplete.missing_text`
     ShortfallKind(
         "images_without_truth",
         DRIVE,
         0.0,
-        "{percent} % of the images or true poses have no ground truth, or none at the stamp of their estimate "
-        "(sfr score --frames images interpolates the truth)",
+        "{percent} % of the images or true poses have no ground truth, or no true pose at the stamp of their estimate "
+        "(option frames=images interpolates the truth)",
     ),
     ShortfallKind("lost", DRIVE),
     ShortfallKind("degraded", DRIVE),
@@ -40,36 +40,36 @@ SHORTFALLS = (
         "poses_repeated",
         DRIVE,
         0.0,
-        "{percent} % of the poses repeat the pose before although the rover moves, and are not reported as lost or "
+        "{percent} % of the poses repeat the previous pose although the rover moves, and are not reported as lost or "
         "degraded",
     ),
-    # an estimate that starts at the true pose is near it for a while
+    # not 0, because an estimate that starts at the true pose is near the truth for some steps
     ShortfallKind(
         "poses_of_truth",
         DRIVE,
         0.1,
-        "{percent} % of the steps are those of the ground truth, more exactly than any measurement: give the estimate "
-        "of the item under test",
+        "{percent} % of the steps are those of the ground truth, closer than any measurement: give the estimate of the "
+        "item under test",
     ),
     ShortfallKind(
         "errors_of_truth",
         DRIVE,
         0.1,
-        "{percent} % of the judged motions from a start to an end are those of the ground truth, more exactly than any "
+        "{percent} % of the judged motions from a start to an end are those of the ground truth, closer than any "
         "measurement: give the estimate of the item under test",
     ),
-    # in the words of `incomplete.beyond_text`, for each limit that the errors of the other frames miss
+    # text by `incomplete.beyond_text`, for each limit that the errors at the other frames miss
     ShortfallKind(ERRORS_BEYOND, DRIVE, BEYOND_MOST),
-    # in the words of `incomplete.standing_text`, for each limit that the errors of the moving rover miss
+    # text by `incomplete.standing_text`, for each limit that the errors of the moving rover miss
     ShortfallKind(STANDING, DRIVE, STANDING_MOST),
     ShortfallKind("pairs_without_cloud", MAP, 0.0, "{percent} % of the mapping pairs have no point in the cloud"),
-    # a few points at the edges of the sky have no truth
-    ShortfallKind(
-        "points_without_truth", MAP, 0.01, "{percent} % of the map points are where there is no ground truth"
-    ),
+    # not 0, because points at the edge of the sky may have no truth
+    ShortfallKind("points_without_truth", MAP, 0.01, "{percent} % of the map points have no ground truth"),
     ShortfallKind("points_not_finite", MAP, 0.0, "{percent} % of the map points are not finite"),
-    ShortfallKind("points_repeated", MAP, 0.0, "{percent} % of the map points are at a pixel that another point has"),
-    # no matcher gives every pixel a point
+    ShortfallKind(
+        "points_repeated", MAP, 0.0, "{percent} % of the map points have the pixel or position of another point"
+    ),
+    # not 0, because no matcher returns a point for every pixel
     ShortfallKind(
         "pixels_without_point",
         MAP,
@@ -78,7 +78,7 @@ SHORTFALLS = (
     ),
     ShortfallKind("calls_missing", CALLS, 0.0, "{percent} % of the pairs have no measured {part} call"),
     ShortfallKind(
-        "calls_other", CALLS, 0.0, "{percent} % of the {part} calls are of stamps that the source does not have"
+        "calls_other", CALLS, 0.0, "{percent} % of the {part} calls have stamps that the source does not have"
     ),
     ShortfallKind("calls_doubled", CALLS, 0.0, "{percent} % of the {part} calls repeat a stamp"),
     ShortfallKind("dropped", LIVE, 0.0, "{percent} % of the messages of the live run were dropped"),

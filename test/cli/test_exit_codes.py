@@ -50,8 +50,8 @@ def limits_file(path: Path, text: str) -> Path:
         ("time=60", "condition time=60: the drive lasts 24.0 s"),
         ("frames=100", "condition frames=100: the drive has 25 frames"),
         ("distance=50,time=60", "condition distance=50,time=60: the drive is 12.0 m long and lasts 24.0 s"),
-        ("displacement=12", "condition displacement=12: the drive never gets so far in a straight line"),
-        ("turn=170", "condition turn=170: the drive never turns so far"),
+        ("displacement=12", "condition displacement=12: the drive never reaches this straight-line distance"),
+        ("turn=170", "condition turn=170: the drive never turns by this angle"),
     ],
 )
 def test_a_condition_that_the_drive_never_meets_is_not_judged(

@@ -60,7 +60,7 @@ def test_a_mirrored_path_is_aligned_by_a_rotation_and_a_straight_one_not_at_all(
 
 def test_nothing_in_common_and_wrong_lengths() -> None:
     late = Trajectory(TENTHS.stamps_ns + 10**12, TENTHS.positions, TENTHS.quats_xyzw)
-    with pytest.raises(MetricsError, match="give another --max-difference"):
+    with pytest.raises(MetricsError, match="increase the option max_difference"):
         aligned_errors(late, TENTHS, AlignedErrorConfig())
     for delta in ("time=3", "turn=5", "displacement=1", "frames=1,distance=1"):
         with pytest.raises(MetricsError, match="is not defined: give frames=NUMBER or distance=METRES"):

@@ -148,7 +148,7 @@ def test_without_calls_a_limit_on_them_is_incomplete(
     score = tmp_path / "s.json"
     done = sfr("score", *files, "--limits", limits(tmp_path, content), "--json", score)
     assert (done.code, json.loads(score.read_text())["verdict"]) == (3, "incomplete")
-    assert "give the calls of the run (--stats)" in done.out
+    assert "give the calls of the run (option stats)" in done.out
 
 
 FAILING = """

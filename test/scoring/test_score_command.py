@@ -56,7 +56,7 @@ def test_the_readings_differ_under_drift_and_the_result_says_which_verdict_they_
     assert attitude["pose"] == pytest.approx(attitude["displacement"], abs=1e-6)
     assert attitude["position"] > 8.0
     assert score["verdicts"][0]["by_reading"] == {"pose": "pass", "displacement": "fail", "position": "fail"}
-    assert "decides 2 of 2 verdicts" in result.err
+    assert "2 of 2 verdicts depend on the reading" in result.err
     for reading, code in (("pose", 0), ("displacement", 1), ("position", 1)):
         result, score = judge("--rebase", reading, limits=OVER_5_M + "0.3\n", estimate=drifting)
         assert (result.code, score["association"]["rebase"]) == (code, reading)
@@ -166,6 +166,6 @@ def test_images_that_are_not_expected_any_more_change_the_provenance(tmp_path: P
         found.append(Score.load(tmp_path / f"{number}.json"))
     inputs = [score.provenance.inputs for score in found if score.provenance is not None]
     assert [len({item[role].sha256 for item in inputs}) for role in ("truth", "images")] == [1, 3]
-    assert difference_of(found) == "the scores are of several sets of images, which a suite judges together"
+    assert difference_of(found) == "the scores are of several sets of images, which only a suite judges together"
     sfr("report", tmp_path / "0.json", "--test-report", page)
     assert inputs[0]["images"].sha256 in page.read_text()

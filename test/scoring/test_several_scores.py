@@ -46,7 +46,7 @@ def test_scores_of_several_runs_have_no_pass_in_common(tmp_path: Path, sfr: Sfr)
     mixed = {
         "2 items under test": scored("item", version="2"),
         "several versions": tmp_path / "version.json",
-        "not every score says what it was made of": tmp_path / "unknown.json",
+        "not every score states its inputs and version": tmp_path / "unknown.json",
         "several configurations (trajectory.spacing)": scored("spacing", "--spacing", "5"),
         "several ground truths": scored("source", truth=moved),
     }

@@ -28,7 +28,7 @@ def test_a_pass_that_is_not_certain_is_none_where_certainty_is_needed(judge: Jud
     ):
         result, score = judge(limits=f"{OVER_5_M}{value * factor}\n  certain: {certain}\n")
         assert (result.code, score["verdicts"][0]["verdict"]) == (code, verdict)
-        assert ("'certain' needs its 95 % interval within the limit" in result.err) == (code == 3)
+        assert ("'certain' requires its 95 % interval within the limit" in result.err) == (code == 3)
     calls = judge.calls(judge.estimate.stamps_ns)
     result, _ = judge("--stats", calls, limits="timing:\n  localisation_max_s: {limit: 1, certain: true}\n")
     assert result.code == 3
@@ -108,14 +108,14 @@ def test_an_exit_code_is_the_verdict_and_a_limit_the_number_that_is_written(judg
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (OVER_5_M + "1\n  id: true\n", "'id' of 'position_mean_plus_3sigma_m' is True: a text, in quotes, is required"),
-        (OVER_5_M + "1\n  id: 4.10\n", "is 4.1: a text, in quotes, is required"),
+        (OVER_5_M + "1\n  id: true\n", "'id' of 'position_mean_plus_3sigma_m' is True: a text in quotes is required"),
+        (OVER_5_M + "1\n  id: 4.10\n", "is 4.1: a text in quotes is required"),
         (OVER_5_M + "1\n  certain: 'yes'\n", "'certain' of 'position_mean_plus_3sigma_m' is 'yes': true or false"),
         (OVER_5_M + "{limit: 1, margin: 2}\n", "unknown key 'margin'"),
         (OVER_5_M + "{id: A}\n", "is None: a number >= 0 is required"),
         ("map:\n  missing_max_share: 0.6\n", "unknown key 'missing_max_share'"),
         ("completeness:\n  missing_max_shre: 0.6\n", "did you mean 'missing_max_share'"),
-        ("completeness:\n  missing_max_share: 60\n", "a share from 0 to 1 is required"),
+        ("completeness:\n  missing_max_share: 60\n", "a fraction from 0 to 1 is required"),
         ("completeness:\n  - 5\n", "a mapping of names to limits is required, found int"),
         ("completeness:\n  id: A\n", "id 'A' has no limit"),
         (OVER_5_M + "1\nmap:\n  id: R3\n  text: The map is dense.\n", "id 'R3', text 'The map is dense.' has no limit"),

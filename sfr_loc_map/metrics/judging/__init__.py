@@ -1,11 +1,11 @@
-"""From a score and a limits file to verdicts, in the order in which the modules are used.
+"""Verdicts from a score and a limits file. This text names the modules in the order of their use.
 
 `limits_file` reads the limits (`metrics.limits`). `limited_figure` finds the number of a limit in the score, and
-`limit_scope` states which part of the run the limit needs. `proof` proves limits with a share and a confidence, by
-tolerance bounds (`metrics.tolerance`) or a `sequential` test. `incomplete` finds what was expected and cannot be
+`limit_scope` states which part of the run the limit requires. `proof` proves limits with a fraction and a confidence,
+by tolerance bounds (`metrics.tolerance`) or a `sequential` test. `incomplete` finds expected data that cannot be
 judged. `judge` makes the verdicts of one score, and `several_scores` the common verdict. `reasons` states why a verdict
-is open. `limits_template` writes a limits file to start from.
+is undecided. `limits_template` writes a template of a limits file.
 
-The modules here import `metrics`. Of `metrics`, only `stored` imports modules from here: the check of a score that was
-read derives the verdicts again.
+The modules of this package import `metrics`. In `metrics` only `stored` imports this package, because the check of a
+stored score derives the verdicts again.
 """

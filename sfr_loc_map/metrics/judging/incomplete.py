@@ -1,4 +1,4 @@
-"""What of a score cannot be judged, though it was expected: the shortfalls of its parts."""
+"""The shortfalls of a score: expected data that are missing or cannot be judged, by part of the score."""
 
 from __future__ import annotations
 
@@ -33,29 +33,29 @@ from sfr_loc_map.metrics.shortfall_kinds import BEYOND_MOST, SHORTFALLS, STANDIN
 from sfr_loc_map.metrics.table import Figure
 from sfr_loc_map.metrics.verdict import Verdict
 
-NOT_DUE = "nothing of the {part} is due yet"
-UNKNOWN = "what was expected of the {part} is unknown: score against the source"
-NO_CALL = "no {part} call was measured: give the calls of the run (--stats)"
+NOT_DUE = "no result of the {part} is due yet"
+UNKNOWN = "the expected items of the {part} are unknown: score against the source"
+NO_CALL = "no {part} call was measured: give the calls of the run (option stats)"
 NO_STAMP = "the {part} calls have no stamps, so that their pairs are unknown"
-NO_STATE = "which poses are {figure} is unknown: give the calls of the run (--stats)"
+NO_STATE = "it is unknown which poses are {figure}: give the calls of the run (option stats)"
 NO_PIXEL = "no mapping pair has a true pixel in the scored range, so that no point was required"
-OF_STATES = ("lost", "degraded")  #: Figures that need the state of each pose.
+OF_STATES = ("lost", "degraded")  #: Figures that require the state of each pose.
 NEVER_PARTIAL = ("calls_other", "calls_doubled", "doubled", "poses_of_truth", "errors_of_truth")
-"""Figures that are no matter of a part: what is given is of something else, or twice."""
+"""Figures that partial judging does not accept, because their data are wrong and not only missing."""
 OF_BOUNDS = ("p50", "p95", "p99")
 """Quantiles that a tolerance bound is compared with, in ascending order; the fraction of a bound is at least 50 %."""
-STATES = RowPart("states")  #: Part of what is unknown of the states of poses.
+STATES = RowPart("states")  #: Part of the shortfalls for unknown states of poses.
 
 
 class Shortfall(NamedTuple):
-    """What of a part cannot be judged, though it was expected."""
+    """Expected data of a part that are missing or cannot be judged."""
 
-    part: RowPart  #: That of the row `judged`: `drive`, `map`, `calls localisation`, ...
-    figure: str  #: Figure that is beyond its largest fraction; `judged` where what was expected is unknown.
-    most: float  #: That fraction.
+    part: RowPart  #: Part of the row `judged`: `drive`, `map`, `calls localisation`, ...
+    figure: str  #: Figure that exceeds its largest complete value; `judged` if the expected items are unknown.
+    most: float  #: Largest complete value of the figure.
     value: float | None
     text: str
-    row: int | None = None  #: Place of the figure in the table.
+    row: int | None = None  #: Index of the row of the figure in the table.
 
     @property
     def verdict(self) -> Verdict:
@@ -79,7 +79,7 @@ class Shortfall(NamedTuple):
 
 
 def shortfalls(score: Score) -> list[Shortfall]:
-    """Return what of the judged parts of a score is not complete; empty where a part was asked for."""
+    """Return the shortfalls of the parts of a score that limits judge, without those that the rules allow."""
     limits = limits_of(score)
     if limits is None:
         return []
@@ -89,7 +89,7 @@ def shortfalls(score: Score) -> list[Shortfall]:
     if any(limit.name == COVERAGE_MIN for limit in limits.limits):
         allowed.add("pixels_without_point")
     if "unmatched" in allowed and score.association is not None and not score.association.images:
-        allowed.add("images_without_truth")  # of unknown images, these are the estimates that have no truth
+        allowed.add("images_without_truth")  # if the images are unknown, these are the estimates without truth
     if "poses_of_truth" in allowed:
         allowed.add("errors_of_truth")
     for part in judged_parts(limits, score):
@@ -135,10 +135,10 @@ def _shortfalls_of(score: Score, part: RowPart, allowed: Collection[str]) -> Ite
 
 
 def _beyond_the_judged(score: Score, limits: Limits) -> Iterator[Shortfall]:
-    """Yield the limits that the judged errors meet, and the errors of the other frames miss.
+    """Yield a shortfall for each limit that the errors at the other frames miss.
 
-    A figure that differs by the choice of the starts alone is no shortfall: many errors have to be far beyond the
-    largest judged one.
+    A fraction above `BEYOND_MOST` of the frames must also have an error far above the largest judged error, because
+    the figure always depends somewhat on the choice of the starts.
     """
     for limit in limits.limits:
         if limit.section is not LimitSection.TRAJECTORY:
@@ -155,10 +155,10 @@ def _beyond_the_judged(score: Score, limits: Limits) -> Iterator[Shortfall]:
 
 
 def _met_by_standing(score: Score, limits: Limits) -> Iterator[Shortfall]:
-    """Yield the limits that the errors meet because the rover stands in most sub-trajectories.
+    """Yield a shortfall for each limit that is met because the rover is stationary in most sub-trajectories.
 
-    The errors of the others miss the limit, or are too few for a verdict. A drive that stands from its begin to its end
-    is a test of its own.
+    The errors of the other sub-trajectories miss the limit, or are too few for a verdict. A drive in which the rover is
+    stationary throughout is judged like any other.
     """
     for limit in limits.limits:
         figure, condition = limit.limited.figure, limit.condition
@@ -173,20 +173,20 @@ def _met_by_standing(score: Score, limits: Limits) -> Iterator[Shortfall]:
 
 
 def standing_text(limit: Limit, share: Figure, moving: Figure, value: float | None) -> str:
-    """Return in which fraction of the sub-trajectories the rover stands, and what the others are."""
+    """Return the text of the fraction of sub-trajectories with a stationary rover, and of the errors of the others."""
     figure, over = limit.limited.figure, label_of(limit.condition or "")
     number = "unknown" if value is None else f"{value:.4g} {KINDS[figure].unit}"
     return (
-        f"in {100.0 * (share.value or 0.0):.4g} % of the sub-trajectories over {over} the rover stands; of the others "
-        f"{moving.independent or 0.0:.3g} are independent, and {statistic_title(statistic_of(limit))} of their "
+        f"the rover is stationary in {100.0 * (share.value or 0.0):.4g} % of the sub-trajectories over {over}; of the "
+        f"others {moving.independent or 0.0:.3g} are independent, and {statistic_title(statistic_of(limit))} of their "
         f"{title_of(figure)} is {number}"
     )
 
 
 def statistic_of(limit: Limit) -> str:
-    """Return the statistic that a limit is on; of a tolerance bound the largest quantile within its fraction.
+    """Return the limited statistic; for a tolerance bound the largest quantile that does not exceed its fraction.
 
-    The quantiles of a bound are fixed, so that a quantile that is added to the table of figures changes no verdict.
+    The quantiles are fixed in `OF_BOUNDS`, so that a new quantile in the table of figures does not change verdicts.
     """
     if limit.prob is None:
         return limit.limited.statistic
@@ -195,19 +195,20 @@ def statistic_of(limit: Limit) -> str:
 
 
 def beyond_text(score: Score, limit: Limit, share: float, value: float) -> str:
-    """Return which fraction of the frames no judged error contains although their errors miss a limit."""
+    """Return the text of the fraction of frames with far larger errors than the judged ones, and of these errors."""
     limited = limit.limited
     spacing = 1 if score.association is None else score.association.spacing_frames
     unit = KINDS[limited.figure].unit
     return (
         f"{100.0 * share:.4g} % of the frames are in no judged error, because starts are {spacing} frames apart, and "
-        f"far beyond the judged errors: {statistic_title(statistic_of(limit))} of the {title_of(limited.figure)} over "
-        f"{label_of(limit.condition or '')} is {value:.4g} {unit} for the frames that are in none"
+        f"have errors far above the judged errors: {statistic_title(statistic_of(limit))} of the "
+        f"{title_of(limited.figure)} over {label_of(limit.condition or '')} is {value:.4g} {unit} for the frames "
+        f"without a judged error"
     )
 
 
 def why_unknown(part: RowPart, row: Figure | None) -> str:
-    """Return why it is unknown what of a part is judged."""
+    """Return why the judged fraction of a part is unknown."""
     if row is None and part.call is not None:
         return NO_CALL.format(part=part.of_calls.text)
     if row is not None and part.place is Place.TARGET:
@@ -217,7 +218,7 @@ def why_unknown(part: RowPart, row: Figure | None) -> str:
 
 
 def missing_text(score: Score) -> str:
-    """Return how much of a drive has no estimate."""
+    """Return the text of the fraction of a drive that has an estimate, and of the longest gap."""
     drive, value = score.association, score.number("missing", part=None) or 0.0
     what = "images" if drive is None or drive.images else "true poses"
     if value == 1.0 and drive is None:
@@ -228,7 +229,7 @@ def missing_text(score: Score) -> str:
 
 
 def why_incomplete(score: Score, short: Sequence[Shortfall]) -> str | None:
-    """Return what of the expected data cannot be judged; without limits only what is plainly absent."""
+    """Return why a score is incomplete, None if it is complete; without limits only evident gaps count."""
     rules = score.rules
     texts = [item.text for item in short]
     if rules is None or not (rules.limits or rules.partial):
@@ -239,18 +240,18 @@ def why_incomplete(score: Score, short: Sequence[Shortfall]) -> str | None:
 
 
 def why_not_whole(score: Score) -> str | None:
-    """Return what of a complete drive and map is absent, whatever is asked for; None if nothing is."""
+    """Return the evident gaps of a drive and a map, independently of the rules; None if there are none."""
     return "; ".join(dict.fromkeys((*plainly_absent(score), *unanswered(score)))) or None
 
 
 def is_lifted_by_partial(score: Score) -> bool:
-    """Return whether `--partial` judges what an incomplete score has."""
+    """Return whether partial judging (`--partial`) accepts an incomplete score."""
     partial = struct_replace(score, rules=Rules.of(limits_of(score), partial=True))
     return why_incomplete(partial, shortfalls(partial)) is None
 
 
 def plainly_absent(score: Score) -> Iterator[str]:
-    """Yield what is absent of a drive and a map that no limits judge."""
+    """Yield the evident gaps of a drive and a map without limits."""
     drive, row = score.association, score.figure("judged", part=MAP)
     if drive is not None and drive.incomplete:
         yield drive.incomplete
@@ -258,11 +259,11 @@ def plainly_absent(score: Score) -> Iterator[str]:
         yield missing_text(score)
     bare = score.number("pairs_without_cloud", part="count")
     if row is not None and row.n and bare and row.n > (score.number("pairs") or 0.0):
-        yield f"the map holds {row.n - bare:.0f} of {row.n} pairs"
+        yield f"the map contains {row.n - bare:.0f} of {row.n} pairs"
 
 
 def unanswered(score: Score) -> Iterator[str]:
-    """Yield how many pairs an external localiser did not answer."""
+    """Yield the number of pairs that an external localiser did not answer."""
     node = score.external
     if node is not None and node.task == CallKind.LOCALISATION and node.answers.missing:
         yield f"{node.answers.missing} of {node.answers.pairs} pairs have no answer"

@@ -49,8 +49,8 @@ def judged_at_the_end(score: Score, missing: str) -> Score:
     """Return the last preliminary score of a live run that ended with missing results, for display.
 
     The last report of a live run was made while results could still arrive. Results that never arrived make the score
-    incomplete, and each pass of a limit that requires the complete drive. Exceptions are `--partial`, and a limit on
-    the missing fraction.
+    incomplete, and a pass of a limit that requires the complete drive becomes `incomplete`. The score is returned
+    unchanged with `--partial`, or if a limit states how much may be missing.
 
     The figures are unchanged and do not contain the missing results. The check of stored scores would therefore refuse
     this score. Only the state of a live run contains it.
@@ -92,7 +92,7 @@ def verdicts_on_limits(
 ) -> Iterator[Verdict]:
     """Yield the verdict on each limit of a score: pass, fail, incomplete, not enough data or not judged.
 
-    A figure passes if it equals its limit. A pass requires that the part of the score that the figure describes is
+    A figure that equals its limit passes. A pass requires that the part of the score that the figure describes is
     complete. A signed mean (heading) is compared by its absolute value. If estimate and truth contradict each other,
     all verdicts on limits are `not judged`. `certain` states whether the 95 % interval is on one side of the limit, and
     is None without an interval. The rows of the proofs are the last rows of the score, in the order of the proofs.

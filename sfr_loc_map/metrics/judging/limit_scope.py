@@ -1,4 +1,4 @@
-"""The rules of a score: its limits, what they are about, and which part of the score they need."""
+"""The scope of the limits of a score: the task of each limit, and the part of the score that it requires."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from sfr_loc_map.metrics.score import Score
 
 
 def limits_of(score: Score) -> Rules | None:
-    """Return the limits that a score was judged by, None without limits."""
+    """Return the rules of a score that has limits, None without limits."""
     return score.rules if score.rules is not None and score.rules.limits else None
 
 
 def task_of(limit: Limit) -> str:
-    """Return whether a limit is about a drive or a map."""
+    """Return `drive` or `map`, the subject of a limit."""
     limited = limit.limited
     if limited.call is not None:
         return DRIVE if limited.call is CallKind.LOCALISATION else MAP
@@ -28,7 +28,7 @@ def task_of(limit: Limit) -> str:
 
 
 def tasks_of(score: Score) -> list[str]:
-    """Return whether a score is about a drive, a map, or both."""
+    """Return the subjects of a score: `drive`, `map`, or both."""
     found = []
     for part, subject in ((DRIVE, Subject.TRAJECTORY), (MAP, Subject.MAP)):
         if score.has(subject) or score.figure("judged", part=part) is not None:
@@ -37,13 +37,13 @@ def tasks_of(score: Score) -> list[str]:
 
 
 def limits_about(limits: Limits | None, parts: Collection[str]) -> Limits | None:
-    """Return the limits that are about a drive or a map; None if there is no such limit."""
+    """Return the limits on the given subjects (`drive`, `map`); None if there is no such limit."""
     chosen = () if limits is None else tuple(limit for limit in limits.limits if task_of(limit) in parts)
     return struct_replace(limits, limits=chosen) if limits is not None and chosen else None
 
 
 def needed_part(limit: Limit) -> RowPart | None:
-    """Return the part whose completeness a limit needs; None for limits on completeness itself."""
+    """Return the part that must be complete for a pass of a limit; None for limits on completeness."""
     if limit.section is LimitSection.TRAJECTORY:
         return RowPart(DRIVE)
     if limit.section is LimitSection.MAP:
@@ -57,7 +57,7 @@ def needed_part(limit: Limit) -> RowPart | None:
 
 
 def judged_parts(limits: Limits, score: Score) -> list[RowPart]:
-    """Return the parts of a score that limits judge, as the rows `judged` name them."""
+    """Return the parts of a score that limits judge, as named in the rows `judged`."""
     found = [RowPart(task) for task in tasks_of(score)]
     found += [RowPart(LIVE)] if score.figure("judged", part=LIVE) else []
     for limit in limits.limits:
@@ -70,7 +70,7 @@ def judged_parts(limits: Limits, score: Score) -> list[RowPart]:
 
 
 def lacks_calls(limit: Limit, part: RowPart, score: Score) -> bool:
-    """Return whether a limit is on time or memory of calls that are required and of which none is known."""
+    """Return whether a limit is on time or memory of calls, but the score has no such call."""
     is_on_calls = limit.section in (LimitSection.TIMING, LimitSection.MEMORY, LimitSection.TARGET)
     if not is_on_calls or task_of(limit) not in tasks_of(score):
         return False

@@ -1,4 +1,4 @@
-"""The number that a limit is on: a row of the table of figures, and a column of it."""
+"""The limited number of a score: a row and a column of the table of figures, and the error of the truth in it."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ EXPANSION = {
     **{"mean": 1.0, "sigma": 1.0, "rmse": 1.0, "mean_plus_3sigma": 3.0, "max": 3.0},
     **{name: float(math.ceil(NormalDist().inv_cdf(0.5 + percent / 200.0))) for name, percent in QUANTILES.items()},
 }
-"""Standard deviations of the truth's error that each statistic may be off by; of a quantile those of a normal error,
-rounded up to 1, 2 or 3. The normal distribution is that of the standard library, because scipy loads slowly."""
+"""Largest error of each statistic, in standard deviations of the error of the truth. For a quantile it is the quantile
+of a normal error, rounded up to 1, 2 or 3. The standard library is used because scipy is slow to import."""
 
 
 class LimitedFigure(NamedTuple):
-    """The number that a limit is on, how many values it is made of and its 95 % interval, where it has them."""
+    """A limited number, its number of values and its 95 % interval; None if undefined."""
 
     value: float | None = None
-    n: int | None = None
+    n: int | None = None  #: Number of values of the statistic.
     interval: Interval | None = None
     row: Figure | None = None
-    place: int | None = None  #: Of the row in the table of figures.
-    independent: float | None = None  #: How many of the values are independent, None where that is not defined.
-    truth_error: float = 0.0  #: What the error of the truth may change the number by.
+    place: int | None = None  #: Index of the row in the table of figures.
+    independent: float | None = None  #: Number of independent values.
+    truth_error: float = 0.0  #: Largest change of the number by the error of the truth.
 
 
 def figure_of(limit: Limit, score: Score, reading: Rebase | None = None) -> LimitedFigure:
-    """Return the number that a limit is on, by the reading that is judged or, of a trajectory, by another reading."""
+    """Return the limited number by the judged reading, or by another reading of the document if one is given."""
     limited = limit.limited
     row = limited_row(limit, score, limited.part if reading is None else RowPart(reading))
     if row is None:
@@ -59,7 +59,7 @@ def figure_of(limit: Limit, score: Score, reading: Rebase | None = None) -> Limi
 
 
 def limited_row(limit: Limit, score: Score, part: RowPart | None) -> Figure | None:
-    """Return the row that a limit is on, None without one; without a part, the row that is judged."""
+    """Return the limited row, which is the judged row if `part` is None; None if there is no such row."""
     limited = limit.limited
     if limited.is_of_worst_call:
         rows = score.rows(limited.figure, subject=limited.subject)
@@ -71,9 +71,9 @@ def limited_row(limit: Limit, score: Score, part: RowPart | None) -> Figure | No
 
 
 def truth_error_of(limit: Limit, score: Score, reading: str | None = None) -> float:
-    """Return what the error of the truth may change a limited number by: that of both ends of a sub-trajectory.
+    """Return the largest change of a limited number by the error of the truth at both ends of a sub-trajectory.
 
-    The reading `pose` turns the estimate by the true attitude at the start, whose error moves the end as well.
+    The reading `pose` rotates the estimate by the true attitude at the start, whose error also moves the end.
     """
     limited = limit.limited
     if limit.section is not LimitSection.TRAJECTORY:
@@ -86,7 +86,7 @@ def truth_error_of(limit: Limit, score: Score, reading: str | None = None) -> fl
 
 
 def expansion_of(limit: Limit) -> float:
-    """Return how many standard deviations of the truth's error a limited statistic may be off by."""
+    """Return the largest error of a limited statistic, in standard deviations of the error of the truth."""
     if limit.terms is None:
         return EXPANSION[limit.limited.statistic]
     return normal_quantile(0.5 * (1.0 + limit.terms.prob))

@@ -1,4 +1,4 @@
-"""The limits file: its form is shown in docs/configuration.md, and each key names figure, statistic and unit."""
+"""Reader of the limits file. docs/configuration.md describes the file. A key states figure, statistic and unit."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ from sfr_loc_map.metrics.limits import (
 from sfr_loc_map.metrics.tolerance import THREE_SIGMA
 
 NOTHING = Limited(Subject.TRAJECTORY, "", "")
-REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: What a requirement says of itself.
-TERMS = Terms._fields  #: What a limit on a tolerance bound says besides.
-NEEDED = {str: "a text, in quotes, is required", bool: "true or false is required"}
+REQUIREMENT = {"id": str, "text": str, "certain": bool}  #: Keys of a requirement besides its limits.
+TERMS = Terms._fields  #: Additional keys of a limit on a tolerance bound.
+NEEDED = {str: "a text in quotes is required", bool: "true or false is required"}
 SHARES = {
     name: LimitSection.MAP if limited.figure in OF_MAP else LimitSection.TRAJECTORY
     for name, limited in PLACES[LimitSection.COMPLETENESS].items()
 }
-"""Limits of completeness, which may be in another part of the file, too."""
+"""Limits of completeness, and the other section of the file in which each is accepted."""
 
 
 def load_limits(path: Path) -> Limits:
-    """Read a limits file; ConfigError if it cannot be read or a key or value is not valid; one line."""
+    """Read a limits file; ConfigError, of one line, if the file cannot be read or a key or value is invalid."""
     return parse_limits(load_yaml(path), str(path))
 
 
 def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
-    """Return the limits of a mapping as in the file; ConfigError, which names the origin, if one is not valid."""
+    """Return the limits of a mapping in the form of the file; ConfigError, which names the origin, if it is invalid."""
     _check_keys(content, ("minimum_count", "minimum_independent", *LimitSection), origin)
     minimum = content.get("minimum_count", MINIMUM_COUNT)
     if not isinstance(minimum, int) or isinstance(minimum, bool) or minimum < 2:
@@ -57,7 +57,7 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
     for number, entry in enumerate(entries, 1):
         place = f"{origin}: trajectory entry {number}"
         if not isinstance(entry, Mapping) or not isinstance(entry.get("condition"), str):
-            raise ConfigError(f"{place}: needs 'condition', such as distance=5, and limits beside it")
+            raise ConfigError(f"{place}: needs 'condition', such as distance=5, and limits in the same entry")
         try:
             condition = Condition.parse(entry["condition"]).setting
         except MetricsError as error:
@@ -70,12 +70,15 @@ def parse_limits(content: Mapping[str, Any], origin: str) -> Limits:
             for block in blocks if isinstance(blocks, list) else [blocks]:
                 limits += _limits_of(section, block, f"{origin}: '{section}'", None)
     if not limits:
-        raise ConfigError(f"{origin}: no limit in it: give at least one under {', '.join(LimitSection)}")
+        raise ConfigError(f"{origin}: the file has no limit: give at least one under {', '.join(LimitSection)}")
     return Limits(limits=tuple(limits), minimum_count=minimum, minimum_independent=float(independent))
 
 
 def _limits_of(section: LimitSection, block: object, origin: str, condition: str | None) -> list[Limit]:
-    """Return the limits of a block; `id`, `text` and `certain` are of all of it, or of one limit `{limit: ...}`."""
+    """Return the limits of a block.
+
+    `id`, `text` and `certain` of the block apply to all its limits. A limit `{limit: ...}` can override them.
+    """
     if not isinstance(block, Mapping):
         raise ConfigError(f"{origin}: a mapping of names to limits is required, found {type(block).__name__}")
     shares = [key for key, other in SHARES.items() if other is section]
@@ -98,7 +101,7 @@ def _limits_of(section: LimitSection, block: object, origin: str, condition: str
         if not number or not 0 <= bound < float("inf"):
             raise ConfigError(f"{origin}: '{key}' is {bound!r}: a number >= 0 is required, in the unit of its name")
         if key in SHARES and bound > 1:
-            raise ConfigError(f"{origin}: '{key}' is {bound!r}: a share from 0 to 1 is required, 0.05 for 5 %")
+            raise ConfigError(f"{origin}: '{key}' is {bound!r}: a fraction from 0 to 1 is required, 0.05 for 5 %")
         for name, kind in REQUIREMENT.items():
             if name == "id" and type(entry.get(name)) is int:
                 entry[name] = str(entry[name])
@@ -109,7 +112,7 @@ def _limits_of(section: LimitSection, block: object, origin: str, condition: str
         made.append(Limit(section=where, name=key, limit=float(bound), condition=over, **stated, **entry))
     if of_all and not made:
         named = ", ".join(f"{key} {value!r}" for key, value in of_all.items())
-        raise ConfigError(f"{origin}: {named} has no limit, so that nothing would be judged: give one or omit it")
+        raise ConfigError(f"{origin}: {named} has no limit, so that nothing would be judged: give a limit or omit it")
     return made
 
 
@@ -120,7 +123,7 @@ def _check_keys(block: Mapping[str, Any], known: Collection[str], origin: str) -
 
 
 def terms_of(entry: Mapping[str, Any]) -> tuple[Terms, str | None]:
-    """Return the terms of an entry of a limits file, and what is wrong with them, None for nothing."""
+    """Return the terms of an entry of a limits file, and the first fault of the terms, None if they are valid."""
     given = {name: entry[name] for name in Terms._fields if name in entry}
     for name in ("prob", "confidence", "power"):
         value = given.get(name, 0.5)
@@ -129,12 +132,12 @@ def terms_of(entry: Mapping[str, Any]) -> tuple[Terms, str | None]:
     good = given.get("good", 0.0)
     most = 1.0 - float(given.get("prob", THREE_SIGMA))
     if isinstance(good, bool) or not isinstance(good, (int, float)) or not 0.0 <= good < most:
-        return Terms(), f"'good' is {good!r}: a share of failures from 0 to below 1 - prob = {most:g} is required"
+        return Terms(), f"'good' is {good!r}: a fraction of failures from 0 to below 1 - prob = {most:g} is required"
     if "normal" in given and not isinstance(given["normal"], bool):
         return Terms(), f"'normal' is {given['normal']!r}: true or false is required"
     word = given.pop("interpretation", Interpretation.TEMPORAL)
     if word not in [str(kind) for kind in Interpretation]:
         return Terms(), f"'interpretation' is {word!r}: {', '.join(Interpretation)} are allowed"
     if "good" in given and word == Interpretation.TEMPORAL:
-        return Terms(), "'good' is for drives: it needs the interpretation ensemble or mixed"
+        return Terms(), "'good' is a fraction of drives: the interpretation ensemble or mixed is required"
     return Terms(**given)._replace(interpretation=Interpretation(word)), None

@@ -8,13 +8,13 @@ from itertools import product
 from sfr_loc_map.metrics.limits import MINIMUM_COUNT, MINIMUM_INDEPENDENT, PLACES, LimitSection
 
 LIMITS_HEAD = """\
-# Limits: PLACEHOLDERS, replace them by those of your own document. Upper bounds, except coverage_min; the name of a
-# figure ends in its unit. A line that begins with '#' is not in force. Taken by sfr score and sfr replay (--limits).
-# Exit code 1 if one is missed, 3 if one cannot be judged.
+# Limits: PLACEHOLDERS, replace them by the limits of your own document. Limits are upper bounds, except coverage_min.
+# The name of a limit ends in its unit. A line that begins with '#' is not active. Option --limits of sfr score and sfr
+# replay reads this file. The exit code is 1 if a limit is missed, and 3 if a limit cannot be judged.
 
-# Fewer values than this are not enough data for a verdict. (2 or more)
+# Minimum number of values for a verdict (2 or more).
 minimum_count: {minimum_count}
-# Fewer independent sub-trajectories than this are not enough, either. A drive of 25 m has five of 5 m.
+# Minimum number of independent sub-trajectories for a verdict. A drive of 25 m has five of 5 m.
 minimum_independent: {minimum_independent}
 
 # Errors at the end of sub-trajectories: one entry for each condition.
@@ -23,23 +23,23 @@ trajectory:
   - condition: {condition}
     # id: LOC-12
     # text: 3D position error over 5 m
-    # certain: true    (a pass needs the whole 95 % interval within the limit)"""
+    # certain: true    (a pass requires the complete 95 % interval to be within the limit)"""
 CONDITION = "distance=5"
 POSES = "position_mean_plus_3sigma_m", "attitude_mean_plus_3sigma_deg", "heading_mean_plus_3sigma_deg"
-POSITIONS = "position_mean_plus_3sigma_m", "chord_mean_plus_3sigma_m"  #: What can be judged by a truth of positions.
-HORIZONTAL = ("horizontal_mean_plus_3sigma_m",)  #: What can be judged by a truth of positions without heights.
-TRUTHS = tuple(product((True, False), repeat=3))  #: What a truth may know: attitudes, heights, roll and pitch.
+POSITIONS = "position_mean_plus_3sigma_m", "chord_mean_plus_3sigma_m"  #: Limits for a truth with only positions.
+HORIZONTAL = ("horizontal_mean_plus_3sigma_m",)  #: Limits for a truth with only positions and without heights.
+TRUTHS = tuple(product((True, False), repeat=3))  #: Combinations of known attitudes, heights, and roll and pitch.
 LIMITS_MEANINGS = {
-    "completeness": "Shares: what the estimate or the cloud leaves out, or cannot be judged",
-    "map": "Of a map; a score without one then says: not enough data",
-    "timing": "Time of a call on this host, which says nothing of a flight computer",
+    "completeness": "Fractions of the estimate or the cloud that are missing or cannot be judged",
+    "map": "Errors of a map; in a score without a map these limits have not enough data",
+    "timing": "Time of a call on this host, which does not apply to a flight computer",
     "memory": "Resident memory of the process during a call, on this host",
     "target": "Calls that were measured on the target (--target, --target-timing)",
 }
 
 
 def active_limits(*, has_attitude: bool, has_height: bool, has_tilt: bool) -> tuple[str, ...]:
-    """Return the limits that can be judged by a truth, by what it knows."""
+    """Return the limits that a truth with these components can judge."""
     if not has_attitude:
         return POSITIONS if has_height else HORIZONTAL
     position, attitude, heading = POSES
@@ -47,7 +47,7 @@ def active_limits(*, has_attitude: bool, has_height: bool, has_tilt: bool) -> tu
 
 
 def limits_text(condition: str = CONDITION, active: tuple[str, ...] = POSES) -> str:
-    """Return a limits file. The limits named in `active` are in force, all others are commented out."""
+    """Return the text of a limits file, in which all limits but those named in `active` are commented out."""
     head = LIMITS_HEAD.replace("{minimum_count}", f"{MINIMUM_COUNT}")
     head = head.replace("{minimum_independent}", f"{MINIMUM_INDEPENDENT:g}")
     lines = [head.replace("{condition}", condition)]
@@ -60,7 +60,7 @@ def limits_text(condition: str = CONDITION, active: tuple[str, ...] = POSES) -> 
 
 
 def is_edited(text: str) -> bool:
-    """Return whether the text of a limits file differs from every one that `limits_text` writes."""
+    """Return whether the text of a limits file differs from all texts that `limits_text` returns."""
     condition = re.search("- condition: (.*)", text)
     if condition is None:
         return True

@@ -1,12 +1,13 @@
-"""Requirements with a share, a confidence and an interpretation (ECSS-E-ST-60-10C).
+"""Requirements with a fraction, a confidence and an interpretation (ECSS-E-ST-60-10C).
 
 A limit such as `position_bound_m: {limit: 0.1, prob: 0.95, confidence: 0.95, interpretation: mixed}` is judged by a
-tolerance bound (`metrics.tolerance`) of independent errors. The interpretation states which errors these are
+tolerance bound (`metrics.tolerance`) of independent errors. The interpretation defines these errors
 [ECSS-E-ST-60-10C, 4.1.4.2]:
 
-- temporal: in every drive the share of its sub-trajectories meets the limit; each drive is proved by itself;
-- ensemble: the share of all drives meets the limit over the whole drive; a drive counts by its largest error;
-- mixed: the share of all sub-trajectories of all drives meets it; a drive counts by one of its sub-trajectories.
+- temporal: the fraction `prob` of the sub-trajectories of every drive meets the limit. Each drive is proved separately.
+- ensemble: the fraction `prob` of all drives meets the limit throughout. A drive is represented by its largest error.
+- mixed: the fraction `prob` of the sub-trajectories of all drives meets the limit. A drive is represented by one of its
+  sub-trajectories.
 """
 
 from __future__ import annotations
@@ -27,20 +28,20 @@ from sfr_loc_map.metrics.tolerance import Sample, count_needed, tolerance_bound
 from sfr_loc_map.metrics.verdict import ProofRecord
 
 SEQUENTIAL = "sequential"  #: Method of a verdict by a sequential test.
-SEED = 20240302  #: Of which sub-trajectory stands for a drive.
+SEED = 20240302  #: Seed of the choice of the sub-trajectory that represents a drive.
 
 
 class Proof(NamedTuple):
-    """The outcome of a requirement."""
+    """The result of the proof of a requirement."""
 
     state: VerdictState
     bound: float | None
     record: ProofRecord
-    n: int  #: Number of the errors that it rests on: sub-trajectories of the drive that decides, or drives.
+    n: int  #: Number of errors: sub-trajectories of the deciding drive, or drives.
 
 
 def sample_of(score: Score, figure: str, condition: str | None) -> Sample | None:
-    """Return all errors of a figure over a condition; None if a score does not keep all of them."""
+    """Return all errors of a figure over a condition; None if the score does not contain all of them."""
     row, errors = score.judged_row(figure, condition=condition), score.errors_of(figure, condition)
     if errors is None or row is None or row.independent is None or not np.isfinite(errors).all():
         return None
@@ -48,11 +49,11 @@ def sample_of(score: Score, figure: str, condition: str | None) -> Sample | None
 
 
 def prove(terms: Terms, limit: float, drives: Mapping[str, Sequence[Sample]]) -> Proof:
-    """Return whether the errors of drives, by name and each with its runs, prove that a limit is met."""
+    """Return whether the errors of drives prove that a limit is met. `drives` has the runs of each drive by name."""
     runs = {name: [sample for sample in samples if len(sample.errors)] for name, samples in drives.items()}
     runs = {name: samples for name, samples in runs.items() if samples}
     if not all(np.isfinite(sample.errors).all() for samples in runs.values() for sample in samples):
-        return prove_sample(terms, limit, Sample(np.empty(0), 0.0))  # an unknown error decides nothing
+        return prove_sample(terms, limit, Sample(np.empty(0), 0.0))  # with an unknown error there is no decision
     if terms.interpretation is Interpretation.TEMPORAL:
         proofs = [prove_sample(terms, limit, sample) for samples in runs.values() for sample in samples]
         if not proofs:
@@ -63,17 +64,17 @@ def prove(terms: Terms, limit: float, drives: Mapping[str, Sequence[Sample]]) ->
 
 
 def sample_over_drives(interpretation: Interpretation, drives: Mapping[str, Sequence[Sample]]) -> Sample:
-    """Return the errors that represent drives, by name and each with its runs, in the order of their names.
+    """Return the errors that represent the drives, in the order of the names of the drives.
 
-    The names of a suite's drives are hashes of their data. A sequential test therefore takes the drives in an order
-    that the order of a file does not change.
+    The names of the drives of a suite are hashes of their data. The order of a sequential test therefore does not
+    depend on the order in a file.
     """
     chosen = [error_of_drive(interpretation, name, samples) for name, samples in sorted(drives.items())]
     return Sample(np.array(chosen), float(len(chosen)))
 
 
 def prove_sequentially(terms: Terms, limit: float, sample: Sample) -> Proof:
-    """Return the decision of the sequential test over drives in their order; the bound is the largest error."""
+    """Return the decision of the sequential test over the drives in order; the bound is their largest error."""
     test = sequential_test(terms)
     has_failed = (sample.sizes > limit).tolist()
     state, drives = test.decision(has_failed)
@@ -84,7 +85,7 @@ def prove_sequentially(terms: Terms, limit: float, sample: Sample) -> Proof:
 
 
 def record_of(terms: Terms, method: str, independent: float, more: int | None) -> ProofRecord:
-    """Return the record of terms and of what was shown."""
+    """Return the record of the terms and of the result of a proof."""
     return ProofRecord(
         prob=terms.prob,
         confidence=terms.confidence,
@@ -99,7 +100,10 @@ def record_of(terms: Terms, method: str, independent: float, more: int | None) -
 
 
 def error_of_drive(interpretation: Interpretation, name: str, samples: Sequence[Sample]) -> FloatArray:
-    """Return the error of one drive: the largest of all, as a size, or one sub-trajectory, drawn by its name."""
+    """Return the error that represents a drive: the largest size, or the error of one sub-trajectory.
+
+    The sub-trajectory is drawn at random, with the name of the drive as the seed.
+    """
     errors = np.concatenate([sample.vectors for sample in samples])
     if interpretation is Interpretation.ENSEMBLE:
         return np.asarray([np.max(np.linalg.norm(errors, axis=1))])
@@ -109,7 +113,7 @@ def error_of_drive(interpretation: Interpretation, name: str, samples: Sequence[
 
 
 def prove_sample(terms: Terms, limit: float, sample: Sample) -> Proof:
-    """Return whether a sample proves that the share of a requirement lies within a limit."""
+    """Return whether a sample proves that the fraction `prob` of the errors is within a limit."""
     prob, confidence = terms.prob, terms.confidence
     bound = tolerance_bound(sample, prob, confidence, is_normal=terms.normal)
     state = VerdictState.NOT_ENOUGH_DATA
@@ -133,10 +137,10 @@ def bound_row(figure: str, unit: str, condition: str | None, proof: Proof) -> Fi
 
 
 def words_of(record: ProofRecord, state: VerdictState) -> str:
-    """Return what a verdict rests on, in words."""
+    """Return the terms and the method of a proof as text, and without a decision the additional errors required."""
     share = f"{100.0 * record.prob:g} % with {100.0 * record.confidence:g} %, {record.interpretation}, {record.method}"
     if state is not VerdictState.NOT_ENOUGH_DATA:
         return share
     what = "sub-trajectories" if record.interpretation == Interpretation.TEMPORAL else "drives"
-    more = "no number of drives like these proves it" if record.more is None else f"{record.more} more {what}"
+    more = f"no number of {what} like these suffices" if record.more is None else f"{record.more} more {what}"
     return f"{share}; needed: {more}"

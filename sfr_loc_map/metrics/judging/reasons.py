@@ -1,4 +1,4 @@
-"""Why something could not be judged, in words."""
+"""The reasons why figures or limits of a score could not be judged, as text."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sfr_loc_map.metrics.verdict import Verdict
 
 
 def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple[str, ...]:
-    """Return why something could not be judged, a phrase each; conditions of the settings count if none is asked."""
+    """Return why figures and limits could not be judged, one phrase each; only for the conditions `asked`, if any."""
     if score.contradiction is not None:
         return (score.contradiction,)
     incomplete = () if score.incomplete is None else (f"incomplete: {incomplete_parts(score)}",)
@@ -42,7 +42,7 @@ def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple
 
 
 def incomplete_parts(score: Score) -> str:
-    """Return the names of the incomplete parts of a score; `score.incomplete` states what of them is missing."""
+    """Return the names of the incomplete parts of a score; `score.incomplete` states the missing data."""
     parts = {str(item.part.text) for item in shortfalls(score)}
     return ", ".join(sorted(parts)) or DRIVE
 
@@ -69,27 +69,27 @@ def why_open(item: Verdict, score: Score) -> str:
             f"{item.n} values, of which {independent:.3g} are independent ({rules.minimum_independent:g} are required)"
         )
     within = ", which it does not have" if item.interval is None else " within the limit"
-    return f"'certain' needs its 95 % interval{within}"
+    return f"'certain' requires its 95 % interval{within}"
 
 
 def unknown_of_truth(figure: str, score: Score) -> str | None:
-    """Return why a truth cannot judge a figure; None if it can."""
+    """Return why a figure cannot be judged by the truth of a score; None if it can."""
     truth = score.truth
     if truth is None:
         return None
     if figure in ("position", "chord") and not truth.height:
-        return "the truth has no heights: limit the figure horizontal in its place"
+        return "the truth has no heights: limit the figure horizontal instead"
     if figure == "attitude" and truth.attitude and not truth.tilt:
-        return "the truth has no roll and pitch: limit the figure heading in its place"
+        return "the truth has no roll and pitch: limit the figure heading instead"
     return None
 
 
 def conditions_beyond(truth: Trajectory, conditions: Collection[Condition]) -> tuple[str, ...]:
-    """Return why a drive with this truth never meets some conditions, to be said before the work is done."""
+    """Return why a drive with this truth never meets some conditions, for a warning before the drive is processed."""
     length_m = float(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1).sum())
     duration_s = float(truth.stamps_ns[-1] - truth.stamps_ns[0]) / NS_PER_S if len(truth) else 0.0
     longest = {ConditionKind.TIME: duration_s, ConditionKind.FRAMES: len(truth) - 1.0}
-    # a straight line is no longer than the path
+    # the straight-line distance cannot exceed the path length
     longest |= dict.fromkeys((ConditionKind.DISTANCE, ConditionKind.DISPLACEMENT), length_m)
     beyond = (
         item for item in conditions if any(part.value > longest.get(part.kind, part.value) for part in item.parts)
@@ -100,9 +100,9 @@ def conditions_beyond(truth: Trajectory, conditions: Collection[Condition]) -> t
 def _reason(condition: Condition, frames: int, length_m: float, duration_s: float) -> str:
     path = f"is {length_m:.1f} m long"
     texts = {ConditionKind.TIME: f"lasts {duration_s:.1f} s", ConditionKind.FRAMES: f"has {frames} frames"}
-    texts[ConditionKind.TURN] = "never turns so far"
-    texts[ConditionKind.DISPLACEMENT] = "never gets so far in a straight line"
+    texts[ConditionKind.TURN] = "never turns by this angle"
+    texts[ConditionKind.DISPLACEMENT] = "never reaches this straight-line distance"
     told = " and ".join(dict.fromkeys(texts.get(part.kind, path) for part in condition.parts))
     named = ",".join(f"{part.kind}={part.value:g}" for part in condition.parts)
-    one = "one pose of the estimate has a true pose, at least two are required"
+    one = "at most one pose of the estimate has a true pose, but two are required"
     return f"condition {named}: {f'the drive {told}' if frames > 1 else one}"

@@ -1,8 +1,8 @@
-"""How many drives a campaign needs, and when it may stop: tests of a share of failures with stated error rates.
+"""Tests of a fraction of failures with given error rates: the number of drives of a campaign, and when it may stop.
 
-A share of failures `bad` must not pass with more than the risk `1 - confidence`; a share `good`, which is acceptable,
-must not fail with more than the risk `1 - power`. A fixed plan decides after all drives. Wald's sequential probability
-ratio test (1945) looks after each drive; its bounds `1 / risk` keep both risks at whatever drive it stops (Ville 1939).
+A fraction of failures `bad` passes with a probability of at most `1 - confidence`. An acceptable fraction `good` fails
+with a probability of at most `1 - power`. A fixed plan decides after all drives. Wald's sequential probability ratio
+test (1945) is evaluated after each drive. Its bounds `1 / risk` keep both risks for any stopping time (Ville 1939).
 """
 
 from __future__ import annotations
@@ -18,40 +18,40 @@ from sfr_loc_map.metrics.config import VerdictState
 from sfr_loc_map.metrics.limits import Terms
 
 MOST_DRIVES = 100_000  #: Largest plan that is computed.
-OVERRUN = 4  #: Expected numbers follow a sequential test up to so many times the fixed plan.
+OVERRUN = 4  #: Multiple of the fixed plan up to which the expected number of drives is computed.
 
 
 class FixedPlan(NamedTuple):
-    """A number of drives, and how many of them may fail."""
+    """A number of drives, and the allowed number of failures."""
 
     drives: int
     allowed: int
 
 
 class SequentialTest(NamedTuple):
-    """Shares of failures that are acceptable and not, and the risks of both errors."""
+    """The acceptable and the unacceptable fraction of failures, and the risks of both errors."""
 
     good: float
     bad: float
-    confidence: float  #: A campaign with the share `bad` passes with a risk of at most `1 - confidence`.
-    power: float  #: A campaign with the share `good` fails with a risk of at most `1 - power`.
+    confidence: float  #: A campaign with the fraction `bad` passes with a probability of at most `1 - confidence`.
+    power: float  #: A campaign with the fraction `good` fails with a probability of at most `1 - power`.
 
     def ratio(self, failures: float, drives: float) -> float:
-        """Return the logarithm of the likelihood of `bad` over that of `good`."""
+        """Return the logarithm of the likelihood ratio of `bad` to `good`."""
         passed = (drives - failures) * math.log((1.0 - self.bad) / (1.0 - self.good))
         if not failures:
             return passed
         return passed + failures * (math.log(self.bad / self.good) if self.good > 0.0 else math.inf)
 
     def state(self, failures: float, drives: float) -> VerdictState:
-        """Return the decision after so many drives."""
+        """Return the decision after this number of drives and failures."""
         ratio = self.ratio(failures, drives)
         if ratio <= math.log(1.0 - self.confidence):
             return VerdictState.PASS
         return VerdictState.FAIL if ratio >= -math.log(1.0 - self.power) else VerdictState.NOT_ENOUGH_DATA
 
     def decision(self, has_failed: Iterable[bool]) -> tuple[VerdictState, int]:
-        """Return the first decision over drives in order, and after how many drives it fell."""
+        """Return the first decision over the drives in order, and the number of drives up to the decision."""
         failures = drives = 0
         for failed in has_failed:
             drives += 1
@@ -62,13 +62,13 @@ class SequentialTest(NamedTuple):
         return VerdictState.NOT_ENOUGH_DATA, drives
 
     def more_without_failure(self, failures: int, drives: int) -> int:
-        """Return how many drives without a failure would end it with a pass."""
+        """Return the number of additional drives without a failure that lead to a pass."""
         step = self.ratio(0, 1)
         missing = (math.log(1.0 - self.confidence) - self.ratio(failures, drives)) / step
         return max(math.ceil(missing - 1e-9), 1)
 
     def fixed_plan(self) -> FixedPlan:
-        """Return the smallest plan that keeps both risks; ConfigError if it is too large to be computed."""
+        """Return the smallest plan that keeps both risks; ConfigError if it exceeds `MOST_DRIVES`."""
         from scipy.special import bdtr
 
         allowed, drives = 0, 1
@@ -79,10 +79,10 @@ class SequentialTest(NamedTuple):
                 return FixedPlan(drives, allowed)
             allowed += 1
         shares = f"{100.0 * self.good:g} % and {100.0 * self.bad:g} %"
-        raise ConfigError(f"shares of failures of {shares} need more than {MOST_DRIVES} drives: give a smaller 'good'")
+        raise ConfigError(f"fractions of failures {shares} need more than {MOST_DRIVES} drives: give a smaller 'good'")
 
     def course(self, share: float) -> Course:
-        """Return how the test ends for a true share of failures, exactly, by the distribution of failures."""
+        """Return the exact probabilities of the outcomes for a true fraction of failures."""
         longest = OVERRUN * self.fixed_plan().drives
         alive = np.array([1.0])
         passed = failed = expected = 0.0
@@ -103,14 +103,14 @@ class SequentialTest(NamedTuple):
 
 
 def sequential_test(terms: Terms) -> SequentialTest:
-    """Return the test of terms; a fifth of the share of failures that must not pass is acceptable unless stated."""
+    """Return the test of terms; if `good` is not given, a fifth of the fraction `bad` is acceptable."""
     bad = 1.0 - terms.prob
     return SequentialTest(bad / 5.0 if terms.good is None else terms.good, bad, terms.confidence, terms.power)
 
 
 class Course(NamedTuple):
-    """How a sequential test ends."""
+    """The expected course of a sequential test."""
 
-    drives: float  #: Expected number.
+    drives: float  #: Expected number of drives.
     passed: float  #: Probability of a pass.
     failed: float  #: Probability of a fail.

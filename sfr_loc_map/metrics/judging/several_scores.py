@@ -1,4 +1,4 @@
-"""The common verdict of several scores, the requirements that it closes, and the limits by which each is judged."""
+"""The common verdict of several scores, the closed requirements, and the limits by which each score is judged."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from sfr_loc_map.metrics.verdict import Verdict
 
 
 class Common(NamedTuple):
-    """The verdict over several scores; None where there is none in common."""
+    """The common verdict over several scores; None if there is no common verdict."""
 
     state: VerdictState | None
-    text: str = ""  #: Why there is no verdict in common; empty if there is one, or if no score was judged.
+    text: str = ""  #: Why there is no common verdict; empty if there is one, or if no score was judged.
 
 
 OF_PART = {DRIVE: ("trajectory", "localisation"), MAP: ("map", "mapping")}
-"""First words of the settings that are about a drive or a map."""
+"""Prefixes of the names of settings that apply to a drive or a map."""
 
 
 def common_verdict(scores: Sequence[Score]) -> Common:
-    """Return the verdict over scores: the worst, and a pass only if all are of one run.
+    """Return the verdict over scores: the worst verdict, which can be a pass only if all scores are of one run.
 
-    Scores are of one run if all name the same item under test and were made by the same version and configuration from
-    the same ground truth. Several drives have a verdict in common in a suite, which counts the drives that it planned.
+    Scores are of one run if all have the same item under test, version, configuration and ground truth. Several drives
+    have a common verdict only in a suite, which counts the planned drives.
     """
     states = [score.verdict for score in scores]
     worst = worst_of(state for state in states if state is not None)
@@ -60,12 +60,12 @@ def _item(method: MethodRecord | None) -> tuple[str | None, ...] | None:
 
 
 def _configuration(method: MethodRecord | None) -> str | None:
-    """Return the hash of a method's configuration, which the scores of its drives and those of its maps share."""
+    """Return the hash of the configuration of a method."""
     return None if method is None else method.config_sha256
 
 
 def is_closed(verdict: Verdict, score: Score, common: Common) -> bool:
-    """Return whether a verdict closes its requirement: a pass of a method without a finding, common to all scores."""
+    """Return whether a verdict closes its requirement: a pass without a fatal finding, with a common verdict."""
     return verdict.state is VerdictState.PASS and not score.fatal_findings and not common.text
 
 
@@ -73,14 +73,14 @@ def difference_of(scores: Sequence[Score]) -> str | None:
     """Return how scores of one item under test differ; None if they are of one run."""
     made = [score.provenance for score in scores if score.provenance is not None]
     if len(made) < len(scores):
-        return "not every score says what it was made of"
+        return "not every score states its inputs and version"
     if len({(item.version, item.commit) for item in made}) > 1:
         return "the scores were made by several versions of sfr_loc_map"
     of_source = {"truth": "ground truths", "map_truth": "ground truths", "images": "sets of images"}
     for role, several in of_source.items():
         files = [item.inputs[role] for item in made if role in item.inputs]
         if len({file.data_sha256 or file.sha256 for file in files}) > 1:
-            return f"the scores are of several {several}, which a suite judges together"
+            return f"the scores are of several {several}, which only a suite judges together"
     for part, words in OF_PART.items():
         settings = [
             {name: value for name, value in item.configuration.items() if name.partition(".")[0] in words}
@@ -94,11 +94,10 @@ def difference_of(scores: Sequence[Score]) -> str | None:
 
 
 def each_by_its_limits(scores: Sequence[Score]) -> list[Score]:
-    """Return scores that were judged by one limits file, each by the limits that are about it.
+    """Return scores that were judged by one limits file, each judged by the limits that apply to it.
 
-    A score is judged without a limit only if another score, which is of the part that the limit is about, is judged by
-    the same limit. A limit on a map therefore stays with every score where there are drives alone. A warning of the
-    score names the limits that it is judged without.
+    A limit on a map, for example, is omitted from the score of a drive only if the score of a map is judged by the same
+    limit. If there are only drives, the limit applies to every score. A warning of the score names omitted limits.
     """
     every = [(tasks_of(score), limits_of(score)) for score in scores]
     found = []

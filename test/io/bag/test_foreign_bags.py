@@ -67,7 +67,7 @@ def test_fixes_without_any_altitude_give_horizontal_errors_alone(tmp_path: Path,
     words = ("score", tmp_path / "e.csv", place, "--set", "truth.source=/fix", "--condition", "distance=2")
     done = sfr(*words, "--lenient", "--json", "-")
     assert done.code == 0, done.err
-    assert "the truth does not know height: horizontal position errors are judged" in done.err
+    assert "the truth has no height: horizontal position errors are judged" in done.err
     score = from_json(done.out, "score")
     assert score.number("position", "mean", condition="distance=2", part="yaw_aligned") is None
     assert score.number("horizontal", "max", condition="distance=2") < 1e-3  # type: ignore[operator]
