@@ -1,4 +1,4 @@
-"""Checks that the table of figures follows from the raw values in the same score.
+"""Check that the table of figures follows from the raw values in the same score.
 
 A score contains the errors of sub-trajectories, a sample of the map points, and the times of calls, for plots and for
 tolerance bounds. If the score contains all values, the statistics are recomputed. If the score contains every n-th

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 SCHEMA = "sfr-score/2"
 
 
-def written(default: Any) -> Any:  # noqa: ANN401 - stands for the field's value, as msgspec.field does
+def written(default: Any) -> Any:  # noqa: ANN401 - the type of the field, as in msgspec.field
     """Declare a field that is always written, as null or empty if it is unknown."""
     return msgspec.field(default_factory=lambda: default)
 

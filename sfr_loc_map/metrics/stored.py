@@ -1,4 +1,4 @@
-"""Checks that the verdicts of a stored score follow from its figures and rules."""
+"""Check that the verdicts of a stored score follow from its figures and rules."""
 
 from __future__ import annotations
 
