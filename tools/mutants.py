@@ -230,7 +230,7 @@ MUTATIONS = (
     Mutation("metrics/score.py", "if row.part in ((reading, POOLED) if is_of_pieces else (None,)):", "if True:"),
     Mutation("metrics/association.py", "is_enough = MATCHES_PER_STAMP *", "is_enough = 1 *"),
     Mutation("metrics/aligned_error.py", "np.array([1.0, 1.0, np.sign(", "np.array([1.0, 1.0, abs("),
-    # limits, their files
+    # limits and limits files
     Mutation("metrics/judging/limits_file.py", 'not 0 <= bound < float("inf")', 'not 0 <= bound <= float("inf")'),
     Mutation("metrics/judging/limits_file.py", "if key in SHARES and bound > 1:", "if key in SHARES and bound > 100:"),
     Mutation("metrics/judging/limits_file.py", "not 1 <= independent < 1e9", "not 0 <= independent < 1e9"),
@@ -259,7 +259,7 @@ MUTATIONS = (
     Mutation("metrics/call_meter.py", "(self._clock_ns() - begin) * 1e-9", "(self._clock_ns() - begin) * 0.5e-9"),
     Mutation("metrics/call_meter.py", "peak_bytes - self._idle_bytes, 0)", "peak_bytes, 0)"),
     Mutation("metrics/calls.py", "if row.call in kinds else row for", "if row.part in kinds else row for"),
-    # the judge
+    # verdicts
     Mutation(SHORTFALLS, '"missing", DRIVE, 0.0', '"missing", DRIVE, 0.01'),
     Mutation(
         SHORTFALLS,

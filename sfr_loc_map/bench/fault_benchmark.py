@@ -81,8 +81,8 @@ class FaultEntry:
     position_m: float | None
     heading_deg: float | None
     longest_lost: int  #: Largest number of consecutive lost pairs.
-    vertical_offset_px: float | None  #: At the last pair, as estimated by the localiser.
-    disparity_offset_px: float | None  #: At the last pair, as estimated by the localiser.
+    vertical_offset_px: float | None  #: Vertical offset at the last pair, as estimated by the localiser.
+    disparity_offset_px: float | None  #: Disparity offset at the last pair, as estimated by the localiser.
     stated: StatedErrors
 
     def content(self) -> dict[str, Any]:

@@ -119,7 +119,7 @@ def sheared(image: GreyImage, at: Affected) -> GreyImage:
 
 
 def exposed(image: GreyImage, at: Affected) -> GreyImage:
-    """Multiply the brightness."""
+    """Multiply the brightness by a factor."""
     return as_grey(at.amount * image.astype(np.float32))
 
 
@@ -140,7 +140,7 @@ def saturated(image: GreyImage, at: Affected) -> GreyImage:
 
 
 def blinded(image: GreyImage, at: Affected) -> GreyImage:
-    """Add a glare around a point."""
+    """Add a glare around a random point."""
     height, width = image.shape
     y, x = np.mgrid[:height, :width]
     distance_px = np.hypot(x - at.moment.spot[0] * width, y - at.moment.spot[1] * height)

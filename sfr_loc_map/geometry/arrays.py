@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]  #: Values, vectors, matrices, poses; float64.
 IntArray = NDArray[np.int64]  #: Stamps in nanoseconds, indices, counts; int64.
-Mask = NDArray[np.bool_]  #: True where something holds.
+Mask = NDArray[np.bool_]  #: Boolean mask.
 GreyImage = NDArray[np.uint8]  #: Image `(H, W)`, 8 bits.
 ColourImage = NDArray[np.uint8]  #: Image `(H, W, 3)`, 8 bits per channel.
 FloatImage = NDArray[np.float32]  #: Image `(H, W)` of float32: intensity, disparity, weight.

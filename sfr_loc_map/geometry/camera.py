@@ -12,7 +12,7 @@ from sfr_loc_map.geometry.transform import Transform
 
 
 class StereoCamera(NamedTuple):
-    """Rectified stereo camera; both images have the same camera matrix (pixels)."""
+    """Rectified stereo camera; both cameras have the same camera matrix, pixels."""
 
     fx: float
     fy: float
@@ -21,7 +21,7 @@ class StereoCamera(NamedTuple):
     baseline_m: float
 
     def normalised(self, uv: FloatArray) -> FloatArray:
-        """Return the normalised image coordinates X / Z, Y / Z of pixels (u, v), `(..., 2)` each."""
+        """Return the normalised image coordinates X / Z, Y / Z `(..., 2)` of pixels u, v `(..., 2)`."""
         return np.asarray((uv - [self.cx, self.cy]) / [self.fx, self.fy])
 
 
@@ -40,8 +40,8 @@ class Pose(NamedTuple):
 class Poses(NamedTuple):
     """Poses of N cameras in the world."""
 
-    rotations: FloatArray  #: `(N, 3, 3)` cameras to world.
-    positions: FloatArray  #: `(N, 3)` cameras in the world, metres.
+    rotations: FloatArray  #: `(N, 3, 3)` rotations from the cameras to the world.
+    positions: FloatArray  #: `(N, 3)` positions of the cameras in the world, metres.
 
     def take(self, rows: NDArray[np.integer]) -> Poses:
         """Return the poses at the row indices `(M,)`.

@@ -20,8 +20,8 @@ BASE_FRAMES = (RB_FRAME, "base_link", "base_footprint", "base", "body", "chassis
 """Names of the rover's body frame. The first name that is connected to the camera is used."""
 COULD_BE = "the rover's frame could also be"  #: Part of `RigInBody.text` if several of `BASE_FRAMES` are connected.
 MAST_XY_RB_M = (0.451, 0.317)
-"""Base of the mast (DMA) in RB. The pan axis and, at pan 0, the tilt axis have the same x and y [3.2.2, 3.2.6]."""
-TILT_AXIS_Z_RB_M = 0.594  #: Height of the tilt axis in RB [3.2.6].
+"""x and y in RB of the mast base (DMA), of the pan axis, and of the tilt axis at pan 0, metres [3.2.2, 3.2.6]."""
+TILT_AXIS_Z_RB_M = 0.594  #: Height of the tilt axis in RB, metres [3.2.6].
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,7 @@ class FrameTree:
         self._parents: dict[str, tuple[str, Transform]] = {}
 
     def add(self, parent: str, child: str, T_parent_child: Transform) -> None:
-        """Set the parent of a frame; a later call replaces an earlier one."""
+        """Set the parent of a frame; a later call for the same child replaces the parent."""
         self._parents[child] = (parent, T_parent_child)
 
     def find(self, target: str, frame: str) -> Transform | None:

@@ -16,7 +16,7 @@ from sfr_loc_map.geometry.arrays import FloatArray, Mask
 MAX_IMAGE_PIXELS = 8192 * 8192  #: Most pixels of an image. Buffers are allocated by the size in a header.
 MAX_IMAGE_SIDE = 32_768  #: Longest side of an image, pixels: OpenCV's remap uses 16-bit coordinates.
 FOCAL_RATIOS = (0.01, 100.0)
-"""Smallest and largest focal length over the longer side of the image: fields of view from 178 to 0.6 degrees."""
+"""Smallest and largest focal length over the longer side of the image: fields of view from 178 to 0.6 deg."""
 MAX_CENTRE_RATIO = 10.0
 """Largest distance of the principal point from the image centre, over the longer side; images may be cropped."""
 BASELINE_M = (1e-4, 100.0)  #: Shortest and longest baseline, metres: from stereo microscopes to two masts.

@@ -123,11 +123,11 @@ class AnyOrder(StampOrder[T]):
     """Assigns stamped items that arrive in any order to runs; `strays` counts the dropped items.
 
     An item after the first stamp of the run is accepted if the lead over the last stamp is below an hour. An earlier
-    item is accepted once no gap separates it from the run. A new run begins in two cases. Either `AGREEING` consecutive
-    items have increasing stamps that were received before, as when a recording is played again. Or `REGULAR`
-    consecutive items have increasing stamps at a regular pace. The new run contains these items. Otherwise, an item of
-    another time is dropped if its stamp was received before or is an hour ahead. An item with a stamp of zero or less
-    is also dropped.
+    item is accepted once no gap separates it from the run. Consecutive items of another time that have increasing
+    stamps are accepted together in two cases. Either there are `AGREEING` items, and each stamp was received before, as
+    when a recording is played again, or is an hour ahead. Or there are `REGULAR` items at a regular pace. The accepted
+    items begin a new run; if they are ahead, the run continues with them. Otherwise, an item is dropped if its stamp
+    was received before or is an hour ahead. An item with a stamp of zero or less is also dropped.
     """
 
     def __init__(self) -> None:

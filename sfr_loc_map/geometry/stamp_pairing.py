@@ -12,7 +12,7 @@ T = TypeVar("T")
 STAMP_TOLERANCE_S = 0.01
 """Default of the largest stamp difference of a pair, s. The tolerance is also kept below half a period."""
 PERIODS = 15  #: The period of a stream is the median of its last gaps between stamps, this many at most.
-WAITING = 1000  #: Items of each stream that may wait for a partner if all stamps are known in advance.
+WAITING = 1000  #: Queue depth of each stream if all stamps are known in advance.
 
 
 def below_half_period(tolerance_ns: int, *gaps_ns: Collection[int]) -> int:

@@ -14,7 +14,7 @@ from sfr_loc_map.geometry.plausibility import BASELINE_M, check_camera, check_ex
 from sfr_loc_map.geometry.transform import Transform
 
 OPTICAL_IN_BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-"""Optical axes (x right, y down, z forward) in a frame with x forward, y left, z up, as SB [3.2.3]."""
+"""Rotation from optical axes (x right, y down, z forward) to axes x forward, y left, z up, such as SB [3.2.3]."""
 SAME_PX = 0.01
 """Largest change, pixels, of the camera matrix, or of the largest disparity by a new baseline, that is ignored."""
 CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")  #: Fields of a rig without its pose.
@@ -60,12 +60,12 @@ class StereoRig:
 
     @property
     def T_sb_left(self) -> Transform:
-        """Takes points in the left optical frame to SB: x forward, y from right to left camera, z up [3.2.3]."""
+        """Pose of the left optical frame in SB, which has x forward, y from right to left camera, z up [3.2.3]."""
         return Transform(OPTICAL_IN_BODY.copy(), np.array([0.0, 0.5 * self.baseline_m, 0.0]))
 
     @property
     def T_rb_left(self) -> Transform:
-        """Takes points in the left optical frame to RB; GeometryError if the pose of the rig in RB is unknown."""
+        """Pose of the left optical frame in RB; GeometryError if the pose of the rig in RB is unknown."""
         if self.T_rb_sb is None:
             raise GeometryError(
                 "the rig has no T_rb_locsb (pose of the stereo rig in RB): add it to rig.json or /tf_static of a bag"

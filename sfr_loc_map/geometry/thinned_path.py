@@ -12,7 +12,7 @@ from sfr_loc_map.geometry.transform import Transform
 
 T = TypeVar("T")
 MAX_POSES = 2000  #: Most poses of a thinned path: about the width of a figure in pixels.
-FIRST_SPACING_M = 0.02  #: Initial spacing of a thinned path, metres: 20 m of path have 1000 poses.
+FIRST_SPACING_M = 0.02  #: Initial spacing of a thinned path, metres: 1000 poses in 20 m.
 TURN_PER_METRE = math.radians(100.0)
 """Rotation that counts as 1 m of path, rad, so that point turns also add poses."""
 

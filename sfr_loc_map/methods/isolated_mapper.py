@@ -150,12 +150,12 @@ class IsolatedMapper(IsolatedMethod):
         return found
 
     def _cloud(self, pairs: int) -> PointCloud:
-        """Return the points of the last answer, which are of so many pairs."""
+        """Return the points of the last answer; `pairs` is the number of mapped pairs."""
         records = self._array("cloud", MAX_CLOUD_BYTES, tuple(FIELD_TYPES))
         try:
             cloud = PointCloud.from_structured(records, fused=False)
         except GeometryError as error:
-            raise MethodFailureError(FindingKind.INVALID_RESULT, f"no cloud: {error}") from error
+            raise MethodFailureError(FindingKind.INVALID_RESULT, f"the cloud is invalid: {error}") from error
         if not (np.isfinite(cloud.xyz).all() and np.isfinite(cloud.sigma).all()):
             raise MethodFailureError(FindingKind.NOT_FINITE, "a point or its sigma is not finite")
         if len(cloud) and not (cloud.u.max() < self._rig.width and cloud.v.max() < self._rig.height):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import psutil
 
-BLOCK_BYTES = 512  #: Unit of `st_blocks`.
+BLOCK_BYTES = 512  #: Unit of `st_blocks`, bytes.
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,7 +35,7 @@ class Drive:
     times_s: FloatArray  #: `(N,)` float64, seconds from the start.
     origins: FloatArray  #: `(N, 3)` float64, metres, DS.
     rotations: FloatArray  #: `(N, 3, 3)` float64, RB to DS.
-    moving: FloatArray  #: `(N,)` float64, 1 where the wheels turn.
+    moving: FloatArray  #: `(N,)` float64, 1 while the wheels turn.
     vibration: FloatArray  #: `(M, 4)` float64, standard normal values at `VIBRATION_HZ`.
     config: DriveConfig  #: Settings.
 
@@ -46,7 +46,7 @@ class Drive:
 
     @property
     def count(self) -> int:
-        """Number of pairs taken along the path."""
+        """Number of pairs along the path."""
         whole = math.floor(self.duration_s / self.config.period_s + 1e-9) + 1
         return min(whole, self.config.pairs) if self.config.pairs else whole
 

@@ -76,7 +76,7 @@ def simulate(
     for job in jobs:
         for file in job.files(folders[job.task]):
             file.parent.mkdir(parents=True, exist_ok=True)
-    for rest in out.rglob(".*.part"):  # of a killed run
+    for rest in out.rglob(".*.part"):  # left by a killed run
         shutil.rmtree(rest, ignore_errors=True)
     todo = [job for job in jobs if not all(file.exists() for file in job.files(folders[job.task]))]
     progress(len(jobs) - len(todo), len(jobs))

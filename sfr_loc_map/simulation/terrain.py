@@ -31,7 +31,7 @@ class TerrainParameters(NamedTuple):
     hills_length_m: float  #: Wavelength of the hills.
     ripple_height_m: float  #: Crest height of wind ripples.
     ripple_wave_x: float  #: Wave number of the ripples to the east, radians per metre.
-    ripple_wave_y: float  #: Wave number to the north.
+    ripple_wave_y: float  #: Wave number of the ripples to the north, radians per metre.
     crater_density: float  #: Craters wider than 1 m, per square metre.
     rim_radius_m: float  #: Radius of one large crater; 0 for none.
     rim_x_m: float  #: East coordinate of the large crater in DS.

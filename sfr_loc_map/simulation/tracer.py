@@ -30,7 +30,7 @@ class Hits(NamedTuple):
     """Hits of N rays."""
 
     points: FloatArray  #: `(N, 3)` float64, metres, DS; undefined for the sky.
-    normals: FloatArray  #: `(N, 3)` float64, unit, smooth.
+    normals: FloatArray  #: `(N, 3)` float64, interpolated unit normals.
     objects: NDArray[np.int32]  #: `(N,)` int32, -2 for the sky, -1 for the ground, else the number of a rock.
     ranges: FloatArray  #: `(N,)` float64, metres.
 

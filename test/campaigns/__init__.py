@@ -1,1 +1,1 @@
-"""Long runs that are started by hand: `python -m campaigns NAME`."""
+"""Long runs that are started manually: `python -m campaigns NAME`."""

@@ -52,7 +52,7 @@ class Made:
 
     source: Path
     calibration: Path | None = None
-    settings: dict[str, Any] = field(default_factory=dict)  #: By their names in `sfr.yaml`.
+    settings: dict[str, Any] = field(default_factory=dict)  #: Settings by their names in `sfr.yaml`.
 
 
 Make = Callable[[Path, Drive], Made]
@@ -413,14 +413,14 @@ def two_base_frames(folder: Path, drive: Drive) -> Made:
 
 
 def add_mapping(recording: Recording, drive: Drive, prefix: str, head_by: str) -> Recording:
-    """Add three mapping pairs of a head that pans, taken before the drive: LM is RB; `head_by`: pose, joints or tf."""
+    """Add three mapping pairs of a panning head before the drive; LM is RB, and `head_by` is pose, joints or tf."""
     angles, T_head_sb = PanoramaConfig(), rig_extrinsics(NavCamerasConfig())
     turns = [*zip(np.radians(angles.pan_deg), np.radians(angles.tilt_deg), strict=True)]
     T_rb_lm = mast_head_in_rb(*turns[0]) @ T_head_sb @ drive.nav[0].T_lm_navsb.inverse()
     for k, ((pan, tilt), item) in enumerate(zip(turns, drive.nav, strict=True)):
         stamp_ns, T_rb_head = BEGIN_NS + (k - 3) * 1_000_000_000, mast_head_in_rb(float(pan), float(tilt))
         at_rest = Transform(np.eye(3), T_rb_head.translation)
-        for about_ns in (stamp_ns - 15_000_000, stamp_ns + 15_000_000):  # joints have stamps of their own
+        for about_ns in (stamp_ns - 15_000_000, stamp_ns + 15_000_000):  # joints have other stamps than images
             head = header(about_ns, "")
             if head_by == "joints":
                 names, values = ["wheel_left", "pan_joint", "tilt_joint"], np.array([0.3, pan, tilt])

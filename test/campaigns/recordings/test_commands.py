@@ -140,7 +140,7 @@ def test_limits_that_were_edited_are_kept(sfr: Sfr, tmp_path: Path, drive: Drive
     assert sfr(*init).code == 0
     assert load_limits(limits).conditions == ["frames=1"]  # of 12 pairs; starts are 10 apart
     assert sfr(*init, "--overwrite", "--set", "conditions=[time=1]").code == 0
-    assert load_limits(limits).conditions == ["time=1"]  # nobody had edited it
+    assert load_limits(limits).conditions == ["time=1"]  # the file was not edited
     edited = limits.read_text().replace(": 0.1", ": 0.2")
     limits.write_text(edited)
     result = sfr(*init, "--overwrite")
@@ -162,7 +162,7 @@ def test_a_tracked_body_is_named_and_its_verdict_can_be_judged(sfr: Sfr, tmp_pat
     assert sfr("localise", made.source, "-o", tmp_path / "e.csv").code == 0
     scored = sfr("score", tmp_path / "e.csv", made.source, "--json", "-")
     assert json.loads(scored.out)["verdicts"]
-    assert scored.code in (0, 1), scored.err  # 3 if one could not be judged
+    assert scored.code in (0, 1), scored.err  # 3 if a limit could not be judged
     again = sfr("init", tmp_path, "--from", made.source, "--overwrite", "--set", "truth.lever_arm_m=[0, 0, 1]")
     assert "lever arm 0" not in again.err
 
@@ -178,7 +178,7 @@ def test_init_writes_nothing_of_what_is_no_source(sfr: Sfr, tmp_path: Path) -> N
 
 def test_a_calibration_beside_is_named_by_where_it_lies(sfr: Sfr, tmp_path: Path, drive: Drive) -> None:
     made = ROWS["rig_json"].make(tmp_path, drive)
-    assert sfr("info", made.source).code == 1  # it shows what is there, and that the calibration is missing
+    assert sfr("info", made.source).code == 1  # reports the missing calibration
     unfixed = sfr("info", made.source, "--calibration", made.calibration)
     assert f"--write --calibration {made.calibration}" in unfixed.out
     assert sfr("init", tmp_path, "--from", made.source, "--calibration", made.calibration).code == 0
