@@ -46,8 +46,9 @@ class Overlap(NamedTuple):
         if self.result is not CheckResult.INCONSISTENT:
             return ""
         return (
-            f"the maps of {self.name} disagree: range differences are {self.ratio:.2g} times the expected ones, grey "
-            f"level differences {self.grey_ratio:.2g} times those {SHIFT_PX} pixels away"
+            f"the maps of {self.name} disagree: range differences are {self.ratio:.2g} times the expected differences, "
+            f"and grey level differences are {self.grey_ratio:.2g} times the differences at an offset of {SHIFT_PX} "
+            "pixels"
         )
 
     @property

@@ -226,8 +226,8 @@ def _agreement_findings(i: int, j: int, view: PairView, other: PairView, observe
         return Findings(statistics)
     warning = (
         f"pairs {i} and {j} disagree where they overlap: range differences are {agreement.range_ratio:.1f} times the "
-        f"expected ones, grey level differences {agreement.grey_ratio:.2f} times those {SHIFT_PX} pixels away; check "
-        "the baseline and their poses, or register the poses (refine_poses)"
+        f"expected differences, and grey level differences are {agreement.grey_ratio:.2f} times the differences at an "
+        f"offset of {SHIFT_PX} pixels; check the baseline and their poses, or register them (refine_poses)"
     )
     return Findings(statistics, (warning,))
 
