@@ -166,7 +166,7 @@ class MotionTools(NamedTuple):
         return self.tracker.refine(pair.frame, landmarks, start, pair.prediction.offset)
 
     def cells(self, numbers: NDArray[np.intp]) -> Mask:
-        """Return the cells `(R, C)` of some cell numbers; the number R * C stands for outside the cells."""
+        """Return the cells `(R, C)` of some cell numbers; the number R * C is outside all cells."""
         rows, columns = cell_counts(self.shape)
         found = np.bincount(numbers, minlength=rows * columns + 1)
         return found[:-1].reshape(rows, columns) > 0

@@ -9,7 +9,7 @@ The ground is identified by its motion. The first phase is `LEARNING`:
 | `IN_DOUBT` | the image contradicted the motion, or two motions competed | `LEARNING` after several pairs that agree |
 
 A case with `leaves_doubt` (`ground_cases.EFFECTS`) leads from each phase to `IN_DOUBT`, and an unusual moving pair
-prolongs this phase. The phase ends only if landmarks also follow the motion in cells where they did not follow it
+prolongs this phase. The phase ends only if landmarks also follow the motion in the cells that were unexplained
 before. `GroundMemory.after` updates the memory with a pair.
 
 Three values record faults of earlier pairs. They are separate because they answer different questions:
@@ -55,7 +55,7 @@ MIN_UNEXPLAINED = 0.12
 """Excess of the fraction of unexplained landmarks over the typical fraction, from which a motion is unusual. Chosen by
 hand. If larger, small objects and stale parts bias the pose without a report. If smaller, clean pairs with many
 outliers are degraded."""
-AFTER_TRANSFER = 0.5  #: Factor on `MIN_UNEXPLAINED` after a partially transferred pair: the next may be, too.
+AFTER_TRANSFER = 0.5  #: Factor on `MIN_UNEXPLAINED` after a partial transfer: the next pair may be affected, too.
 MOSTLY_STALE = 0.5  #: Fraction of stale rows from which all rows of the next images may be stale.
 MAX_MOVING = 0.12
 """Fraction of cells that are excluded because they move, from which a pair does not confirm the ground's motion. Chosen

@@ -26,7 +26,7 @@ from sfr_loc_map.localisation.motion_size import MotionSize, size_between
 from sfr_loc_map.localisation.stale_images import ImageComparison, are_equal
 
 SLACK: Final = MotionSize(1.0, 1.0)
-"""Motion, m and rad, that is plausible for any stamps, because stamps may jitter. Chosen by hand: at the default
+"""Motion, m and rad, that is always accepted, because stamps may jitter. Chosen by hand: at the default
 maximum speed and turn rate, these values correspond to errors of the stamps of 20 ms and 170 ms. If larger, wrong
 poses near the last pose are accepted."""
 MAX_ADJUSTMENT: Final = MotionSize(1.0, 1.0)

@@ -329,8 +329,8 @@ class Localiser:
         """Decide whether a judged pair becomes a keyframe, and solve for the pose of a keyframe from all landmarks.
 
         Only the errors of keyframes accumulate. Other poses are therefore estimated from fewer landmarks to save time.
-        Findings about the images hold for the new pose as well, but the checks of the pose are repeated. If they refuse
-        the new pose, the judged pose and its tracks are used.
+        Findings about the images hold for the new pose as well, but the checks of the pose are repeated. If these
+        checks refuse the new pose, the judged pose and its tracks are used.
         """
         tracks = candidate.tracks
         # later pairs are compared with the left image, which must show enough landmarks
