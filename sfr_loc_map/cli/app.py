@@ -1,4 +1,4 @@
-"""The application `sfr` that the subcommands join, and the last line of a command.
+"""The application `sfr`, to which the subcommands are added, and the last line of a command.
 
 The last line of a command proposes the next command. The line is printed to standard error after all other lines, like
 the hints of git. It is omitted after bad input or an interruption, if JSON is printed to standard output (for a

@@ -71,7 +71,7 @@ def localise(
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.runs.offline import start_pose
 
-    propose("sfr localise SRC -o T.csv --stats S.csv --method NAME", why="one method, to score and compare")
+    propose("sfr localise SRC -o T.csv --stats S.csv --method NAME", why="runs one method, with files to score")
     scoring = TrajectoryScoreConfig(conditions=tuple(condition or ["distance=5"]), spacing=spacing)
     check_outputs(json_path, inputs=(source, config), overwrite=overwrite)
     opened, config = open_as(source, remap, config)
@@ -110,7 +110,7 @@ def map_(
     from sfr_loc_map.bench.method_benchmark import compare_mappers, methods_to_compare
     from sfr_loc_map.io.sequence import panorama_of
 
-    propose("sfr map SRC -o C.ply --stats S.csv --method NAME", why="one method, to score and compare")
+    propose("sfr map SRC -o C.ply --stats S.csv --method NAME", why="runs one method, with files to score")
     check_outputs(json_path, inputs=(source, config), overwrite=overwrite)
     opened, config = open_as(source, remap, config)
     parameters, sequence = read_config(MappingConfig, config, "mapping"), panorama_of(opened)
@@ -193,13 +193,13 @@ def _present(result: dict[str, Any], json_path: str | None) -> None:
     show(result, json_path, benchmark_tables(result))
     reported = {} if json_path == STANDARD_OUTPUT else result
     for name, reason in reported.get("missing", {}).items():
-        say(f"left out: {name}: {reason}")
+        say(f"skipped: {name}: {reason}")
     for name, reason in reported.get("failed", {}).items():
         say(f"failed: {name}: {reason}")
     for name, texts in reported.get("findings", {}).items():
         more = f" (and {len(texts) - 1} more)" if len(texts) > 1 else ""
         say(f"found: {name}: {texts[0]}{more}")
     if "interrupted" in result:
-        raise InterruptedRunError(f"interrupted: {result['interrupted']} were done, and reported")
+        raise InterruptedRunError(f"interrupted: {result['interrupted']} are finished and reported")
     if wrong := dict.fromkeys((*result.get("failed", ()), *result.get("findings", ()))):
         raise FailedVerdictError(f"methods failed: {', '.join(wrong)}; the figures of the other methods are written")

@@ -87,7 +87,7 @@ def convert(
         return
     if destination.suffix == PAIRS and layout is None:
         if options != ConvertOptions():
-            raise ConfigError(f"'{destination}' is a file of exact pairs for a target: omit the options for bags")
+            raise ConfigError(f"'{destination}' contains lossless pairs for a target: omit the options for bags")
         _convert_pairs(source, destination, remap, config, overwrite=overwrite)
         return
     opened, _ = open_as(source, remap, config)

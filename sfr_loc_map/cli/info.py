@@ -81,7 +81,7 @@ def info(
         raise InputError(facts["cannot be read"])
     start = ["--start", "truth"] if seen.truth_has_attitude else []
     after = ["sfr", "replay", str(source), *of_config, *start, "--out", "out"]
-    report.propose(after, why="through the nodes, scored")
+    report.propose(after, why="plays it to the nodes and scores the results")
     report.show(json_path, facts, facts_tables(facts))
 
 

@@ -78,4 +78,14 @@ def _init_from(
         propose("..." if overwrite else "... --overwrite", why="with the missing values")
         raise FailedVerdictError(f"'{path}' is not complete: {'; '.join(found.missing)}")
     start = ("--start", "truth") if found.has_attitude else ()
-    propose("sfr", "replay", source, "--config", path, *start, "--out", "out", why="through the nodes, scored")
+    propose(
+        "sfr",
+        "replay",
+        source,
+        "--config",
+        path,
+        *start,
+        "--out",
+        "out",
+        why="plays it to the nodes and scores the results",
+    )

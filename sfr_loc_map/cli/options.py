@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 MORE = "More"
 METHOD = "Method under test"
-CONVENTION = "Convention of the estimate, if it is not poses of RB in DS"
+CONVENTION = "Convention of an estimate other than poses of RB in DS"
 _NAMESPACE = re.compile(r"/?([A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?/?")
 
 
@@ -91,7 +91,7 @@ def parse_settings(settings: Sequence[str] | None) -> dict[str, Any]:
     for item in settings or ():
         key, separator, text = item.partition("=")
         if not separator or not key:
-            raise ConfigError(f"'--set {item}': must have the form KEY=VALUE, as terrain.relief_m=0.2")
+            raise ConfigError(f"'--set {item}': must have the form KEY=VALUE, such as terrain.relief_m=0.2")
         try:
             values[key] = parse_yaml(text)
         except (yaml.YAMLError, ValueError) as error:

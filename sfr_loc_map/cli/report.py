@@ -254,7 +254,7 @@ def _compare_suites(folders: list[Path], page: Path | None, json_path: str | Non
 
     if len(folders) != 2:
         what = "sfr suite report makes the page of one" if len(folders) == 1 else "sfr suite history takes several"
-        raise ConfigError(f"{len(folders)} folders of suites: two are compared; {what}")
+        raise ConfigError(f"{len(folders)} folders of suites given: exactly two are compared; {what}")
     reference, compared = (summarise(Store(folder)) for folder in folders)
     result = compare_suites(reference, compared, (str(folders[0]), str(folders[1])))
     tables = comparison_tables(result)

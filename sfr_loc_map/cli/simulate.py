@@ -17,7 +17,7 @@ from sfr_loc_map.faults.kinds import FaultKind, parse_fault
 from sfr_loc_map.simulation.config import SimulationConfig
 
 FAULT_HELP = (
-    "KIND, or KIND: with options amount=A (its unit: docs/simulation.md), share=S of the pairs (0 to 1), burst=N pairs "
+    "KIND, or KIND:OPTIONS with amount=A (unit: docs/simulation.md), share=S of the pairs (0 to 1), burst=N pairs "
     "at a time, start=N (first pair), camera=both|left|right, separated by commas; repeatable. "
     f"Kinds: {', '.join(FaultKind)}."
 )
@@ -86,7 +86,16 @@ def simulate(
             text = f"interrupted: the images so far stay in '{place}'; the same command continues"
             raise InterruptedRunError(text) from None
     say(f"{count} pairs: {out}", err=True)
-    propose("sfr", "replay", out, "--start", "truth", "--out", f"{out}_result", why="through the nodes, scored")
+    propose(
+        "sfr",
+        "replay",
+        out,
+        "--start",
+        "truth",
+        "--out",
+        f"{out}_result",
+        why="plays it to the nodes and scores the results",
+    )
 
 
 def _inject(

@@ -103,7 +103,7 @@ def _list_tasks(specification: SuiteSpecification, store: Store, workers: int | 
     with store.locked():
         planned, refusals = planned_jobs(specification, store)
         for refusal in refusals:
-            _tell(f"left out: {refusal.reason}")
+            _tell(f"skipped: {refusal.reason}")
         jobs = open_jobs(planned, store, settings, retry_failed=retry_failed)
     for job in jobs:
         say(f"{job.key}  {job.label}")
@@ -178,7 +178,7 @@ def search(
     write_text(case_file(result), store.folder / CASE)
     show(result.to_dict(), json_path, search_tables(result))
     for point, reason in result.left_out.items():
-        say(one_line(f"left out: {result.named(point)}: {reason}"), err=True)
+        say(one_line(f"skipped: {result.named(point)}: {reason}"), err=True)
     say(f"report: {store.folder / 'search.html'}", err=True)
     if result.found.fails:
         raise FailedVerdictError(f"the worst case is {result.case.ratio:.3g} times the limit: {store.folder / CASE}")
@@ -236,7 +236,7 @@ def plan(
             raise ConfigError(problem)
         counts = [count_without_runs(terms)]
     elif given:
-        raise ConfigError(f"'--{next(iter(given))}' and a suite: the limits of the suite state it; omit one of them")
+        raise ConfigError(f"'--{next(iter(given))}' and a suite: the limits of the suite define it; omit one of them")
     else:
         store = _open_store(folder)
         counts = list(drive_counts(summarise(store).drives, store.limits))
@@ -265,7 +265,7 @@ def history(
     for change in result.worse:
         say(change.text, err=True)
     if result.worse:
-        raise FailedVerdictError(f"{len(result.worse)} figures became worse and stayed so: each is named above")
+        raise FailedVerdictError(f"{len(result.worse)} figures became and stayed worse: each is named above")
 
 
 def _open_store(folder: Path) -> Store:
@@ -275,7 +275,7 @@ def _open_store(folder: Path) -> Store:
         raise InputError(f"'{folder}' is not a suite: plan.json is missing; give a folder made by sfr suite run")
     store = Store(folder)
     for path in store.check_files():
-        warn(f"'{path}' is missing: whether the plan has its tasks and limits was not checked")
+        warn(f"'{path}' is missing: the plan was not compared with this file")
     return store
 
 
@@ -293,13 +293,13 @@ def _present(
     show(summary.to_dict(), json_path, suite_tables(summary))
     say(f"report: {store.folder / 'report.html'}", err=True)
     for refusal in store.left_over():
-        say(one_line(f"left out: {refusal.reason}"), err=True)
+        say(one_line(f"skipped: {refusal.reason}"), err=True)
     for failure in summary.failures:
         say(one_line(f"failed: {failure.label}: {failure.cause}: {failure.message}"), err=True)
     verdicts = [(group, item) for group in summary.groups for item in group.verdicts]
     incomplete = [
         f"incomplete: {item.missed_by} of {group.drives} drives of {group.task}, {group.configuration}"
-        + ("" if item.value is None else f"; the worst covers {100.0 * item.value:.4g} %")
+        + ("" if item.value is None else f"; the worst drive covers {100.0 * item.value:.4g} %")
         for group, item in verdicts
         if item.state is VerdictState.INCOMPLETE
     ]

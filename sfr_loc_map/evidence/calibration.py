@@ -32,7 +32,7 @@ AXES = {"pitch": (0, -1.0), "roll": (2, 1.0), "yaw": (1, -1.0)}
 NAMES = {
     "right_camera": "right camera, ",
     "depth_error": "error of depth ",
-    "calibration_cost": "positions move by correction of ",
+    "calibration_cost": "shift of positions by correction of ",
     "scale": "excess of length, ",
 }
 """Figures of the calibration table and the prefixes of their names."""

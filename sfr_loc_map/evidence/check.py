@@ -109,7 +109,7 @@ def hat_rows(forward: Run, others: Sequence[Run], condition: Condition) -> list[
 
 def check_table(figures: Sequence[Figure]) -> Table:
     """Return the comparisons as a table, one line each; the cells name their keys in the figures."""
-    titles = ("difference, rmse", "NEES", "expected below", "n", "p", "one of both is off by")
+    titles = ("difference, rmse", "NEES", "expected below", "n", "p", "minimum error of a run")
     columns = (Column("runs", words=True), Column("over", words=True), Column("unit"), *map(Column, titles))
     places: dict[tuple[str | None, str | None], dict[str, int]] = {}  # of the figures of a comparison, by name
     for place, row in enumerate(figures):

@@ -123,7 +123,7 @@ def overlap_table(figures: Sequence[Figure]) -> Table:
         Column("overlap", Unit("%")),
         Column("unit"),
         Column("range difference, rms"),
-        Column("over the expected one"),
+        Column("ratio to the expected one"),
         Column(f"grey difference over that {SHIFT_PX} px away"),
         Column("points"),
     )

@@ -108,7 +108,7 @@ def predicted_table(figures: Sequence[Figure]) -> Table:
     columns = (
         Column("source", words=True),
         Column("over", words=True),
-        Column("of the mean square", Unit("%")),
+        Column("fraction of the mean square", Unit("%")),
         Column("unit"),
         Column("position, rms"),
         Column("attitude, rms", Unit("deg")),

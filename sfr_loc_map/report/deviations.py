@@ -58,7 +58,7 @@ def deviations_of(score: Score) -> Iterator[str]:
     if score.truth is not None and score.truth.declared:
         yield f"The ground truth was read with {', '.join(score.truth.declared)}; the recording does not state this."
     if score.convention is not None:
-        yield f"The poses were converted before: {', '.join(score.convention.declared) or 'as diagnosed'}."
+        yield f"The poses were converted before scoring: {', '.join(score.convention.declared) or 'as diagnosed'}."
 
 
 def _standing(score: Score) -> Iterator[str]:
@@ -127,7 +127,7 @@ def _of_calls(item: Verdict) -> Iterator[str]:
         as_proposed = "the document leaves the method to the supplier [4.2.2, 4.3.2]"
         yield f"{_name(item)} was measured on the host; {on_target if item.subject is Subject.TIMING else as_proposed}."
     if is_of_stage(item):
-        yield f"{_name(item)} is of a stage. The call in the document makes one cloud of all pairs [4.3.1]."
+        yield f"{_name(item)} concerns a stage. The mapping call of the document makes one cloud of all pairs [4.3.1]."
 
 
 def _of_the_range(score: Score) -> Iterator[str]:

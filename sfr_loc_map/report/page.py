@@ -127,7 +127,7 @@ def _rendered(
 
 def from_template(name: str, **values: Any) -> str:  # noqa: ANN401 - of the template
     """Return the page of a template with all texts escaped."""
-    from jinja2 import Environment, PackageLoader  # what only asks for the verdict starts without it
+    from jinja2 import Environment, PackageLoader  # not needed by callers that only use the verdict
 
     loader = PackageLoader("sfr_loc_map", "report/templates")
     environment = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
@@ -271,8 +271,8 @@ def _worth_a_look(score: Score) -> Iterator[LookFirst]:
             yield LookFirst(view.name, f"There is not enough data to judge this limit: {view.reason}.")
     for row in score.rows("nees", subject=Subject.CONSISTENCY, part="pose"):
         if row.mean is not None and row.interval is not None and not row.interval[0] <= row.mean <= row.interval[1]:
-            why = f"Over {label_of(row.condition)} the normalised squared error (NEES) is {number(row.mean)}, expected "
-            why += f"is {number(row.value)}. {truth_text(score) or EXACT}"
+            why = f"Over {label_of(row.condition)} the normalised squared error (NEES) is {number(row.mean)} "
+            why += f"instead of {number(row.value)}. {truth_text(score) or EXACT}"
             size = "large" if row.mean < row.interval[0] else "small"
             yield LookFirst(f"the covariance of the odometry, which is too {size}", why.strip())
     met = [view for view in views if view.item.state is VerdictState.PASS]

@@ -468,7 +468,7 @@ def truth_text(score: Score) -> str:
 
 def association_table(score: Score) -> Table:
     """Return the counts of scored frames and poses."""
-    columns = (Column("of frames and poses", words=True), Column("number"))
+    columns = (Column("frames and poses", words=True), Column("number"))
     if score.association is None:
         return Table("frames", "What was scored", columns, ())
     facts = msgspec.structs.asdict(score.association)
@@ -542,12 +542,12 @@ def external_table(score: Score) -> Table:
 
 
 def about(subject: Subject) -> Callable[[Score, Figure], bool]:
-    """Return the predicate whether a row is about a subject."""
+    """Return a predicate that is true for rows about a subject."""
     return lambda score, row: row.subject is subject
 
 
 def on_target(subject: Subject) -> Callable[[Score, Figure], bool]:
-    """Return the predicate whether a row is about a subject and was measured on the target."""
+    """Return a predicate that is true for rows about a subject that were measured on the target."""
     return lambda score, row: row.subject is subject and row.place is Place.TARGET
 
 

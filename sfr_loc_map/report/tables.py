@@ -246,7 +246,7 @@ def _html_cell(cell: Cell, column: Column, *, lean: bool) -> str:
     place = f' data-key="{escape(cell.key)}"' if cell.key and not lean else ""
     if cell.mark:
         place += f' class="{cell.mark}"'
-        text = f'<span title="{cell.mark} of its column">{MARKS[cell.mark]}</span> {text}'
+        text = f'<span title="{cell.mark} of the column">{MARKS[cell.mark]}</span> {text}'
     if isinstance(cell.value, (int, float)) and not lean:
         place += f' data-value="{cell.value}" title="{escape(cell.key)} = {cell.value}"'
     return f"<td{WORDS * column.words}{place}>{text}</td>"

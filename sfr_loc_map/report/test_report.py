@@ -127,7 +127,7 @@ def _of_all(scores: Sequence[Score], texts_of: Callable[[Score], Iterator[str]])
     for index, score in enumerate(scores):
         for text in texts_of(score):
             found.setdefault(printable(text), []).append(str(index + 1))
-    return [f"Of command {', '.join(of)}: {text}" if len(scores) > 1 else text for text, of in found.items()]
+    return [f"Command {', '.join(of)}: {text}" if len(scores) > 1 else text for text, of in found.items()]
 
 
 def _item(score: Score) -> dict[str, str]:

@@ -36,7 +36,7 @@ class LiveRun:
     scored_map: ScoredMap | None = None  #: Score of the last map, computed once.
     received: int = 0  #: Number of received poses, true poses and calls.
     dropped: int = 0  #: Number of messages that were lost in transport or dropped.
-    restarts: int = 0  #: Number of restarts caused by a jump of the time.
+    restarts: int = 0  #: Number of restarts caused by a jump of the stamps.
     provenance: Provenance | None = None  #: Provenance of the score.
 
 

@@ -12,9 +12,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from sfr_loc_map import (
-    io,  # its readers of sources are loaded when they are called, because files of trajectories need no images
-)
+from sfr_loc_map import io  # readers of sources are loaded when called, because files of trajectories require no images
 from sfr_loc_map.errors import ConfigError, InputError, SfrError
 from sfr_loc_map.geometry.arrays import IntArray
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig

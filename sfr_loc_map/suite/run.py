@@ -47,7 +47,7 @@ def run_suite(
         planned, refusals = planned_jobs(specification, store)
         store.plan(planned, refusals, specification.limits, specification.files)
         for refusal in refusals:
-            say(f"left out: {refusal.reason}")
+            say(f"skipped: {refusal.reason}")
         jobs = open_jobs(planned, store, settings, retry_failed=retry_failed)
         try:
             if jobs:
@@ -58,7 +58,7 @@ def run_suite(
             interrupted = True
         finally:  # report the finished tasks after any error
             hold()
-            from sfr_loc_map.suite.pages.page import write_summary  # its imports take as long as all of the start
+            from sfr_loc_map.suite.pages.page import write_summary  # imported late, because the import is slow
 
             summary = summarise(store)
             write_summary(summary, store)

@@ -125,7 +125,7 @@ def test_what_fails_is_named_and_left_alone_until_it_is_asked_for(sfr: Sfr, tmp_
     done = sfr("suite", "run", suite, "--out", out)
     assert done.code == 2, done.err
     assert "of 2 tasks" in done.err, done.err
-    assert "left out: source 'gone'" in done.err
+    assert "skipped: source 'gone'" in done.err
     found = json.loads((out / "suite.json").read_text())
     assert (found["counts"]["done"], [item["path"] for item in found["refusals"]]) == (1, ["gone"])
     assert {"commit", "branch", "date"} == set(found["git"])
@@ -186,7 +186,7 @@ def test_a_suite_without_its_bad_drive_and_an_edited_plan_pass_nothing(
     (out / "plan.json").write_text(json.dumps(edited))
     without = sfr(*report)
     assert (without.code, json.loads(without.out)["verdict"]) == (2, "incomplete")
-    assert "left out: 'drive2.csv' was run" in without.err
+    assert "skipped: 'drive2.csv' was run" in without.err
 
     (out / "plan.json").write_text(plan)
     suite.write_text(yaml.safe_dump((whole := yaml.safe_load(content)) | {"sources": whole["sources"][:2]}))
@@ -194,9 +194,9 @@ def test_a_suite_without_its_bad_drive_and_an_edited_plan_pass_nothing(
     assert (changed.code, "has changed since" in changed.err) == (2, True), changed.err
     chosen = sfr(*run)
     assert (chosen.code, json.loads(chosen.out)["verdict"]) == (2, "incomplete")
-    assert "left out: 'drive2.csv' was run" in chosen.err
+    assert "skipped: 'drive2.csv' was run" in chosen.err
     suite.unlink()
-    assert "was not checked" in sfr(*report).err
+    assert "was not compared with this file" in sfr(*report).err
 
 
 def test_a_suite_with_another_drive_in_place_of_its_bad_drive_passes_nothing(sfr: Sfr, tmp_path: Path) -> None:
@@ -206,7 +206,7 @@ def test_a_suite_with_another_drive_in_place_of_its_bad_drive_passes_nothing(sfr
     assert sfr("suite", "run", bad, "--out", out, *words).code == 1
     swapped = sfr("suite", "run", good, "--out", out, *words)
     assert (swapped.code, json.loads(swapped.out)["verdict"]) == (2, "incomplete")
-    assert "left out: 'drive0.csv' was run" in swapped.err
+    assert "skipped: 'drive0.csv' was run" in swapped.err
 
 
 def test_wrong_frames_between_the_starts_and_copies_pass_no_suite(sfr: Sfr, tmp_path: Path) -> None:

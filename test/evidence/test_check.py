@@ -67,7 +67,7 @@ def test_a_wrong_calibration_is_to_be_redone_and_its_cost_is_measured(angle: str
     table = calibration_table(found.figures)
     advice = {row[0].text: row[-1].text for row in table.rows}
     assert advice[f"right camera, {angle}"] == "redo"
-    assert advice[f"positions move by correction of {angle} over 5 frames"] == "-"
+    assert advice[f"shift of positions by correction of {angle} over 5 frames"] == "-"
     corrected = corrected_drive(sequence, [CameraOffset(angle, 4, 0.0, 0.0, 0.0, float(degrees), None)])
     again = check_drive(corrected, LocalisationConfig(), [Condition.parse("frames=5")], 40)
     assert again.calibration == ()

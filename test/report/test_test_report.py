@@ -149,7 +149,7 @@ def test_the_memory_of_a_stage_follows_no_clause_and_is_a_deviation() -> None:
         "mapping_p50_s": ("", True),
         "localisation_p50_s": ("", False),
     }
-    deviations = re.findall("([a-z ]*) is of a stage", render_test_report([score]))
+    deviations = re.findall("([a-z ]*) concerns a stage", render_test_report([score]))
     assert len(deviations) == 2, deviations
 
 

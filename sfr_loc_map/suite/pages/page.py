@@ -81,7 +81,7 @@ def budget_plot(budget: Budget) -> Plot:
         bars = {"type": "data", "array": above, "visible": None not in above}
         bar = {"type": "bar", "name": name, "x": names, "y": values, "error_y": bars, "marker": {"color": color}}
         traces.append(bar)
-    layout = {"xaxis": axis("", type="category"), "yaxis": axis("of the mean square, %")}
+    layout = {"xaxis": axis("", type="category"), "yaxis": axis("fraction of the mean square, %")}
     caption = "Fraction that each source of error causes alone, and fraction that vanishes without it; 95 % intervals."
     return Plot("budget", "Error budget", caption, traces, layout, height=460, width="full")
 

@@ -60,7 +60,7 @@ def make_plan(
         for job in _jobs(specification, code, source, item.possible):
             jobs.setdefault(job.key, job)  # named by the first configuration with this job
     if not jobs and not refusals:
-        raise ConfigError(f"{specification.path}: no task: the sources have no data for 'tasks'")
+        raise ConfigError(f"{specification.path}: there is no task: the sources have no data for 'tasks'")
     return list(jobs.values()), refusals
 
 
@@ -126,7 +126,7 @@ def _jobs(
 
 def inspect_source(path: Path) -> SourceFacts:
     """Return the facts of a source for a plan; raise InputError if the source cannot be read."""
-    from sfr_loc_map.io.registry import open_source  # takes half a second, and a resumed suite knows its sources
+    from sfr_loc_map.io.registry import open_source  # slow import, not needed by a resumed suite
 
     source = open_source(path)
     pairs, nav_pairs = (0 if part is None else len(part) for part in (source.loc, source.nav))

@@ -105,7 +105,7 @@ def load_specification(path: Path) -> SuiteSpecification:
     try:
         tasks = tuple(JobKind(str(name)) for name in lists["tasks"]) or None
     except ValueError as error:
-        raise ConfigError(f"{path}: 'tasks' may hold {', '.join(JobKind)}: {error}") from error
+        raise ConfigError(f"{path}: 'tasks' may contain {', '.join(JobKind)}: {error}") from error
     for part in "+".join(map(str, lists["perturb"])).split("+") if lists["perturb"] else ():
         parse_fault(part)
     sources: list[JobSource] = []
@@ -209,7 +209,9 @@ def _budget_sources(sources: Sequence[JobSource], budget: Sequence[ErrorSource],
     """Yield each simulation with each combination of the sources of error that the budget requires."""
     for source in sources:
         if source.kind is not SourceKind.SIMULATED:
-            raise ConfigError(f"{path}: 'budget' needs sources 'simulate: SCENARIO'; '{source.name}' is not one")
+            raise ConfigError(
+                f"{path}: 'budget' requires sources 'simulate: SCENARIO', but '{source.name}' is not simulated"
+            )
         for variant in variants_of(budget):
             settings = variant.settings(source.settings)
             made = simulated_source(Path(source.path), settings, source.seed, f"{path}: 'budget'")
@@ -220,7 +222,7 @@ def _configurations(value: object, path: Path) -> dict[str, dict[str, object]]:
     if value is None:
         return {"default": {}}
     if not isinstance(value, Mapping) or not value:
-        raise ConfigError(f"{path}: 'configurations' must map names to parameters, as {{default: {{}}}}")
+        raise ConfigError(f"{path}: 'configurations' must map names to parameters, such as {{default: {{}}}}")
     return {
         str(name): _parameters(content, f"{path}: configuration '{name}'", path.parent)
         for name, content in value.items()

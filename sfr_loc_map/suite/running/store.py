@@ -32,7 +32,7 @@ from sfr_loc_map.suite.running.provenance import about_run
 from sfr_loc_map.suite.running.specification import Refusal, limits_in
 
 PLAN, WORKERS = "plan.json", "workers.json"
-ADVICE = "delete it and run the suite again"
+ADVICE = "delete this file and run the suite again"
 WORK = (
     "task",
     "source",
