@@ -1,1 +1,1 @@
-"""What is wrong with a recording or a running graph, and what to do about it."""
+"""Diagnosis of a recording or a running graph: the issues and their fixes."""

@@ -1,4 +1,4 @@
-"""The blocking issues of what was observed: pure functions of an observation, each finding with its fix."""
+"""Checks of an observation: pure functions that return findings, each with its fix."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ VIDEO = {
     "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
     "theora_image_transport/msg/Packet",
 }
-"""Types of topics with video (H.264, H.265, Theora), which is not decoded."""
-FEW_LOST = 0.01  # share of images lost in transport above which there is a warning
-PAIRED = 0.5  # share of stamps with a partner below which no useful result is possible
-COMPLETE = 0.9  # and below which there is a warning
-EDGE = 0.1  # share of the observed time at either end in which a partner may lie outside
+"""Message types of video (H.264, H.265, Theora), which is not supported."""
+FEW_LOST = 0.01  # fraction of images lost in transport above which there is a warning
+PAIRED = 0.5  # fraction of stamps with a partner below which no useful result is possible
+COMPLETE = 0.9  # fraction of stamps with a partner below which there is a warning
+EDGE = 0.1  # fraction of the observed time at each end that is ignored: partners may be outside
 CORNERS = 80
-PATCH_PX = 6  # half the side of a patch that is searched for
-MIN_NCC = 0.85  # normalised cross-correlation of a patch that is matched
-MIN_MATCHES = 10  # matches on the wrong side that a decision requires
-SWAPPED_RATIO = 4.0  # ratio of matches on the wrong side to those on the right side above which images are swapped
+PATCH_PX = 6  # half the side of a patch, px
+MIN_NCC = 0.85  # minimum normalised cross-correlation of a match
+MIN_MATCHES = 10  # minimum number of matches on the wrong side for a finding
+SWAPPED_RATIO = 4.0  # ratio of matches on the wrong side to correct matches above which images are swapped
 
 
 Findings = Iterator[Finding]
@@ -48,8 +48,8 @@ def examine(seen: Observation) -> list[Finding]:
     if not seen.broken or seen.topics:
         found += _names(seen)
         for node in seen.waiting:
-            fix = "start them, or name their topics (sfr run --config); else leave the node out"
-            text = "none of its cameras is on the graph: it waits"
+            fix = "start the cameras, or name their topics (sfr run --config); otherwise omit the node"
+            text = "the node waits because none of its cameras is on the graph"
             found.append(Finding(Cause.NO_PUBLISHER, node.name, text, fix, False))
         for rig in seen.rigs:
             found += _camera_topics(seen, rig)
@@ -69,26 +69,26 @@ def _source(seen: Observation) -> Findings:
         fix = f"sfr {command}" if separator else "correct, record or copy it again"
         yield Finding(Cause.BROKEN, seen.subject, text, fix)
     if seen.left_out:
-        text = f"{seen.left_out} pairs are listed whose images are not there: they are left out"
-        fix = "restore the files, or take the pairs out of the list"
+        text = f"{seen.left_out} listed pairs are skipped because their images are missing"
+        fix = "restore the files, or remove the pairs from the list"
         yield Finding(Cause.MISSING_IMAGES, seen.subject, text, fix, False)
     if seen.unfinished:
-        text = "its recording was not finished: it has no end record"
-        yield Finding(Cause.UNFINISHED, seen.subject, text, "for other readers rewrite it: sfr convert", False)
+        text = "the bag was not closed: it has no end record"
+        yield Finding(Cause.UNFINISHED, seen.subject, text, "rewrite it for other readers: sfr convert", False)
 
 
 def _names(seen: Observation) -> Findings:
     for name, found in seen.ambiguous.items():
-        fix = "choose a rover by --namespace, or one topic by --remap FOUND:=EXPECTED"
-        yield Finding(Cause.AMBIGUOUS, name, f"several topics could be it: {', '.join(found)}", fix)
+        fix = "choose a rover with --namespace, or one topic with --remap FOUND:=EXPECTED"
+        yield Finding(Cause.AMBIGUOUS, name, f"several topics are possible: {', '.join(found)}", fix)
     if not seen.rigs and not seen.ambiguous:
         images = [name for name, types in sorted(seen.others.items()) if {IMAGE, COMPRESSED} & set(types)]
         videos = [f"{name} ({kind})" for name, types in sorted(seen.others.items()) for kind in set(types) & VIDEO]
-        fix = "name them by --remap FOUND:=EXPECTED, or start the cameras" if seen.live else "--remap FOUND:=EXPECTED"
+        fix = "start the cameras, or give --remap FOUND:=EXPECTED" if seen.live else "give --remap FOUND:=EXPECTED"
         there = f"topics with images are {', '.join(images)}"
         if not images:
             there = (
-                f"topics with video, which is not read, are {', '.join(videos)}" if videos else "no topic has images"
+                f"topics with video, which is unsupported, are {', '.join(videos)}" if videos else "no topic has images"
             )
             fix = "start the cameras" if seen.live else "give a bag with images of both cameras"
         if videos and not images:
@@ -102,13 +102,13 @@ def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Finding
         return
     if topic is None or not topic.publishers:
         where = topic.found if topic is not None else f"{seen.prefix}{name}"
-        hint = "or name it by --remap FOUND:=EXPECTED"
+        hint = "or name it with --remap FOUND:=EXPECTED"
         if where.endswith(RECTIFIED) and where.removesuffix(RECTIFIED) + RAW in seen.others:
-            hint = f"or set input.rectify of the node: {RAW} is there"
+            hint = f"or set input.rectify of the node: {RAW} exists"
         if seen.live:
             yield replace(silence_of(where, allowed_types(name), ()), fix=f"publish or record it, {hint}")
         else:
-            yield Finding(Cause.NO_TOPIC, where, "it is not in the bag", f"publish or record it, {hint}")
+            yield Finding(Cause.NO_TOPIC, where, "the topic is not in the bag", f"publish or record it, {hint}")
         return
     found = _silence(seen, name, topic)
     is_silent = not topic.messages and not seen.is_idle(name.partition("/")[0])
@@ -117,13 +117,13 @@ def _topic(seen: Observation, name: str, topic: ObservedTopic | None) -> Finding
 
 
 def _silence(seen: Observation, name: str, topic: ObservedTopic) -> Finding:
-    """Return why no message of a topic is received, by the doctor or by a node that requests more."""
+    """Return why no message of a topic is received, by the doctor or by a node that requests more reliability."""
     publishers = topic.publishers if seen.live else [Publisher("", kind) for kind in topic.types]
     strict = Reliability.RELIABLE in topic.requests.values()
     requested = Reliability.RELIABLE if strict else Reliability.BEST_EFFORT
     found = silence_of(topic.found, allowed_types(name), publishers, requested)
     if found.cause is Cause.SILENT and not seen.live:
-        return Finding(Cause.SILENT, topic.found, "no message is in the bag", "record it again")
+        return Finding(Cause.SILENT, topic.found, "the bag has no message on this topic", "record it again")
     return found
 
 
@@ -134,8 +134,8 @@ def _camera_topics(seen: Observation, rig: str) -> Findings:
         yield from _topic(seen, name, seen.topics.get(name))
     node = seen.node(rig)
     if seen.is_idle(rig) and not (node is not None and node.has_worked):
-        fix = "watch longer (--seconds), or record it again, if there should be pairs"
-        yield Finding(Cause.SILENT, seen.both_images(rig), "no pair came meanwhile", fix, False)
+        fix = "if pairs are expected, observe longer (--seconds) or record again"
+        yield Finding(Cause.SILENT, seen.both_images(rig), "no pair was received", fix, False)
 
 
 # ---- images of both sides
@@ -153,19 +153,19 @@ def _pairs(seen: Observation, rig: str) -> Findings:
     node = seen.node(rig)
     tolerance_ns = node.stamp_tolerance_ns if node is not None else 0
     left, right = (seen.image_stamps(rig, side) for side in SIDES)
-    if not len(left) or not len(right):  # they came, and could not be used
+    if not len(left) or not len(right):  # they were received but are unusable
         return
     share, typical_ns = _paired(left, right, tolerance_ns)
-    share = min(share / (1.0 - seen.lost_share(rig)), 1.0)  # of those whose partner was not lost in transport
-    text = f"{share:.0%} of the left images have a right one of their stamp"
+    share = min(share / (1.0 - seen.lost_share(rig)), 1.0)  # without images whose partner was lost
+    text = f"{share:.0%} of the left images have a right image with the same stamp"
     if PAIRED <= share < COMPLETE:
         fix = "check for lost images: transport, quality of service, load"
         yield Finding(Cause.UNPAIRED, seen.both_images(rig), text, fix, False)
     elif share < PAIRED:
         off_s = f"{typical_ns / NS_PER_S:.3g}"
-        fix = "let one trigger stamp both"
+        fix = "stamp both images by one trigger"
         if typical_ns <= NS_PER_S // 2:
-            fix += f"; or set input.stamp_tolerance_s above {off_s}, if so much motion may be neglected"
+            fix += f"; or set input.stamp_tolerance_s above {off_s}, if the motion in this time is negligible"
         yield Finding(Cause.UNSYNCHRONISED, seen.both_images(rig), f"{text}, typically {off_s} s off", fix)
 
 
@@ -194,26 +194,27 @@ def _stereo(seen: Observation, rig: str) -> Findings:
             return
         height, width = read[0].shape
         if cameras is not None and (width, height) != (cameras.width, cameras.height):
-            text = f"its images are {width} x {height}, camera_info states {cameras.width} x {cameras.height}"
+            text = f"its images are {width} x {height}, but camera_info states {cameras.width} x {cameras.height}"
             yield Finding(Cause.IMAGE_SIZE, topic.found, text, "publish the camera_info of these images")
             return
         images.append([(stamp_of(message), image) for message, image in zip(topic.messages, read, strict=True)])
     if rectifier is not None:
-        pairs = [  # of more images on one side the last are omitted
+        pairs = [  # surplus images of one side are ignored
             [*zip((left_ns, right_ns), rectifier.rectify(left, right), strict=True)]
             for (left_ns, left), (right_ns, right) in zip(*images, strict=False)
         ]
         images = [[pair[0] for pair in pairs], [pair[1] for pair in pairs]]
     if _left_right_swapped(*images):
-        text = "objects lie further right in the right images: left and right are swapped"
+        text = "objects are further right in the right images: left and right are swapped"
         where = f"{rig}/left/{seen.image_name(rig)}"
         yield Finding(Cause.SWAPPED, where, text, "swap the topics (cables, remaps)")
 
 
 def _left_right_swapped(lefts: list[tuple[int, GreyImage]], rights: list[tuple[int, GreyImage]]) -> bool:
-    """Tell by patches of the left images whether they lie further right in the right ones of the nearest stamp.
+    """Return whether patches of the left images match further to the right in the right images of the nearest stamp.
 
-    A point in front of parallel cameras lies at u_left - u_right = f baseline / Z > 0.
+    A point at depth Z in front of parallel cameras with focal length f has the disparity
+    u_left - u_right = f baseline / Z > 0.
     """
     if lefts[0][1].shape != rights[0][1].shape:
         return False
@@ -238,26 +239,26 @@ def _left_right_swapped(lefts: list[tuple[int, GreyImage]], rights: list[tuple[i
 def _extrinsics(seen: Observation) -> Findings:
     node = seen.node("loc")
     given = seen.extrinsics_given or seen.extrinsics_in_tf or (node is not None and node.extrinsics_given)
-    unknown = seen.broken or (node is not None and not node.state)  # who does not answer may have it
+    unknown = seen.broken or (node is not None and not node.state)  # it may have them
     if "loc" not in seen.rigs or given or unknown:
         return
     place = "rig.json" if seen.files else "/tf_static, rb to locsb"
-    text = f"neither a parameter nor {place} has it"
+    text = f"neither a parameter nor {place} gives the extrinsics"
     if seen.extrinsics_in_tf is None:
-        text = "no parameter has it, and /tf_static cannot be read without tf2_msgs"
-    fix = f"set T_rb_locsb.translation_m and quat_xyzw of localisation_node (--config), or add it to {place}"
+        text = "no parameter gives the extrinsics, and /tf_static cannot be read without tf2_msgs"
+    fix = f"set T_rb_locsb.translation_m and quat_xyzw of localisation_node (--config), or add them to {place}"
     yield Finding(Cause.FRAMES, "extrinsics of the localisation rig (T_rb_locsb)", text, fix)
 
 
 def _order(seen: Observation) -> Findings:
-    # on a graph stamps that go back are a new run
+    # on a graph, decreasing stamps begin a new run
     topics = [(topic, 1) for rig in seen.rigs for side in SIDES if (topic := seen.images(rig, side)) is not None]
     if (truth := seen.topics.get(TRUE_POSES)) is not None:
         topics.append((truth, 0))
     for topic, least_ns in [] if seen.live else topics:
         if back := int(np.sum(np.diff(topic.stamps_ns) < least_ns)):
-            text = f"its stamps go back or stand still at {back} messages, as where a player began again meanwhile"
-            fix = "record one run alone: start the player after sfr record, without a loop"
+            text = f"its stamps go back or repeat at {back} messages, for example because a player restarted"
+            fix = "record a single run: start the player after sfr record, without a loop"
             yield Finding(Cause.STAMP_ORDER, topic.found, text, fix)
 
 
@@ -270,7 +271,7 @@ def _poses(seen: Observation) -> Findings:
         return
     share, typical_ns = _paired(images, topic.stamps_ns, 0)
     if share < COMPLETE:
-        text = f"{share:.0%} of the images have a pose of their stamp, typically {typical_ns / NS_PER_S:.3g} s off"
+        text = f"{share:.0%} of the images have a pose with the same stamp, typically {typical_ns / NS_PER_S:.3g} s off"
         fix = "publish nav/pose with the stamp of each pair"
         yield Finding(Cause.POSE_STAMPS, topic.found, text, fix, share < PAIRED)
 
@@ -289,19 +290,19 @@ def _truth(seen: Observation) -> Findings:
                 yield Finding(Cause.TRUTH, name, "there is no truth: nothing can be scored", fix, False)
         elif len(images) and (topic.stamps_ns.min() > images.max() or images.min() > topic.stamps_ns.max()):
             off_s = (int(np.median(topic.stamps_ns)) - int(np.median(images))) / NS_PER_S
-            text = f"its stamps lie {off_s:.6g} s from those of the images: nothing can be scored"
-            yield Finding(Cause.TRUTH_CLOCK, topic.found, text, "stamp truth and images by one clock", False)
+            text = f"its stamps differ by {off_s:.6g} s from those of the images: nothing can be scored"
+            yield Finding(Cause.TRUTH_CLOCK, topic.found, text, "stamp truth and images with one clock", False)
 
 
 def _nodes(seen: Observation) -> Findings:
     for node in seen.nodes:
         if node.use_sim_time and not seen.has_clock:
-            text = "use_sim_time is on but /clock has no publisher: its time stops"
+            text = "use_sim_time is true but /clock has no publisher: the time of the node does not advance"
             fix = "set use_sim_time to false, or publish /clock (ros2 bag play --clock)"
             yield Finding(Cause.CLOCK, node.name, text, fix)
         if not node.state:
-            text = "the node does not answer: its parameters are not known"
-            yield Finding(Cause.SILENT, node.name, text, "look again when the host is less busy", False)
+            text = "the node does not answer: its parameters are unknown"
+            yield Finding(Cause.SILENT, node.name, text, "run sfr doctor again when the host is less busy", False)
         elif node.state != "active":
             transition = "activate" if node.state == "inactive" else "configure"
             fix = f"ros2 lifecycle set {node.name} {transition}"
@@ -316,8 +317,8 @@ def _host_clock(seen: Observation) -> Findings:
         off_ns = int(stamps[-1]) - seen.now_ns if len(stamps) else 0
         if abs(off_ns) > COMPARABLE_NS:
             off_s = f"{off_ns / NS_PER_S:.6g}"
-            text = f"stamps lie {off_s} s from the time of this host: latencies are unknown, tf may refuse them"
-            fix = "set the clocks by one source (chrony, PTP); of a bag, play it with --clock and set use_sim_time"
+            text = f"stamps differ by {off_s} s from the time of this host: latencies are unknown, tf may reject stamps"
+            fix = "synchronise the clocks (chrony, PTP); play a bag with --clock and set use_sim_time"
             yield Finding(Cause.CLOCKS_APART, f"{rig}/left/{seen.image_name(rig)}", text, fix, False)
 
 

@@ -1,4 +1,4 @@
-"""What the doctor reports: one finding for each issue, with its fix."""
+"""Findings of the doctor: one for each issue, with its fix."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Cause(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One issue: its cause, topic or node or file, what was found and what to do; it blocks, or is a warning."""
+    """An issue: its cause, the topic, node or file, the observation and the fix. It is blocking or a warning."""
 
     cause: Cause
     where: str
@@ -47,6 +47,6 @@ class Finding:
     command: str = ""  #: Command line that removes the cause; empty if there is none.
 
     def as_dict(self) -> dict[str, str | bool]:
-        """Return it for JSON, under the public keys."""
+        """Return the finding for JSON, with the public keys."""
         public = {"cause": self.cause.value, "stops": self.is_blocking, "where": self.where}
         return public | {"text": self.text, "cure": self.fix}

@@ -1,4 +1,4 @@
-"""Findings of a recording, each with the command that removes its cause."""
+"""Commands that remove the causes of the findings of a recording."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sfr_loc_map.source_setup.proposal import propose_config
 
 
 def observe(source: Path, config: SourceConfig, advance: Callable[[], None] = lambda: None) -> Observation:
-    """Return what a source holds; `advance` is called once for each pair that is read."""
+    """Return the observation of a source; `advance` is called once for each pair that is read."""
     if is_bag(source) and config.uses_messages_as_recorded:
         return observe_bag(source, config)
     return observe_source(source, config, advance)
@@ -27,9 +27,9 @@ def observe(source: Path, config: SourceConfig, advance: Callable[[], None] = la
 def with_fix(
     source: Path, sections: dict[str, Any], path: Path | None, findings: list[Finding], words: list[str]
 ) -> list[Finding]:
-    """Return findings in which those that a proposed configuration removes name the command that writes it.
+    """Return the findings; those that a proposed configuration removes name the command that writes the configuration.
 
-    The proposal is tried: the source is examined again with it.
+    The source is examined with the proposed configuration to determine which findings it removes.
     """
     try:
         found = propose_config(source, sections, path)
@@ -38,9 +38,9 @@ def with_fix(
         return findings
     command = fix = shlex.join(words)
     added = {name: values for name, values in found.sections.items() if values != sections.get(name) and values}
-    if added.keys() - {"conditions"} == {"topics"}:  # these alone will do
+    if added.keys() - {"conditions"} == {"topics"}:  # remapping is sufficient
         remaps = [word for name, topic in added["topics"].items() for word in ("--remap", f"{topic}:={name}")]
-        fix += f"; for a command alone: {shlex.join(remaps)}"
+        fix += f"; for a single command: {shlex.join(remaps)}"
     missing = "".join(f"; still missing: {text}" for text in found.missing)
     is_removed = [finding.is_blocking and finding.cause not in left for finding in findings]
     return [

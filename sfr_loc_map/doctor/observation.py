@@ -1,4 +1,4 @@
-"""What was observed of a bag, a source of files or a running graph, as plain values; judged by `doctor`."""
+"""Observations of a bag, a source of files or a running graph as plain values, which `examination` checks."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ EXPECTED: Mapping[str, tuple[str, ...]] = {
     **{name: (TOPICS[name].msgtype,) for name in names(Role.INPUT, Role.TRUTH)},
     TRUE_POSES: tuple(TRUTH_TYPES),
 }
-"""Types of the topics that are observed, by their names in the suite."""
-MESSAGES_KEPT = 4  #: Messages of each topic that are kept.
+"""Types of the observed topics by name in the suite."""
+MESSAGES_KEPT = 4  #: Number of messages that are kept for each topic.
 
 
 def allowed_types(name: str) -> tuple[str, ...]:
-    """Return the types that a topic may have; compressed images may also come under the plain name."""
+    """Return the types that a topic may have; compressed images may also have the plain name."""
     return (*EXPECTED[name], COMPRESSED) if name.endswith((RECTIFIED, RAW)) else EXPECTED[name]
 
 
@@ -44,71 +44,71 @@ class ObservedTopic:
 
     found: str
     types: tuple[str, ...]
-    publishers: tuple[Publisher, ...] = (Publisher("", ""),)  # of a bag or files one, of no name
+    publishers: tuple[Publisher, ...] = (Publisher("", ""),)  # a bag or files: one without a name
     stamps_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))  # `(N,)`, in the order of reception
-    messages: tuple[Any, ...] = ()  # the first of them; for readers by attributes
+    messages: tuple[Any, ...] = ()  # the first messages, with fields as attributes
     requests: Mapping[str, Reliability] = field(default_factory=dict)  # of the publishers, by nodes of the suite
-    lost: int = 0  # messages that were published between the received ones and not received
+    lost: int = 0  # messages that were published between received ones but not received
 
 
 @dataclass(frozen=True, slots=True)
 class ObservedNode:
-    """One node of the suite that runs; its name is with its namespace."""
+    """A running node of the suite; its name includes the namespace."""
 
     name: str
     rig: str  # `loc`, `nav`, or empty for the monitor
-    state: str = "active"  # of the managed node; empty where it did not answer
+    state: str = "active"  # lifecycle state; empty if the node did not answer
     use_sim_time: bool = False
-    extrinsics_given: bool = False  # by its parameters
+    extrinsics_given: bool = False  # whether its parameters give the extrinsics
     stamp_tolerance_ns: int = 0
     has_worked: bool = False  # since it became active
-    rectifies: bool = False  # takes raw images and rectifies them itself
+    rectifies: bool = False  # whether it subscribes to raw images and rectifies them
 
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """A bag, a source of files, or a graph over some time (`live`)."""
+    """The observation of a bag, of a source of files, or of a graph over some time (`live`)."""
 
-    subject: str  # for messages
+    subject: str  # name of the source in messages
     live: bool = False
-    prefix: str = ""  # what comes before the suite's names in the graph
-    topics: Mapping[str, ObservedTopic] = field(default_factory=dict)  # those that are there, by the suite's names
-    ambiguous: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # names found that each could have
+    prefix: str = ""  # prefix of the suite's names in the graph
+    topics: Mapping[str, ObservedTopic] = field(default_factory=dict)  # existing topics by name in the suite
+    ambiguous: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # possible topics
     others: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # types of all topics by name
-    extrinsics_given: bool = False  # by a parameter file
-    extrinsics_in_tf: bool | None = False  # in /tf_static (rig.json of files); None where that cannot be read
+    extrinsics_given: bool = False  # whether a parameter file gives the extrinsics
+    extrinsics_in_tf: bool | None = False  # whether /tf_static (files: rig.json) gives them; None: unreadable
     nodes: tuple[ObservedNode, ...] = ()
     has_clock: bool = False  # /clock is published
-    now_ns: int | None = None  # time of the host at the end; None where stamps are of a recording
-    export_line: str = ""  # line of a shell that gives a publisher the shared memory it needs
-    broken: str = ""  # why reading ended early
+    now_ns: int | None = None  # host time at the end of the observation; None for a recording
+    export_line: str = ""  # shell command that gives a publisher enough shared memory
+    broken: str = ""  # error that ended the reading; empty if complete
     truth_has_attitude: bool = False
-    unfinished: bool = False  # the bag was not closed, its last second may be missing
-    left_out: int | None = None  # of a source of files the pairs that are listed but not there; None of a bag or graph
+    unfinished: bool = False  # the bag was not closed; its last second may be missing
+    left_out: int | None = None  # files: number of listed pairs without images; None for a bag or graph
 
     @property
     def files(self) -> bool:
-        """Whether it is a source of files."""
+        """Whether the observation is of a source of files."""
         return self.left_out is not None
 
     @property
     def rigs(self) -> list[str]:
-        """The rigs that are meant: of nodes that run, those that wait apart, else those with a topic."""
+        """The rigs to examine: those of running nodes that do not wait, else those with a topic."""
         running = [rig for rig in RIGS if self.node(rig) is not None and self.node(rig) not in self.waiting]
         return running or [rig for rig in RIGS if any(name.startswith(f"{rig}/") for name in self.topics)]
 
     @property
     def waiting(self) -> list[ObservedNode]:
-        """The nodes without a camera on the graph, where another one has some."""
+        """The nodes without cameras on the graph, if another node has cameras."""
         fed = {name.partition("/")[0] for name, topic in self.topics.items() if topic.publishers}
         return [node for node in self.nodes if {node.rig} - fed - {""} and any(n.rig in fed for n in self.nodes)]
 
     def node(self, rig: str) -> ObservedNode | None:
-        """Return the node of a rig, None where it does not run."""
+        """Return the node of a rig; None if it does not run."""
         return next((node for node in self.nodes if node.rig == rig), None)
 
     def image_name(self, rig: str) -> str:
-        """Return the last part of the names of a rig's images: what its node takes, else rectified before raw ones."""
+        """Return the last part of the names of a rig's image topics: that of its node, else rectified before raw."""
         node = self.node(rig)
         if node is not None:
             return RAW if node.rectifies else RECTIFIED
@@ -120,7 +120,7 @@ class Observation:
         return ", ".join(f"{rig}/{side}/{self.image_name(rig)}" for side in SIDES)
 
     def images(self, rig: str, side: str) -> ObservedTopic | None:
-        """Return the topic of the images of a side, raw or compressed: the one that has a publisher."""
+        """Return the topic of the images of a side, raw or compressed: the topic that has a publisher."""
         plain = f"{rig}/{side}/{self.image_name(rig)}"
         found = [self.topics[name] for name in (plain, f"{plain}{COMPRESSED_END}") if name in self.topics]
         return max(found, key=lambda topic: bool(topic.publishers), default=None)
@@ -131,14 +131,14 @@ class Observation:
         return topic.stamps_ns if topic is not None else np.zeros(0, np.int64)
 
     def lost_share(self, rig: str) -> float:
-        """Return the share of the images of a rig that were lost on the way from their publishers."""
+        """Return the fraction of the images of a rig that were lost in transport."""
         topics = [topic for side in SIDES if (topic := self.images(rig, side)) is not None]
         lost = sum(topic.lost for topic in topics)
         return lost / max(lost + sum(len(topic.stamps_ns) for topic in topics), 1)
 
     def is_idle(self, rig: str) -> bool:
-        """Return whether a rig has no pair for now, which is no fault."""
-        # maps are made now and then, so that silence is usual on a graph; a bag may have been recorded meanwhile
+        """Return whether a rig has no pairs although its topics exist, which is normal."""
+        # maps are made occasionally: silence is normal on a graph, and a bag may be recorded between two maps
         usual = rig == "nav" if self.live else any(self.has_images(other) for other in RIGS if other != rig)
         topics = [self.images(rig, side) for side in SIDES]
         return usual and all(topic is not None and topic.publishers and not topic.messages for topic in topics)
@@ -149,7 +149,7 @@ class Observation:
 
 
 def _collected(stream: Iterable[tuple[str, int, Callable[[], Any]]]) -> tuple[dict[str, ObservedTopic], str]:
-    """Return the topics of a stream of names, stamps and messages, and why it ended early; what came before stays."""
+    """Return the topics in a stream of names, stamps and messages, and the error that ended the stream early."""
     stamps, kept, broken = defaultdict[str, list[int]](list), defaultdict[str, list[Any]](list), ""
     try:
         for name, stamp_ns, make in stream:
@@ -165,7 +165,7 @@ def _collected(stream: Iterable[tuple[str, int, Callable[[], Any]]]) -> tuple[di
 
 
 def observe_bag(path: Path, config: SourceConfig) -> Observation:
-    """Observe a bag: all stamps, a few messages."""
+    """Observe a bag: all stamps, and the first messages of each topic."""
     subject = f"bag '{path}'"
     try:
         bag = Bag(path, config.remap)
@@ -199,7 +199,7 @@ def observe_bag(path: Path, config: SourceConfig) -> Observation:
 
 
 def observe_source(path: Path, config: SourceConfig, progress: Callable[[], None] = lambda: None) -> Observation:
-    """Observe a source as the messages that it would be played as, not as it is: every image is read."""
+    """Observe the messages that would be played from a source; every image is read."""
     try:
         source = open_source(path, config)
     except InputError as error:

@@ -1,8 +1,7 @@
-"""Why no message of a topic is received, from what the graph shows; nodes, `sfr doctor` and `sfr record` share it.
+"""The reason why no message of a topic is received, from the graph; for nodes, `sfr doctor` and `sfr record`.
 
-The reason is one of these, in this order: the topic has no publisher; every publisher has another type; every publisher
-offers less reliability than is requested; no message arrives, because none is sent or a container has a /dev/shm of its
-own.
+The reasons are checked in this order: the topic has no publisher; every publisher has another type; every publisher
+offers less reliability than requested; no message arrives, because none is sent or a container has a separate /dev/shm.
 """
 
 from __future__ import annotations
@@ -24,10 +23,10 @@ class Reliability(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Publisher:
-    """A publisher of a topic as the graph shows it."""
+    """A publisher of a topic as reported by the graph."""
 
     node: str
-    """Its node with the namespace."""
+    """Name of its node with the namespace."""
     msgtype: str
     reliability: Reliability = Reliability.RELIABLE
 
@@ -37,7 +36,7 @@ def silence_of(
 ) -> Finding:
     """Return why no message of a topic of one of the wanted types is received, and the fix."""
     if not publishers:
-        fix = "start the publisher, or name its topic by a remap (sfr run -r EXPECTED:=FOUND)"
+        fix = "start the publisher, or remap its topic (sfr run -r EXPECTED:=FOUND)"
         return Finding(Cause.NO_PUBLISHER, topic, "no publisher", fix)
     of_type = [publisher for publisher in publishers if publisher.msgtype in wanted]
     if not of_type:
@@ -47,18 +46,18 @@ def silence_of(
     names = ", ".join(sorted({publisher.node for publisher in of_type}))
     offered = {publisher.reliability for publisher in of_type}
     if requested is Reliability.RELIABLE and offered == {Reliability.BEST_EFFORT}:
-        text = f"the publisher {names} offers best_effort, reliable is requested: nothing is received"
+        text = f"the publisher {names} offers best_effort but reliable is requested: nothing is received"
         fix = "set input.reliability of the node to best_effort, or the publisher's reliability to reliable"
         return Finding(Cause.QOS, topic, text, fix)
     text = f"the publisher {names} exists, but no message was received"
-    fix = "check whether it sends; a container with --net=host needs --ipc=host too, so that both have one /dev/shm"
+    fix = "check whether it publishes; a container with --net=host also needs --ipc=host to share /dev/shm"
     return Finding(Cause.SILENT, topic, text, fix)
 
 
 def _fix_of_type(topic: str, wanted: Sequence[str], found: str) -> str:
-    """Return what to do about another type; raw and compressed images have names of their own."""
+    """Return the fix for a wrong type; raw and compressed images have different names."""
     if found == COMPRESSED and IMAGE in wanted:
         return f"name the topic of compressed images EXPECTED/compressed: sfr run -r EXPECTED/compressed:={topic}"
     if found == IMAGE and COMPRESSED in wanted:
         return f"name the topic of raw images without /compressed: sfr run -r EXPECTED:={topic}"
-    return "publish the right type, or name another topic by a remap (sfr run -r EXPECTED:=FOUND)"
+    return "publish the required type, or remap another topic (sfr run -r EXPECTED:=FOUND)"

@@ -1,1 +1,1 @@
-"""What a source holds, and the sfr.yaml that its topics, frames and stamps suggest."""
+"""Facts about a source, and the sfr.yaml that is inferred from its topics, frames and stamps."""

@@ -1,4 +1,4 @@
-"""What a source holds: pairs, rate, image size, extrinsics, truth, gaps, and the topics of a bag."""
+"""Facts about a source: pairs, rate, image size, extrinsics, truth, gaps, and the topics of a bag."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sfr_loc_map.io.source_config import SourceConfig
 from sfr_loc_map.report.tables import Cell, Column, Table
 from sfr_loc_map.source_setup.proposal import seen_topics
 
-GAP = 1.5  #: Periods between two pairs beyond which something is missing.
+GAP = 1.5  #: Longest time between two pairs, in periods, that is not a gap.
 
 
 def facts_of(path: Path, config: SourceConfig) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def _topics(path: Path, config: SourceConfig) -> list[dict[str, Any]]:
 
 
 def _facts_of_pairs(source: Source) -> dict[str, Any]:
-    """Return what is known of an opened source, by what it is called on the screen and in JSON."""
+    """Return the facts of an opened source by their names on the screen and in JSON."""
     facts: dict[str, Any] = {"format": source.format}
     if source.loc is not None:
         stamps = np.asarray(source.loc.stamps_ns, np.int64)

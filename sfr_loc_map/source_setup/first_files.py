@@ -1,4 +1,4 @@
-"""The configuration and the limits that a user begins with: `sfr init`."""
+"""The initial configuration and limits, which `sfr init` writes."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from sfr_loc_map.metrics.judging.limits_template import CONDITION, active_limits
 from sfr_loc_map.source_setup.proposal import Proposal
 
 HEAD = """\
-# Parameters of localiser and mapper: [unit] (smallest .. largest), at their defaults. Change what you need,
-# delete what you do not: a parameter that is missing has its default. Taken by
+# Parameters of the localiser and the mapper with [unit] (smallest .. largest), at their defaults. Change what you
+# need and delete the rest: a missing parameter has its default. The commands that accept this file:
 #   sfr localise SRC -o T.csv --config FILE, sfr map SRC -o C.ply --config FILE, sfr replay SRC --config FILE
-# The nodes have more: config/localisation.yaml, config/mapping.yaml and config/monitor.yaml of the package.
+# The nodes have more parameters: config/localisation.yaml, config/mapping.yaml and config/monitor.yaml of the package.
 """
 
 
@@ -28,10 +28,10 @@ def configuration_text() -> str:
 
 
 def add_limits(found: Proposal, limits: Path) -> None:
-    """Name a file of limits in a proposed configuration, and write it unless the user has edited it."""
+    """Add a file of limits to a proposed configuration, and write the file unless the user has edited it."""
     is_kept = limits.exists() and is_edited(limits.read_text(encoding="utf-8", errors="replace"))
     found.sections["limits"] = limits.name
-    found.reasons["limits"] = "it was there, and is kept" if is_kept else "placeholders: write those of your document"
+    found.reasons["limits"] = "the existing file is kept" if is_kept else "placeholders: replace them by your limits"
     if is_kept:
         return
     conditions = found.sections.get("conditions") or [CONDITION]

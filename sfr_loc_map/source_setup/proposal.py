@@ -1,4 +1,4 @@
-"""What a recording seems to be: an `sfr.yaml` for it, each line with what it was inferred from, and what is missing."""
+"""Proposal of an `sfr.yaml` for a recording: each value with its reason, and the values that cannot be inferred."""
 
 from __future__ import annotations
 
@@ -28,39 +28,39 @@ from sfr_loc_map.metrics.association import nearest_stamps
 from sfr_loc_map.source_setup.topic_guess import SeenTopic, guess_topics
 from sfr_loc_map.topics import COMPRESSED_END, TRUE_POSES
 
-SHORT_M = 12.0  #: A drive below this has too few sub-trajectories of 5 m: they are 1 m long.
-SPACING = 10  #: Pairs from the start of a sub-trajectory to that of the next, as `sfr score` has it.
-STEADY = 0.1  #: Share of a period in which a constant offset of the right stamps may vary.
+SHORT_M = 12.0  #: Shorter drives, m, have too few sub-trajectories of 5 m, so that 1 m is proposed.
+SPACING = 10  #: Pairs between the starts of sub-trajectories: the default of `sfr score`.
+STEADY = 0.1  #: Largest variation of a constant offset of the right stamps, as a fraction of the period.
 
 
 @dataclass(slots=True)
 class Proposal:
-    """Sections of an `sfr.yaml` with the reason of each value, what only the owner can add, and remarks."""
+    """Sections of an `sfr.yaml` with the reason for each value, the values that only the owner can add, and remarks."""
 
     source: Path
     sections: dict[str, Any]
-    path: Path | None = None  #: File that it is for; names of files are relative to its folder.
+    path: Path | None = None  #: Path of the `sfr.yaml`; file names are relative to its folder.
     reasons: dict[str, str] = field(default_factory=dict)  #: By `section.name`.
     missing: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
-    has_attitude: bool | None = None  #: Whether its truth has attitudes; None without a truth.
-    has_height: bool = True  #: Whether its truth knows heights.
-    has_tilt: bool = True  #: Whether its truth knows roll and pitch.
+    has_attitude: bool | None = None  #: Whether the truth has attitudes; None without truth.
+    has_height: bool = True  #: Whether the truth has heights.
+    has_tilt: bool = True  #: Whether the truth has roll and pitch.
 
     def set(self, section: str, name: str, value: object, reason: str) -> None:
-        """Propose a value, unless it is given."""
+        """Propose a value, unless the user has given it."""
         if name not in self.sections.setdefault(section, {}):
             self.sections[section][name] = value
             self.reasons[f"{section}.{name}"] = reason
 
     @property
     def config(self) -> SourceConfig:
-        """How the source is read by it."""
+        """The proposal as a configuration."""
         return SourceConfig.of(self.sections, self.path)
 
     def text(self) -> str:
-        """Return it as `sfr.yaml`, each value with its reason."""
-        lines = [f"# How '{self.source}' is read, by every command and the nodes: docs/configuration.md."]
+        """Return the proposal as `sfr.yaml`, each value with its reason."""
+        lines = [f"# How every command and node reads '{self.source}': docs/configuration.md."]
         lines += [f"# MISSING: {text}" for text in self.missing] + [f"# {text}" for text in self.remarks]
         for section, values in self.sections.items():
             if not isinstance(values, Mapping):
@@ -76,9 +76,10 @@ class Proposal:
 def propose_config(
     source: Path, given: Mapping[str, Any], path: Path | None = None, before: Mapping[str, Any] | None = None
 ) -> Proposal:
-    """Look at a source and propose how it is read; `given` are sections, whose values stand, as some do in `before`.
+    """Examine a source and propose its configuration; the values in the sections of `given` are kept.
 
-    Files in or below the folder of `path` are named relative to it. InputError if the source is none, or broken.
+    The reason for a given value is "as before" if `before` has the same value. Files in or below the folder of `path`
+    are named relative to this folder. InputError if the source is invalid or corrupt.
     """
     is_bag = format_of(source) is SourceFormat.BAG
     sections = {name: dict(v) if isinstance(v, Mapping) else v for name, v in given.items()}
@@ -102,7 +103,7 @@ def propose_config(
 
 
 def seen_topics(bag: Bag) -> list[SeenTopic]:
-    """Return the topics of a bag: type, messages, frame and size of the first message."""
+    """Return the topics of a bag: type, number of messages, and frame and size of the first message."""
     looked_at = [
         Topic(name, name, kind) for name, kind in bag.topics.items() if kind in (IMAGE, COMPRESSED, CAMERA_INFO)
     ]
@@ -153,7 +154,7 @@ def _calibration(found: Proposal, bag: Bag) -> None:
 
 
 def _sync(found: Proposal, bag: Bag) -> None:
-    """Estimate a constant difference of the clocks of left and right."""
+    """Propose an offset or a tolerance of stamps if the stamps of left and right differ."""
     stamps: dict[str, list[int]] = {}
     images = [bag.find(f"loc/{side}/{image_name(bag, 'loc')}", IMAGE, COMPRESSED) for side in SIDES]
     topics = [topic for topic in images if topic is not None]
@@ -169,21 +170,19 @@ def _sync(found: Proposal, bag: Bag) -> None:
     typical, spread = float(np.median(near)), float(np.percentile(np.abs(near - np.median(near)), 95))
     limit = below_half_period(round(STAMP_TOLERANCE_S * NS_PER_S), [int(period)])
     if abs(typical) + spread > limit and spread < STEADY * period:
-        text = (
-            f"right stamps are {typical / NS_PER_S:.4g} s late, within {spread / NS_PER_S:.2g} s; but for whole periods"
-        )
+        text = f"right stamps are {typical / NS_PER_S:.4g} s late, within {spread / NS_PER_S:.2g} s, modulo the period"
         found.set("sync", "right_offset_s", round(-typical / NS_PER_S, 6), text)
     elif abs(typical) + spread > limit and 2 * (abs(typical) + spread) < period:
         tolerance = round(1.5 * (abs(typical) + spread) / NS_PER_S, 4)
-        found.set("sync", "stamp_tolerance_s", tolerance, f"pairs are up to {spread / NS_PER_S:.2g} s apart")
+        found.set("sync", "stamp_tolerance_s", tolerance, f"stamps vary by {spread / NS_PER_S:.2g} s")
 
 
 def _mounting_and_truth(found: Proposal, *, is_bag: bool) -> None:
-    """Try to read the source as proposed; say what is still missing."""
+    """Open the source as proposed, and add extrinsics, conditions, remarks, and the values that are still missing."""
     try:
         loc = open_source(found.source, found.config).loc
     except SfrError as error:
-        found.missing += [] if found.missing else [str(error)]  # the first is its cause
+        found.missing += [] if found.missing else [str(error)]  # a missing value is the cause
         return
     if loc is None:
         return
@@ -204,7 +203,7 @@ def _mounting_and_truth(found: Proposal, *, is_bag: bool) -> None:
     truth = loc.ground_truth
     if truth is None and is_bag:
         could = could_be_truth(Bag(found.source))
-        found.remarks.append(f"no truth: nothing is scored without --set truth.source=TOPIC or FILE{could}")
+        found.remarks.append(f"no truth: a score requires --set truth.source=TOPIC or FILE{could}")
     if truth is None or len(truth) < 2:
         return
     given = found.sections.get("truth", {})
@@ -212,14 +211,14 @@ def _mounting_and_truth(found: Proposal, *, is_bag: bool) -> None:
     found.has_attitude = getattr(truth, "has_attitude", True)
     found.has_height, found.has_tilt = getattr(truth, "has_height", True), getattr(truth, "has_tilt", True)
     if "lever_arm_m" not in given and (is_tracker(name) or not found.has_attitude):
-        text = f"the truth {name} is taken as RB itself: lever arm 0; give --set 'truth.lever_arm_m=[X, Y, Z]'"
+        text = f"the truth {name} is assumed to track RB (lever arm 0): give --set 'truth.lever_arm_m=[X, Y, Z]'"
         found.remarks.append(text)
     if "conditions" not in found.sections:
         _conditions(found, loc.stamps_ns, truth)
 
 
 def _conditions(found: Proposal, stamps_ns: Sequence[int], truth: Trajectory) -> None:
-    """Propose ends of sub-trajectories of which the drive has at least two."""
+    """Propose a condition with at least two sub-trajectories in the drive."""
     along_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1)))
     left_m = along_m[-1] - np.interp(stamps_ns, truth.stamps_ns, along_m)[::SPACING]
     metres, pairs = 5 if along_m[-1] >= SHORT_M else 1, len(stamps_ns)
@@ -228,4 +227,4 @@ def _conditions(found: Proposal, stamps_ns: Sequence[int], truth: Trajectory) ->
     if np.sum(left_m >= metres) < 2:
         found.sections["conditions"] = [f"frames={max(1, min(SPACING, pairs - SPACING - 1))}"]
         if pairs < SPACING + 2:
-            found.remarks.append(f"{pairs} pairs are too few: nothing can be judged, which takes {SPACING + 2}")
+            found.remarks.append(f"{pairs} pairs are too few for a verdict: {SPACING + 2} are required")

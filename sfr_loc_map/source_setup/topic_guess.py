@@ -1,4 +1,4 @@
-"""What the topics of other people's recordings are in the suite, by type, name, frame and size."""
+"""Inference of the suite's names for the topics of a recording from their types, names, frames and image sizes."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from sfr_loc_map.topics import JOINTS as JOINTS_TOPIC
 from sfr_loc_map.topics import NAV_POSE, TRUE_POINTS
 
 IMAGES = (IMAGE, COMPRESSED)
-FEWEST = 0.5  #: Least fraction of one side's images in those of the other.
-WIDE, TALL = 1.95, 0.95  #: Width by height of an image that holds two.
+FEWEST = 0.5  #: Smallest ratio of the numbers of images of the two sides.
+WIDE, TALL = 1.95, 0.95  #: An image contains both sides if its width / height is above or below these.
 
 _CAMERA = "(?:cam|camera|fisheye|image|img|eye|ir|mono|sensor)?"
 SIDE_WORDS = words(rf"(?:{_CAMERA}|infra(?:red_?)?)(left|right|[lr]|(?<=infra)[12]|(?<=infrared_)[12]){_CAMERA}")
@@ -35,12 +35,12 @@ OTHERS = {
     JOINTS_TOPIC: (JOINTS, words("joints?")),
     TRUE_POINTS: (POINTS, words("ground_?truth")),
 }
-EMITTER = "RealSense: the emitter must be off, for its pattern moves with the rover; P[3] of infra2 may be missing"
+EMITTER = "RealSense: the emitter must be off because its pattern moves with the rover; P[3] of infra2 may be missing"
 
 
 @dataclass(frozen=True, slots=True)
 class SeenTopic:
-    """A topic of a recording: name and type, messages, frame of the first one, width and height of images, px."""
+    """A topic of a recording: name, type, number of messages, frame of the first message, and image size, px."""
 
     name: str
     msgtype: str
@@ -51,18 +51,18 @@ class SeenTopic:
 
 @dataclass(frozen=True, slots=True)
 class Guess:
-    """Names in the recording by those in the suite; for each what it was inferred from, and how sure."""
+    """Names in the recording by name in the suite, each with its reason and certainty."""
 
     topics: dict[str, str]
     reasons: dict[str, str]
-    layout: str = ""  #: `side_by_side` or `top_bottom`, where the image of loc/left holds both.
-    truth: str = ""  #: Topic; empty for none or unsure.
+    layout: str = ""  #: `side_by_side` or `top_bottom`, if the images of loc/left contain both sides.
+    truth: str = ""  #: Topic; empty if there is none or the choice is ambiguous.
     truth_reason: str = ""
     remarks: tuple[str, ...] = ()
 
 
 class _Basis(IntEnum):
-    """What distinguishes the left image of a pair from the right one; the surest basis first."""
+    """Property that distinguishes the left from the right image of a pair, the most reliable first."""
 
     SIDE_WORD = 0
     FRAME = 1
@@ -74,7 +74,7 @@ class _Basis(IntEnum):
 
 
 class _ImageOrder(NamedTuple):
-    """The order in which images are preferred: the smallest one first."""
+    """Sort key of images; the smallest is preferred."""
 
     is_raw: bool
     is_compressed: bool
@@ -97,15 +97,15 @@ class _Rig(NamedTuple):
     left: SeenTopic
     right: SeenTopic
     basis: _Basis
-    place: str  # what comes before the side
-    word: str  # of the left side
+    place: str  # text before the side word
+    word: str  # side word of the left image
 
     def has(self, pattern: re.Pattern[str]) -> bool:
         texts = (self.left.name, self.left.frame, self.right.name, self.right.frame)
         return any(pattern.search(plain_name(text)) for text in texts)
 
     def preference(self) -> tuple[bool | int, ...]:
-        """Return the order in which rigs are preferred, the smallest one first; rigs of equal order are ambiguous."""
+        """Return the sort key of rigs. The smallest is preferred; rigs with equal keys are ambiguous."""
         image = _order_of(self.left)
         of_names = (self.basis is _Basis.NUMBER, not self.has(LOC), image.is_raw, image.is_compressed)
         return (*of_names, not self.has(STEREO), image.negative_pixels, image.colour)
@@ -113,26 +113,26 @@ class _Rig(NamedTuple):
 
 @dataclass(slots=True)
 class _Choices:
-    """The topics that were chosen so far, by their names in the suite, with the reason of each."""
+    """The topics chosen so far by name in the suite, each with its reason."""
 
     found: dict[str, tuple[str, str]] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
 
     def take(self, name: str, topics: Sequence[SeenTopic], reason: str) -> None:
-        """Choose a topic if it is the only one that is possible."""
+        """Choose the topic if only one is possible; a remark reports several."""
         if len(topics) > 1:
-            self.remarks.append(f"{name}: {', '.join(topic.name for topic in topics)} could be it; none is taken")
+            self.remarks.append(f"{name}: {', '.join(topic.name for topic in topics)} are possible; none is chosen")
         elif topics:
             self.found[name] = topics[0].name, reason
 
 
 def guess_topics(seen: Sequence[SeenTopic]) -> Guess:
-    """Return what the topics are; where counts are known, topics without a message are omitted."""
+    """Return the inferred topics; if counts are known, topics without a message are ignored."""
     seen = sorted([topic for topic in seen if topic.count] or seen, key=lambda topic: topic.name)
     images = [topic for topic in seen if topic.msgtype in IMAGES and not NO_IMAGE.search(plain_name(topic.name))]
     images.sort(key=_order_of)
     pairs = sorted(_pairs(images), key=lambda rig: (rig.basis, _order_of(rig.left)), reverse=True)
-    rigs = list({rig.place: rig for rig in pairs}.values())  # of several pairs of one place the last one, the best
+    rigs = list({rig.place: rig for rig in pairs}.values())  # the last pair of a place is the best
 
     choices = _Choices()
     loc, nav = _by_task(rigs)
@@ -151,7 +151,7 @@ def guess_topics(seen: Sequence[SeenTopic]) -> Guess:
 
 
 def _by_task(rigs: Sequence[_Rig]) -> tuple[list[_Rig], list[_Rig]]:
-    """Return the rigs that could be those of localisation and of mapping."""
+    """Return the possible rigs of localisation and of mapping."""
     nav = [rig for rig in rigs if rig.has(NAV) and not rig.place.endswith("/loc/")]
     loc = [rig for rig in rigs if rig not in nav]
     if not loc and not any(rig.place.endswith("/nav/") for rig in nav):
@@ -170,7 +170,7 @@ def _choose_rig(choices: _Choices, task: str, rigs: Sequence[_Rig], seen: Sequen
     left, right, basis, _, word = best[0]
     if len(ranked) > 1:
         others = ", ".join(rig.left.name for rig in ranked[1:])
-        choices.remarks.append(f"{task}: {left.name} is taken, not {others}")
+        choices.remarks.append(f"{task}: {left.name} is chosen, not {others}")
     if "infra" in left.name.lower():
         choices.remarks.append(EMITTER)
     how = "sure" if basis is not _Basis.NUMBER and len(ranked) == 1 else "likely"
@@ -181,7 +181,7 @@ def _choose_rig(choices: _Choices, task: str, rigs: Sequence[_Rig], seen: Sequen
 
 
 def _choose_double_image(choices: _Choices, images: Sequence[SeenTopic]) -> str:
-    """Choose the topic whose images hold both sides, and return their layout; empty unless there is one."""
+    """Choose the topic whose images contain both sides, and return the layout; empty if there is no single topic."""
     double = [image for image in images if image.size[1] > 0 and not TALL <= image.size[0] / image.size[1] <= WIDE]
     double = [image for image in double if _order_of(image).without_name == _order_of(double[0]).without_name]
     if len(double) != 1:
@@ -193,7 +193,7 @@ def _choose_double_image(choices: _Choices, images: Sequence[SeenTopic]) -> str:
 
 
 def _choose_others(choices: _Choices, seen: Sequence[SeenTopic]) -> None:
-    """Choose the topics beside the images; pose, joints only if mapping images were chosen."""
+    """Choose the topics other than images; pose and joints only if mapping images were chosen."""
     has_nav = any(name.startswith("nav/left/") for name in choices.found)
     for name, (msgtype, pattern) in OTHERS.items():
         named = [topic for topic in seen if topic.msgtype == msgtype and pattern.search(plain_name(topic.name))]
@@ -210,19 +210,19 @@ def _kind(topic: SeenTopic) -> str:
 
 
 class _Candidate(NamedTuple):
-    """A left image, and the text that the name or the frame of its right image must have; ordered by the first four."""
+    """A left image, and the required name or frame of its right image; sorted by the first four fields."""
 
     basis: _Basis
-    replaces_all: bool  # the word of the side wherever it occurs, not in one place alone
+    replaces_all: bool  # whether all occurrences of the side word are replaced
     left_text: str
     right_text: str
     left: SeenTopic
-    place: str  # what comes before the side
-    word: str  # of the left side
+    place: str  # text before the side word
+    word: str  # side word of the left image
 
 
 def _pairs(images: Sequence[SeenTopic]) -> Iterator[_Rig]:
-    """Yield pairs of images. The candidates are tried in their order, and each image is of one pair at most."""
+    """Yield pairs of images. The candidates are tried in order, and each image belongs to at most one pair."""
     by_text = dict[tuple[str, str], SeenTopic]()
     candidates: list[_Candidate] = []
     for image in images:
@@ -239,9 +239,9 @@ def _pairs(images: Sequence[SeenTopic]) -> Iterator[_Rig]:
 
 
 def _texts(image: SeenTopic) -> list[tuple[_Basis, str]]:
-    """Return the texts that may state the side of an image: its name if a side word is in it, else its frame as well.
+    """Return the texts that may state the side of an image: its name if it has a side word, else its frame and name.
 
-    The last part of the name follows the frame, so that several topics of one camera differ.
+    The last part of the name is appended to the frame, so that several topics of one camera differ.
     """
     name = plain_name(image.name)
     if SIDE_WORDS.search(name):
@@ -250,11 +250,11 @@ def _texts(image: SeenTopic) -> list[tuple[_Basis, str]]:
 
 
 def _candidates(image: SeenTopic) -> Iterator[_Candidate]:
-    """Yield the texts that a right image would have if an image is the left one."""
+    """Yield the candidates for the right image if an image is the left one."""
     for basis, text in _texts(image):
         matches = [*(NUMBERS if basis is _Basis.NUMBER else SIDE_WORDS).finditer(text)]
         if basis is not _Basis.NUMBER:
-            matches = matches[-1:]  # words before the last one are of the place of the camera
+            matches = matches[-1:]  # earlier words describe the location of the camera
         for match in matches:
             start, end = match.span(1)
             word = match[1]
@@ -282,11 +282,11 @@ def _infos(image: SeenTopic, other: SeenTopic, seen: Sequence[SeenTopic]) -> lis
 
 
 def _truths(seen: Sequence[SeenTopic]) -> list[SeenTopic]:
-    """Return the topics with the surest of TRUTH_WORDS: of one body those of the best type, else all of them."""
+    """Return the topics that match the most reliable of TRUTH_WORDS; of a single body only those of the best type."""
     able = [topic for topic in seen if topic.msgtype in TRUTH_TYPES and not NO_TRUTH.search(plain_name(topic.name))]
     ranks = ([t for t in able if pattern.search(f"{plain_name(t.name)} {t.msgtype}")] for pattern in TRUTH_WORDS)
     best = next(filter(None, ranks), [])
-    best = [topic for topic in best if topic.msgtype != POINT] or best  # poses say more than a point
+    best = [topic for topic in best if topic.msgtype != POINT] or best  # poses have more information
     if len({topic.name.rpartition("/")[0] for topic in best}) != 1:
         return best
     order = list(TRUTH_TYPES)

@@ -156,7 +156,7 @@ def test_a_tracked_body_is_named_and_its_verdict_can_be_judged(sfr: Sfr, tmp_pat
     result = sfr("init", tmp_path, "--from", made.source)
     assert result.code == 0, result.err
     for text in (result.err, (tmp_path / NAME).read_text()):
-        assert "is taken as RB itself: lever arm 0; give --set 'truth.lever_arm_m=" in text
+        assert "is assumed to track RB (lever arm 0): give --set 'truth.lever_arm_m=" in text
     keys = {limit.name for limit in load_limits(tmp_path / "limits.yaml").limits}
     assert ("chord_mean_plus_3sigma_m" in keys) == ("attitude_mean_plus_3sigma_deg" not in keys) == ("fix" in name)
     assert sfr("localise", made.source, "-o", tmp_path / "e.csv").code == 0
