@@ -288,7 +288,10 @@ def rectified_cameras(name: str, left: CalibratedCamera, right: CalibratedCamera
                 raise InputError(f"{name}: the cameras cannot be rectified: {problem}; correct the calibration")
             other = projections[1]
         if not other[0, 3] < 0 or other[1, 3] != 0:
-            raise InputError(f"{name}: the right camera is not to the right of the left camera: are they swapped?")
+            raise InputError(
+                f"{name}: the right camera is not to the right of the left camera: are they swapped, or one above "
+                "the other?"
+            )
     one, other = map(CalibratedCamera.as_raw, (left, right), rotations, projections)
     return one, other
 

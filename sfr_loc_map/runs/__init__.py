@@ -1,4 +1,4 @@
-"""Runs of a localiser or mapper, ours or under test, over a whole source, and the record of each call."""
+"""Runs of a localiser or mapper, of the suite or under test, over a complete source, with a record of each call."""
 
 import lazy_loader
 

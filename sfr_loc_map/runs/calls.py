@@ -1,4 +1,4 @@
-"""Calls of localiser and mapper: a record of each, its JSON on `<node>/call`, the CSV file of a run (`--stats`)."""
+"""Records of the calls of localiser and mapper: as JSON on `<node>/call`, and as CSV file of a run (`--stats`)."""
 
 from __future__ import annotations
 
@@ -39,81 +39,81 @@ STEP_NAMES = (
     *(f"systematic_cov_{i}" for i in range(6)),
     *(f"noise_{name}" for name in COVARIANCE_NAMES),
 )
-METHOD_FIELDS = ("version", "kind", "sha256", "config_sha256", "isolation")  #: Of a `MethodRecord`, after its name.
+METHOD_FIELDS = ("version", "kind", "sha256", "config_sha256", "isolation")  #: Of a `MethodRecord`, in order.
 METHOD_NAMES = ("method", *(f"method_{name}" for name in METHOD_FIELDS), "finding")
 HEADER = ("stamp_ns", "processing_time_s", "state", "reason", "peak_rss_bytes", "above_idle_bytes")
 POSITION_NAMES = ("position_x_m", "position_y_m", "position_z_m")
-"""Columns of the position that a call gave, by which the calls belong to one estimate."""
+"""Columns of the estimated position of a call, which identify the estimate to which the calls belong."""
 MEMORY_METHOD = "memory_method"  #: Column that states how memory was measured.
 COSTS = ("processing_time_s", "peak_rss_bytes", "above_idle_bytes", "heap_peak_bytes", "stack_peak_bytes")
-TAKEN = ("cpu_s", "cpu_between_s", "threads", "processes")  #: Measured from outside the processes of a method.
-ADAPTER_S = 0.015  #: Processor time that the adapter of a method may take for a call, and what its steps of 0.01 hide.
+TAKEN = ("cpu_s", "cpu_between_s", "threads", "processes")  #: Usage of a method, measured from outside its processes.
+ADAPTER_S = 0.015  #: Processor time of a method's adapter per call, s, with the resolution of 0.01 s.
 TREE = "of the method's processes and all that they started, at each call, from outside (psutil)"
 STATES_OF: dict[Task, tuple[str, ...]] = {Task.LOCALISATION: tuple(TrackingState), Task.MAPPING: tuple(MappingState)}
 STATES = (*TrackingState, *MappingState)
-WORST_LAST = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}  #: Order of states; others are 0.
+WORST_LAST = {TrackingState.DEGRADED.value: 1, TrackingState.LOST.value: 2}  #: Severity of states; 0 for others.
 DEFAULT_STATE = {Task.LOCALISATION: "", Task.MAPPING: MappingState.MAPPED.value}
-"""State of a call by its task, where an external node reports none: that of a localiser is unknown."""
+"""State of a call, by task, if an external node reports none; the state of a localiser is then unknown."""
 MAX_CALL_S = 1e6
-STATS_SUFFIX = ".stats.csv"  #: Of the calls of a result, in place of the suffix of the result.
+STATS_SUFFIX = ".stats.csv"  #: Suffix of a file of calls, which replaces the suffix of the result.
 Bytes = Annotated[int, Meta(ge=0, le=2**63 - 1)]
-MAX_NUMBER = 1e18  #: Of times, sizes and covariances in a file; squares of it are finite.
+MAX_NUMBER = 1e18  #: Limit of times, sizes and covariances in a file; its square is finite.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CallRecord:
-    """One call of localiser or mapper; `encode_call` and `decode_call` are its form on `<node>/call`."""
+    """One call of localiser or mapper; `encode_call` and `decode_call` convert it for `<node>/call`."""
 
-    stamp_ns: Annotated[int, Meta(ge=0, le=2**63 - 1)]  #: Stamp of the pair; of a fused cloud that of its last pair.
-    processing_time_s: Annotated[float, Meta(ge=0.0, le=MAX_CALL_S)]  #: Wall-clock time; NaN where not measured.
-    state: str = ""  #: After the call: initialising, tracking, degraded, lost; mapped, fused, mapped_set.
-    #: Peak resident memory of the process during the call; None where it cannot be measured.
+    stamp_ns: Annotated[int, Meta(ge=0, le=2**63 - 1)]  #: Stamp of the pair; for a fused cloud, of its last pair.
+    processing_time_s: Annotated[float, Meta(ge=0.0, le=MAX_CALL_S)]  #: Wall-clock time; NaN: not measured.
+    state: str = ""  #: State after the call: initialising, tracking, degraded, lost; mapped, fused, mapped_set.
+    #: Peak resident memory of the process during the call; None if it cannot be measured.
     peak_rss_bytes: Bytes | None = None
-    above_idle_bytes: Bytes | None = None  #: The same above the idle process.
-    statistics: Mapping[str, float] = field(default_factory=dict)  #: Figures of the call by name.
+    above_idle_bytes: Bytes | None = None  #: Peak above that of the idle process.
+    statistics: Mapping[str, float] = field(default_factory=dict)  #: Statistics of the call by name.
     covariance: FloatArray | None = None  #: `(6, 6)` of the pose (ROS order), None for mapping.
     reason: str = ""  #: Why the pose is degraded or lost, in one word.
-    #: `(48,)` upper triangle of the covariance of the motion since the pose before, in RB there, one standard deviation
-    #: of the error that all such motions share, upper triangle of the pose's own noise; None where unknown.
+    #: `(48,)`: upper triangle of the covariance of the motion since the previous pose, in RB at that pose (21); one
+    #: standard deviation of the error that all motions share (6); upper triangle of the pose noise (21). None: unknown.
     step: FloatArray | None = None
-    finding: str = ""  #: What the method did wrong in this call, `KIND: text`.
+    finding: str = ""  #: Error of the method in this call, `KIND: text`.
     pair_stamps_ns: tuple[int, ...] = ()  #: Stamps of the pairs of a fused cloud, in the order of the points' `pair`.
-    fused: bool | None = None  #: Whether the cloud holds each surface once; None where the mapper does not report it.
-    #: Seconds around the call: decoding, latencies. Like `counts` they are shown live, and no file has them.
+    fused: bool | None = None  #: Whether the cloud contains each surface once; None if the mapper does not report it.
+    #: Times around the call, s: decoding, latencies. `times` and `counts` are shown live but not written to files.
     times: Mapping[str, float] = field(default_factory=dict)
     counts: Mapping[str, int] = field(default_factory=dict)  #: Messages dropped since the start, by cause.
-    version: str = ""  #: Version of the method, where a node reports it.
-    task: Task = field(default=Task.LOCALISATION, kw_only=True)  #: Of the node that made the call.
+    version: str = ""  #: Version of the method, if a node reports it.
+    task: Task = field(default=Task.LOCALISATION, kw_only=True)  #: Task of the node that made the call.
 
     def __post_init__(self) -> None:
-        """Refuse a state of the other task."""
+        """Reject a state of the other task."""
         (other,) = set(Task) - {self.task}
         if self.state in STATES_OF[other]:
             raise ValueError(f"state is '{self.state}': one of {', '.join(STATES_OF[self.task])} is required")
 
     @property
     def outcome(self) -> str:
-        """State after the call with its reason, for people."""
+        """State after the call with its reason, for display."""
         return f"{self.state}: {self.reason}" if self.reason else self.state
 
     @property
     def is_fused(self) -> bool:
-        """Whether the cloud of a fusion holds each surface once; by contract that of several pairs does."""
+        """Whether the cloud of a fusion contains each surface once; true by default for several pairs."""
         return len(self.pair_stamps_ns) > 1 if self.fused is None else self.fused
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CallStats:
-    """Calls as columns: what the file holds."""
+    """Calls as columns, as in the CSV file."""
 
     calls: Calls
-    covariance: FloatArray | None  # `(N, 21)` upper triangles, NaN where not known; None if none is
-    steps: FloatArray | None  # `(N, 48)` steps between the poses, likewise
+    covariance: FloatArray | None  # `(N, 21)` upper triangles, NaN if unknown; None if all are unknown
+    steps: FloatArray | None  # `(N, 48)` steps between the poses; NaN and None as above
     method: MethodRecord | None = None  # None if unknown
-    findings: tuple[FindingRecord, ...] = ()  # what the method did wrong, one for each kind
-    processes: ProcessUsage | None = None  # what the processes of the method took; None if not measured
-    positions: FloatArray | None = None  # `(N, 3)` estimated positions of the calls, NaN without one
-    has_stamps: bool = True  # whether the calls name their pairs; otherwise they are numbered
+    findings: tuple[FindingRecord, ...] = ()  # errors of the method, one record for each kind
+    processes: ProcessUsage | None = None  # usage of the method's processes; None if not measured
+    positions: FloatArray | None = None  # `(N, 3)` estimated positions of the calls, NaN without estimate
+    has_stamps: bool = True  # whether the calls have stamps; otherwise they are numbered
 
     @property
     def localised_ns(self) -> IntArray:
@@ -123,7 +123,7 @@ class CallStats:
     def localised_rows(self, stamps_ns: IntArray) -> NDArray[np.intp]:
         """Return the row of the call of a localiser for each stamp, -1 where there is no call.
 
-        Of several calls with one stamp the row is that of the worst state, and of equal states that of the last call.
+        If several calls have one stamp, the row is that of the worst state; for equal states, that of the last call.
         """
         rows = np.flatnonzero(self.calls.is_localisation)
         severity = np.array([WORST_LAST.get(self.calls.states[row], 0) for row in rows.tolist()], np.intp)
@@ -136,11 +136,11 @@ class CallStats:
 
 
 def estimates_of(trajectory: Trajectory, stats: CallStats | None, covariance: FloatArray | None = None) -> Estimates:
-    """Return poses with what the calls of their stamps and the covariances published with them report.
+    """Return the poses with the states, covariances and steps that calls and published covariances report.
 
-    `covariance` `(N, 21)` holds the upper triangles that were published with the poses. The covariance of a pose is the
-    published one, and that of its call where none is published (`is_covariance_reported`). A pose is lost if the state
-    of its call or its covariance reports that.
+    `covariance` `(N, 21)` has the upper triangles that were published with the poses. The covariance of a pose is the
+    published one, or that of its call if none is published (`is_covariance_reported`). A pose is lost if the state of
+    its call or its covariance reports a loss.
     """
     states = np.full(len(trajectory), "", object)
     steps = of_calls = None
@@ -161,17 +161,17 @@ def estimates_of(trajectory: Trajectory, stats: CallStats | None, covariance: Fl
 
 
 def _values_at(values: FloatArray | None, rows: NDArray[np.intp]) -> FloatArray | None:
-    """Return rows of an array `(N, K)`, NaN for the row -1."""
+    """Return rows of an array `(N, K)`; the row -1 is NaN."""
     return None if values is None else np.vstack((values, np.full(values.shape[1], np.nan)))[rows]
 
 
 def is_covariance_reported(covariance: FloatArray) -> NDArray[np.bool_]:
-    """Return which covariances `(N, 21)` are reported: zeros, as ROS fills messages with, and NaN report nothing."""
+    """Return which covariances `(N, 21)` are reported. Zeros, the default of ROS messages, and NaN are not reports."""
     return np.asarray((np.nan_to_num(covariance) != 0.0).any(axis=1))
 
 
 def published_or_of_call(published: FloatArray | None, call: CallRecord) -> FloatArray | None:
-    """Return the covariance `(6, 6)` of a pose as `estimates_of` has it: the published one, otherwise that of its call.
+    """Return the covariance `(6, 6)` of a pose by the rule of `estimates_of`: the published one, else that of its call.
 
     None if neither is reported.
     """
@@ -193,7 +193,7 @@ def _first_reported(first: FloatArray | None, second: FloatArray | None) -> Floa
 
 
 def _steps_between(stamps_ns: IntArray, stats: CallStats, rows: NDArray[np.intp]) -> FloatArray | None:
-    """Return the steps `(N, 48)` to poses by the rows of their calls, NaN where the pose before is missing."""
+    """Return the steps `(N, 48)` to poses from the rows of their calls; NaN if the previous pose is missing."""
     steps = _values_at(stats.steps, rows)
     if steps is None or stats.steps is None:
         return None
@@ -207,7 +207,7 @@ def _steps_between(stamps_ns: IntArray, stats: CallStats, rows: NDArray[np.intp]
 
 
 def united(parts: Sequence[CallStats]) -> CallStats:
-    """Return the calls of several files of one run, at least one; of the rest what is known of each call."""
+    """Return the calls of one or more files of one run, with covariances and steps but without the other fields."""
     counts = [len(part.calls.stamps_ns) for part in parts]
     covariance = stacked([part.covariance for part in parts], counts)
     steps = stacked([part.steps for part in parts], counts)
@@ -215,7 +215,7 @@ def united(parts: Sequence[CallStats]) -> CallStats:
 
 
 def stats_of(records: Sequence[CallRecord], method: MethodRecord | None = None) -> CallStats:
-    """Return calls, at least one, as columns."""
+    """Return one or more calls as columns."""
 
     def numbers(values: Iterable[float | None]) -> FloatArray:
         return np.array([np.nan if value is None else value for value in values], np.float64)
@@ -245,7 +245,7 @@ def stats_of(records: Sequence[CallRecord], method: MethodRecord | None = None) 
 
 
 def _processes(taken: Sequence[FloatArray], calls: Calls) -> ProcessUsage | None:
-    """Return what the processes of a method took in all calls, by the columns of TAKEN."""
+    """Return the usage of the processes of a method in all calls, from the columns of TAKEN."""
     known = np.isfinite(taken[0]) & np.isfinite(taken[1])
     if not known.any():
         return None
@@ -262,7 +262,7 @@ def _processes(taken: Sequence[FloatArray], calls: Calls) -> ProcessUsage | None
 
 
 def call_of_stages(stages: Sequence[CallRecord | CallUsage], seconds: float | None = None) -> CallUsage:
-    """Return what the mapping call took that its stages make up; without its own time it is the sum of theirs."""
+    """Return the usage of a mapping call from its stages; without `seconds`, its time is the sum of their times."""
     peak, above_idle = (
         max((value for value in values if value is not None), default=None)
         for values in zip(*((item.peak_rss_bytes, item.above_idle_bytes) for item in stages), strict=True)
@@ -274,29 +274,29 @@ def call_of_stages(stages: Sequence[CallRecord | CallUsage], seconds: float | No
 def call_of_estimate(
     estimate: PoseEstimate, usage: CallUsage, more: Mapping[str, float] = MappingProxyType({})
 ) -> CallRecord:
-    """Return the call of a localiser that gave an estimate, with further figures."""
+    """Return the record of the localiser's call that gave an estimate, with further statistics."""
     step = None if estimate.step is None else estimate.step.uncertainty
     about = (estimate.figures | dict(more), estimate.covariance, estimate.reason_text, step)
     return CallRecord(estimate.stamp_ns, *usage.cost(estimate.state), *about)
 
 
 def call_of_fusion(fused: FusedMap, stamps_ns: Sequence[int], usage: CallUsage, state: MappingState) -> CallRecord:
-    """Return the call of a mapper that made one cloud of the pairs of these stamps, in the order of its `pair`."""
+    """Return the record of a mapper's call that fused pairs; `stamps_ns` is in the order of the points' `pair`."""
     call = CallRecord(stamps_ns[-1], *usage.cost(state), fused.statistics, task=Task.MAPPING)
     return replace(call, pair_stamps_ns=tuple(stamps_ns), fused=fused.cloud.fused)
 
 
 def stats_beside(result: Path) -> Path:
-    """Return the file of the calls that gave a result, which is written beside it unless another file is named."""
+    """Return the default file of the calls that gave a result, which is beside the result."""
     return result.with_suffix(STATS_SUFFIX)
 
 
 def save_stats(
     path: Path, records: Sequence[CallRecord], method: MethodRecord | None = None, estimate: Trajectory | None = None
 ) -> None:
-    """Write one row a call; with a method every row names it and what it did wrong in the call.
+    """Write one row per call; with a method each row names the method and its error in the call.
 
-    With an estimate each row has the position that the call gave.
+    With an estimate each row has the estimated position.
     """
     stamps_ns, positions = ([], []) if estimate is None else (estimate.stamps_ns.tolist(), estimate.positions.tolist())
     given = dict(zip(stamps_ns, positions, strict=True))
@@ -304,7 +304,7 @@ def save_stats(
     if method is not None:
         named = (method.name, *(getattr(method, field) or "" for field in METHOD_FIELDS))
     names = sorted({name for record in records for name in record.statistics})
-    # a method does not report its own cost
+    # statistics of a method must not replace measured columns
     taken = {*HEADER, *COSTS, *METHOD_NAMES, *POSITION_NAMES, *COVARIANCE_NAMES, *STEP_NAMES, MEMORY_METHOD}
     told = [f"statistics.{name}" if name in taken else name for name in names]
     with_pose = any(record.covariance is not None for record in records)
@@ -330,7 +330,7 @@ def save_stats(
 
 
 def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
-    """Read the file; it has the needed column and a figure of calls. Without `stamp_ns` the calls are numbered."""
+    """Read a file with the needed column and a figure of calls. Without `stamp_ns` the calls are numbered."""
     advice = "give a CSV with one row for each call"
     with refusing(f"cannot read '{path}'", advice):
         rows = list(csv.DictReader(io.StringIO(read_table_text(path, advice), newline="")))
@@ -340,7 +340,7 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
         raise InputError(f"{text}: found {found}")
     stamps_ns = np.arange(len(rows), dtype=np.int64)
     if "stamp_ns" in rows[0]:
-        with refusing(f"statistics '{path}': a stamp is not a whole number of nanoseconds"):
+        with refusing(f"statistics '{path}': a stamp is not an integer number of nanoseconds"):
             stamps_ns = np.array([parse_stamp_ns(row["stamp_ns"] or "") for row in rows], np.int64)
     states = [row.get("state") or "" for row in rows]
     for number, state in enumerate(states, 2):
@@ -349,7 +349,7 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
                 f"statistics '{path}' line {number}: state is '{state}', must be one of {', '.join(STATES)} or empty"
             )
     seconds, peak, above_idle, heap, stack = (_column(path, rows, name) for name in COSTS)
-    seconds[seconds == 0.0] = np.nan  # no call takes no time: its time is unknown
+    seconds[seconds == 0.0] = np.nan  # zero: the time is unknown
     stages = {stage: _column(path, rows, name) for name in rows[0] if (stage := stage_of(name or ""))}
     covariance = _columns(path, rows, COVARIANCE_NAMES, COVARIANCE_NAMES)
     steps = _columns(path, rows, STEP_NAMES, STEP_NAMES[:WITHOUT_NOISE])
@@ -375,7 +375,7 @@ def load_call_stats(path: Path, needed: str = "stamp_ns") -> CallStats:
 def _columns(
     path: Path, rows: list[dict[str, str]], names: Sequence[str], required: Sequence[str]
 ) -> FloatArray | None:
-    """Return columns `(N, names)`, None unless all required ones are there."""
+    """Return columns `(N, names)`; None unless all required columns exist."""
     if not rows[0].keys() >= set(required):
         return None
     return np.column_stack([_column(path, rows, name) for name in names])
@@ -390,7 +390,9 @@ def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
         try:
             values[number] = float(text)
         except ValueError as error:
-            raise InputError(f"statistics '{path}' line {number + 2}: {name} is '{text}', no number") from error
+            raise InputError(
+                f"statistics '{path}' line {number + 2}: {name} is '{text}', which is not a number"
+            ) from error
     wrong = ~np.isnan(values) & ~((values >= low) & (values <= MAX_NUMBER))
     if wrong.any():
         number = int(np.argmax(wrong))
@@ -402,7 +404,7 @@ def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
 
 
 def findings_of(texts: Sequence[str], stamps_ns: Sequence[int]) -> tuple[FindingRecord, ...]:
-    """Return what a method did wrong by the `KIND: text` of each call, one for each kind; other texts are ignored."""
+    """Return the errors of a method, one for each kind, from the `KIND: text` of each call; other texts are ignored."""
     counted: dict[FindingKind, FindingRecord] = {}
     for text, stamp_ns in zip(texts, stamps_ns, strict=True):
         word, _, rest = text.partition(": ")
@@ -414,19 +416,19 @@ def findings_of(texts: Sequence[str], stamps_ns: Sequence[int]) -> tuple[Finding
 
 
 def encode_call(record: CallRecord) -> str:
-    """Return a call as JSON, numbers in the shortest form that reads back to the same bits."""
+    """Return a call as JSON; numbers have the shortest form that is exact when read back."""
     finite = {name: float(value) for name, value in record.statistics.items() if math.isfinite(value)}
     return msgspec.json.encode(replace(record, statistics=finite), enc_hook=_to_plain).decode()
 
 
 def decode_call(text: str, task: Task) -> CallRecord:
-    """Return the call that JSON of a node describes; `task` is that of its topic, and gives the state if absent.
+    """Return the call in the JSON of a node; `task` is the task of the topic, and determines the default state.
 
     InputError if a key is missing or a value has another type or range.
     """
     with refusing(f"call of {task}", "publish a JSON object with stamp_ns and processing_time_s for each call"):
         if len(text) > MAX_TEXT_BYTES:
-            raise ValueError(f"{len(text)} characters: at most {MAX_TEXT_BYTES} are read")
+            raise ValueError(f"{len(text)} characters: at most {MAX_TEXT_BYTES} are allowed")
         content = {"task": task, **msgspec.json.decode(text, type=dict[str, Any])}
         record = msgspec.convert(content, CallRecord, dec_hook=_from_plain)
         if record.task is not task:

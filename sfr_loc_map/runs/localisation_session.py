@@ -1,7 +1,7 @@
-"""At which pose a localiser starts, and how well that is known, over resets, faults and restarts of the process.
+"""The start pose of a localiser and its covariance, across resets, faults and restarts of the process.
 
-A new process starts at the pose that one before kept, unless another one is set. A reset is a restart whose first
-pose is the identity. Another rig, another configuration or a fault let a localiser that runs continue at its last pose.
+A new process starts at the pose that the previous process saved, unless a pose is set. A reset is a restart whose first
+pose is the identity. After a change of rig or configuration, or a fault, the localiser continues at its last pose.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ LocaliserFactory = Callable[[StereoRig, LocalisationConfig, StartPose], Localise
 
 
 class LocalisationSession:
-    """Owns the localiser of a node; to be used by one thread.
+    """Owns the localiser of a node; for use by a single thread.
 
-    `tracked_ns` is the stamp of the last pair that the present localiser tracked, None before; `may_resume` tells
-    whether the next pair starts one at the pose that a process before kept.
+    `tracked_ns` is the stamp of the last pair that the present localiser tracked, None before the first. If
+    `may_resume`, the next pair starts a localiser at the pose that the previous process saved.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class LocalisationSession:
         warn: Callable[[str], None] = lambda text: None,
         make_localiser: LocaliserFactory = Localiser,
     ) -> None:
-        """Start at the identity, or at the pose that a file has kept for a restart of the process."""
+        """Start at the identity, or at the pose that the previous process saved in a file."""
         self.may_resume = pose_file is not None
         self.tracked_ns: int | None = None
         self._config, self._pose_file, self._warn, self._make_localiser = config, pose_file, warn, make_localiser
@@ -62,7 +62,7 @@ class LocalisationSession:
     # ---- transitions
 
     def set_rig(self, rig: StereoRig) -> bool:
-        """Use a rig, whose extrinsics are not needed; return whether another one was replaced."""
+        """Set the rig, whose extrinsics may be unknown; return whether a different rig was replaced."""
         if self._rig is not None and self._rig.same_cameras(rig):
             return False
         replaced, self._rig = self._rig is not None, rig
@@ -70,14 +70,14 @@ class LocalisationSession:
         return replaced
 
     def set_config(self, config: LocalisationConfig) -> None:
-        """Use another configuration."""
+        """Set the configuration."""
         self._config = config
         self.continue_at_last_pose()
 
     def set_pose(self, given: StartPose) -> None:
-        """Go on, or start, at a given pose, which holds at its stamp; later runs start there too.
+        """Continue, or start, at a given pose, which is valid at its stamp; later runs start at this pose, too.
 
-        What the given pose leaves unknown stays as in the last known pose.
+        Components that are unknown in the given pose are taken from the last known pose.
         """
         pose = completed_pose(given, self._last or self._start)
         self._first = replace(pose, stamp_ns=None)
@@ -87,7 +87,7 @@ class LocalisationSession:
             self._localiser.set_pose(pose)
 
     def set_first(self, pose: StartPose) -> None:
-        """Let later runs start at a pose; this run continues unchanged."""
+        """Set the start pose of later runs; this run continues unchanged."""
         self._first = replace(pose, stamp_ns=None)
 
     def restart(self) -> None:
@@ -109,7 +109,7 @@ class LocalisationSession:
     # ---- a pair
 
     def localiser_at(self, stamp_ns: int, T_rb_sb: Transform | None) -> Localiser:
-        """Return the localiser for a pair, started if there is none; extrinsics are None where not known."""
+        """Return the localiser for a pair, which is started if there is none; `T_rb_sb` is None if unknown."""
         if self._localiser is not None:
             return self._localiser
         if self._rig is None or T_rb_sb is None:
@@ -126,20 +126,22 @@ class LocalisationSession:
                 self._warn(str(error))
             if self._start.stamp_ns is not None:
                 gap_s = (stamp_ns - self._start.stamp_ns) * 1e-9
-                self._warn(f"localisation resumes at the pose of {gap_s:.1f} s before: the motion since is not known")
+                self._warn(
+                    f"localisation resumes at the pose of {gap_s:.1f} s before: the motion since then is unknown"
+                )
         self._localiser, self._localiser_rig = self._make_localiser(rig, self._config, self._start), rig
         self.tracked_ns = None
         return self._localiser
 
     def accept(self, estimate: PoseEstimate) -> None:
-        """Take an estimate of the localiser: the next one may have to start there."""
+        """Record an estimate of the localiser, at which the next localiser may start."""
         if not (np.isfinite(estimate.covariance).all() and (np.diag(estimate.covariance) >= 0.0).all()):
             self.continue_at_last_pose()
             raise LocalisationError(
                 f"the covariance of the pose of stamp {estimate.stamp_ns} is invalid: the pose is not published, and "
                 f"localisation restarts at its last pose"
             )
-        if self._start.stamp_ns is None:  # it held at this pair
+        if self._start.stamp_ns is None:  # the start pose is valid at this pair
             self._start = replace(self._start, stamp_ns=estimate.stamp_ns)
         if estimate.state is TrackingState.LOST:
             return
@@ -153,11 +155,11 @@ class LocalisationSession:
 
 
 def completed_pose(given: StartPose, known: StartPose) -> StartPose:
-    """Return a given pose with the components of a known one where its covariance marks components as unknown.
+    """Return a given pose; components that its covariance marks as unknown are taken from a known pose.
 
-    Tools that set a pose on a plane, as RViz does, send x, y and yaw with their variances and zeros for z, roll and
-    pitch. Others, as filters in two dimensions, send the variance of a lost pose or more. A covariance of zeros alone
-    states an exact pose.
+    Tools that set a pose on a plane, such as RViz, send variances of x, y and yaw, and zeros for z, roll and pitch.
+    Others, such as two-dimensional filters, send at least the variance of a lost pose. A covariance that is zero states
+    an exact pose.
     """
     is_given = given.covariance.any(axis=1) & (np.diag(given.covariance) < LOST_VARIANCE)
     if is_given.all() or not is_given.any():
@@ -171,7 +173,7 @@ def completed_pose(given: StartPose, known: StartPose) -> StartPose:
 
 
 def _components(pose: Transform) -> FloatArray:
-    """Return position and roll, pitch, yaw about the fixed axes, the order of a covariance in ROS."""
+    """Return position and roll, pitch, yaw about fixed axes, in the order of a ROS covariance."""
     rotation = pose.rotation
     roll = math.atan2(rotation[2, 1], rotation[2, 2])
     pitch = -math.asin(min(max(rotation[2, 0], -1.0), 1.0))
@@ -189,11 +191,12 @@ class _Content(msgspec.Struct):
 
 
 class PoseFile:
-    """Keeps the last known pose of a rig: a localisation node that was killed resumes there.
+    """Saves the last known pose of a rig, at which a localisation node that was killed resumes.
 
-    The file is replaced by renaming, so a process that is killed leaves the one before. It is not synchronised to the
-    disk: after a loss of power it may be older, empty or missing. What is damaged, too old or of another rig is told
-    and replaced: a rover must localise again without a hand. A file that is something else is never touched.
+    The file is replaced by renaming, so that a process that is killed leaves the previous file. The file is not
+    synchronised with the disk: after a loss of power it may be old, empty or missing. A file that is corrupt or of
+    another rig is reported and replaced, and a pose that is too old is ignored, because a rover must localise without
+    intervention. Any other file is never modified.
     """
 
     def __init__(self, path: Path, max_age_s: float) -> None:
@@ -201,7 +204,7 @@ class PoseFile:
         self._path, self._max_age_s = Path(os.path.realpath(path)), max_age_s
 
     def check(self) -> None:
-        """Check that poses can be kept: there is a kept pose, whole or damaged, or nothing."""
+        """Check that poses can be saved: the file has a saved pose, complete or corrupt, or does not exist."""
         check_output(self._path)
         try:
             data = read_bytes(self._path, MAX_BYTES)
@@ -210,12 +213,12 @@ class PoseFile:
         except OSError as error:
             raise OutputError(f"resume_file '{self._path}': {error.strerror}; choose another name") from error
         head = f'{{"schema": "{SCHEMA}"'.encode()
-        # a file that lost its end or its content with the power is ours as well
+        # files that a loss of power truncated or emptied are accepted
         if data.strip(b"\0") and not (data.startswith(head) or head.startswith(data)):
             raise OutputError(f"resume_file '{self._path}' has no saved pose; remove it or choose another name")
 
     def load(self, stamp_ns: int, rig: StereoRig) -> StartPose | None:
-        """Return the pose, None where there is none or it does not belong to a run in progress at this stamp."""
+        """Return the saved pose; None if there is none, or if it is too old or not earlier than this stamp."""
         try:
             kept = msgspec.json.decode(read_bytes(self._path, MAX_BYTES), type=_Content)
             pose = Transform.from_quat(kept.translation_m, kept.quat_xyzw)
@@ -232,7 +235,7 @@ class PoseFile:
         return StartPose(pose, covariance, kept.stamp_ns) if 0.0 < age_s <= self._max_age_s else None
 
     def save(self, known: StartPose, rig: StereoRig) -> None:
-        """Keep a pose with its stamp; one that is known no more is not."""
+        """Save a pose with its stamp, unless its covariance is invalid or too large."""
         if not is_plausible_covariance(np.asarray(known.covariance)):
             return
         content = {
@@ -243,10 +246,10 @@ class PoseFile:
             "quat_xyzw": known.T_ds_rb.quat_xyzw.tolist(),
             "covariance": np.asarray(known.covariance).reshape(-1).tolist(),
         }
-        # one name for all times: a process that is killed while it writes must not leave a new file each time
+        # a constant name, so that processes that are killed while writing do not accumulate files
         part = self._path.with_name(f".{self._path.name}.part")
         try:
-            flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_NONBLOCK  # a pipe must not wait
+            flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_NONBLOCK  # a pipe must not block
             with open(os.open(part, flags, 0o666), "w", encoding="utf-8") as stream:
                 stream.write(json.dumps(content))
             os.replace(part, self._path)

@@ -1,6 +1,6 @@
-"""The files that `sfr map` writes of a map: cloud, elevation models, covariances.
+"""The files that `sfr map` writes: cloud, elevation models, covariances.
 
-One grid, that of the topics, is in all files of an elevation model.
+All files of an elevation model contain the same grid as the topics.
 """
 
 from __future__ import annotations
@@ -28,27 +28,27 @@ from sfr_loc_map.runs.offline import MapRun
 
 SUFFIXES = (".npz", *geotiff.SUFFIXES, ".png")  # of files of an elevation model
 HEIGHT_QUANTILES = (0.01, 0.99)
-"""Heights between these fill the range of colours; what is beyond takes the colour at the end."""
+"""Quantiles of the heights at the ends of the colour range; heights beyond are clipped."""
 LIGHT = np.array([-1.0, 1.0, 1.5])
 """Direction towards the light of the shaded image: from the upper left, as on maps."""
 AMBIENT = 0.35
-BRIDGED_SHARE = 0.1  # of weighted neighbours that must have a height for a gap to be bridged in the image
+BRIDGED_SHARE = 0.1  # minimum weighted fraction of neighbours with a height for a gap to be filled in the image
 VOID = (32, 32, 32)
 
 
 @dataclass(frozen=True, slots=True)
 class MapOutputs:
-    """Which files to write."""
+    """The files to write."""
 
-    cloud: Path  # all others lie beside it, or have names of their own
-    fuse: bool  # whether it is the fused cloud, or holds the points of every pair
+    cloud: Path  # the file of covariances is written beside it
+    fuse: bool  # whether the cloud is fused; otherwise it contains the points of every pair
     dem: Sequence[Path]  # files of an elevation model
-    terrain: TerrainConfig  # size of its cells, and what its other layers need
-    covariance: bool  # of each point
+    terrain: TerrainConfig  # parameters of the elevation model and its other layers
+    covariance: bool  # whether to write the covariance of each point
 
     @property
     def more(self) -> list[Path]:
-        """Files besides the cloud; the last one is that of the covariances, if it is wanted."""
+        """Files besides the cloud; the file of covariances, if requested, is the last one."""
         return [*self.dem, *([self.cloud.with_suffix(".covariance.npz")] * self.covariance)]
 
 
@@ -58,7 +58,7 @@ def save_map(
     outputs: MapOutputs,
     beside: Callable[[], AbstractContextManager[object]] = nullcontext,
 ) -> PointCloud:
-    """Write the files of a map, and return the cloud; each of the others is written within a `beside`."""
+    """Write the files of a map, and return the cloud; each other file is written in a context of `beside`."""
     cloud = run.fused.cloud if outputs.fuse else run.unfused
     save_cloud(outputs.cloud, cloud)
     if not outputs.more:
@@ -85,7 +85,7 @@ def save_map(
 
 
 def check_dems(files: Sequence[Path]) -> None:
-    """Raise ConfigError or MissingExtraError where elevation models of these names cannot be written."""
+    """Raise ConfigError or MissingExtraError if elevation models with these names cannot be written."""
     for file in files:
         if file.suffix not in SUFFIXES:
             names = ", ".join(f"*{suffix}" for suffix in SUFFIXES)
@@ -95,7 +95,7 @@ def check_dems(files: Sequence[Path]) -> None:
 
 
 def save_dem(path: Path, grid: TerrainGrid) -> None:
-    """Write a grid in the format of the name's ending."""
+    """Write a grid in the format that the ending of the name gives."""
     model, suffix = grid.elevation, path.suffix
     if suffix in geotiff.SUFFIXES:
         bands = [
@@ -122,9 +122,9 @@ def save_dem(path: Path, grid: TerrainGrid) -> None:
 
 
 def shaded_heights(model: ElevationModel) -> ColourImage:
-    """Return heights as colours, shaded by their slopes, a pixel a cell with y of LM upwards.
+    """Return heights as colours, shaded by their slopes, with one pixel per cell and y of LM upwards.
 
-    For the look of it gaps of a cell or two are bridged.
+    Gaps of one or two cells are filled for display.
     """
     weight = np.isfinite(model.height_m).astype(np.float32)
     weighted = np.where(weight > 0, model.height_m, 0.0)

@@ -1,6 +1,6 @@
-"""Runs of localiser and mapper, or of a method under test, over a whole source, without ROS.
+"""Runs of localiser and mapper, or of a method under test, over a complete source, without ROS.
 
-The calls of `process` are those that the nodes make.
+The nodes make the same calls of `process`.
 """
 
 from __future__ import annotations
@@ -40,30 +40,30 @@ from sfr_loc_map.runs.calls import CallRecord, call_of_estimate, call_of_fusion,
 from sfr_loc_map.runs.track_video import FrameObserver
 from sfr_loc_map.signals import stopping
 
-MAX_START_GAP_NS = NS_PER_S  #: Longest gap of the truth in which a drive can start.
+MAX_START_GAP_NS = NS_PER_S  #: Longest gap of the truth in which the start pose is interpolated, ns.
 DEFAULT_STEP_S = 0.1
-MANY = 0.05  #: Share of pairs without a good pose from which there is a warning.
+MANY = 0.05  #: Fraction of lost or degraded pairs from which there is a warning.
 Progress = Callable[[int], None]
 
 
 @dataclass(frozen=True, slots=True)
 class UnderTest:
-    """A method under test, in place of ours."""
+    """A method under test, in place of the localiser or mapper of the suite."""
 
     method: Method
     limits: MethodLimits = field(default_factory=MethodLimits)
-    hidden: Sequence[Path] = field(kw_only=True)  #: Paths that it cannot read: `Source.truth_paths`.
+    hidden: Sequence[Path] = field(kw_only=True)  #: Paths to which the method has no access: `Source.truth_paths`.
 
 
 # ---- drives
 
 
 class Step(NamedTuple):
-    """What a call of a localiser gives."""
+    """The result of a call of a localiser."""
 
     estimate: PoseEstimate
     record: CallRecord  #: State and cost.
-    method: MethodRecord  #: Whose they are.
+    method: MethodRecord  #: Method that made the call.
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,21 +84,23 @@ class DriveRun:
 
     @property
     def method(self) -> MethodRecord:
-        """Whose the estimates are; a method states its version with its last call, too."""
+        """The method that made the estimates, from the last step, because the version may be reported late."""
         return self.steps[-1].method
 
 
 def start_pose(sequence: LocSequence, start: str, from_ns: int = 0) -> StartPose:
     """Return the pose at which a drive starts, with its stamp.
 
-    `identity`: RB is DS at the first pair. `truth`: the true pose at the first pair, if need be between two poses of
-    the truth; without one, and where pairs before a stamp are omitted, the next pose of the truth, or its last.
+    `identity`: RB is DS at the first pair. `truth`: the true pose at the first pair, interpolated if necessary. If the
+    truth has a gap there, or if the pairs before `from_ns` are omitted, the next true pose is used, or the last one.
     """
     if start == "identity":
         return StartPose(Transform.identity())
     truth = sequence.ground_truth
     if truth is None or not len(truth):
-        raise InputError("'--start truth' needs ground truth, the source has none: omit it to start at the identity")
+        raise InputError(
+            "'--start truth' needs ground truth, which the source does not have: omit it to start at the identity"
+        )
     stamps = truth.stamps_ns
     first_ns = int(sequence.stamps_ns[0] if len(sequence) else stamps[0])
     wanted = max(first_ns, from_ns)
@@ -113,9 +115,9 @@ def start_pose(sequence: LocSequence, start: str, from_ns: int = 0) -> StartPose
 def drive(
     sequence: LocSequence, how: LocalisationConfig | UnderTest, start: StartPose, watch: FrameObserver | None = None
 ) -> Iterator[Step]:
-    """Yield the step of each pair of a drive, of our localiser with parameters or of a method under test.
+    """Yield the step of each pair of a drive, by the localiser of the suite or by a method under test.
 
-    `watch` is called after each pair of our localiser.
+    `watch` is called after each pair of the suite's localiser.
     """
     with checked_clock():
         if isinstance(how, UnderTest):
@@ -129,7 +131,7 @@ def drive(
 def localise(
     sequence: LocSequence, config: LocalisationConfig, start: StartPose, watch: FrameObserver | None = None
 ) -> Iterator[tuple[PoseEstimate, CallRecord]]:
-    """Yield the estimate and the cost of each pair of a drive; `watch` is called after each."""
+    """Yield the estimate and the cost of each pair of a drive; `watch` is called after each pair."""
     localiser = Localiser(sequence.rig, config, start)
     load_kernels("localisation")
     meter = CallMeter()
@@ -164,7 +166,7 @@ def trajectory_of(estimates: Iterable[PoseEstimate]) -> Trajectory:
 
 
 def states_text(records: Sequence[CallRecord]) -> str:
-    """Return how many calls of the localiser are lost, and degraded if any is."""
+    """Return the text of the numbers of lost and, if any, degraded calls of the localiser."""
     counts = Counter(record.state for record in records)
     degraded = counts[TrackingState.DEGRADED]
     return f"{counts[TrackingState.LOST]} lost" + (f", {degraded} degraded" if degraded else "")
@@ -177,7 +179,7 @@ def tracking_warning(records: Sequence[CallRecord], source: object) -> str | Non
         return None
     reason, count = Counter(record.reason for record in bad).most_common(1)[0]
     return (
-        f"{states_text(records)} of {len(records)} pairs, {count} of them for '{reason or 'no reason'}': look with "
+        f"{states_text(records)} of {len(records)} pairs, {count} of them for '{reason or 'no reason'}': inspect with "
         f"sfr info {source}, or sfr localise {source} -o again.csv --video tracks.avi"
     )
 
@@ -191,8 +193,8 @@ class MapRun:
 
     maps: list[PairMap]
     fused: FusedMap
-    records: list[CallRecord]  # one a pair, one for the fusion, one for the set; of a method that maps sets the last
-    method: MethodRecord  # whose it is
+    records: list[CallRecord]  # one per pair, one for the fusion, one for the set; the last only if a method maps sets
+    method: MethodRecord  # method that made the map
 
     @property
     def unfused(self) -> PointCloud:
@@ -202,7 +204,7 @@ class MapRun:
 
     @property
     def warnings(self) -> list[str]:
-        """What is suspicious about each pair and about their fusion, one line each."""
+        """Warnings about each pair and about the fusion, one line each."""
         pairs = [f"pair {number}: {line}" for number, item in enumerate(self.maps) for line in item.warnings]
         return [*pairs, *self.fused.warnings]
 
@@ -213,7 +215,7 @@ def panorama(
     progress: Progress = lambda done: None,
     ended: Callable[[], bool] = lambda: False,
 ) -> MapRun:
-    """Map the pairs of a source by our mapper with parameters or by a method under test; see `map_pairs`."""
+    """Map the pairs of a source by the mapper of the suite or by a method under test; see `map_pairs`."""
     with checked_clock():
         if isinstance(how, UnderTest):
             return map_pairs_with(sequence, how, progress, ended)
@@ -226,14 +228,14 @@ def map_pairs(
     progress: Progress = lambda done: None,
     ended: Callable[[], bool] = lambda: False,
 ) -> MapRun:
-    """Map the pairs of a source and fuse them; those that are done when it `ended`."""
+    """Map the pairs of a source and fuse them. Once `ended` returns true, only the mapped pairs are fused."""
     check_count(sequence)
     mapper = Mapper(sequence.rig, config)
     load_kernels("mapping")
     meter = CallMeter()
     maps: list[PairMap] = []
     records: list[CallRecord] = []
-    pairs = [replace(item, truth=None) for item in sequence.pairs()]  # reading is no part of the call, truth no memory
+    pairs = [replace(item, truth=None) for item in sequence.pairs()]  # the call excludes reading, its memory the truth
     with meter.measure() as whole:
         for index, item in enumerate(pairs):
             with meter.measure() as usage:
@@ -259,7 +261,7 @@ def map_pairs_with(
     progress: Progress = lambda done: None,
     ended: Callable[[], bool] = lambda: False,
 ) -> MapRun:
-    """Map the pairs of a source by a method under test; `ended` is as of `map_pairs`."""
+    """Map the pairs of a source by a method under test; `ended` is as in `map_pairs`."""
     check_count(sequence)
     maps: list[PairMap] = []
     records: list[CallRecord] = []
@@ -291,6 +293,8 @@ def map_pairs_with(
 
 
 def check_count(sequence: NavSequence) -> None:
-    """Raise MappingError where a map cannot be made of so many pairs."""
+    """Raise MappingError if the number of pairs is not valid for a map."""
     if not 1 <= len(sequence) <= MAX_PAIRS:
-        raise MappingError(f"a map is made of 1 to {MAX_PAIRS} stereo pairs, the source has {len(sequence)}: split it")
+        raise MappingError(
+            f"a map requires 1 to {MAX_PAIRS} stereo pairs, the source has {len(sequence)}: split the source"
+        )

@@ -1,4 +1,4 @@
-"""The results of a replay, and the files that they are written to."""
+"""The results of a replay, and their files."""
 
 from __future__ import annotations
 
@@ -18,33 +18,33 @@ from sfr_loc_map.runs.calls import CallRecord, save_stats
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExternalRun:
-    """What is known of an external node after a replay."""
+    """The results about an external node in a replay."""
 
     method: MethodRecord
     score: ExternalScore  # how it behaved
-    findings: tuple[FindingRecord, ...]  # what was wrong with its answers
-    log: str = ""  # what its process wrote; empty where it was not started here
-    convention: ConventionRecord | None = None  # how its results have been converted
+    findings: tuple[FindingRecord, ...]  # errors in its answers
+    log: str = ""  # output of its process; empty if the process was not started here
+    convention: ConventionRecord | None = None  # conversion of its results
     as_published: Trajectory | None = None  # its poses as it published them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CollectedRun:
-    """What came out of a replay."""
+    """The results of a replay."""
 
-    estimate: Trajectory  # without poses if there was no drive
-    cloud: PointCloud | None  # the last one
+    estimate: Trajectory  # empty without a drive
+    cloud: PointCloud | None  # the last cloud
     records: Sequence[CallRecord]  # all calls of localiser and mapper
-    mapped_ns: tuple[int, ...]  # of the pairs of the cloud, in the order of the points' `pair`: their truth judges it
+    mapped_ns: tuple[int, ...]  # stamps of the pairs of the cloud, in the order of the points' `pair`
     external: ExternalRun | None = None  # its poses are converted by `nodes.replay.external_poses`
-    points: FloatArray | None = None  # `(N, 3)` in LM of an external mapper that tells no pixels
+    points: FloatArray | None = None  # `(N, 3)` in LM, of an external mapper without pixels
 
 
 class ReplayFiles:
-    """Places of the outputs of a replay."""
+    """Paths of the outputs of a replay."""
 
     def __init__(self, folder: Path) -> None:
-        """Name the places; nothing is touched."""
+        """Set the paths; no file is accessed."""
         self.folder = folder
         self.estimate = folder / "estimate.csv"
         self.stats = folder / "stats.csv"  # one row for each call
@@ -52,22 +52,22 @@ class ReplayFiles:
         self.report = folder / "report.json"
         self.page = folder / "report.html"
         self.points = folder / "cloud.npz"  # the cloud of an external mapper without pixels
-        self.as_published = folder / "estimate_as_published.csv"  # of an external node, before it was converted
+        self.as_published = folder / "estimate_as_published.csv"  # poses of an external node before conversion
         self.external_log = folder / "external.log"
 
     @property
     def all(self) -> tuple[Path, ...]:
-        """All of them."""
+        """The paths of all outputs."""
         return tuple(path for name, path in vars(self).items() if name != "folder")
 
     def remove(self) -> None:
-        """Remove what an earlier replay has written; other files stay."""
+        """Remove the files of an earlier replay; other files are kept."""
         for path in self.all:
             path.unlink(missing_ok=True)
 
 
 def save_replay(result: CollectedRun, files: ReplayFiles) -> None:
-    """Write what there is of a replay but its score."""
+    """Write the available results of a replay, without the score."""
     if len(result.estimate):
         save_trajectory(files.estimate, result.estimate)
     if result.records:

@@ -1,4 +1,4 @@
-"""A film of the feature tracks of a drive."""
+"""The feature-track video of a drive."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from sfr_loc_map.localisation.estimate import PoseEstimate
 from sfr_loc_map.localisation.visualisation import STRIP, draw_tracks
 
 CODECS = {".avi": "MJPG", ".mp4": "mp4v"}
-"""Coding of a film by the ending of the file's name; both are part of OpenCV's wheels."""
+"""Codec by the ending of the file name; OpenCV's wheels contain both codecs."""
 FRAMES_PER_SECOND = 10.0
 FrameObserver = Callable[[StereoPair, PoseEstimate], None]
-"""Receives a pair and its estimate, with the tracks, after the call; its time is not part of the call."""
+"""Receives a pair and its estimate with the tracks after each call; its time does not count for the call."""
 
 
 @contextmanager
 def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
     """Provide an observer that appends an image of the tracks of each pair to a video, kept only on success."""
     if path.suffix not in CODECS:
-        raise OutputError(f"'{path}' is not the name of a video: give one that ends in {' or '.join(CODECS)}")
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # quiet, both: errors are reported in one line
+        raise OutputError(f"'{path}' is not the name of a video: give a name that ends in {' or '.join(CODECS)}")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # silent: errors are reported in one line
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     with atomic_path(path) as temporary:
         code = cv2.VideoWriter.fourcc(*CODECS[path.suffix])
         writer = cv2.VideoWriter(str(temporary), code, FRAMES_PER_SECOND, (rig.width, rig.height + STRIP))
         if not writer.isOpened():
-            raise OutputError(f"cannot write '{path}': this OpenCV has no coder {CODECS[path.suffix]}")
+            raise OutputError(f"cannot write '{path}': this OpenCV has no encoder {CODECS[path.suffix]}")
         count = 0
 
         def add(pair: StereoPair, estimate: PoseEstimate) -> None:
@@ -45,6 +45,6 @@ def track_video(path: Path, rig: StereoRig) -> Iterator[FrameObserver]:
             yield add
         finally:
             writer.release()
-        film = cv2.VideoCapture(str(temporary))  # the writer does not tell when the disk is full
+        film = cv2.VideoCapture(str(temporary))  # the writer does not report a full disk
         if (found := round(film.get(cv2.CAP_PROP_FRAME_COUNT))) < count:
             raise OutputError(f"cannot write '{path}': {max(found, 0)} of {count} frames were kept; is the disk full?")

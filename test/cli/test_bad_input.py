@@ -33,7 +33,7 @@ SOURCES: dict[str, tuple[Made, str] | tuple[Made, str, tuple[str, ...]]] = {
     "backwards": (broken.backwards, "pairs.csv'.*must be in order"),
     "broken rig": (broken.broken_rig, "rig.json.*truncated"),
     "no place on the rover": (broken.no_place_on_the_rover, "T_rb_locsb.*: add it", ("localise",)),
-    "four pairs": (broken.four_pairs, "1 to 3 stereo pairs, .* has 4: split it", ("map",)),
+    "four pairs": (broken.four_pairs, "1 to 3 stereo pairs, .* has 4: split the source", ("map",)),
     "no drive": (broken.four_pairs, "no drive .*: give a source that has one", ("localise",)),
 }
 CASES = [(name, command) for name, (_, _, *only) in SOURCES.items() for command in (only[0] if only else COMMANDS)]
