@@ -4,8 +4,8 @@
 
 For each value, the tool prints the root mean square errors of position and attitude over all sub-trajectories of 2 m,
 and the processor time. All are ratios to the run with the values in the source, as geometric means over the drives.
-Only constants that are read at each call can be changed, but not those of compiled kernels. Figures of a single drive
-change by a fifth with any small change (`measurements/localiser_trials.md`).
+Only constants that are read at each call can be changed, but not those of compiled kernels. The figures of a single
+drive vary by 20 % with any small change of the code (`measurements/localiser_trials.md`).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Lower bounds of the errors of the localiser and the mapper that follow from image noise.
 
-The bound of poses is the Cramer-Rao bound. The information of a patch position is that of the patch's gradients over
-the noise variance (Robinson and Milanfar 2004) in each image. All poses and landmarks of a sub-trajectory are estimated
-jointly. The bound of disparities is the Wiener error of a Gaussian field that has the spectrum of the true disparities
-in a part of the image, with the information of the gradients along rows.
+The bound of poses is the Cramer-Rao bound. The information about a patch position in an image is the structure tensor
+of the patch over the noise variance (Robinson and Milanfar 2004). All poses and landmarks of a sub-trajectory are
+estimated jointly. The bound of disparities is the Wiener error of a Gaussian field that has the spectrum of the true
+disparities in a part of the image, with the information of the gradients along rows.
 
     python tools/error_bounds.py drive SOURCE [--distance 5]
     python tools/error_bounds.py map SOURCE [--contrast 0.6 --noise 6.5]

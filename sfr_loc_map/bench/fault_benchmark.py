@@ -40,7 +40,7 @@ FAULTS = (
     "yaw:amount=0.3", "shift",
 )  # fmt: skip
 """Faults of real rovers. A rotation of 0.06 deg is about half a pixel at 512 px and 60 deg field of view."""
-LIMIT = 5.0  #: Largest ratio of error to stated 3 sigma that is not silent: 15 sigma cannot be random (chosen).
+LIMIT = 5.0  #: An error above this many stated 3 sigma is silent, because 15 sigma cannot be random (chosen).
 VALID = ("initialising", "tracking")  #: States in which pose and covariance are valid.
 
 

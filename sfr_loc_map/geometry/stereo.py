@@ -16,7 +16,7 @@ from sfr_loc_map.geometry.transform import Transform
 OPTICAL_IN_BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Rotation from optical axes (x right, y down, z forward) to axes x forward, y left, z up, such as SB [3.2.3]."""
 SAME_PX = 0.01
-"""Largest change, pixels, of the camera matrix, or of the largest disparity by a new baseline, that is ignored."""
+"""Rigs are equal if camera matrix and largest disparity differ by less than this, pixels."""
 CAMERA = ("width", "height", "fx", "fy", "cx", "cy", "baseline_m")  #: Fields of a rig without its pose.
 
 
