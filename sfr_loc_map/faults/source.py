@@ -31,7 +31,7 @@ def faulty(source: Source, faults: Sequence[Fault], seed: int = 0) -> Source:
 
 
 class _Faulty(Generic[S]):
-    """Pairs with injected faults; equal seeds affect equal pairs."""
+    """Pairs with injected faults; the seed determines the affected pairs."""
 
     def __init__(self, inner: S, faults: Sequence[Fault], seed: int) -> None:
         self._inner: S = inner

@@ -24,8 +24,7 @@ COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidi
 """Supported distortion models, and the numbers of coefficients that each may have."""
 FISHEYE = ("equidistant", "fisheye")
 FOCAL_RATIO = (0.5, 2.0)
-"""Accepted ratio of the rectified focal length to that of the camera. OpenCV's is far smaller for wide fisheye
-lenses."""
+"""Accepted ratio of rectified to original focal length. OpenCV's choice is far smaller for wide fisheye lenses."""
 MIN_VALID = 0.25  #: Smallest accepted fraction of a rectified image that raw pixels cover.
 SAME_DIRECTION = 1e-5  #: Smaller changes of a distortion coefficient or an entry of R are ignored (`SAME_PX`).
 RECTIFIED_TOLERANCE = 1e-9

@@ -317,11 +317,8 @@ def _stone(point: FloatArray, footprint: float, number: int, parameters: Shading
         v, a, b, c = value3(x / length + 0.41 * k, y / length + 0.17 * k, z / length, seed ^ _STONE ^ np.uint32(k))
         tone += 0.16 * fade * v
         slope = 0.13 * fade * parameters.bump
-        gx, gy, gz = (
-            gx + slope * b,
-            gy + slope * c,
-            gz + slope * a,
-        )  # slopes must not follow the tone, as for the ground
+        # slopes must not follow the tone, as for the ground
+        gx, gy, gz = gx + slope * b, gy + slope * c, gz + slope * a
         length *= 0.5
     dust = smooth_step(0.75, 1.0, 0.5 + 0.5 * unit(mix(h)))
     reflectance = parameters.rock_albedo * math.exp(min(max(parameters.contrast * (tone + 0.2 * dust), -1.5), 1.2))
