@@ -102,7 +102,7 @@ def associate(estimate: Trajectory, truth: Trajectory, config: AssociationConfig
     MetricsError for an estimate without attitudes.
     """
     if not estimate.has_attitude:
-        raise MetricsError("the estimate has only positions: give one with attitudes (unit quaternions)")
+        raise MetricsError("the estimate has only positions: give an estimate with attitudes (unit quaternions)")
     estimate_rows, true_rows = unique_rows(estimate.stamps_ns), unique_rows(truth.stamps_ns)
     tolerance_ns = round(config.tolerance_s * NS_PER_S)
     mode = AssociationMode(config.truth)

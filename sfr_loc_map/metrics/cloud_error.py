@@ -66,8 +66,8 @@ def truths_of(pairs: Sequence[PosedStereoPair], rig: StereoRig) -> list[PairTrut
     truths = [PairTruth.of(pair, rig) for pair in pairs]
     without = [str(pair.pair.stamp_ns) for pair, truth in zip(pairs, truths, strict=True) if truth is None]
     if without or not truths:
-        none = ", ".join(without) or "any (no pair at all)"
-        raise MetricsError(f"a map score needs the truth of every pair: none for {none}; give a source with truth")
+        none = ", ".join(without) or "all (the source has no pair)"
+        raise MetricsError(f"a map score needs the truth of every pair: missing for {none}; give a source with truth")
     return [truth for truth in truths if truth is not None]
 
 
@@ -230,7 +230,7 @@ def score_map(
     number of points that were dropped because a coordinate is not finite.
     """
     if cloud.fused is None:
-        raise MetricsError("the cloud does not say whether it is fused: set `fused`, coverage depends on it")
+        raise MetricsError("it is unknown whether the cloud is fused, which decides the coverage: set the option fused")
     errors = point_errors(cloud, truths)
     ranges = [truth.ranges_m() for truth in truths]
     scored = (config.scored_from_m, config.scored_to_m)

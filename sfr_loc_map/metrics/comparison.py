@@ -212,6 +212,6 @@ def check_same_data(first: Score, other: Score, names: tuple[str, str]) -> None:
         if not same:
             what = role.replace("_", " ")
             raise MetricsError(
-                f"different data: the {what} of '{names[0]}' is '{mine.path}', that of '{names[1]}' '{theirs.path}'; "
+                f"different data: the {what} of '{names[0]}' is '{mine.path}', of '{names[1]}' it is '{theirs.path}'; "
                 "compare scores of the same data"
             )

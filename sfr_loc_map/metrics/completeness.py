@@ -296,7 +296,7 @@ def covered_text(share: float, of: str, longest_gap: tuple[float, float] | None)
     """Return the text of the covered fraction of `of` (images, true poses or true path) and the longest gap (m, s)."""
     text = f"the estimate covers {100.0 * share:.4g} % of the {of}"
     if longest_gap is not None:
-        text += f", its longest gap is {longest_gap[0]:.4g} m and {longest_gap[1]:.4g} s"
+        text += f", and its longest gap is {longest_gap[0]:.4g} m and {longest_gap[1]:.4g} s"
     if of != "images":
         text += "; if the truth is longer or denser than the images, score against the source with its images"
     return text

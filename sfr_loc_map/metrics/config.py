@@ -215,7 +215,8 @@ class TrajectoryScoreConfig:
     """Settings of the trajectory score."""
 
     conditions: tuple[str, ...] = param(
-        ("distance=5",), doc="Conditions that end a sub-trajectory: distance=METRES, time=SECONDS, frames=NUMBER, .."
+        ("distance=5",),
+        doc="Conditions that end a sub-trajectory, such as distance=METRES, time=SECONDS or frames=NUMBER.",
     )
     spacing: int = param(
         SPACING_FRAMES, unit="frames", doc="Number of frames from one start to the next.", low=1, high=1_000_000

@@ -385,7 +385,7 @@ def _left_camera(
         of_rb = quat_multiply(q, quat_conjugate(turn))
         return p - quat_rotate(of_rb, lever_m), of_rb
 
-    sentence = f"it is the pose of the left camera {words}: transform it by the extrinsics of the camera"
+    sentence = f"its poses are those of the left camera {words}: transform them by the extrinsics of the camera"
     return Mismatch("left camera", setting, sentence, undo, is_fitted)
 
 

@@ -169,7 +169,7 @@ class Limit(Record, frozen=True, kw_only=True):
 
     @property
     def is_lower_bound(self) -> bool:
-        """Whether the figure must not be below the limit."""
+        """Whether the limit is a lower bound."""
         return is_lower_bound(self.name)
 
     @property

@@ -59,7 +59,7 @@ class PoseConvention:
     inverse: bool = param(False, doc="Poses are inverted: they describe the world in the frame of the rover.")
     inverse_motion: bool = param(False, doc="Motions since the first pose are inverted; the first pose is not.")
     mirrored: bool = param(False, doc="Left and right are mirrored: the y-axis points to the right.")
-    metres_per_unit: float = param(1.0, unit="m", doc="Unit of the positions.", low=1e-6, high=1e6)
+    metres_per_unit: float = param(1.0, unit="m", doc="Unit of the positions in metres.", low=1e-6, high=1e6)
     time_offset_ns: int = param(
         0, unit="ns", doc="Offset that is added to the stamps.", low=-MAX_OFFSET_NS, high=MAX_OFFSET_NS
     )

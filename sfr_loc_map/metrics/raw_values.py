@@ -305,7 +305,7 @@ def _of_counts(score: Score) -> Iterator[str]:
         given = 0 if moving is None else (moving.n or 0) + (moving.unknown or 0)
         stands = (share.value or 0.0) * (share.n or 0)
         if 0.0 < stands < (share.n or 0) and abs(stands + given - (share.n or 0)) > EXACT * (share.n or 0):
-            yield f"{share.label} is {_text(share.value)} of {share.n}, but {given} sub-trajectories have moving errors"
+            yield f"{share.label} is {_text(share.value)} of {share.n}, but there are {given} errors of a moving rover"
     for name in ("lost", "degraded"):
         row, drive = score.figure(name, part="count"), score.association
         if row is not None and drive is not None and row.value not in (None, getattr(drive, name)):

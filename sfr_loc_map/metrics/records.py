@@ -77,7 +77,7 @@ class Alignment(Record, frozen=True, kw_only=True):
 
     align: str  #: How the estimate was aligned: `none`, `origin`, `se3` or `sim3`.
     association: str  #: How poses of estimate and ground truth were paired.
-    max_difference_s: float  #: Longest difference of the stamps of a pair.
+    max_difference_s: float  #: Largest difference between the stamps of paired poses.
     rpe_delta: str  #: Length of a relative error, such as `frames=1`.
     scale: float = 1.0  #: `p -> scale R p + t` was applied to the estimate.
     quat_xyzw: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)  #: Rotation R, scalar last.
@@ -90,7 +90,7 @@ class CloudRecord(Record, frozen=True, kw_only=True):
     kind: CloudKind | None = None  #: Whether the cloud is fused; null if the pixels of the points are unknown.
     #: Whether the pixels of the points are unknown, so that only distances to the nearest true points are known.
     nearest_only: bool = False
-    scored_range_m: tuple[float, float]  #: Ranges [low, high) of the ground truth that count for coverage.
+    scored_range_m: tuple[float, float]  #: Range [low, high) of the true points in the coverage, m.
 
 
 class CallRecords(Record, frozen=True, kw_only=True):
@@ -114,7 +114,7 @@ class TargetRecord(Record, frozen=True, kw_only=True, forbid_unknown_fields=Fals
     compiler: str | None = None  #: Compiler.
     flags: str | None = None  #: Flags of the compiler.
     byte_order: str | None = None  #: `big-endian` or `little-endian`.
-    pointer_bits: int | None = None  #: Size of an address.
+    pointer_bits: int | None = None  #: Size of an address, bits.
 
 
 class TargetRun(Record, frozen=True, kw_only=True):
@@ -134,7 +134,7 @@ class MethodKind(StrEnum):
     PEER = "peer"  #: Known to this suite, and installed by the user in a separate interpreter.
     PYTHON = "python"  #: A Python class.
     LIBRARY = "library"  #: A C library behind the ABI of `sfr_candidate.h`.
-    EXTERNAL = "external"  #: A ROS node that was not started from this suite's code.
+    EXTERNAL = "external"  #: An external ROS node.
 
 
 class FindingKind(StrEnum):
