@@ -52,7 +52,9 @@ def convert(
     remap: RemapOption = None,
     columns: ColumnsOption = None,
     config: ConfigOption = None,
-    jpeg_quality: Annotated[int | None, Option(min=1, max=100, metavar="Q", help="JPEG images (bags only).")] = None,
+    jpeg_quality: Annotated[
+        int | None, Option(min=1, max=100, metavar="Q", help="Write JPEG images of this quality (bags only).")
+    ] = None,
     compression: Annotated[
         Literal["none", "zstd"], Option(help="Compress the chunks of the bag (mcap only).")
     ] = "none",

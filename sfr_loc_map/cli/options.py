@@ -43,7 +43,7 @@ def checked_namespace(text: str) -> str:
 
 
 SourceArgument = Annotated[
-    Path, Argument(metavar="SRC", help="Data set folder, bag of ROS 2 or 1, or sequence of KITTI or EuRoC.")
+    Path, Argument(metavar="SRC", help="Data set folder, ROS 2 or ROS 1 bag, or KITTI or EuRoC sequence.")
 ]
 NamespaceOption = Annotated[str, Option(metavar="NS", callback=checked_namespace, help="Namespace of the rover.")]
 ConfigOption = Annotated[
@@ -67,7 +67,7 @@ ColumnsOption = Annotated[
         metavar="[estimate:|truth:]NAME=COLUMN,...",
         rich_help_panel=MORE,
         help="Columns of a text table, by header (t=Time[s],x=East[mm],...) or by order "
-        "(t[ns],x,y,z,qw,qx,qy,qz); without a prefix for the estimate; repeatable.",
+        "(t[ns],x,y,z,qw,qx,qy,qz). Without a prefix they apply to the estimate; repeatable.",
     ),
 ]
 
@@ -100,7 +100,7 @@ def parse_settings(settings: Sequence[str] | None) -> dict[str, Any]:
 
 
 def columns_of(texts: Sequence[str] | None) -> tuple[str, str]:
-    """Return the columns of the estimate and those of the truth, empty if they are not given."""
+    """Return the columns of the estimate and of the truth; empty if not given."""
     found = {"estimate": "", "truth": ""}
     for text in texts or ():
         side, separator, columns = text.partition(":")
@@ -177,7 +177,7 @@ def method_under_test(
 
 # ---- scores
 
-LimitsOption = Annotated[Path | None, Option(metavar="F.yaml", help="Limits; exit code 1 if one is missed.")]
+LimitsOption = Annotated[Path | None, Option(metavar="F.yaml", help="Limits file; exit code 1 if a limit is missed.")]
 ConditionOption = Annotated[
     list[str] | None,
     Option(

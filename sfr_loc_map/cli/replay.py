@@ -256,7 +256,7 @@ def _replayed(
 
 
 def _report_files(outcome: ScoredReplay, files: ReplayFiles | None) -> None:
-    """Report the states of the poses and where the report is."""
+    """Print the remarks, the warning and the path of the report."""
     for remark in outcome.remarks:
         say(remark, err=True)
     if outcome.warning is not None:

@@ -88,10 +88,10 @@ def record(
     topics: Annotated[
         list[str] | None, Argument(metavar="TOPIC", help="Topics; default: the inputs and outputs of the nodes.")
     ] = None,
-    everything: Annotated[bool, Option("--all", help="All topics.")] = False,
+    everything: Annotated[bool, Option("--all", help="Record all topics.")] = False,
     namespace: NamespaceOption = "",
     duration: Annotated[float | None, Option(min=0.0, metavar="S", help="Duration; default: until Ctrl-C.")] = None,
-    zstd: Annotated[bool, Option("--zstd", help="Compress.")] = False,
+    zstd: Annotated[bool, Option("--zstd", help="Compress with zstd.")] = False,
     overwrite: OverwriteOption = False,
 ) -> None:
     """Record topics. Messages are written to disk every half second, so that a crash loses at most half a second."""

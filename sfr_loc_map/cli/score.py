@@ -323,8 +323,8 @@ def _propose_next(result: Score, json_path: str | None, html: Path | None) -> No
 def _diagnose(inputs: ScoreInputs, estimate: Path, json_path: str | None, *, lenient: bool) -> None:
     """Show the convention mismatches that may explain the disagreement; raise FailedVerdictError if one does.
 
-    The disagreement combines the mean position error per distance travelled and the mean attitude error in radians,
-    re-based at many starts.
+    The disagreement is the root sum of squares of the position error per distance travelled and the attitude error in
+    radians, re-based at each start and averaged over sub-trajectories.
     """
     from sfr_loc_map.metrics.convention import MIN_POSES
     from sfr_loc_map.report.tables import Cell, Column, Table

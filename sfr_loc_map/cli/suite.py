@@ -54,8 +54,8 @@ FolderArgument = Annotated[Path, Argument(metavar="DIR", help="Folder of a suite
     )
 )
 def run(
-    suite: Annotated[Path, Argument(metavar="SUITE.yaml", help="Sources, faults, configurations, tasks.")],
-    out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; an existing one is continued.")],
+    suite: Annotated[Path, Argument(metavar="SUITE.yaml", help="File with sources, faults, configurations, tasks.")],
+    out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; an existing folder is continued.")],
     workers: Annotated[int | None, Option(min=1, metavar="N", help="Parallel tasks; default: one per core.")] = None,
     scheduler: Annotated[
         str | None, Option(metavar="ADDR", help="Running Dask scheduler, for example tcp://host:8786.")
@@ -141,8 +141,8 @@ def _refuse_both(workers: int | None, scheduler: str | None) -> None:
 
 @app.command(epilog=examples("sfr suite search search.yaml --out runs/search --workers 2"))
 def search(
-    search: Annotated[Path, Argument(metavar="SEARCH.yaml", help="Scenario, ranges, figure with its limit.")],
-    out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; an existing one is continued.")],
+    search: Annotated[Path, Argument(metavar="SEARCH.yaml", help="File with scenario, ranges, figure and limit.")],
+    out: Annotated[Path, Option(metavar="DIR", help="Folder of the results; an existing folder is continued.")],
     workers: Annotated[int | None, Option(min=1, metavar="N", help="Parallel tasks; default: one per core.")] = None,
     scheduler: Annotated[
         str | None, Option(metavar="ADDR", help="Running Dask scheduler, for example tcp://host:8786.")

@@ -57,8 +57,8 @@ def present(score: Score, json_path: str | None, html: Path | None) -> None:
 def conclude(score: Score, asked: Collection[Condition], *, lenient: bool) -> None:
     """Raise the error that corresponds to a score, which has been written.
 
-    If the conventions of estimate and truth contradict each other, nothing is judged. Otherwise failures of the method
-    and missed limits take precedence over limits that could not be judged.
+    A failure of the method comes first. If the conventions of estimate and truth contradict each other, no limit is
+    judged. Otherwise missed limits take precedence over limits that could not be judged.
     """
     from sfr_loc_map.metrics.judging.reasons import incomplete_parts, reasons_not_judged
     from sfr_loc_map.report.verdict_view import VerdictView

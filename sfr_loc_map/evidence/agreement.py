@@ -158,8 +158,8 @@ def growth_of_other(
 ) -> FloatArray | None:
     """Return `growth` of the other run, in the axes of that run.
 
-    A backward run gives the covariance of the start given the end; the error of the end given the start is its
-    negative, carried over the displacement.
+    A backward run gives the covariance of the start given the end. The error of the end given the start is the
+    negative of this error, propagated over the displacement.
     """
     if not other.is_backward:
         return growth(sums[int(rows[start])], sums[int(rows[end])], frames.true_position[end])

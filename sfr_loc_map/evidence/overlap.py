@@ -30,7 +30,7 @@ class Overlap(NamedTuple):
     first: int  #: Number of the pair, from 0.
     other: int
     fraction: float  #: Fraction of the points of the first pair that the other pair observes.
-    points: int  #: Number of these points.
+    points: int  #: Number of points that the other pair observes.
     difference_m: float  #: Robust root mean square of the range differences: median and spread.
     ratio: float  #: Range differences over the expected ones; about 1 if sigmas and poses are correct.
     grey_ratio: float  #: Grey level differences over those at `SHIFT_PX`; NaN without texture.

@@ -104,7 +104,7 @@ class Job:
 
 
 class FailureCause(StrEnum):
-    """Why a job failed."""
+    """Cause of the failure of a job."""
 
     BAD_INPUT = "bad input"
     FAULT = "fault of the program"
