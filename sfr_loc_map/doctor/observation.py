@@ -47,7 +47,7 @@ class ObservedTopic:
     publishers: tuple[Publisher, ...] = (Publisher("", ""),)  # a bag or files: one without a name
     stamps_ns: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))  # `(N,)`, in the order of reception
     messages: tuple[Any, ...] = ()  # the first messages, with fields as attributes
-    requests: Mapping[str, Reliability] = field(default_factory=dict)  # of the publishers, by nodes of the suite
+    requests: Mapping[str, Reliability] = field(default_factory=dict)  # requested reliability by node of the suite
     lost: int = 0  # messages that were published between received ones but not received
 
 
@@ -61,7 +61,7 @@ class ObservedNode:
     use_sim_time: bool = False
     extrinsics_given: bool = False  # whether its parameters give the extrinsics
     stamp_tolerance_ns: int = 0
-    has_worked: bool = False  # since it became active
+    has_worked: bool = False  # whether it has processed a pair since it became active
     rectifies: bool = False  # whether it subscribes to raw images and rectifies them
 
 
@@ -108,7 +108,7 @@ class Observation:
         return next((node for node in self.nodes if node.rig == rig), None)
 
     def image_name(self, rig: str) -> str:
-        """Return the last part of the names of a rig's image topics: that of its node, else rectified before raw."""
+        """Return the last part of the names of a rig's images: as its node subscribes, else rectified before raw."""
         node = self.node(rig)
         if node is not None:
             return RAW if node.rectifies else RECTIFIED

@@ -67,7 +67,7 @@ STATED_PAIRS = (SourceFormat.FOLDER, SourceFormat.KITTI)  #: Formats whose files
 
 
 def open_source(path: Path, config: SourceConfig | None = None) -> Source:
-    """Open a source of any format by a configuration, by default the one beside it. Each pass reopens the files."""
+    """Open a source with a configuration, by default the `sfr.yaml` beside the source; each pass reopens the files."""
     path = Path(path)
     name = format_of(path)
     config = source_config(path) if config is None else config

@@ -202,7 +202,7 @@ def changed_sections(
 
 
 def source_config(source: Path, path: Path | None = None, remap: Mapping[str, str] | None = None) -> SourceConfig:
-    """Return the configuration in a file, by default the one beside the source; `remap` adds or replaces topics."""
+    """Return the configuration in a file, by default the `sfr.yaml` beside the source; `remap` overrides topics."""
     path = path or config_beside(source)
     config = AS_IT_IS if path is None else SourceConfig.of(read_sections(path), path)
     if not remap:

@@ -69,7 +69,7 @@ class CallRecord:
     state: str = ""  #: State after the call: initialising, tracking, degraded, lost; mapped, fused, mapped_set.
     #: Peak resident memory of the process during the call; None if it cannot be measured.
     peak_rss_bytes: Bytes | None = None
-    above_idle_bytes: Bytes | None = None  #: Peak above that of the idle process.
+    above_idle_bytes: Bytes | None = None  #: Peak above the memory of the idle process.
     statistics: Mapping[str, float] = field(default_factory=dict)  #: Statistics of the call by name.
     covariance: FloatArray | None = None  #: `(6, 6)` of the pose (ROS order), None for mapping.
     reason: str = ""  #: Why the pose is degraded or lost, in one word.

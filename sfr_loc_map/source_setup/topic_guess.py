@@ -23,7 +23,7 @@ _CAMERA = "(?:cam|camera|fisheye|image|img|eye|ir|mono|sensor)?"
 SIDE_WORDS = words(rf"(?:{_CAMERA}|infra(?:red_?)?)(left|right|[lr]|(?<=infra)[12]|(?<=infrared_)[12]){_CAMERA}")
 NUMBERS = words(rf"{_CAMERA}(0?[012])")
 RIGHT_OF = {"left": "right", "l": "r", "0": "1", "1": "2", "00": "01", "01": "02"}
-"""The word or number of the right camera by that of the left one."""
+"""The side word or number of the right camera by that of the left camera."""
 NO_IMAGE = words("(?:compressed_)?depth(?!_cam)", "disparity", "confidence", "mask", "segmentation", "debug", "zstd")
 GREY = words("gr[ae]y", "mono")
 COLOUR = words("colou?r", "rgb8?", "bgr8?")

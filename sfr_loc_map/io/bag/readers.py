@@ -1,4 +1,4 @@
-"""The readers of bags: those of rosbags with limits on decompressed sizes, and the suite's own for MCAP files.
+"""The readers of bags: the readers of rosbags with limits on decompressed sizes, and our own reader of MCAP files.
 
 Decompressed sizes are checked before or during decompression. Messages of ROS 1 (format 2.0) are returned as CDR,
 without the sequence number of their headers.
@@ -28,7 +28,7 @@ from sfr_loc_map.io.bag.unpacking import check_zstd_file, unpack_bz2, unpack_lz4
 
 METADATA = "rosbag2_bagfile_information"
 BOUNDED = {decompressors["bz2"]: unpack_bz2, decompressors["lz4"]: unpack_lz4}
-"""Decompressors of ROS 1 chunks with a size limit, by those of rosbags, which have no limit."""
+"""Decompressors of ROS 1 chunks with a size limit, by the decompressors of rosbags that they replace."""
 _ROS1 = get_typestore(Stores.ROS1_NOETIC)
 
 

@@ -56,7 +56,7 @@ def open_euroc(path: Path, config: SourceConfig) -> Source:
 
 
 def _load_truth(folder: Path) -> Trajectory | None:
-    """Return the first truth of `TRUTHS` found; poses of a tracker are those of its marker, which T_BS mounts on B."""
+    """Return the first truth of `TRUTHS` found; a tracker gives poses of its marker, whose pose in B is T_BS."""
     file = next((file for name in TRUTHS if (file := folder / name / "data.csv").is_file()), None)
     if file is None:
         return None

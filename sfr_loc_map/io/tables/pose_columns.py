@@ -125,7 +125,7 @@ class PoseColumns:
 
     @property
     def is_tum(self) -> bool:
-        """Whether the columns are those of TUM in order, whose stamps are in seconds."""
+        """Whether the columns are in the order of TUM, whose stamps are in seconds."""
         order = (STAMP, *POSITION, *QUATERNION)
         in_order = all(self.places.get(key) == place for place, key in enumerate(order))
         return in_order and self.separator in (None, "\t")
@@ -437,7 +437,7 @@ class _StatedOrder(NamedTuple):
 
 
 def _stated_order(comments: Sequence[str]) -> _StatedOrder | None:
-    """Return the order of quaternions that the last comment with such a statement gives; None without one."""
+    """Return the order of quaternions in the last comment that states an order; None if no comment does."""
     for number, comment in reversed([*enumerate(comments, 1)]):
         for pattern, is_scalar_first in ((_SCALAR_FIRST_TEXT, True), (_SCALAR_LAST_TEXT, False)):
             if pattern.search(comment):
@@ -446,7 +446,7 @@ def _stated_order(comments: Sequence[str]) -> _StatedOrder | None:
 
 
 def _unknown_header(before: Sequence[str]) -> int | None:
-    """Return the index of the first line before the rows that is neither empty nor a comment; None without one."""
+    """Return the index of the first line before the rows that is neither empty nor a comment; None if absent."""
     texts = (number for number, line in enumerate(before) if line.strip() and line.strip()[0] not in "#%/")
     return next(texts, None)
 

@@ -272,7 +272,7 @@ def _loaded(
 
 
 def times_beside(path: Path) -> Path:
-    """Return the path of the file of stamps beside KITTI poses."""
+    """Return the path of the file with the stamps of KITTI poses."""
     return path.with_name(f"{path.stem}.times.txt")
 
 
@@ -286,7 +286,7 @@ def read_times(path: Path, count: int | None = None) -> IntArray:
 
 
 def format_of_name(path: Path) -> TrajectoryFormat | None:
-    """Return the format of a trajectory file with this name; None if the name is not that of a trajectory file."""
+    """Return the format of a trajectory file by its name; None if it is not the name of a trajectory file."""
     if path.name.endswith(EUROC_SUFFIX):
         return TrajectoryFormat.EUROC
     kinds = {KITTI_SUFFIX: TrajectoryFormat.KITTI, ".csv": TrajectoryFormat.CSV}

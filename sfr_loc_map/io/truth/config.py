@@ -106,7 +106,7 @@ class TrackedBody:
 
     @property
     def declared(self) -> tuple[str, ...]:
-        """The settings `truth.NAME=VALUE` that change poses, without those of the origin of the truth."""
+        """The settings `truth.NAME=VALUE` that change poses, without `PLACE_SETTINGS`."""
         values = changed(self, "truth.").items()
         return tuple(f"{name}={value}" for name, value in values if name not in PLACE_SETTINGS)
 
