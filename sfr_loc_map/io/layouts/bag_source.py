@@ -219,7 +219,7 @@ class BagNavSequence(_BagPairs):
                 self._poses[stamp_ns] = pose_of(message.pose.position, message.pose.orientation)
 
     def _poses_of_pairs(self) -> dict[int, int]:
-        """Return the stamp of the pose of each pair that has one."""
+        """Return the stamp of the pose of each pair that has a pose."""
         return match_stamps(self.stamps_ns, sorted(self._poses), self._tolerance_ns)
 
     def parts(self) -> dict[int, dict[str, int]]:

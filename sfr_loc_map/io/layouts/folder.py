@@ -113,7 +113,7 @@ def _read_part(folder: Path) -> _Part:
 def _parse_pair(table: Path, number: int, row: Mapping[str, str]) -> ImagePair:
     """Return the pair in a line of pairs.csv; `row` has the cells by column name."""
     T_lm_navsb = None
-    with refusing(f"'{table}' line {number}", "correct or leave out the pair"):
+    with refusing(f"'{table}' line {number}", "correct or remove the pair"):
         stamp_ns = parse_stamp_ns(row["stamp_ns"])
         if len(row) > len(LOC_COLUMNS):
             numbers = [parse_number(row[name]) for name in NAV_COLUMNS[len(LOC_COLUMNS) :]]

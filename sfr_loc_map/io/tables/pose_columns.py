@@ -395,7 +395,7 @@ def _column(text: str, header: Sequence[str]) -> tuple[int | None, str]:
 def _by_layout(
     lines: Sequence[str], first: int, name: str, separator: str | None, rows: Sequence[Sequence[str]], option: str
 ) -> PoseColumns:
-    """Return the layout that the rows fit; InputError if none or several fit."""
+    """Return the only layout that the rows fit; InputError if no layout or several layouts fit."""
     header = _unknown_header(lines[:first])
     if header is not None:
         raise InputError(_no_names(name, lines[:first], header, option))
@@ -452,7 +452,7 @@ def _unknown_header(before: Sequence[str]) -> int | None:
 
 
 def _table(rows: Sequence[Sequence[str]], width: int) -> FloatArray:
-    """Return the numbers of rows, NaN where a cell is not a number."""
+    """Return the numbers in rows; NaN if a cell is not a number."""
     table = np.full((len(rows), width), np.nan)
     for row, cells in enumerate(rows):
         for column, cell in enumerate(cells[:width]):

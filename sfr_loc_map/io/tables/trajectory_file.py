@@ -4,7 +4,7 @@
 |---|---|
 | `csv` | header `stamp_ns,rbOriginPos_m_Ds_{x,y,z},att_q_DsToRb_{1..4}`, scalar last |
 | `tum` | `t x y z qx qy qz qw`, t in seconds, orientation as in ROS messages |
-| `kitti` | twelve numbers a line, the first three rows of a pose matrix, no stamps (Geiger et al. 2012) |
+| `kitti` | twelve numbers per line, the first three rows of a pose matrix, no stamps (Geiger et al. 2012) |
 | `euroc` | csv with nanoseconds and quaternions scalar first (Burri et al. 2016); further columns are ignored |
 | `columns` | csv of a total station or a motion capture system; a header names the columns and their units |
 
@@ -74,7 +74,7 @@ MOST_NAMED = 8  #: Maximum number of columns that a message lists.
 WORDS = {
     TrajectoryFormat.CSV: "csv of the suite",
     TrajectoryFormat.TUM: "TUM",
-    TrajectoryFormat.KITTI: "KITTI poses of the left camera, turned to x forward, y left, z up",
+    TrajectoryFormat.KITTI: "KITTI poses of the left camera, rotated to x forward, y left, z up",
     TrajectoryFormat.EUROC: "EuRoC csv",
     TrajectoryFormat.COLUMNS: "columns by their names",
     TrajectoryFormat.MATRIX: "3 x 4 matrices with stamps or frame numbers",
@@ -281,7 +281,7 @@ def read_times(path: Path, count: int | None = None) -> IntArray:
     blocks = read_table(path, "give the seconds of each pose")
     table = parse_table(blocks, f"'{path}'", "seconds", (0,), stamp=parse_seconds)
     if count not in (None, len(table.lines)):
-        raise InputError(f"'{path}' has {len(table.lines)} times for {count} poses: one for each is required")
+        raise InputError(f"'{path}' has {len(table.lines)} times for {count} poses: one time for each pose is required")
     return table.stamps_ns
 
 
@@ -294,7 +294,7 @@ def format_of_name(path: Path) -> TrajectoryFormat | None:
 
 
 def files_written(path: Path) -> tuple[Path, ...]:
-    """Return the files that a trajectory of this name is written to."""
+    """Return the files that `save_trajectory` writes for a name."""
     return (path, times_beside(path)) if format_of_name(path) is TrajectoryFormat.KITTI else (path,)
 
 
