@@ -25,8 +25,8 @@ from sfr_loc_map.cli import former
 from sfr_loc_map.errors import ExitCode
 
 EXIT_CODES = (
-    "Exit codes: 0 all well; 1 a limit was missed, or the doctor found something; 2 bad input or usage; "
-    "3 something could not be judged (0 with --lenient); 130 interrupted; finished results are reported."
+    "Exit codes: 0 success; 1 a limit was missed or a blocking issue was found; 2 bad input or usage; "
+    "3 something could not be judged (0 with --lenient); 130 interrupted (finished results are reported)."
 )
 PANELS = {
     "Look": ("info", "doctor", "init"),

@@ -58,7 +58,7 @@ def localise(
     call_timeout: CallTimeoutOption = 120.0,
     memory_limit: MemoryLimitOption = 4000,
 ) -> None:
-    """Estimate the trajectory of a drive, with the same code as the node, or by another method."""
+    """Estimate the trajectory of a drive with the code of the localisation node, or with another method."""
     from sfr_loc_map.io.sequence import drive_of
     from sfr_loc_map.io.tables.trajectory_file import FILE_SUFFIXES, files_written, save_trajectory
     from sfr_loc_map.runs import offline

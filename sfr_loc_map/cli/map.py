@@ -65,7 +65,7 @@ def map_cloud(
     call_timeout: CallTimeoutOption = 120.0,
     memory_limit: MemoryLimitOption = 4000,
 ) -> None:
-    """Map up to three stereo pairs, with the same code as the node, or by another method."""
+    """Map up to three stereo pairs with the code of the mapping node, or with another method."""
     from sfr_loc_map.io.clouds.cloud_file import SUFFIXES
     from sfr_loc_map.io.sequence import panorama_of
     from sfr_loc_map.runs.calls import save_stats, stats_beside

@@ -101,7 +101,7 @@ def replay(
     duration: Annotated[
         float | None,
         Option(
-            min=0.0, metavar="S", rich_help_panel=PLAYED, help="Seconds of the source that are played; by default all."
+            min=0.0, metavar="S", rich_help_panel=PLAYED, help="Seconds of the source that are played; default: all."
         ),
     ] = None,
     start_paused: Annotated[

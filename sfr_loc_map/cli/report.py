@@ -91,7 +91,7 @@ def report(
         Option(metavar="S", rich_help_panel=DRAWN, help="Maximum difference between the stamps of estimate and truth."),
     ] = 0.01,
 ) -> None:
-    """Write a page of results. Several scores or two suites are compared; trajectories are drawn.
+    """Write a page of results: one score, a comparison of scores or of two suites, or a plot of trajectories.
 
     The exit code is the verdict of the scores: 1 if a limit is missed, 3 if something could not be judged.
     """
