@@ -1,10 +1,11 @@
 """Assignment of stamped items to runs, by their stamps and the stamps received before.
 
 A run is one continuous sequence of stamps; a recording that is played again begins a new run. Nodes and the live page
-detect new runs only by this module. Items of another time than the run (`is_of_another_time`) begin a new run once
-enough of them arrive in the order of their stamps. `RunOrder` requires items in order, such as the images of a rig.
-`AnyOrder` accepts items in any order, such as the poses that the monitor receives. `CommonRuns` keeps the runs of
-several sources in step, such as estimate and ground truth.
+detect new runs by this module. Where a stamp has another meaning, such as the end of a path or the time of a clock,
+another rule holds (docs/nodes.md, "Time"). Items of another time than the run (`is_of_another_time`) begin a new run
+once enough of them arrive in the order of their stamps. `RunOrder` requires items in order, such as the images of a
+rig. `AnyOrder` accepts items in any order, such as the poses that monitor and live page receive. `CommonRuns` keeps the
+runs of several sources in step, such as estimate and ground truth.
 """
 
 from __future__ import annotations

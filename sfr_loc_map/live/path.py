@@ -68,6 +68,7 @@ class LivePath:
         self.version += 1
         self.before_m = 0.0  # distance travelled before the first received pose
         self.rows: list[PathRow] = []
+        self._last_ns: dict[Track, int] = {}  # last stamp of each track
         self._count = 0
         self._every = 1
         self._truths: deque[tuple[int, Transform]] = deque(maxlen=MAX_TRUTHS)
@@ -76,8 +77,13 @@ class LivePath:
         self._positions_alone = False
         self._last: tuple[Point, Point | None, float] | None = None  # estimate as sent, truth, distance
 
+    def is_late(self, sample: PoseSample) -> bool:
+        """Return whether the stamp of a pose does not exceed the last stamp of its track."""
+        return sample.stamp_ns <= self._last_ns.get(sample.track, -1)
+
     def add(self, sample: PoseSample, published_s: float | None = None) -> None:
-        """Add a pose, and the time when its image was published. The stamps of each track must increase."""
+        """Add a pose that is not late, and the time when its image was published."""
+        self._last_ns[sample.track] = sample.stamp_ns
         if sample.track is Track.ESTIMATE:
             self._pending.append((sample, published_s))
         else:

@@ -1,4 +1,7 @@
-"""The state of a run in progress, which one feed writes and all views read. Its memory is bounded."""
+"""The state of a run in progress, which one feed writes and all views read.
+
+Its memory is bounded, except for the stamps of the poses. New runs are detected from them as by the monitor.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from threading import RLock
 from typing import Any
 
 from sfr_loc_map.errors import InputError, SfrError
-from sfr_loc_map.geometry.run_order import CommonRuns, RunOrder
+from sfr_loc_map.geometry.run_order import AnyOrder, CommonRuns
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.headline import headline
@@ -160,7 +163,7 @@ class LiveState:
         self._on_change: Callable[[], None] = lambda: None
         self._operator: updates.Operator | None = None
         self._shown: dict[object, frozenset[updates.View]] = {}  # displayed views of each viewer
-        self._runs: CommonRuns[updates.PoseSample] = CommonRuns({track: RunOrder() for track in updates.Track})
+        self._runs: CommonRuns[updates.PoseSample] = CommonRuns({track: AnyOrder() for track in updates.Track})
         self.path = LivePath()
         self.report: LiveReport | None = None
         self.nodes: dict[str, LiveNode] = {}
@@ -403,7 +406,7 @@ class LiveState:
             self.path.note_length(drive.path_length_m)
 
     def _take_pose(self, update: updates.PoseSample) -> None:
-        """Add a pose to the path of its track, once its run is known."""
+        """Add a pose to the path of its track, once its run is known; the path has no late poses."""
         topic = ESTIMATE if update.track is updates.Track.ESTIMATE else TRUE_POSES
         self._note_topic(topic, update.stamp_ns, update.received_s)
         if update.track is updates.Track.ESTIMATE:
@@ -414,6 +417,8 @@ class LiveState:
             if not self.ended:
                 self.timeline.begin_run(accepted[0].stamp_ns, update.received_s)
         for pose in accepted:
+            if self.path.is_late(pose):
+                continue
             if not self.ended:
                 self.timeline.take(pose, pose.received_s)
             self.path.add(pose, self._published.get(pose.stamp_ns))

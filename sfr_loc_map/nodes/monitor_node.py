@@ -32,7 +32,7 @@ from sfr_loc_map.io.truth.config import LiveTruth
 from sfr_loc_map.io.truth.messages import TrueRow
 from sfr_loc_map.mapping.config import MAX_PAIRS
 from sfr_loc_map.message_types import Level
-from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.config import MappingState, ScoreConfig
 from sfr_loc_map.metrics.judging.limits_file import load_limits
 from sfr_loc_map.metrics.records import Provenance
 from sfr_loc_map.metrics.score import Score
@@ -53,7 +53,10 @@ from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.topics import CLOUD, ESTIMATE, NAV_POSE, TRUE_POINTS, call_topic, configuration_topic
 
-ESTIMATES, TRUTH = "estimate", "truth"  #: Sources of poses; a new run of one source is a new run of both.
+ESTIMATES, TRUTH = "estimate", "truth"
+SOURCES = (ESTIMATES, TRUTH, NAV_POSE, Task.LOCALISATION, *MappingState)
+"""Sources of stamped messages. A new run of one source is a new run of all. The mapper calls of each state are one
+source, because calls of different states have the same stamp."""
 IN_FLIGHT_S = 5.0  #: During a run, results of pairs younger than this do not count as missing.
 
 
@@ -152,7 +155,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._gaps: list[TransportGaps] = []
         self._camera_infos = CameraInfoPair()
         self._truth = TopicTruthInput(self, Reliability(config.input.reliability))
-        self._runs: CommonRuns[Callable[[], None]] = CommonRuns({ESTIMATES: AnyOrder(), TRUTH: AnyOrder()})
+        self._runs: CommonRuns[Callable[[], None]] = CommonRuns({source: AnyOrder() for source in SOURCES})
         self._restarts = 0  # number of new runs since the operator's reset
         self._has_estimate = False
         self._has_truth = False
@@ -223,27 +226,40 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
         self._has_truth = True
         self._note(stamp_ns)
 
-    def _add_in_order(self, kind: str, stamp_ns: int, add: Callable[[], None]) -> None:
-        """Add a pose once its run is known; strays and results of the previous run are dropped."""
-        accepted, begins_run = self._runs.add(kind, stamp_ns, add)
+    def _add_in_order(self, source: str, stamp_ns: int, add: Callable[[], None]) -> None:
+        """Add a pose or call once its run is known; strays and results of the previous run are dropped."""
+        accepted, begins_run = self._runs.add(source, stamp_ns, add)
         if begins_run:
-            self.get_logger().warning(f"the stamps of the {kind} have jumped: the score restarts")
-            self._score.restart()
+            self.get_logger().warning(f"the stamps of {source} have jumped: the score restarts")
+            self._begin_run()
             self._restarts += 1
-        for add_pose in accepted:
-            add_pose()
+        for add_item in accepted:
+            add_item()
+
+    def _begin_run(self) -> None:
+        """Discard what was received of the previous run."""
+        self._score.restart()
+        self._last_ns = 0
 
     def _on_call(self, task: Task, message: String) -> None:
         call = decode_call(message.data, task)
-        self._score.add_call(call)
-        self._score_maps()
-        self._note(call.stamp_ns)
+
+        def add() -> None:
+            self._score.add_call(call)
+            self._score_maps()
+            self._note(call.stamp_ns)
+
+        self._add_in_order(task if task is Task.LOCALISATION else call.state, call.stamp_ns, add)
 
     def _on_pose(self, message: PoseStamped) -> None:
         stamp_ns = stamp_of(message)
         pose = transform_from_pose(message.pose, f"nav/pose of stamp {stamp_ns}")
-        self._score.map_inputs.add_pose(stamp_ns, pose)
-        self._score_maps()
+
+        def add() -> None:
+            self._score.map_inputs.add_pose(stamp_ns, pose)
+            self._score_maps()
+
+        self._add_in_order(NAV_POSE, stamp_ns, add)
 
     def _on_camera_info(self, side: Side, message: CameraInfo) -> None:
         if (both := self._camera_infos.add(side, message)) is None:
@@ -337,7 +353,7 @@ class MonitorNode(ManagedNode[MonitorNodeConfig]):
             self.status.warn(str(error))
 
     def _reset(self) -> str:
-        self._score.restart()
+        self._begin_run()
         self._runs.restart()
         self._restarts = 0
         self._changed = True

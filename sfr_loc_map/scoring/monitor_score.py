@@ -136,9 +136,13 @@ class MapInputs:
         self._true_points = _Latest[PointImage]()  # `(H, W, 3)` of each pair, metres, LM
         self._poses = _Latest[Transform]()  # `T_lm_navsb` of each pair
         self._clouds = _Latest[PointCloud]()  # as published; the stamp is that of the last pair
-        self.pair_stamps_ns = set[int]()  # of all received mapping pairs, which maps must contain
-        self._mapped_until_ns = -1  # stamp of the last pair of the last map
         self._fusions = _Latest[CallRecord]()  # by the stamp of their cloud
+        self.begin_run()
+
+    def begin_run(self) -> None:
+        """Forget which pairs maps must contain. Clouds and truth are kept, because a map may be in progress."""
+        self.pair_stamps_ns = set[int]()  # of the received mapping pairs of the run, which its maps must contain
+        self._mapped_until_ns = -1  # stamp of the last pair of the last map
 
     def set_rig(self, rig: StereoRig) -> None:
         """Set the rig of the following pairs."""
@@ -193,7 +197,8 @@ class MonitorScore:
         self.restart()
 
     def restart(self) -> None:
-        """Discard all data except the inputs of future maps."""
+        """Discard all data except the clouds and the truth of maps in progress."""
+        self.map_inputs.begin_run()
         self._estimates = _Rows(ESTIMATE)
         self._truth = _Rows(TRUE_POSE)
         self._calls = _CallRows()

@@ -26,10 +26,12 @@ from helpers.node_scenes import params, raw
 from helpers.score_rows import row, rows_about
 from sfr_loc_map.geometry.rotation import matrix_from_quat
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.io.bag import messages as bag_messages
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.monitor_node import MonitorNode
 from sfr_loc_map.nodes.ros.messages import header_msg, pose_msg, transform_msg
+from sfr_loc_map.runs.calls import CallRecord, encode_call
 
 NO_TURN = np.array([0.0, 0.0, 0.0, 1.0])
 
@@ -128,6 +130,7 @@ def test_a_stray_pose_is_dropped_and_counted_and_a_run_that_begins_again_restart
     arguments += params("score.trajectory.spacing:=2")
     with Manager("monitor_node") as peer, LocalNode(peer, capfd, MonitorNode, *arguments) as node:
         report = peer.listen(String, "metrics/report", latched=True)
+        metrics = peer.listen(DiagnosticArray, "metrics")
 
         def send(where: str, stamp_ns: int, x: float) -> None:
             peer.publish(Odometry, where, raw(bag_messages.odometry(stamp_ns, np.array([x, 0.0, 0.0]), NO_TURN)))
@@ -147,7 +150,28 @@ def test_a_stray_pose_is_dropped_and_counted_and_a_run_that_begins_again_restart
         drive(5)
         node.wait_for("the score restarts")
         peer.until(lambda: association_of(report).get("matched") == 5, "the report of the new run")
+        peer.until(lambda: stamp_of(metrics[-1]) == START_NS + 8 * 10**9, "figures with the stamp of the new run")
         assert node.node.counts()["dropped_stray"] == 1
+
+
+def test_a_mapping_recording_that_is_played_again_restarts_the_score_with_all_calls_and_pairs(
+    ros: None, capfd: Capture
+) -> None:
+    with Manager("monitor_node") as peer, LocalNode(peer, capfd, MonitorNode) as node:
+        for run in range(2):
+            for second in range(6):
+                stamp_ns = START_NS + second * 10**9
+                call = CallRecord(stamp_ns, 0.1, "mapped", task=Task.MAPPING)
+                peer.publish(String, "mapping_node/call", String(data=encode_call(call)))
+                message = PoseStamped(header=header_msg(stamp_ns, "lm"))
+                peer.publish(PoseStamped, "nav/pose", message)
+                if (run, second) == (1, 2):
+                    node.wait_for("the score restarts")
+        score = node.node._score
+        peer.until(lambda: len(score._calls) == 6 and len(score.map_inputs.pair_stamps_ns) == 6, "the new run")
+        assert node.text.count("the score restarts") == 1
+        assert peer.call("monitor_node/reset").success
+        assert not score.map_inputs.pair_stamps_ns
 
 
 @contextmanager

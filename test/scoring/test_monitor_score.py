@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 from msgspec.structs import replace as struct_replace
 
+from helpers.made_scene import NAV_RIG
 from helpers.message_bags import write_messages
 from sfr_loc_map.errors import InputError, MetricsError
 from sfr_loc_map.geometry.arrays import FloatArray, IntArray
+from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.trajectory import Trajectory
+from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import LOST_VARIANCE, Task
 from sfr_loc_map.io.bag.bag import TYPESTORE
 from sfr_loc_map.io.bag.messages import odometry
@@ -290,3 +293,19 @@ def test_a_live_score_by_positions_alone_is_that_of_the_file() -> None:
     assert found.number("attitude", "mean") is None
     with pytest.raises(InputError, match="no attitude"):
         monitor.add_estimate(1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), None)
+
+
+def test_a_new_run_forgets_which_pairs_the_maps_of_the_run_before_contain() -> None:
+    """Two runs have the same stamps; in the second one, a pair is missing from the map."""
+    monitor, points = MonitorScore(ScoreConfig(), None), np.zeros((NAV_RIG.height, NAV_RIG.width, 3))
+    monitor.map_inputs.set_rig(NAV_RIG)
+    expected = []
+    for mapped in ((1, 2, 3), (1, 3)):
+        monitor.restart()
+        for stamp_ns in (1, 2, 3):
+            monitor.map_inputs.add_pose(stamp_ns, Transform.identity())
+            monitor.map_inputs.add_true_points(stamp_ns, points)
+        monitor.add_call(CallRecord(3, 0.1, "fused", pair_stamps_ns=mapped, task=Task.MAPPING))
+        monitor.map_inputs.add_cloud(3, PointCloud.empty())
+        expected += [count for _, _, count in monitor.map_inputs.take_complete()]
+    assert expected == [3, 3]
