@@ -46,7 +46,7 @@ TILE = 64
 
 def estimated(pair: StereoPair, rig: StereoRig) -> DisparityMap:
     """Return the mapper's disparities of a pair."""
-    return estimate_disparity(pair, search_range(rig, MappingConfig()).count)
+    return estimate_disparity(pair, rig.camera, search_range(rig, MappingConfig()).count)
 
 
 def noise_of(disparity: DisparityMap) -> float:

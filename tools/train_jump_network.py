@@ -17,6 +17,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoRig
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.sequence import panorama_of
@@ -93,7 +94,7 @@ def samples(source: Path, random: np.random.Generator) -> Iterator[tuple[np.ndar
         truth = true_disparity(posed, panorama.rig)
         for images in changed(posed.pair.left.astype(float), posed.pair.right.astype(float), random):
             left, right = (np.clip(np.rint(x), 0, 255).astype(np.uint8) for x in images)
-            scene = scene_of(left, right, count)
+            scene = scene_of(left, right, panorama.rig.camera, count)
             chosen = np.flatnonzero(beside_jump(scene.disparity) & scene.valid & np.isfinite(truth))
             inputs = network_input(jump_features(scene, chosen))
             error_px = np.abs((scene.disparity - truth).flat[chosen])
@@ -101,13 +102,13 @@ def samples(source: Path, random: np.random.Generator) -> Iterator[tuple[np.ndar
             yield inputs[some].astype(float), error_px[some]
 
 
-def scene_of(left: np.ndarray, right: np.ndarray, count: int) -> JumpScene:
+def scene_of(left: np.ndarray, right: np.ndarray, camera: StereoCamera, count: int) -> JumpScene:
     """Return the input of the network as `estimate_disparity` computes it."""
     initial_px = semi_global_matching(left, right, count)
     initial_cells = cells_from_disparity(initial_px)
     left_grey = left.astype(np.float32)
     dense_px = disparity_from_cells(initial_cells, left.shape)
-    right_grey = correct_right_image(left_grey, right.astype(np.float32), dense_px).image
+    right_grey = correct_right_image(left_grey, right.astype(np.float32), dense_px, camera).image
     refined = refine_disparity(left_grey, right_grey, initial_cells)
     valid = is_valid(status_before_wrong_surface(left_grey, right_grey, initial_px, refined))
     sigma_px = disparity_sigma(refined)

@@ -117,7 +117,7 @@ class Mapper:
         """
         check_index(index)
         check_images(pair, self._rig)
-        estimated = estimate_disparity(pair, self._search.count)
+        estimated = estimate_disparity(pair, self._rig.camera, self._search.count)
         check_matches(pair, estimated, self._search.count)
         rotation = measure_right_rotation(estimated, self._rig)
         filled = fill_holes(estimated)

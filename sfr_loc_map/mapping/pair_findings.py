@@ -46,8 +46,8 @@ def findings_of_pair(
         "noise_grey": disparity_map.noise_grey,
         "gain": correction.exposure.gain,
         "offset_grey": correction.exposure.offset_grey,
-        "vertical_offset_px": correction.vertical.offset_px,
-        "vertical_offset_largest_px": correction.vertical.max_px,
+        "vertical_offset_px": correction.vertical.constant,
+        "vertical_offset_largest_px": correction.vertical_largest_px,
         "matched_share": disparity_map.measured_textured_fraction,
         "right_yaw_deg": math.degrees(rotation.yaw_rad) if rotation.is_measured else math.nan,
         "right_yaw_sigma_deg": math.degrees(rotation.yaw_sigma_rad) if rotation.is_measured else math.nan,
@@ -73,9 +73,10 @@ def _warnings_of_images(disparity_map: DisparityMap, configured: CalibrationUnce
         warnings.append("too few pixels have texture above the noise: whether the images match is unknown")
     if fraction < LOW_MEASURED_FRACTION:
         warnings.append(f"only {100 * fraction:.0f} % of the textured pixels are measured")
-    if correction.vertical.max_px > vertical_warning_px(configured):
+    vertical_px = correction.vertical_largest_px
+    if vertical_px > vertical_warning_px(configured):
         warnings.append(
-            f"vertical disparity of up to {correction.vertical.max_px:.2f} px between left and right (compensated): "
+            f"vertical disparity of up to {vertical_px:.2f} px between left and right (compensated): "
             "check the rectification"
         )
     gain = correction.exposure.gain

@@ -25,6 +25,7 @@ The steps of `estimate_disparity`, with their modules in `disparity` and their r
 from __future__ import annotations
 
 from sfr_loc_map.geometry.arrays import F
+from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.mapping.disparity.cell_field import cells_from_disparity, disparity_from_cells
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
@@ -38,13 +39,13 @@ from sfr_loc_map.mapping.disparity.validity import judge_pixels
 from sfr_loc_map.mapping.disparity.variational_refinement import refine_disparity
 
 
-def estimate_disparity(pair: StereoPair, disparity_count: int) -> DisparityMap:
+def estimate_disparity(pair: StereoPair, camera: StereoCamera, disparity_count: int) -> DisparityMap:
     """Return the disparity map of a pair; at least the disparities from 0 to `disparity_count - 1` are searched."""
     left = pair.left.astype(F)
     initial_px = semi_global_matching(pair.left, pair.right, disparity_count)
     initial_cells = cells_from_disparity(initial_px)
     dense_px = disparity_from_cells(initial_cells, left.shape)
-    corrected = correct_right_image(left, pair.right.astype(F), dense_px)
+    corrected = correct_right_image(left, pair.right.astype(F), dense_px, camera)
     right = corrected.image
     refined = refine_disparity(left, right, initial_cells)
     sigma_px = disparity_sigma(refined)

@@ -11,41 +11,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage
+from sfr_loc_map.geometry.arrays import F, FloatImage
+from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.mapping.disparity.exposure import Exposure, exposure_by_disparity
 from sfr_loc_map.mapping.disparity.interpolation import shift_rows
-from sfr_loc_map.mapping.disparity.vertical_disparity import fit_vertical_disparity
+from sfr_loc_map.mapping.disparity.vertical_disparity import LINEAR_TERMS, VerticalPolynomial, fit_vertical_disparity
 
 MAX_VERTICAL_STEPS = 3
 """Maximum number of Gauss-Newton steps of the vertical disparity. Each step is limited to `MAX_VERTICAL_STEP_PX`, so
-that offset, tilt and stretch are corrected up to the product of both limits."""
+that the product of both values limits the vertical disparity that is removed."""
 MIN_VERTICAL_COUNT = 1000
 """Minimum number of pixels for measuring the vertical disparity. With residuals of 3 grey levels and slopes of 5 grey
 levels per pixel, its standard deviation is then 0.02 pixels, equal to `MIN_VERTICAL_PX`."""
 MIN_VERTICAL_PX = 0.02  #: Minimum vertical disparity that is corrected, pixels, because resampling blurs the image.
-MAX_VERTICAL_STEP_PX = 0.5
-"""Maximum change of a coefficient in one step, pixels: half of the range in which the linearisation is valid."""
-
-
-class VerticalDisparity(NamedTuple):
-    """A vertical disparity that is linear over the image.
-
-    Content of the right image is `offset + tilt x + stretch y` pixels lower than in the left image. x and y are -1 at
-    the first column and row of the right image and 1 at the last ones (`edge_x` and `edge_y` in the code).
-    """
-
-    offset_px: float  #: Mean over the image, pixels.
-    tilt_px: float  #: Change from the middle to the right edge, pixels: a roll of the right camera.
-    stretch_px: float  #: Change from the middle to the lower edge, pixels.
-
-    def at(self, edge_x: FloatArray, edge_y: FloatArray) -> FloatArray:
-        """Return the vertical disparity at points of the right image, pixels."""
-        return self.offset_px + self.tilt_px * edge_x + self.stretch_px * edge_y
-
-    @property
-    def max_px(self) -> float:
-        """Largest vertical disparity within the image, pixels."""
-        return sum(abs(value) for value in self)
+MAX_VERTICAL_STEP_PX = 1.0
+"""Maximum change of the vertical disparity within the image in one step, pixels: the range in which the linearisation
+is valid."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +34,8 @@ class RightImageCorrection:
     """Deviation of the right image from a rectified image of equal exposure: exposure and vertical disparity."""
 
     exposure: Exposure  #: Grey levels of the right image relative to the left image.
-    vertical: VerticalDisparity  #: Vertical disparity of the right image; 0 if it is too small to be corrected.
+    vertical: VerticalPolynomial  #: Linear vertical disparity of the right image; 0 if it is too small to be corrected.
+    vertical_largest_px: float  #: Largest vertical disparity within the image, pixels.
 
 
 class CorrectedImage(NamedTuple):
@@ -63,7 +45,9 @@ class CorrectedImage(NamedTuple):
     correction: RightImageCorrection  #: The deviations that were removed.
 
 
-def correct_right_image(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> CorrectedImage:
+def correct_right_image(
+    left: FloatImage, right: FloatImage, disparity_px: FloatImage, camera: StereoCamera
+) -> CorrectedImage:
     """Measure gain, offset and vertical disparity of the right image `(H, W)`, and return the image without them.
 
     A vertical disparity below `MIN_VERTICAL_PX` stays in the image and is not part of the correction. The disparity
@@ -72,39 +56,48 @@ def correct_right_image(left: FloatImage, right: FloatImage, disparity_px: Float
     exposure = exposure_by_disparity(left, right, disparity_px)
     equalised = (right - F(exposure.offset_grey)) * F(1.0 / exposure.gain)
     corrected = equalised
-    removed_px = np.zeros(3)
+    removed = VerticalPolynomial()
+    removed_px = 0.0
     for _ in range(MAX_VERTICAL_STEPS):
-        step_px = _vertical_step(left, corrected, disparity_px)
-        vertical_px = removed_px + step_px
-        if np.abs(vertical_px).sum() < MIN_VERTICAL_PX:
+        step = _vertical_step(left, corrected, disparity_px, camera)
+        vertical = removed.plus(step)
+        vertical_px = _largest_px(vertical, left.shape, camera)
+        if vertical_px < MIN_VERTICAL_PX:
             corrected = equalised
-            removed_px = np.zeros(3)
+            removed = VerticalPolynomial()
+            removed_px = 0.0
             break
-        corrected = _without_vertical_disparity(equalised, VerticalDisparity(*vertical_px.tolist()))
+        corrected = _without_vertical_disparity(equalised, vertical, camera)
+        removed = vertical
         removed_px = vertical_px
-        if np.abs(step_px).sum() < MIN_VERTICAL_PX:
+        if _largest_px(step, left.shape, camera) < MIN_VERTICAL_PX:
             break
-    vertical = VerticalDisparity(*removed_px.tolist())
-    return CorrectedImage(corrected, RightImageCorrection(exposure, vertical))
+    return CorrectedImage(corrected, RightImageCorrection(exposure, removed, removed_px))
 
 
-def _vertical_step(left: FloatImage, right: FloatImage, disparity_px: FloatImage) -> FloatArray:
-    """Return the change `(3,)` of offset, tilt and stretch by one step, pixels; 0 if it cannot be measured."""
-    rows, columns = left.shape
-
-    def shapes(column: FloatArray, row: FloatArray) -> tuple[FloatArray, ...]:
-        """Return the shapes of offset, tilt and stretch."""
-        return np.ones(len(column)), 2.0 * column / (columns - 1) - 1.0, 2.0 * row / (rows - 1) - 1.0
-
-    fit = fit_vertical_disparity(left, right, disparity_px, shapes, MIN_VERTICAL_COUNT)
+def _vertical_step(
+    left: FloatImage, right: FloatImage, disparity_px: FloatImage, camera: StereoCamera
+) -> VerticalPolynomial:
+    """Return the change of the linear vertical disparity by one step; 0 if it cannot be measured."""
+    fit = fit_vertical_disparity(left, right, disparity_px, camera, LINEAR_TERMS, MIN_VERTICAL_COUNT)
     if fit is None:
-        return np.zeros(3)
-    return np.asarray(np.clip(fit.coefficients_px, -MAX_VERTICAL_STEP_PX, MAX_VERTICAL_STEP_PX))
+        return VerticalPolynomial()
+    largest_px = _largest_px(fit.polynomial, left.shape, camera)
+    reduction = MAX_VERTICAL_STEP_PX / max(largest_px, MAX_VERTICAL_STEP_PX)
+    return VerticalPolynomial(*(reduction * value for value in fit.polynomial))
 
 
-def _without_vertical_disparity(image: FloatImage, vertical: VerticalDisparity) -> FloatImage:
+def _largest_px(vertical: VerticalPolynomial, shape: tuple[int, ...], camera: StereoCamera) -> float:
+    """Return the largest absolute value of a linear vertical disparity within the image: that of a corner."""
+    height, width = shape
+    columns = np.array([[0.0, width - 1.0]])
+    rows = np.array([[0.0], [height - 1.0]])
+    return float(np.abs(vertical.at_pixels(columns, rows, camera)).max())
+
+
+def _without_vertical_disparity(image: FloatImage, vertical: VerticalPolynomial, camera: StereoCamera) -> FloatImage:
     """Return the right image with its rows shifted up by the vertical disparity."""
     height, width = image.shape
-    edge_x = np.linspace(-1.0, 1.0, width)[None]
-    edge_y = np.linspace(-1.0, 1.0, height)[:, None]
-    return shift_rows(image, vertical.at(edge_x, edge_y).astype(F))
+    columns = np.arange(width, dtype=np.float64)[None]
+    rows = np.arange(height, dtype=np.float64)[:, None]
+    return shift_rows(image, vertical.at_pixels(columns, rows, camera).astype(F))

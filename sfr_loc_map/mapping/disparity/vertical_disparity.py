@@ -1,4 +1,4 @@
-"""The vertical disparity of a pair as a sum of given shapes, by robust least squares on photometric residuals.
+"""The vertical disparity of a pair as a polynomial, by robust least squares on photometric residuals.
 
 Content of the right image that is s pixels lower than in the left image changes the residual by s times the slope of
 the image along the column. A fit is one Gauss-Newton step, whose linearisation is valid within about one pixel.
@@ -6,13 +6,13 @@ the image along the column. A fit is one Gauss-Newton step, whose linearisation 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from sfr_loc_map.geometry.arrays import F, FloatArray, FloatImage, Mask
+from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.mapping.disparity.photometric_residual import photometric_residual
 from sfr_loc_map.mapping.robust_statistics import cauchy_weight, mad_sigma
 
@@ -23,30 +23,63 @@ has an efficiency of 95 %, because wrong disparities are outliers."""
 MIN_RESIDUAL_SIGMA = 1e-3  #: Added to the standard deviation of residuals, grey levels: it must not be 0.
 DAMPING = 1e-9
 """Added to the diagonal of the normal equations, as a fraction of their trace, so that they can be inverted. The
-weakest shape, a saddle in normalised coordinates, has about 1e-3 of the trace."""
+weakest term, the saddle, has about 1e-3 of the trace."""
 DIFFERENCE = np.array([[-1.0, 0.0, 1.0]], F)  #: Taps of the Sobel operator along the derivative.
 SMOOTHING = np.array([[0.125, 0.25, 0.125]], F)  #: Sobel taps across the derivative, scaled to slopes per pixel.
 
 
-class VerticalFit(NamedTuple):
-    """Least-squares coefficients of K shapes of vertical disparity."""
+class VerticalPolynomial(NamedTuple):
+    """A vertical disparity `constant + along_x x + along_y y + saddle x y + square y^2`, pixels.
 
-    coefficients_px: FloatArray  #: `(K,)`, pixels; positive where content of the right image is lower.
-    sigmas_px: FloatArray  #: `(K,)`, standard deviations of the coefficients, pixels.
+    x and y are normalised coordinates in the right image. Content of the right image is lower than in the left image
+    where the value is positive.
+    """
+
+    constant: float = 0.0  #: At the principal point.
+    along_x: float = 0.0
+    along_y: float = 0.0
+    saddle: float = 0.0
+    square: float = 0.0
+
+    def plus(self, other: VerticalPolynomial) -> VerticalPolynomial:
+        """Return the sum of two polynomials."""
+        return VerticalPolynomial(*(one + another for one, another in zip(self, other, strict=True)))
+
+    def at_pixels(self, column: FloatArray, row: FloatArray, camera: StereoCamera) -> FloatArray:
+        """Return the vertical disparity at pixels of the right image, pixels; columns and rows are broadcast."""
+        x, y = _normalised(column, row, camera)
+        return self.constant + self.along_x * x + self.along_y * y + self.saddle * x * y + self.square * y * y
+
+
+LINEAR_TERMS = 3  #: Number of the terms that are constant or linear.
+ALL_TERMS = 5  #: Number of all terms of a `VerticalPolynomial`.
+
+
+class VerticalFit(NamedTuple):
+    """Least-squares fit of the first terms of a vertical disparity; the other terms are 0."""
+
+    polynomial: VerticalPolynomial
+    sigmas: VerticalPolynomial  #: Standard deviations of the coefficients.
+
+
+def _normalised(column: FloatArray, row: FloatArray, camera: StereoCamera) -> tuple[FloatArray, FloatArray]:
+    """Return the normalised coordinates x and y of columns and of rows."""
+    return (column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy
 
 
 def fit_vertical_disparity(
     left: FloatImage,
     right: FloatImage,
     disparity_px: FloatImage,
-    shapes: Callable[[FloatArray, FloatArray], Sequence[FloatArray]],
+    camera: StereoCamera,
+    term_count: int,
     min_count: int,
     used: Mask | None = None,
 ) -> VerticalFit | None:
-    """Return the coefficients of shapes of the vertical disparity; None if too few pixels or no slopes are available.
+    """Return the first `term_count` terms of the vertical disparity; None if too few pixels or no slopes are available.
 
-    The disparity `(H, W)` is defined everywhere. `shapes` returns the K shapes `(N,)` at columns and rows `(N,)` of the
-    right image. `used` is the mask of the pixels that may be used; None means all pixels.
+    The disparity `(H, W)` is defined everywhere. `used` is the mask of the pixels that may be used; None means all
+    pixels.
     """
     sampled = np.s_[::SAMPLING_STRIDE, ::SAMPLING_STRIDE]
     residual_image = photometric_residual(left, right, disparity_px)
@@ -63,10 +96,14 @@ def fit_vertical_disparity(
     right_column = np.float64(SAMPLING_STRIDE) * column - disparity_px[sampled][usable].astype(np.float64)
     right_row = np.float64(SAMPLING_STRIDE) * row
     sigma = mad_sigma(r) + MIN_RESIDUAL_SIGMA
-    design = np.column_stack(shapes(right_column, right_row)) * slope[:, None]
+    x, y = _normalised(right_column, right_row, camera)
+    terms = np.column_stack((np.ones(len(x)), x, y, x * y, y * y)[:term_count])
+    design = terms * slope[:, None]
     weighted = design * cauchy_weight(r, HALF_WEIGHT_SIGMAS * sigma)[:, None]
     normal = weighted.T @ design
     if not normal.any():
         return None
     covariance = np.linalg.inv(normal + DAMPING * np.trace(normal) * np.eye(len(normal)))
-    return VerticalFit(-(covariance @ (weighted.T @ r)), sigma * np.sqrt(np.diag(covariance)))
+    coefficients = -(covariance @ (weighted.T @ r))
+    sigmas = sigma * np.sqrt(np.diag(covariance))
+    return VerticalFit(VerticalPolynomial(*coefficients.tolist()), VerticalPolynomial(*sigmas.tolist()))

@@ -7,8 +7,9 @@ from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.exposure import Exposure
 from sfr_loc_map.mapping.disparity.hole_filling import MAX_DEPTH_RATIO, MIN_FILLED_SIGMA_PX, fill_holes
 from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus
-from sfr_loc_map.mapping.disparity.right_image_correction import RightImageCorrection, VerticalDisparity
+from sfr_loc_map.mapping.disparity.right_image_correction import RightImageCorrection
 from sfr_loc_map.mapping.disparity.saturation import Saturation
+from sfr_loc_map.mapping.disparity.vertical_disparity import VerticalPolynomial
 
 F = np.float32
 ROWS, COLS = 60, 160
@@ -40,7 +41,7 @@ class TwoPlanes:
             initial_px=matched,
             left=self.left,
             right=self.right,
-            correction=RightImageCorrection(Exposure(1.0, 0.0), VerticalDisparity(0.0, 0.0, 0.0)),
+            correction=RightImageCorrection(Exposure(1.0, 0.0), VerticalPolynomial(), 0.0),
             saturation=saturation,
             noise_grey=self.noise,
             measured_textured_fraction=1.0,

@@ -6,7 +6,7 @@ import pytest
 from helpers.disparity_world import hills, make_world
 from sfr_loc_map.mapping.disparity.interpolation import shift_rows
 from sfr_loc_map.mapping.disparity.right_image_correction import MIN_VERTICAL_PX, correct_right_image
-from sfr_loc_map.mapping.disparity.vertical_disparity import fit_vertical_disparity
+from sfr_loc_map.mapping.disparity.vertical_disparity import VerticalPolynomial, fit_vertical_disparity
 
 
 @pytest.mark.parametrize("offset_px", [0.01, 0.3])
@@ -18,13 +18,13 @@ def test_the_stated_and_the_remaining_vertical_disparity_add_up_to_that_of_the_p
 
     def offset_of(image: np.ndarray) -> float:
         """Return the mean vertical disparity of an image, pixels."""
-        fit = fit_vertical_disparity(left, image, disparity_px, lambda column, _: [np.ones(len(column))], 1000)
+        fit = fit_vertical_disparity(left, image, disparity_px, made.rig.camera, 1, 1000)
         assert fit is not None
-        return float(fit.coefficients_px[0])
+        return fit.polynomial.constant
 
     lowered = shift_rows(right, np.full(right.shape, offset_of(right) - offset_px, np.float32))
-    found = correct_right_image(left, lowered, disparity_px)
-    stated_px = found.correction.vertical.offset_px
+    found = correct_right_image(left, lowered, disparity_px, made.rig.camera)
+    stated_px = found.correction.vertical.constant
     if offset_px < MIN_VERTICAL_PX:
-        assert found.correction.vertical == (0.0, 0.0, 0.0)
+        assert found.correction.vertical == VerticalPolynomial()
     assert stated_px + offset_of(found.image) == pytest.approx(offset_px, abs=0.004)
