@@ -37,7 +37,7 @@ class CallMeter:
     """Measures calls one at a time. `clock` names the clock, `method` the method of measuring memory."""
 
     def __init__(self, clock_ns: Callable[[], int] = time.perf_counter_ns, clock: str = HOST_CLOCK) -> None:
-        """Use the present resident memory as that of the idle process."""
+        """Set the reference of the memory above the idle process to the present resident memory."""
         self.clock = clock
         self._clock_ns = clock_ns
         self._available = reset_peak("self") is not None and peak_of("self") is not None
@@ -45,7 +45,7 @@ class CallMeter:
         self.mark_idle()
 
     def mark_idle(self) -> None:
-        """Use the present resident memory as that of the idle process, after start and warm-up."""
+        """Set the reference of the memory above the idle process again, after start and warm-up."""
         self._idle_bytes = (reset_peak("self") or 0) if self._available else 0
 
     @contextmanager

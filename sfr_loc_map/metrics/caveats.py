@@ -13,7 +13,7 @@ from sfr_loc_map.metrics.score import Score
 
 NOT_COMPARED = "its limits were not compared"  #: End of a warning that limits were not compared with their file.
 JUDGED_ELSEWHERE = "judged in another of the scores"  #: End of a warning that names omitted limits.
-NOT_BOUND = "that they are of the run that gave the estimate is not shown"
+NOT_BOUND = "it is not verified that they belong to the run of the estimate"
 """End of a warning that calls have only their stamps in common with the estimate."""
 MAX_EXCESS = 0.05  #: Fraction of the true path that is noise above which a warning is given.
 

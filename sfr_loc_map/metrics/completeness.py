@@ -26,7 +26,7 @@ from sfr_loc_map.metrics.table import Figure, figure_row
 
 MISSING_SHARE = 0.01  #: Missing fraction above which an estimate is reported as incomplete without limits.
 GAP_PERIODS = 5  #: Number of median periods between neighbouring poses above which there is a gap.
-IMAGE_PERIOD_SHARE = 0.4  #: Distance of an estimate from its image, in median periods, because files round stamps.
+IMAGE_PERIOD_SHARE = 0.4  #: Maximum difference to the stamp of the image, in median periods; files round stamps.
 SPARSER = 1.5  #: Ratio of the median periods of truth and images above which the truth is sparser than the images.
 DOUBLED_SHARE = 0.1  #: Fraction of repeated stamps with another position above which a file contains two runs.
 
@@ -224,7 +224,7 @@ def path_without_images(
     is_hole = steps_ns > max(max_gap_ns, GAP_PERIODS * float(np.median(steps_ns)) if len(steps_ns) else 0.0)
     begins_ns = np.concatenate((true_ns[:1], images_ns[:-1][is_hole], images_ns[-1:]))
     ends_ns = np.concatenate((images_ns[:1], images_ns[1:][is_hole], true_ns[-1:]))
-    since_ns = (true_ns - true_ns[0]).astype(np.float64)  # differences of stamps keep all digits
+    since_ns = (true_ns - true_ns[0]).astype(np.float64)  # differences of stamps are exact in float64
     begins_m, ends_m = (
         np.interp((at_ns - true_ns[0]).astype(np.float64), since_ns, travelled_m) for at_ns in (begins_ns, ends_ns)
     )
@@ -259,7 +259,7 @@ def sizes_of(gaps: Gaps, stamps: IntArray, true_ns: IntArray, travelled_m: Float
     gaps_s = (gaps.ends_ns - gaps.begins_ns) / NS_PER_S
     gaps_m = np.zeros(len(gaps_s))
     if len(true_ns) and len(gaps_s):
-        since_ns = (true_ns - true_ns[0]).astype(np.float64)  # differences of stamps keep all digits
+        since_ns = (true_ns - true_ns[0]).astype(np.float64)  # differences of stamps are exact in float64
         begins = np.interp((gaps.begins_ns - true_ns[0]).astype(np.float64), since_ns, travelled_m)
         ends = np.interp((gaps.ends_ns - true_ns[0]).astype(np.float64), since_ns, travelled_m)
         gaps_m = ends - begins
@@ -339,9 +339,9 @@ def calls_completeness(
 ) -> Iterator[Figure]:
     """Yield the rows of completeness of the calls `(N,)` of one kind, relative to the expected pairs.
 
-    `values` has the measurements of each call by `calls` (time) and `memory`, NaN if not measured. `place` is the place
-    of the measurement. One call maps a set of pairs, at the stamp of its last pair. At least one such call, at a stamp
-    of the source, is therefore expected.
+    `values` has the measurements of each call by `calls` (time) and `memory`, NaN if not measured. `place` states where
+    the calls were measured. One call maps a set of pairs, at the stamp of its last pair. At least one such call, at a
+    stamp of the source, is therefore expected.
     """
     for name, measured in values.items():
         given = stamps_ns[np.isfinite(measured)]

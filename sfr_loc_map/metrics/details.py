@@ -17,7 +17,7 @@ Integers = tuple[int, ...]
 
 
 def column(values: NDArray[np.floating], digits: int | None = 9) -> Values:
-    """Return numbers as a column, rounded unless `digits` is None; None if not finite."""
+    """Return numbers as a column, None if not finite; `digits` is the number of decimals, or None for no rounding."""
     numbers = np.asarray(values, np.float64)
     rounded = numbers if digits is None else np.round(numbers, digits)
     return tuple(number if math.isfinite(number) else None for number in rounded.tolist())

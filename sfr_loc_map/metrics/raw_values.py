@@ -123,7 +123,7 @@ def _of_judged(score: Score) -> Iterator[str]:
         absent = [score.number(name, part=kind) or 0.0 for name in names if name in OF_EXPECTED]
         if not absent:
             continue
-        # the answers of an external node have no lower bound
+        # no lower bound for the answers of an external node
         low = 0.0 if part.what == CALLS and score.external is not None else 1.0 - sum(absent)
         if not low - EXACT <= min(row.value, 1.0) <= 1.0 - max(absent) + EXACT:
             yield f"{row.label} is {_text(row.value)}, but the missing items give {_text(1.0 - sum(absent))}"
@@ -225,7 +225,7 @@ def _of_first_calls(score: Score) -> Iterator[str]:
         for place in (Place.HOST, Place.TARGET):
             row = score.figure(kind, part=RowPart(place=place))
             first, others = (score.figure(kind, part=RowPart(part, place=place)) for part in (FIRST, AFTER_FIRST))
-            if row is None or row.n is None or (place is Place.HOST and kind == node):  # answers have no first call
+            if row is None or row.n is None or (place is Place.HOST and kind == node):  # no row of a first answer
                 continue
             if first is None or first.value is None or (row.n > 1 and others is None):
                 yield f"{row.label} has no row of its first call, or no row of the calls after the first"

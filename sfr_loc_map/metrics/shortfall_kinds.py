@@ -20,7 +20,7 @@ class ShortfallKind(NamedTuple):
     text: str = ""  #: Why the part is incomplete; `percent`, `value` and `part` (of the calls) are inserted.
 
 
-BEYOND_MOST = 0.02  #: Largest fraction of frames with far larger errors between judged frames, such as a short loss.
+BEYOND_MOST = 0.02  #: Largest fraction of frames whose errors far exceed the judged errors, as in a short loss.
 STANDING_MOST = 0.5  #: Largest fraction of the sub-trajectories in which the rover is stationary.
 SHORTFALLS = (
     ShortfallKind("missing", DRIVE, 0.0),  # text by `incomplete.missing_text`

@@ -6,9 +6,9 @@ an order statistic: the largest of n values exceeds the fraction p of all errors
 1941). n is the number of independent values and need not be an integer.
 
 The factor k is computed from samples of normal errors with the observed ratio of sigmas. Two cases bound the factor. If
-the mean is zero, `norm(error)` is two-sided. If the mean dominates along the main axis, the one-sided factor of the
-noncentral t distribution applies (Hahn and Meeker 1991, section 4.6). `test/campaigns/tolerance_coverage.py` measures
-how often the bounds hold.
+the mean is zero, errors of both signs are outside the bound. If the mean dominates along the main axis, the one-sided
+factor of the noncentral t distribution applies (Hahn and Meeker 1991, section 4.6).
+`test/campaigns/tolerance_coverage.py` measures how often the bounds hold.
 
 SciPy's special functions are imported when the first figure requires them, because nodes must start quickly.
 """

@@ -33,7 +33,7 @@ SHARES = {
     name: LimitSection.MAP if limited.figure in OF_MAP else LimitSection.TRAJECTORY
     for name, limited in PLACES[LimitSection.COMPLETENESS].items()
 }
-"""Limits of completeness, and the other section of the file in which each is accepted."""
+"""Limits of completeness that are also accepted in another section of the file, with the name of this section."""
 
 
 def load_limits(path: Path) -> Limits:

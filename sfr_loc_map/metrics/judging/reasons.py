@@ -18,7 +18,7 @@ from sfr_loc_map.metrics.verdict import Verdict
 
 
 def reasons_not_judged(score: Score, asked: Collection[Condition] = ()) -> tuple[str, ...]:
-    """Return why figures and limits could not be judged, one phrase each; only for the conditions `asked`, if any."""
+    """Return why figures and limits are not judged, one phrase each; `asked` restricts the reported conditions."""
     if score.contradiction is not None:
         return (score.contradiction,)
     incomplete = () if score.incomplete is None else (f"incomplete: {incomplete_parts(score)}",)

@@ -65,7 +65,7 @@ def _configuration(method: MethodRecord | None) -> str | None:
 
 
 def is_closed(verdict: Verdict, score: Score, common: Common) -> bool:
-    """Return whether a verdict closes its requirement: a pass without a fatal finding, with a common verdict."""
+    """Return whether a verdict closes its requirement: a pass, no fatal finding, and a common verdict of the scores."""
     return verdict.state is VerdictState.PASS and not score.fatal_findings and not common.text
 
 
