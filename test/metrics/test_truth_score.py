@@ -140,7 +140,7 @@ def test_what_needs_attitudes_is_refused_or_unknown() -> None:
     score = scored(estimate, part)
     assert [str(item.state) for item in judged(score, limits).verdicts] == ["not enough data", "pass"]
     assert from_json(to_json(score)) == score
-    with pytest.raises(MetricsError, match="turn=DEG needs attitudes"):
+    with pytest.raises(MetricsError, match="turn=DEG requires true attitudes"):
         score_trajectory(Estimates.of(estimate), part, replace(CONFIG, conditions=("turn=20",)))
     with pytest.raises(MetricsError, match="estimate has only positions"):
         scored(part, truth)
