@@ -11,7 +11,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from sfr_loc_map.errors import InputError, NodeError, SfrError
+from sfr_loc_map.errors import InputError, NodeError
 from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.message_types import StatusKind
 from sfr_loc_map.nodes.replay.external import ExternalNode
@@ -46,7 +46,8 @@ class ResultCollector:
         self._peer = peer
         other = None if external is None else external.options.task
         subscribe = peer.ros_node.create_subscription
-        self._error: SfrError | None = None  # reported by a node of the suite
+        self._fault: NodeError | None = None  # first internal fault that a node of the suite reports
+        self._input_error: InputError | None = None  # last unusable input that a node of the suite reports
         deep = QoSProfile(depth=QUEUE_DEPTH)
         if other is not Task.LOCALISATION:
             subscribe(Odometry, ESTIMATE, self._on_odometry, deep)
@@ -64,10 +65,9 @@ class ResultCollector:
             external.note_sent(stamp_ns, sent_s)
         if self._is_lock_step:
             self.wait_for_pair(rig, stamp_ns)
-            return
-        self._peer.supervisor.check()
-        if external is not None:
+        elif external is not None:
             external.look_after()
+        self._check_nodes()
 
     def wait_for_pair(self, rig: str, stamp_ns: int) -> None:
         """Wait for the results of a pair."""
@@ -76,8 +76,9 @@ class ResultCollector:
             return
 
         def is_complete() -> bool:
-            if self._error is not None:
-                raise self._error
+            self._check_nodes()
+            if self._input_error is not None:
+                raise self._input_error
             return self.results.has_pair(rig, stamp_ns)
 
         def problem() -> str:
@@ -86,6 +87,12 @@ class ResultCollector:
             return f"{name} published no result for the pair of stamp {stamp_ns} (its last log line: {line})"
 
         self._peer.wait_for(is_complete, ANSWER_TIMEOUT_S, problem)
+
+    def _check_nodes(self) -> None:
+        """Raise a NodeError if a node of the suite has ended or has reported an internal fault."""
+        self._peer.supervisor.check()
+        if self._fault is not None:
+            raise self._fault
 
     def finish(self) -> None:
         """Finish a map in progress, wait for the missing results, and collect those of an external node."""
@@ -115,6 +122,7 @@ class ResultCollector:
             if count != results.count:
                 count, deadline = results.count, time.monotonic() + QUIET_S
             self._peer.spin_for(POLL_S)
+            self._check_nodes()
 
     def _on_odometry(self, message: Odometry) -> None:
         self.results.rows.append(odometry_row(message))
@@ -143,6 +151,6 @@ class ResultCollector:
             if node not in self._peer.supervisor.processes:
                 continue
             if kind == StatusKind.INPUT:
-                self._error = InputError(f"{node}: {status.message}")
-            elif kind == StatusKind.FAULT:
-                self._error = NodeError(f"{node}: {status.message}")
+                self._input_error = InputError(f"{node}: {status.message}")
+            elif kind == StatusKind.FAULT and self._fault is None:
+                self._fault = NodeError(f"{node}: {status.message}")

@@ -1,4 +1,4 @@
-"""In lock step a replay fails with what one of its nodes reports, and ignores what other nodes report."""
+"""A replay fails with what one of its nodes reports, and ignores what other nodes report."""
 
 from types import SimpleNamespace
 
@@ -25,3 +25,18 @@ def test_an_unusable_input_and_an_internal_fault_are_different_errors(kind: Stat
             publisher.publish(DiagnosticArray(status=[status]))
         with pytest.raises(error, match=r"^localisation_node: localisation_node has failed$"):
             collector.wait_for_pair("loc", 1)
+
+
+def test_a_replay_at_a_rate_fails_with_an_internal_fault_and_continues_after_an_unusable_input() -> None:
+    supervisor = SimpleNamespace(processes={"mapping_node": None}, check=lambda: None)
+    with ReplayPeer(supervisor) as peer:
+        collector = ResultCollector(peer, Results(), None, pairs_per_map=3, is_lock_step=False)
+        publisher = peer.ros_node.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)
+        for kind in (StatusKind.INPUT, StatusKind.FAULT):
+            collector.note_sent("loc", 1, 0.0)
+            status = status_msg(f"mapping_node: {kind}", Level.ERROR, "a stage has failed", {})
+            publisher.publish(DiagnosticArray(status=[status]))
+            peer.spin_for(0.2)
+        for action in (lambda: collector.note_sent("loc", 2, 0.0), collector.finish):
+            with pytest.raises(NodeError, match=r"^mapping_node: a stage has failed$"):
+                action()
