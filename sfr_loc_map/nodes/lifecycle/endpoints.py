@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from copy import copy
-from functools import partial
+from functools import partial, wraps
 from typing import Any
 
 from rclpy.clock import Clock
@@ -26,10 +26,20 @@ class Endpoints:
     Publishers exist while the node is configured, subscriptions and timers while it is active.
     """
 
-    def __init__(self, node: LifecycleNode, reliability: str, warn: Callable[[str], None]) -> None:
-        """Take the reliability of publishers; `warn` is called when a peer has an incompatible quality of service."""
+    def __init__(
+        self,
+        node: LifecycleNode,
+        reliability: str,
+        *,
+        warn: Callable[[str], None],
+        on_fault: Callable[[Exception], None],
+    ) -> None:
+        """Take the reliability of publishers.
+
+        `warn` is called when a peer has an incompatible quality of service, `on_fault` with an exception of a callback.
+        """
         self.reliability = reliability
-        self._node, self._warn = node, warn
+        self._node, self._warn, self._on_fault = node, warn, on_fault
         self._clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.configured, self.active = ExitStack(), ExitStack()  # closed when the state ends
 
@@ -67,7 +77,7 @@ class Endpoints:
             subscription = self._node.create_subscription(
                 kind,
                 topic,
-                callback,
+                self._guarded(callback),
                 copy(qos),  # rclpy writes the overrides into the profile
                 event_callbacks=SubscriptionEventCallbacks(incompatible_qos=incompatible),
                 qos_overriding_options=QoSOverridingOptions(given),
@@ -82,7 +92,11 @@ class Endpoints:
     def add_latched(self, kind: type[Any], topic: str, callback: Callable[..., None]) -> None:
         """Subscribe to latched messages."""
         subscription = self._node.create_subscription(
-            kind, topic, callback, LATCHED, event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False)
+            kind,
+            topic,
+            self._guarded(callback),
+            LATCHED,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
         self.active.callback(self._node.destroy_subscription, subscription)
 
@@ -98,8 +112,20 @@ class Endpoints:
 
     def add_timer(self, period_s: float, callback: Callable[[], None]) -> None:
         """Call a function periodically, on a steady clock, until the node is deactivated."""
-        timer = self._node.create_timer(period_s, callback, clock=self._clock)
+        timer = self._node.create_timer(period_s, self._guarded(callback), clock=self._clock)
         self.active.callback(self._node.destroy_timer, timer)
+
+    def _guarded(self, callback: Callable[..., None]) -> Callable[..., None]:
+        """Return a callback whose exceptions are reported; in the executor, they would end the process."""
+
+        @wraps(callback)  # rclpy derives from the signature whether the callback requires the info of a message
+        def guarded(*arguments: Any) -> None:  # noqa: ANN401 - rclpy's
+            try:
+                callback(*arguments)
+            except Exception as error:
+                self._on_fault(error)
+
+        return guarded
 
     def _warning(self, text: str) -> Callable[[Any], None]:
         """Return a callback that warns of an incompatible peer; `text` has fields for the policy and its parameter."""

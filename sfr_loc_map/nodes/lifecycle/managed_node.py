@@ -82,7 +82,9 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self._counts_before: dict[str, int] = {}
         self._quiet = False  # the caller reports a failed transition
         self.status = StatusReporter(self, self.task, self.config.health, self._activity)
-        self.endpoints = Endpoints(self, self.config.output_reliability, self.status.warn)
+        self.endpoints = Endpoints(
+            self, self.config.output_reliability, warn=self.status.warn, on_fault=self._on_callback_fault
+        )
         self._service_group = MutuallyExclusiveCallbackGroup()
         self._answer_invalid_transitions()
         self.reset_state()
@@ -352,8 +354,12 @@ class ManagedNode(LifecycleNode, Generic[C]):
             self.status.error(str(error))
             return
         self.get_logger().error("".join(traceback.format_exception(error)))
-        self.status.fault(f"internal fault, {self.task} restarts: {type(error).__name__}: {error}")
+        self.status.fault(f"internal fault, {self.task} continues: {type(error).__name__}: {error}")
         self.restart_after_fault()
+
+    def _on_callback_fault(self, error: Exception) -> None:
+        """Report an exception of the executor's thread in the worker's queue, as an exception of a job."""
+        self.worker.enqueue(lambda: self._on_fault(error, False))
 
     # ---- parameters
 

@@ -21,9 +21,9 @@ from sfr_loc_map.signals import END_SIGNALS
 
 
 def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
-    """Run a node until a signal; return 0, or 2 after an SfrError, which is printed in one line."""
+    """Run a node until a signal; return 0, or 2 if an SfrError prevents the start, which is printed in one line."""
     node: Node | None = None
-    has_ros_started = False
+    has_ros_started = has_node_started = False
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         # Once ROS has started, its own handlers shut it down. An exception would no longer be safe: numba loads
@@ -43,10 +43,13 @@ def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> 
         executor.add_node(node)
         if isinstance(node, ManagedNode) and ok():
             node.start()
+        has_node_started = True
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except SfrError as error:
+        if has_node_started:  # exit code 2 would mean that a restart is useless
+            raise
         name = node.get_name() if node is not None else Path(sys.argv[0]).stem
         print(f"{name}: {one_line(str(error))}", file=sys.stderr)
         return 2

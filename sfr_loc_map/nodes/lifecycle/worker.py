@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import traceback
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -111,14 +112,20 @@ class Worker:
 
     def _work(self) -> None:
         while (item := self._next()) is not None:
-            try:
-                item.work()
-            except Exception as error:
-                self._on_fault(error, item.is_droppable)
+            self._run(item)
             del item  # an image must not be held until the next job arrives
             with self._changed:
                 self._busy = False
                 self._changed.notify_all()
+
+    def _run(self, item: Job) -> None:
+        try:
+            item.work()
+        except Exception as error:
+            try:
+                self._on_fault(error, item.is_droppable)
+            except Exception:  # the thread must survive, because services and transitions wait for it
+                traceback.print_exc()
 
     def _next(self) -> Job | None:
         with self._changed:

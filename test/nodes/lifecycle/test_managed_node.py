@@ -17,6 +17,7 @@ from std_msgs.msg import String
 from helpers.made_scene import LOC_RIG, loc_pair, true_pose
 from helpers.manager import Capture, LocalNode, Manager, localised
 from helpers.node_scenes import MOUNT, RELIABLE, calls, params, send_infos, send_pair
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
 from sfr_loc_map.nodes.lifecycle.diagnostics import values_of
@@ -170,7 +171,7 @@ def test_the_node_answers_while_a_pair_is_worked_on_and_survives_a_fault(ros: No
         send_infos(peer, "loc", LOC_RIG)
         at = peer.play(2)
         send_pair(peer, "loc", loc_pair(3))
-        fault = "internal fault, localisation restarts: AssertionError: a third"
+        fault = "internal fault, localisation continues: AssertionError: a third"
         peer.well(Level.ERROR, fault)
         statuses = [status for array in peer.diagnostics for status in array.status]
         (found,) = [status for status in statuses if status.name == "localisation_node: fault"]
@@ -179,6 +180,22 @@ def test_the_node_answers_while_a_pair_is_worked_on_and_survives_a_fault(ros: No
         assert "Traceback" in node.text
         assert peer.play(4) == pytest.approx(at, abs=1e-12)
         assert int(peer.last_values()["dropped_rejected"]) == 1
+
+
+def test_an_exception_of_a_callback_is_reported_and_does_not_end_the_node(ros: None, capfd: Capture) -> None:
+    errors = [InputError("a message that cannot be used"), ValueError("a defect")]
+
+    def fail(message: String) -> None:
+        raise errors[int(message.data)]
+
+    with Manager() as peer, LocalNode(peer, capfd, LocalisationNode, *MOUNT) as node:
+        node.node.endpoints.add_subscription(String, "failing", fail, QoSProfile(depth=10))
+        peer.publish(String, "failing", String(data="0"))
+        peer.refused("a message that cannot be used")
+        peer.publish(String, "failing", String(data="1"))
+        peer.well(Level.ERROR, "internal fault, localisation continues: ValueError: a defect")
+        send_infos(peer, "loc", LOC_RIG)
+        assert peer.play(0) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
 
 
 def test_a_node_at_its_defaults_serves_best_effort_cameras_and_says_what_is_lost(ros: None, capfd: Capture) -> None:

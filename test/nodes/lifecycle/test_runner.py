@@ -20,6 +20,8 @@ class Slow(Node):
         self.create_timer(0.01, lambda: None)
         START
         print("ready", flush=True)
+    def fail(self):
+        raise NodeError("after the start")
     def destroy_node(self):
         time.sleep(0.4)
         super().destroy_node()
@@ -103,6 +105,7 @@ def test_a_signal_while_the_node_is_being_prepared_ends_it_cleanly(
     [
         ("raise NodeError('sought a,\\n found b')", (), 2, "slow_node: sought a, found b\ncode 2\n"),
         ("1 / 0", (), 1, "ZeroDivisionError"),
+        ("self.create_timer(0.01, self.fail)", (), 1, "NodeError: after the start"),
         ("pass", ("--ros-args", "--params-file", "/nowhere.yaml"), 2, "slow_node: ROS does not start"),
     ],
 )

@@ -46,3 +46,16 @@ def test_of_what_is_large_the_oldest_is_dropped_and_nothing_that_is_small() -> N
         held.worker.enqueue_droppable(lambda number=number: held.done.append(number), size)
     assert held.worker.dropped == 6
     assert held.finish() == [1, 3, 6, 9, 10]  # 8, larger than all room, waited alone until 9 came
+
+
+def test_the_worker_continues_after_an_exception_of_the_fault_handler(capsys: pytest.CaptureFixture[str]) -> None:
+    def fail(error: Exception, is_droppable: bool) -> None:
+        raise RuntimeError("the handler has failed") from error
+
+    worker, done = Worker("tried", Overload.ALL, 1, fail), threading.Event()
+    worker.enqueue(lambda: int("x"))
+    worker.enqueue(done.set)
+    assert done.wait(10)
+    worker.wait_idle()
+    worker.stop()
+    assert "the handler has failed" in capsys.readouterr().err
