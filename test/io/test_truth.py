@@ -91,6 +91,20 @@ def test_a_lever_arm_and_a_clock_are_undone_in_every_kind_of_topic(
     assert truth.sigma_m == pytest.approx(0.02 if kind == "pose_with_covariance" else 0.0)
 
 
+@pytest.mark.parametrize("kind", TOPICS)
+def test_times_of_recording_replace_the_stamps_or_are_refused(tmp_path: Path, poses: Trajectory, kind: str) -> None:
+    """The poses of a path and of /tf have stamps of their own, which the time of one message cannot replace."""
+    entries = [(topic, stamp + NS_PER_S, message) for topic, stamp, message in messages(kind, poses)]
+    place = write_messages(tmp_path / "x", entries)
+    frame = "world:marker" if kind == "tf" else ""
+    config = TruthConfig(source=TOPICS[kind], frame=frame, stamps="record")
+    if kind in ("path", "tf"):
+        with pytest.raises(InputError, match=r"truth\.stamps=record does not apply to .*: omit"):
+            read_truth(place, config)
+    else:
+        assert read_truth(place, config).stamps_ns.tolist() == [stamp for _, stamp, _ in entries]
+
+
 def test_transforms_of_a_tree_are_joined_and_interpolated(tmp_path: Path) -> None:
     """world to odom and odom to base move, base to marker is fixed; frames that are not joined are refused."""
     vector, turn = T["geometry_msgs/msg/Vector3"], T["geometry_msgs/msg/Quaternion"]

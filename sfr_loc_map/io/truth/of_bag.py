@@ -12,7 +12,7 @@ from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import refusing
-from sfr_loc_map.io.bag.bag import Bag, Topic, read_odometry
+from sfr_loc_map.io.bag.bag import HEADER_FIRST, Bag, Topic, read_odometry
 from sfr_loc_map.io.bag.frames import chain_above, chain_poses, read_frames, trajectory_of
 from sfr_loc_map.io.tables.text_table import check_order
 from sfr_loc_map.io.truth.config import AS_THE_SOURCE_HAS_IT, TruthConfig
@@ -26,14 +26,19 @@ _log = logging.getLogger(__name__)
 
 def truth_of_bag(bag: Bag, config: TruthConfig = AS_THE_SOURCE_HAS_IT) -> Truth:
     """Read the truth of an opened bag; InputError if the bag has no truth."""
+    uses_record = config.stamps == "record"
     if config.frame:
+        if uses_record:
+            raise _no_times_of_recording(f"frame {config.frame} on /tf of bag '{bag.path}'")
         return config.applied(_tf_poses(bag, config.frame), None, f"{bag.path}, frame {config.frame} on /tf")
-    if config.stamps == "record":
+    if uses_record:
         bag = bag.by_record()
     topic = bag.find(config.source.strip("/") or TRUE_POSES, *TRUTH_TYPES)
     if topic is None:
         text = f"bag '{bag.path}' has no true poses on '{TRUE_POSES}'"
         raise InputError(f"{text}: name their topic with --set truth.source=TOPIC{could_be_truth(bag)}")
+    if uses_record and topic.msgtype not in HEADER_FIRST:
+        raise _no_times_of_recording(f"'{topic.bag_name}' ({topic.msgtype}) of bag '{bag.path}'")
     with refusing(f"'{topic.bag_name}' of bag '{bag.path}'", "record it again"):
         poses, variances = _topic_poses(bag, topic)
     if not len(poses):
@@ -46,6 +51,14 @@ def truth_of_bag(bag: Bag, config: TruthConfig = AS_THE_SOURCE_HAS_IT) -> Truth:
     check_order(poses.stamps_ns, f"'{topic.bag_name}' of bag '{bag.path}'", strict=False)
     kind = topic.msgtype.rpartition("/")[2]
     return config.applied(poses, variances, f"{bag.path}, {topic.bag_name} ({kind}), {len(poses)} poses")
+
+
+def _no_times_of_recording(where: str) -> InputError:
+    """Return the error for messages of several poses, each with its own stamp."""
+    return InputError(
+        f"truth.stamps=record does not apply to {where}, because each pose of a message has its own stamp: omit the "
+        "setting"
+    )
 
 
 def could_be_truth(bag: Bag) -> str:
