@@ -132,11 +132,11 @@ class FaultInjector:
 def burst_starts(fault: Fault, rng: np.random.Generator, count: int) -> NDArray[np.intp]:
     """Return for each pair `(count,)` the first pair of its burst, or -1; bursts are drawn up to the share of pairs."""
     starts = np.full(count, UNAFFECTED)
-    if fault.kind.info.affects_all_pairs:
-        return np.zeros_like(starts)
     if fault.kind is FaultKind.START:
         starts[: max(round(fault.amount), 0)] = 0
         return starts
+    if "share" not in fault.kind.info.options:  # all pairs are affected
+        return np.zeros_like(starts)
     candidates = np.arange(min(fault.start, count), count)
     wanted = round(fault.share * len(candidates))
     if fault.kind.info.has_complete_bursts and wanted > 0:

@@ -1,6 +1,7 @@
 """Kinds of faults that are injected into stereo pairs: failures of cameras, clocks, calibration and view.
 
-Each kind is declared here, except for the function that changes a pair, which is in `injector.CHANGES`.
+`FaultKind` declares the effect, the options and the defaults of each kind. `injector.CHANGES` has the functions that
+change a pair; the injector itself drops pairs and changes the rig.
 """
 
 from __future__ import annotations
@@ -10,6 +11,16 @@ from enum import StrEnum
 from typing import Any, NamedTuple, Self
 
 from sfr_loc_map.errors import ConfigError
+
+PAIR_OPTIONS = ("share", "burst", "start")  #: Options that select the affected pairs.
+APPLIES_TO: dict[str, str] = {
+    "amount": "faults with a strength",
+    "share": "faults of single pairs",
+    "burst": "faults of single pairs",
+    "start": "faults of single pairs and drift",
+    "camera": "faults of the images of one camera",
+}
+"""Faults to which each option of a fault applies."""
 
 
 class KindInfo(NamedTuple):
@@ -22,19 +33,20 @@ class KindInfo(NamedTuple):
     start: int = 1
     largest: float = 1000.0  #: Largest amount.
     is_signed: bool = False  #: Whether the amount may be negative.
-    affects_all_pairs: bool = False  #: Whether share, burst and start have no effect; `drift` does use start.
-    affects_one_camera: bool = False  #: Whether `camera` selects the images that change.
+    options: tuple[str, ...] = tuple(APPLIES_TO)  #: Options that have an effect.
     has_complete_bursts: bool = False  #: Whether a burst begins only if it can end within the sequence.
     neutral: float = 0.0  #: Amount that has no effect; 1 for factors.
 
 
-_ONE_CAMERA: dict[str, Any] = {"affects_one_camera": True}
-_SHARE: dict[str, Any] = {"largest": 1.0, **_ONE_CAMERA}  # the amount is a fraction of the image
+_PAIR: dict[str, Any] = {"options": PAIR_OPTIONS}  # both images, without an amount
+_IMAGE: dict[str, Any] = {"options": (*PAIR_OPTIONS, "camera")}  # each image, without an amount
+_SHARE: dict[str, Any] = {"largest": 1.0}  # the amount is a fraction of the image
 _FIXED: dict[str, Any] = {"share": 1.0, "start": 0, **_SHARE}  # a region of the image, in all pairs of a drive
 _EPISODE: dict[str, Any] = {"burst": 20, "has_complete_bursts": True}
-_ALL_PAIRS: dict[str, Any] = {"share": 1.0, "start": 0, "affects_all_pairs": True}
+_ALL_PAIRS: dict[str, Any] = {"share": 1.0, "start": 0, "options": ("amount",)}
 _FACTOR: dict[str, Any] = {"neutral": 1.0, **_ALL_PAIRS}
 _ROTATION: dict[str, Any] = {"largest": 45.0, "is_signed": True, **_ALL_PAIRS}
+_DRIFT: dict[str, Any] = {**_ROTATION, "options": ("amount", "start")}
 
 
 class FaultKind(StrEnum):
@@ -48,33 +60,35 @@ class FaultKind(StrEnum):
         kind._value_, kind.info = word, info
         return kind
 
-    DROPPED = "dropped", KindInfo(0.0, "the pair is missing")
-    REPEATED = "repeated", KindInfo(0.0, "the pair repeats the previous images")
-    SWAPPED = "swapped", KindInfo(0.0, "left and right images are swapped")
-    IDENTICAL = "identical", KindInfo(0.0, "the right image is a copy of the left image")
-    FROZEN = (
-        "frozen",
-        KindInfo(1.0, "the previous images are shown with new noise of AMOUNT grey levels", burst=5, **_ONE_CAMERA),
-    )
+    DROPPED = "dropped", KindInfo(0.0, "the pair is missing", **_PAIR)
+    REPEATED = "repeated", KindInfo(0.0, "the pair repeats the previous images", **_PAIR)
+    SWAPPED = "swapped", KindInfo(0.0, "left and right images are swapped", **_PAIR)
+    IDENTICAL = "identical", KindInfo(0.0, "the right image is a copy of the left image", **_PAIR)
+    FROZEN = ("frozen", KindInfo(1.0, "the previous images are shown with new noise of AMOUNT grey levels", burst=5))
     TORN = "torn", KindInfo(0.5, "the lower fraction AMOUNT of the image is from the previous pair", **_SHARE)
     GHOST = "ghost", KindInfo(0.5, "the previous image is blended in with weight AMOUNT", **_SHARE)
-    INTERLACED = "interlaced", KindInfo(0.0, "every second row is from the previous pair", **_ONE_CAMERA)
-    BLACK = "black", KindInfo(0.0, "the image is black", **_ONE_CAMERA)
-    START = "start", KindInfo(5.0, "the first AMOUNT pairs are black", 1.0, start=0, largest=1e9, **_ONE_CAMERA)
+    INTERLACED = "interlaced", KindInfo(0.0, "every second row is from the previous pair", **_IMAGE)
+    BLACK = "black", KindInfo(0.0, "the image is black", **_IMAGE)
+    START = (
+        "start",
+        KindInfo(5.0, "the first AMOUNT pairs are black", 1.0, start=0, largest=1e9, options=("amount", "camera")),
+    )
     FADE = (
         "fade",
-        KindInfo(0.0, "slow blackout: over `burst` pairs the image turns black and back", **_EPISODE, **_ONE_CAMERA),
+        KindInfo(0.0, "slow blackout: over `burst` pairs the image turns black and back", **_EPISODE, **_IMAGE),
     )
-    BLINDED = ("blinded", KindInfo(1.0, "glare: a spot, AMOUNT image widths wide, is saturated", **_ONE_CAMERA))
+    BLINDED = "blinded", KindInfo(1.0, "glare: a spot, AMOUNT image widths wide, is saturated")
     SATURATION = "saturation", KindInfo(0.5, "overexposure: a fraction AMOUNT of the image is clipped", **_SHARE)
-    LATE = "late", KindInfo(0.2, "the stamp is AMOUNT s late, but before the next stamp", largest=1e6)
-    BLURRED = "blurred", KindInfo(2.5, "Gaussian blur of AMOUNT px", largest=50.0, **_ONE_CAMERA)
-    NOISY = "noisy", KindInfo(10.0, "Gaussian noise of AMOUNT grey levels", **_ONE_CAMERA)
-    EXPOSURE = "exposure", KindInfo(0.5, "brightness times AMOUNT", **_ONE_CAMERA)
-    SHEAR = (
-        "shear",
-        KindInfo(1.0, "rows are sheared by AMOUNT px in a random direction, as by a rolling shutter", **_ONE_CAMERA),
+    LATE = (
+        "late",
+        KindInfo(
+            0.2, "the stamp is AMOUNT s late, but before the next stamp", largest=1e6, options=("amount", *PAIR_OPTIONS)
+        ),
     )
+    BLURRED = "blurred", KindInfo(2.5, "Gaussian blur of AMOUNT px", largest=50.0)
+    NOISY = "noisy", KindInfo(10.0, "Gaussian noise of AMOUNT grey levels")
+    EXPOSURE = "exposure", KindInfo(0.5, "brightness times AMOUNT")
+    SHEAR = ("shear", KindInfo(1.0, "rows are sheared by AMOUNT px in a random direction, as by a rolling shutter"))
     BODY = "body", KindInfo(0.3, "own body: fixed texture in the bottom fraction AMOUNT of the image", **_FIXED)
     OBJECT = (
         "object",
@@ -96,7 +110,7 @@ class FaultKind(StrEnum):
     YAW = "yaw", KindInfo(0.1, "the right camera is turned to the left by AMOUNT deg", **_ROTATION)
     DRIFT = (
         "drift",
-        KindInfo(0.3, "from `start` on, the right camera turns to the left, AMOUNT deg in 100 pairs", **_ROTATION),
+        KindInfo(0.3, "from `start` on, the right camera turns to the left, AMOUNT deg in 100 pairs", **_DRIFT),
     )
     SHIFT = "shift", KindInfo(3.0, "the right image is shifted to the right by AMOUNT px", is_signed=True, **_ALL_PAIRS)
     CLOCK = (
@@ -117,7 +131,7 @@ class Fault:
 
     kind: FaultKind  #: Effect of the fault.
     amount: float  #: Strength, in the unit of the kind.
-    share: float  #: Fraction of the pairs that is affected; faults of rotation, clock and rig affect all pairs.
+    share: float  #: Fraction of the pairs that is affected; 1 if the kind affects all pairs.
     burst: int  #: Number of consecutive pairs that are affected.
     start: int  #: First pair that may be affected.
     camera: str = "both"  #: `both`, `left` or `right`, for faults of images.
@@ -140,6 +154,11 @@ def parse_fault(text: str) -> Fault:
         except (KeyError, ValueError) as error:
             known = ", ".join(types)
             raise ConfigError(f"fault '{text}': '{item}' must be NAME=VALUE with a name of {known}") from error
+        if name not in info.options:
+            raise ConfigError(
+                f"fault '{text}': '{name}' applies to {APPLIES_TO[name]}, not to {kind}, which has the options "
+                f"{', '.join(info.options)}"
+            )
     fault = Fault(**values)  # type: ignore[arg-type]
     if not (0 <= fault.share <= 1 and 1 <= fault.burst <= MAX_PAIRS and 0 <= fault.start <= MAX_PAIRS):
         raise ConfigError(

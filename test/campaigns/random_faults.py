@@ -89,7 +89,7 @@ def _random_fault(rng: np.random.Generator, kind: FaultKind, pairs: int) -> str:
         start = int(rng.integers(1, max(2, pairs // 2)))
         values += [f"share={0.05 + 0.35 * float(rng.random()):.2f}", f"burst={burst}", f"start={start}"]
     camera = rng.choice(("both", "both", "both", "left", "right"))
-    if kind.info.affects_one_camera and kind is not FaultKind.INTERLACED and camera != "both":
+    if "camera" in kind.info.options and kind is not FaultKind.INTERLACED and camera != "both":
         values.append(f"camera={camera}")
     return f"{kind}:{','.join(values)}" if values else str(kind)
 
