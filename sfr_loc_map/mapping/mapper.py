@@ -51,7 +51,6 @@ import numpy as np
 
 from sfr_loc_map import __version__
 from sfr_loc_map.config import checked
-from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.calibration_sigma import calibration_sigma, largest_of
@@ -60,12 +59,11 @@ from sfr_loc_map.mapping.config import MappingConfig
 from sfr_loc_map.mapping.disparity.estimation import estimate_disparity
 from sfr_loc_map.mapping.disparity.hole_filling import fill_holes
 from sfr_loc_map.mapping.disparity.right_camera import measure_right_rotation, without_roll
-from sfr_loc_map.mapping.maps import FusedMap, FusionInput, MappedPair, PairMap
+from sfr_loc_map.mapping.maps import FusedMap, MappedPair, PairMap, fusion_input_of
 from sfr_loc_map.mapping.multiview.fixed_content import without_fixed_content
 from sfr_loc_map.mapping.multiview.fusion import fuse_views
 from sfr_loc_map.mapping.multiview.registration import register_views
 from sfr_loc_map.mapping.pair_findings import findings_of_pair
-from sfr_loc_map.mapping.pair_view import read_only
 from sfr_loc_map.mapping.point_sigma import point_sigma, sigma_of_view
 from sfr_loc_map.mapping.reprojection import view_of_pair, within_range
 from sfr_loc_map.mapping.search_range import SearchRange, search_range
@@ -125,29 +123,17 @@ class Mapper:
         in_range = within_range(unrolled, self._search.min_disparity_px)
         view = view_of_pair(in_range, self._rig, T_lm_navsb @ self._rig.T_sb_left)
         calibration_of_pair = calibration_sigma(rotation, self._rig, self._config.calibration)
-        saturation = in_range.saturation
-        sigma = sigma_of_view(view, saturation, calibration_of_pair, self._rig)
+        sigma = sigma_of_view(view, in_range.saturation, calibration_of_pair, self._rig)
         findings = findings_of_pair(in_range, rotation, self._rig, self._config.calibration)
-        pair_in_set = np.full(view.points.size, index, np.uint8)
-        cloud = view.points.to_cloud(sigma.total, pair_in_set, fused=False)
-        random_sigma = read_only(sigma.random)
-        disparity_px = read_only(view.images.disparity)
-        return MappedPair(
+        return MappedPair.of(
             stamp_ns=pair.stamp_ns,
-            cloud=cloud,
-            random_sigma=random_sigma,
-            T_lm_left=view.T_lm_left,
-            disparity_px=disparity_px,
-            pixel_status=read_only(in_range.status),
-            fusion_input=FusionInput(
-                rig=self._rig,
-                view=view,
-                saturation=saturation,
-                calibration=calibration_of_pair,
-                original_values=(cloud, random_sigma, view.T_lm_left, disparity_px),
-            ),
-            statistics=findings.statistics,
-            warnings=findings.warnings,
+            index=index,
+            rig=self._rig,
+            disparity_map=in_range,
+            view=view,
+            sigma=sigma,
+            calibration=calibration_of_pair,
+            findings=findings,
         )
 
     def fuse(self, maps: Sequence[PairMap]) -> FusedMap:
@@ -160,7 +146,7 @@ class Mapper:
         mapper.
         """
         check_pair_count(len(maps))
-        inputs = [_fusion_input(item, self._rig) for item in maps]
+        inputs = [fusion_input_of(item, self._rig) for item in maps]
         cleaned = without_fixed_content([item.view for item in inputs], self._rig)
         views = cleaned.views
         findings = cleaned.findings
@@ -184,33 +170,8 @@ class Mapper:
         findings += fused.findings
         return FusedMap(
             cloud=replace(cloud, pair_stamps_ns=tuple(item.stamp_ns for item in maps)),
-            random_sigma=read_only(sigma.random),
+            random_sigma=sigma.random,
             T_lm_left=poses_lm_left,
             statistics=findings.statistics,
             warnings=findings.warnings,
         )
-
-
-def _fusion_input(pair_map: PairMap, rig: StereoRig) -> FusionInput:
-    """Return the input that `Mapper.process` stored in a map.
-
-    Raises MappingError for a map of another method or of other cameras, and for a map whose values were replaced. A
-    comparison of identities suffices, because the arrays are read-only and cannot be changed in place.
-    """
-    if not isinstance(pair_map, MappedPair):
-        raise MappingError(
-            f"the map of stamp {pair_map.stamp_ns} was not made by `Mapper.process`: only such maps can be fused"
-        )
-    found = pair_map.fusion_input
-    if not found.rig.same_cameras(rig):
-        raise MappingError(
-            f"the map of stamp {pair_map.stamp_ns} is from other cameras than those of this mapper: fuse maps of "
-            "one rig"
-        )
-    values = (pair_map.cloud, pair_map.random_sigma, pair_map.T_lm_left, pair_map.disparity_px)
-    if any(value is not original for value, original in zip(values, found.original_values, strict=True)):
-        raise MappingError(
-            f"the cloud, sigma, pose or disparities of the map of stamp {pair_map.stamp_ns} were replaced after "
-            "`Mapper.process`: fuse maps as they were made, and select or move points afterwards"
-        )
-    return found

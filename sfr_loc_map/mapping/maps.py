@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
+import numpy as np
+
+from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import FloatArray32, FloatImage
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.mapping.calibration_sigma import CalibrationSigma
+from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
 from sfr_loc_map.mapping.disparity.pixel_status import StatusImage
 from sfr_loc_map.mapping.disparity.saturation import Saturation
-from sfr_loc_map.mapping.pair_view import PairView
+from sfr_loc_map.mapping.findings import Findings
+from sfr_loc_map.mapping.pair_view import PairView, read_only
+from sfr_loc_map.mapping.point_sigma import PointSigma
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,6 +36,24 @@ class PairMap:
     warnings: tuple[str, ...] = ()  #: Warnings of the call, one line each.
 
 
+class FusableValues(NamedTuple):
+    """Values of a map that follow from its view. The fusion uses the view and would ignore a replaced value."""
+
+    cloud: PointCloud
+    random_sigma: FloatArray32
+    T_lm_left: Transform
+    disparity_px: FloatImage
+
+    @classmethod
+    def of(cls, pair_map: PairMap) -> FusableValues:
+        """Return the values of a map."""
+        return cls(pair_map.cloud, pair_map.random_sigma, pair_map.T_lm_left, pair_map.disparity_px)
+
+    def are_the_same_objects(self, other: FusableValues) -> bool:
+        """Return whether no value was replaced; the arrays are read-only and cannot be changed in place."""
+        return all(value is other_value for value, other_value in zip(self, other, strict=True))
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FusionInput:
     """Data of one pair that the fusion uses."""
@@ -37,9 +62,7 @@ class FusionInput:
     view: PairView  #: Points with their fusion sigma, disparities and pose.
     saturation: Saturation  #: Saturated pixels, which increase the sigma of fused points.
     calibration: CalibrationSigma  #: Uncertainty of the calibration given the measurements in this pair.
-    #: Cloud, random sigma, pose and disparities that `Mapper.process` stored in the map. `Mapper.fuse` refuses a map if
-    #: one of these values was replaced, because the fusion uses the view and would ignore the new value.
-    original_values: tuple[object, ...]
+    original: FusableValues  #: The values that `Mapper.process` stored in the map.
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -54,6 +77,65 @@ class MappedPair(PairMap):
     #: `(H, W)` uint8, the `PixelStatus` of each pixel: measured, filled, or the reason why it has no disparity.
     pixel_status: StatusImage
     fusion_input: FusionInput
+
+    @classmethod
+    def of(
+        cls,
+        *,
+        stamp_ns: int,
+        index: int,
+        rig: StereoRig,
+        disparity_map: DisparityMap,
+        view: PairView,
+        sigma: PointSigma,
+        calibration: CalibrationSigma,
+        findings: Findings,
+    ) -> MappedPair:
+        """Return the map of a pair from the results of the stages of `Mapper.process`."""
+        pair = np.full(view.points.size, index, np.uint8)
+        values = FusableValues(
+            cloud=view.points.to_cloud(sigma.total, pair, fused=False),
+            random_sigma=sigma.random,
+            T_lm_left=view.T_lm_left,
+            disparity_px=read_only(view.images.disparity),
+        )
+        fusion_input = FusionInput(
+            rig=rig, view=view, saturation=disparity_map.saturation, calibration=calibration, original=values
+        )
+        return cls(
+            stamp_ns=stamp_ns,
+            cloud=values.cloud,
+            random_sigma=values.random_sigma,
+            T_lm_left=values.T_lm_left,
+            disparity_px=values.disparity_px,
+            pixel_status=read_only(disparity_map.status),
+            fusion_input=fusion_input,
+            statistics=findings.statistics,
+            warnings=findings.warnings,
+        )
+
+
+def fusion_input_of(pair_map: PairMap, rig: StereoRig) -> FusionInput:
+    """Return the input of the fusion that `Mapper.process` stored in a map.
+
+    Raises MappingError for a map of another method or of other cameras, and for a map whose values were replaced.
+    """
+    if not isinstance(pair_map, MappedPair):
+        raise MappingError(
+            f"the map of stamp {pair_map.stamp_ns} was not made by `Mapper.process`: only such maps can be fused"
+        )
+    found = pair_map.fusion_input
+    if not found.rig.same_cameras(rig):
+        raise MappingError(
+            f"the map of stamp {pair_map.stamp_ns} is from other cameras than those of this mapper: fuse maps of "
+            "one rig"
+        )
+    if not FusableValues.of(pair_map).are_the_same_objects(found.original):
+        raise MappingError(
+            f"the cloud, sigma, pose or disparities of the map of stamp {pair_map.stamp_ns} were replaced after "
+            "`Mapper.process`: fuse maps as they were made, and select or move points afterwards"
+        )
+    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)

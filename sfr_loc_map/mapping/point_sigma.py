@@ -65,7 +65,7 @@ from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.jit import jit_rows
 from sfr_loc_map.mapping.calibration_sigma import CalibrationSigma
 from sfr_loc_map.mapping.disparity.saturation import Saturation
-from sfr_loc_map.mapping.pair_view import PairView, ViewPoints
+from sfr_loc_map.mapping.pair_view import PairView, ViewPoints, read_only
 
 SIGMA_GROWTH = F(1.5)
 """Relative growth of sigma in a completely saturated neighbourhood. In images that are half clipped, the factor
@@ -77,7 +77,7 @@ small, because clipping removes noise."""
 
 
 class PointSigma(NamedTuple):
-    """Standard deviations along the ray of N points, `(N,)` float32 each, metres."""
+    """Standard deviations along the ray of N points, read-only `(N,)` float32 each, metres."""
 
     random: FloatArray32  #: Part that differs from point to point: noise, smoothing and saturation.
     total: FloatArray32  #: Random sigma combined with the calibration error, which is common to all points.
@@ -97,7 +97,8 @@ def point_sigma(
     LM.
     """
     random = _widened_sigma(points, pair, saturations)
-    return PointSigma(random, total_sigma(points, random, pair, poses_lm_left, calibration, rig))
+    total = total_sigma(points, random, pair, poses_lm_left, calibration, rig)
+    return PointSigma(read_only(random), read_only(total))
 
 
 def sigma_of_view(view: PairView, saturation: Saturation, calibration: CalibrationSigma, rig: StereoRig) -> PointSigma:
