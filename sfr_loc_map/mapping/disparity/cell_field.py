@@ -63,8 +63,9 @@ def _cells_from_pixels(disparity: FloatImage) -> FloatImage:
         for j in range(cols):
             nearest = F(-1.0)
             for k in range(4):
-                # `max` keeps its first argument if the second one is NaN.
-                nearest = max(nearest, disparity[2 * i + k // 2, 2 * j + k % 2])
+                value = disparity[2 * i + k // 2, 2 * j + k % 2]
+                if not np.isnan(value):
+                    nearest = max(nearest, value)
             total = F(0.0)
             count = F(0.0)
             for k in range(4):
@@ -96,9 +97,11 @@ def _extended_from_farther(cells: FloatImage) -> FloatImage:
             while end < cols and np.isnan(cells[i, end]):
                 end += 1
             value = last
-            if end < cols and not value <= cells[i, end]:  # also if no cell is known on the left: `last` is NaN
+            is_known_left = not np.isnan(last)
+            is_known_right = end < cols
+            if is_known_right and (not is_known_left or cells[i, end] < last):
                 value = cells[i, end]
-            if np.isnan(value):  # no cell of the row is known
+            if not is_known_left and not is_known_right:
                 value = F(0.0)
             for k in range(j, end):
                 out[i, k] = value

@@ -7,6 +7,7 @@ section B3, with a diagonal preconditioner. Its arrays (`SolverState`) are writt
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -65,7 +66,7 @@ def conjugate_gradient_step(
         for _ in range(iterations):
             state = state._replace(direction=state.previous_direction, previous_direction=state.direction)
             curvature = _update_direction(information, weights, preconditioner, F(beta), state)
-            if not curvature > 0.0:
+            if curvature <= 0.0 or math.isnan(curvature):
                 break
             new_delta = _update_step(state, preconditioner, F(delta / curvature))
             beta = new_delta / delta

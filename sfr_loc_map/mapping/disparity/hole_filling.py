@@ -228,7 +228,7 @@ def _best_hypothesis(
         if abs(planes.disparity[k] - disparity) > SURFACE_JUMP_PX:
             lowest_other = min(lowest_other, cost[k])
     required = cost[best] + min_margin / np.sqrt(costs.effective_pixels[best])
-    if not (cost[best] <= cost_limit and lowest_other >= required):
+    if cost[best] > cost_limit or lowest_other < required:
         return F(np.nan)
     is_confirmed = _is_enclosed(planes, disparity) or abs(scene.initial[y, x] - disparity) < SURFACE_JUMP_PX
     if not is_confirmed:
@@ -262,7 +262,10 @@ def _hypothesis_costs(scene: HoleScene, y: int, x: int, planes: Hypotheses) -> H
         if np.isnan(planes.disparity[k]):
             continue
         first = 0
-        while first < k and not abs(planes.disparity[first] - planes.disparity[k]) < SAME_HYPOTHESIS_PX:
+        while first < k:
+            is_same = abs(planes.disparity[first] - planes.disparity[k]) < SAME_HYPOTHESIS_PX
+            if is_same:
+                break
             first += 1
         if first < k:
             cost[k] = cost[first]
@@ -347,12 +350,14 @@ def _own_costs(scene: HoleScene, flat_indices: IntArray) -> FloatArray32:
 def _is_contradicted(disparity: np.float32, surfaces: RightSurfaces, y: int, x: int) -> bool:
     """Return whether the corresponding pixel is outside the right image or belongs to another surface.
 
+    A disparity of NaN, which is that of a direction without a surface, is contradicted.
     A farther surface contradicts the hypothesis, too. In `surfaces.occlusion_mask` it does not, because a measured
     pixel may hide a farther surface, but a hypothesis is not measured. The last column counts as outside, because the
     matching cost interpolates to the right of the corresponding point.
     """
     column = F(x) - disparity
-    if not (column >= F(0.0) and column < F(surfaces.low.shape[1] - 1)):
+    is_inside = column >= F(0.0) and column < F(surfaces.low.shape[1] - 1)
+    if np.isnan(disparity) or not is_inside:
         return True
     u = int(np.rint(column))
     has_nearer: bool = surfaces.high[y, u] > disparity + SURFACE_JUMP_PX

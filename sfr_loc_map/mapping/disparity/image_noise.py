@@ -24,6 +24,7 @@ SAMPLED_CELLS = np.s_[::4, ::2]  #: The cells of these pixels.
 MIN_LEVEL_VARIANCE = 1.0
 """Lower bound of the variance of the grey levels, grey levels squared. The variance is a divisor, and close grey levels
 do not determine a slope."""
+BLOCK_PIXELS = 16.0  #: Pixels of a block of 4 x 4, by which averaging reduces the variance of white noise.
 NOISE_MASK = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]], F)
 """Difference of two Laplacians, which cancels smooth structure (Immerkaer 1996)."""
 NOISE_GAIN = 6.0  #: Factor by which the mask amplifies white noise: the root of the sum of its squared taps.
@@ -92,4 +93,6 @@ def block_variance_ratio(means: FloatImage, offset: FloatImage, variance: FloatI
     # such a block is not 0, so that the block counts. Ignoring these blocks, too, is not better
     # (measurements/mapper_trials.md).
     known = blocks[blocks != 0]
-    return F(max(16.0 * mad_sigma(known) ** 2, 1.0))
+    if not len(known):
+        return F(1.0)
+    return F(max(BLOCK_PIXELS * mad_sigma(known) ** 2, 1.0))

@@ -117,7 +117,8 @@ def plane_cost(
         start = F(x) - disparity - slope_y * F(v - y)
         for u in range(max(0, x - WINDOW_RADIUS), min(cols, x + WINDOW_RADIUS + 1)):
             column = start + (F(1.0) - slope_x) * F(u - x)
-            if not (column >= F(0.0) and column < F(cols - 1)):
+            is_inside = column >= F(0.0) and column < F(cols - 1)
+            if not is_inside:
                 continue
             k = int(column)
             value = linear(right[v, k], right[v, k + 1], column - F(k))

@@ -87,8 +87,8 @@ def _changed_mask(initial_px: FloatImage, disparity_px: FloatImage) -> Mask:
     """Return the mask of the pixels `(H, W)` that the refinement changed too much; `initial_px` may be NaN."""
     change_px = np.abs(disparity_px - initial_px)
     sampled = change_px[::CHANGE_STRIDE, ::CHANGE_STRIDE]
-    change_sigma_px = mad_sigma(sampled[np.isfinite(sampled)])
-    # `max` keeps its first argument if the second one is NaN, as without any matched pixel.
+    known = sampled[np.isfinite(sampled)]
+    change_sigma_px = mad_sigma(known) if len(known) else 0.0
     changed: Mask = change_px > max(MAX_CHANGE_PX, MAX_CHANGE_SIGMAS * change_sigma_px)
     return changed
 

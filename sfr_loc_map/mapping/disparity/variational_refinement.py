@@ -155,11 +155,14 @@ def refine_disparity(left: FloatImage, right: FloatImage, initial_cells: FloatIm
     padded_right = padded(right)
     cells = initial_cells
     data_term = linearise(reference, padded_right, cells)
-    for warp in range(WARPS + EXTRA_WARPS):
-        if warp == WARPS and not median(data_term.information) <= NOISY_PX**-2:  # not noisy
-            break
+    for _ in range(WARPS):
         cells, weights = _coarse_to_fine_solve(cells, data_term)
         data_term = linearise(reference, padded_right, cells)
+    is_noisy = median(data_term.information) <= NOISY_PX**-2
+    if is_noisy:
+        for _ in range(EXTRA_WARPS):
+            cells, weights = _coarse_to_fine_solve(cells, data_term)
+            data_term = linearise(reference, padded_right, cells)
     height, width = left.shape
     deviation = np.sqrt(data_term.variance)
     normalised = (data_term.residual - upsample_nearest(data_term.offset, 2)) / upsample_nearest(deviation, 2)

@@ -128,7 +128,8 @@ def _observe(xyz: FloatArray32, T_left_lm: Pose, camera: StereoCamera, images: V
             continue
         u = camera.fx * x / z + camera.cx
         v = camera.fy * y / z + camera.cy
-        if not (u >= 0 and v >= 0 and u < cols - 1 and v < rows - 1):  # all four neighbouring pixels exist
+        has_four_neighbours = u >= 0 and v >= 0 and u < cols - 1 and v < rows - 1
+        if not has_four_neighbours:
             continue
         j = int(u)
         i = int(v)
@@ -142,7 +143,10 @@ def _observe(xyz: FloatArray32, T_left_lm: Pose, camera: StereoCamera, images: V
         largest = max(max(upper[j], upper[j + 1]), max(lower[j], lower[j + 1]))
         smallest = min(min(upper[j], upper[j + 1]), min(lower[j], lower[j + 1]))
         disparity = _bilinear(images.disparity, i, j, t, s)
-        if not (largest - smallest < SURFACE_JUMP_PX and disparity > 0.0 and sigma < np.inf):
+        is_one_surface = largest - smallest < SURFACE_JUMP_PX
+        is_valid = disparity > 0.0  # false if one of the four disparities is NaN
+        has_point = sigma < np.inf
+        if not (is_one_surface and is_valid and has_point):
             continue
         range_per_depth = np.sqrt(x * x + y * y + z * z) / z
         difference[n] = (scale / disparity - z) * range_per_depth
