@@ -54,7 +54,7 @@ class Overlap(NamedTuple):
     @property
     def result(self) -> CheckResult:
         """Result for the two pairs by the criteria of the fusion."""
-        if self.points <= MIN_OVERLAP:
+        if self.points < MIN_OVERLAP:
             return CheckResult.NOT_ENOUGH_DATA
         disagrees = self.ratio > MAX_RANGE_RATIO or self.grey_ratio > MAX_GREY_RATIO
         return CheckResult.INCONSISTENT if disagrees else CheckResult.CONSISTENT

@@ -71,8 +71,9 @@ def test_pairs_that_do_not_overlap_are_not_enough_data() -> None:
     overlaps = find_overlaps(two_pairs(turn_deg=120.0), MappingConfig())
     assert result_of_maps(overlaps) is CheckResult.NOT_ENOUGH_DATA
     (usual,) = find_overlaps(two_pairs(), MappingConfig())
-    assert result_of_maps([usual._replace(points=1000)]) is CheckResult.NOT_ENOUGH_DATA
-    assert result_of_maps([usual._replace(points=1000), usual]) is CheckResult.CONSISTENT
+    assert result_of_maps([usual._replace(points=999)]) is CheckResult.NOT_ENOUGH_DATA
+    assert result_of_maps([usual._replace(points=999), usual]) is CheckResult.CONSISTENT
+    assert result_of_maps([usual._replace(points=1000)]) is CheckResult.CONSISTENT
 
 
 def test_the_result_of_several_checks_is_the_worst() -> None:

@@ -222,7 +222,7 @@ def _agreement_findings(i: int, j: int, view: PairView, other: PairView, observe
         f"grey_difference_over_beside_{i}_{j}": agreement.grey_ratio,
     }
     disagree = agreement.range_ratio > MAX_RANGE_RATIO or agreement.grey_ratio > MAX_GREY_RATIO
-    if i > j or common <= MIN_OVERLAP or not disagree:
+    if i > j or common < MIN_OVERLAP or not disagree:
         return Findings(statistics)
     warning = (
         f"pairs {i} and {j} disagree where they overlap: range differences are {agreement.range_ratio:.1f} times the "
