@@ -12,7 +12,6 @@ from sfr_loc_map.errors import MappingError
 from sfr_loc_map.geometry.arrays import FloatArray32
 
 MAX_CELLS = 2_500_000  #: Maximum number of cells: 300 MB at up to 120 bytes per cell while a grid is computed.
-ROUNDED_DOWN = 1.05  #: Rounding to two digits lowers a number by less than this factor.
 
 
 class Square(NamedTuple):
@@ -69,10 +68,9 @@ class CellGrid:
         columns, rows = np.floor(high / cell_m) - first + 1
         if rows * columns > MAX_CELLS:
             x, y = high - low
-            possible_m = ROUNDED_DOWN * _smallest_cell(x, y)
             raise MappingError(
                 f"{x:.4g} x {y:.4g} m have {rows * columns / 1e6:.3g} million cells of {cell_m} m: the limit is "
-                f"{MAX_CELLS / 1e6} million; use cells of {possible_m:.2g} m or more"
+                f"{MAX_CELLS / 1e6} million; use larger cells or a smaller range (terrain.cell_m, terrain.range_m)"
             )
         return cls(int(first[0]), int(first[1]), int(rows), int(columns), cell_m)
 
@@ -82,12 +80,3 @@ class CellGrid:
         row = np.floor(xyz[:, 1].astype(np.float64) / self.cell_m) - self.first_row
         inside = (column >= 0.0) & (column < self.columns) & (row >= 0.0) & (row < self.rows)
         return np.where(inside, row * self.columns + column, -1.0).astype(np.int32)
-
-
-def _smallest_cell(x_m: float, y_m: float) -> float:
-    """Return the smallest cell size, metres, for which a rectangle has at most `MAX_CELLS` cells.
-
-    At most `(x / c + 2) (y / c + 2)` cells of size c cover the rectangle, which gives a quadratic equation in c.
-    """
-    spare = MAX_CELLS - 4
-    return float((x_m + y_m + np.hypot(x_m + y_m, np.sqrt(spare * x_m * y_m))) / spare)
