@@ -4,8 +4,9 @@ A sparse, keyframe-based stereo odometry with a sliding window. `Localiser.proce
 pair and returns one `PoseEstimate`:
 
 1. Landmarks are pixels of keyframes with an inverse depth and the slope of their local plane (`frontend/landmarks.py`).
-2. A new pair is aligned with all landmarks jointly (direct image alignment as in SVO, Forster et al. 2017). Each patch
-   is then tracked by least squares in both images (Lucas and Kanade 1981; `frontend/`).
+2. A new pair is aligned with at most 200 landmarks jointly (direct image alignment as in SVO, Forster et al. 2017).
+   The patches of at most 800 landmarks (all landmarks in a keyframe) are then tracked by least squares in both images
+   (Lucas and Kanade 1981; `frontend/`).
 3. The pose is estimated from all observations, with robust weights (Geman and McClure 1985) and the uncertainty of each
    landmark (`frontend/pose_solver.py`).
 4. A second rigid motion in the image is excluded (`ground_motion.py`). Guards check the images and the pose

@@ -25,7 +25,8 @@ A new guard requires a `Finding`, a row in `RULES`, a function in `guards.py`, a
 
 - A guard that needs only the images is called in `_locate`. A guard that depends on the pose is called in
   `_check_pose`, which is repeated for the pose of a keyframe from all landmarks. Any other guard is called in `_judge`.
-  A new window (`_begin`) is checked only for landmarks and gap.
+  A new window (`_begin`) is checked for landmarks and for a gap. If there was no map, the findings of the images and of
+  the last adjustment apply to it as well.
 - The memory of a guard is a field of `State`. A memory that learns from poses is passed to `_accept` by the `Candidate`
   and changes only there. The memory of the ground is passed by `Ground`.
 
@@ -104,9 +105,9 @@ class Rule(NamedTuple):
     action: Action
     reason: StateReason
     inflation: Inflation = Inflation.NONE
-    #: Whether later pairs may be compared with this pair: as a keyframe, for recovery, and to detect changes. Without
-    #: a map, a window begins only with a comparable pair. With any other pair, the localiser is lost.
-    is_comparable: bool = True
+    #: Whether the pair may be a reference for later pairs: as a keyframe, as a recovery image, and as the earlier image
+    #: of the change detection. A window begins only with such a pair.
+    can_be_reference: bool = True
 
 
 RULES: Final = {
@@ -120,9 +121,9 @@ RULES: Final = {
     Finding.TOO_FAST: Rule(Action.RESTART, StateReason.IMPLAUSIBLE_MOTION),
     Finding.SWAPPED: Rule(Action.REJECT, StateReason.NO_STEREO),
     # No keyframe: without the blanked image no landmark can be triangulated.
-    Finding.FROZEN_IMAGE: Rule(Action.DEGRADE, StateReason.REPEATED_IMAGES, is_comparable=False),
+    Finding.FROZEN_IMAGE: Rule(Action.DEGRADE, StateReason.REPEATED_IMAGES, can_be_reference=False),
     # No keyframe: the edges of the blanked rows would be detected as texture.
-    Finding.STALE_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, is_comparable=False),
+    Finding.STALE_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, can_be_reference=False),
     # Keyframe: a window begins with the pair. Later pairs of the window report the gap.
     Finding.DIVERGED: Rule(Action.DEGRADE, StateReason.IMPLAUSIBLE_MOTION),
     # Keyframe: the images are good, and the finding ends after further keyframes.
@@ -132,7 +133,9 @@ RULES: Final = {
     # Keyframe: a rolling shutter shears all pairs, and without keyframes tracking would be lost.
     Finding.SHEARED_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED),
     # No keyframe: landmarks in stale parts would have wrong positions.
-    Finding.PARTIAL_TRANSFER: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED, is_comparable=False),
+    Finding.PARTIAL_TRANSFER: Rule(
+        Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED, can_be_reference=False
+    ),
     # Keyframe: one exposure dominates, and without keyframes tracking would be lost.
     Finding.DOUBLE_EXPOSURE: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED),
     # Keyframe: a scene that changes quickly requires new landmarks, and outliers are removed.
@@ -169,7 +172,7 @@ class Verdict(NamedTuple):
     action: Action
     reason: StateReason | None  #: Reason of the decisive finding; None without findings.
     inflation: Inflation  #: What all findings together add to the covariance.
-    is_comparable: bool  #: Whether later pairs may be compared with this pair.
+    can_be_reference: bool  #: Whether the pair may be a reference for later pairs.
 
     @property
     def refuses(self) -> bool:
@@ -177,7 +180,7 @@ class Verdict(NamedTuple):
         return self.action.refuses
 
 
-NO_FINDING: Final = Verdict(None, Action.ACCEPT, None, Inflation.NONE, is_comparable=True)
+NO_FINDING: Final = Verdict(None, Action.ACCEPT, None, Inflation.NONE, can_be_reference=True)
 """Verdict on a pair without findings."""
 
 
@@ -195,5 +198,5 @@ def decide(findings: Findings) -> Verdict:
         action=rules[0].action,
         reason=rules[0].reason,
         inflation=inflation,
-        is_comparable=all(rule.is_comparable for rule in rules),
+        can_be_reference=all(rule.can_be_reference for rule in rules),
     )

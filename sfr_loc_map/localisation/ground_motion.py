@@ -84,14 +84,14 @@ class Ground(NamedTuple):
         """Return all tracks as those of the ground, without a comparison with earlier pairs."""
         return cls(tracks, frozenset(), NO_ROWS, MotionSize(0.0, 0.0), memory, replace(memory, previous=None))
 
-    def accepted(self, *, is_comparable: bool) -> GroundMemory:
-        """Return the memory after the pose was accepted; later images are compared only with comparable pairs."""
-        if self.earlier is None or not is_comparable:
+    def memory_if_accepted(self, *, can_be_reference: bool) -> GroundMemory:
+        """Return the memory if the pose is accepted; the pair replaces the earlier image only if it can be a reference."""
+        if self.earlier is None or not can_be_reference:
             return self.after
         return replace(self.after, earlier=self.earlier)
 
-    def refused(self) -> GroundMemory:
-        """Return the memory after the pose was refused; `previous` remains the image at the last known pose."""
+    def memory_if_refused(self) -> GroundMemory:
+        """Return the memory if the pose is refused; `previous` remains the image at the last known pose."""
         return replace(self.after, previous=self.before.previous) if self.outlasts_refusal else self.before
 
 

@@ -4,15 +4,16 @@ A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._loca
 
 1. Check the images: keep the last pose for a repeated pair, and blank stale parts (`stale_images`, `guards`).
 2. Predict the pose by constant velocity, standstill and wheel odometry (`motion_model`).
-3. Track: align all landmarks jointly (direct image alignment as in SVO, Forster et al. 2017), track each patch, warped
-   by its local plane, in both images (Lucas and Kanade 1981), and solve for the pose with robust weights.
+3. Track: align at most 200 landmarks jointly (direct image alignment as in SVO, Forster et al. 2017). Track the patches
+   of at most 800 landmarks, warped by their local planes, in both images (Lucas and Kanade 1981), and solve for the
+   pose with robust weights.
 4. Relocalise if the pose is not trusted: optical flow, then SIFT descriptors (`relocalisation`).
 5. Select the ground's motion among the motions in the image (`ground_motion`). If one motion does not explain the
    tracks, search for a second motion and track the landmarks again. Remove landmarks of other motions from the map.
 6. Correct the right camera: estimate its rotation error, and correct its drift (`backend/online_calibration`).
 7. Judge: a table decides from the findings of all guards whether the pose is accepted (`guards`, `findings.RULES`).
-8. Complete: the pair becomes a keyframe if few landmarks are left or if they moved far in the image. The pose of
-   a keyframe is solved for again, from all landmarks.
+8. Complete: the pair becomes a keyframe if few landmarks are left or if they moved far in the image. For a keyframe,
+   the remaining landmarks of the map are tracked, too, and the pose is solved for again.
 9. Accept: update the path and its accumulated errors, and compute the motion since the last pose with its covariance
    (`trajectory`, `covariance`).
 
@@ -24,9 +25,18 @@ Before and after these stages, `Localiser.process`
 - starts a keyframe in the background: the pair is added to the window, and the window is adjusted (bundle adjustment
   with marginalisation as in OKVIS, Leutenegger et al. 2015; `keyframes`).
 
-If there is a map, findings can refuse a pair at four points: after the image check, if the map is too small, after
-stage 5, and in stage 7. The later stages are then skipped. A pair may begin a window (`_begin`) if there is no map, or
-if several good images were refused. If the window cannot begin, the localiser is lost.
+A pair may begin a window (`_begin`) if there is no map, or if several good images were refused. Findings can refuse a
+pair at six points, and the later stages are then skipped:
+
+- after stage 1, with or without a map;
+- before stage 2, if the map has too few landmarks;
+- after stage 5, by the findings about the ground's motion, or if the tracks are not trusted;
+- in stage 7;
+- in `_begin`, if the findings of stage 1 show that the pair cannot be a reference for later pairs;
+- in `_begin`, if the new window has too few landmarks.
+
+In `_begin`, the localiser is lost. At the other points, the finding determines whether the last pose is kept, the
+localiser is lost, or a window may begin (`findings.Action`).
 
 The state between two pairs is one immutable value (`state.State`), and each stage takes and returns values. A pair
 changes these parts of the state:
@@ -46,8 +56,9 @@ Four other events change the state:
 - The first pair arrives: path.
 - `set_pose` is called: path.
 
-Every pair, accepted or refused, changes `image_memory` unless it repeats the previous pair, and `ground_memory` if it
-has stale rows or contradicts its pose. A pair that would be kept is lost if the localiser is already lost.
+Two memories also change with refused pairs. `image_memory` changes with every pair that does not repeat the previous
+pair. `ground_memory` changes with every pair that has stale rows, or whose image contradicts its pose. If the localiser
+is already lost, a pair that would otherwise be kept is lost as well.
 """
 
 from __future__ import annotations
@@ -198,7 +209,7 @@ class Localiser:
             state, findings = self._with_finished_keyframe(self._state, clock)
         outcome = self._locate(state, pair, odometry, findings, clock)
         self._state = self._with_pose_from_outside(outcome.state, pair.stamp_ns)
-        # an external pose discards the map only if it is later than the last accepted pose, here that of the keyframe
+        # A keyframe implies an accepted pose. Only an external pose with a later stamp would discard the map.
         assert outcome.keyframe is None or self._state.landmark_map is not None
         estimate = self._estimate(pair.stamp_ns, self._state, outcome, clock)
         if outcome.keyframe is not None:
@@ -210,7 +221,11 @@ class Localiser:
     def _locate(
         self, state: State, pair: StereoPair, odometry: Transform | None, findings: Findings, clock: StageClock
     ) -> Outcome:
-        """Run stages 1 to 9 (module docstring) on a pair; the given findings concern the last adjustment of the map."""
+        """Run stages 1 to 9 (module docstring) on a pair; the given findings concern the last adjustment of the map.
+
+        The tracks follow any motion (`tracks`), then the ground (`ground.tracks`), then have corrected right
+        observations (`candidate.tracks`), and for a keyframe contain all landmarks (`final.tracks`).
+        """
         # 1 check the images
         images = stale_images.compare(pair, state.image_memory)
         state = replace(
@@ -231,7 +246,7 @@ class Localiser:
         count = len(landmark_map.landmarks.rows)
         verdict = decide(findings | guards.check_landmarks(frame, count, self._config.min_tracked))
         if verdict.refuses:
-            return self._refuse_or_restart(state, verdict, frame, landmark_map)
+            return self._refuse_or_restart(state, verdict, frame, count)
         # 2 predict
         guesses = state.path.last.predict(pair.stamp_ns, odometry, self._model)
         prediction = Prediction(guesses, state.calibration.offset)
@@ -240,18 +255,18 @@ class Localiser:
         tracks = self._track(frame, landmark_map, prediction, state.recovery, clock)
         # 5 select the ground's motion
         ground = self._select_ground(frame, tracks, prediction, state, images, change.result())
-        state = replace(state, ground_memory=ground.refused())
+        state = replace(state, ground_memory=ground.memory_if_refused())  # replaced in `_accept`
         findings |= ground.findings
         verdict = decide(findings | guards.check_tracks(frame, ground.tracks))
         if verdict.refuses:
-            return self._refuse_or_restart(state, verdict, frame, landmark_map, ground.tracks)
+            return self._refuse_or_restart(state, verdict, frame, count, ground.tracks)
         # 6 correct the right camera
         corrected = self._correct_right_camera(ground.tracks, state.calibration, state.shear_mean)
         candidate = Candidate(frame, landmark_map.without(ground.not_ground), ground, corrected)
         # 7 judge
         verdict = self._judge(state, candidate, findings)
         if verdict.refuses:
-            return self._refuse_or_restart(state, verdict, frame, landmark_map, candidate.tracks)
+            return self._refuse_or_restart(state, verdict, frame, count, candidate.tracks)
         # 8 complete, 9 accept
         final = self._complete(state, candidate, verdict, clock)
         return self._accept(state, candidate, verdict, final)
@@ -334,7 +349,7 @@ class Localiser:
         """
         tracks = candidate.tracks
         # later pairs are compared with the left image, which must show enough landmarks
-        is_recovery_image = verdict.is_comparable and tracks.left_inlier_count >= self._config.min_tracked
+        is_recovery_image = verdict.can_be_reference and tracks.left_inlier_count >= self._config.min_tracked
         if not (is_recovery_image and self._keyframes.is_needed(tracks, candidate.landmark_map)):
             return FinalPose(tracks, is_keyframe=False, is_recovery_image=is_recovery_image)
         with clock.stage("refine"):
@@ -383,7 +398,7 @@ class Localiser:
             landmark_map=landmark_map,
             calibration=corrected.calibration,
             shear_mean=corrected.shear_mean,
-            ground_memory=ground.accepted(is_comparable=verdict.is_comparable),
+            ground_memory=ground.memory_if_accepted(can_be_reference=verdict.can_be_reference),
             recovery=recovery,
             failed_recoveries=0,
             keyframes=state.keyframes + int(final.is_keyframe),
@@ -407,18 +422,15 @@ class Localiser:
         return self._lose(state, verdict.reason, statistics, tracks)
 
     def _refuse_or_restart(
-        self,
-        state: State,
-        verdict: Verdict,
-        frame: StereoFrame,
-        landmark_map: LandmarkMap,
-        tracks: Tracks | None = None,
+        self, state: State, verdict: Verdict, frame: StereoFrame, count: int, tracks: Tracks | None = None
     ) -> Outcome:
-        """Refuse a pair, or begin a window with it if the action is `RESTART` and several good images were refused."""
-        count = len(landmark_map.landmarks.rows)
+        """Refuse a pair, or begin a window with it if the action is `RESTART` and several good images were refused.
+
+        `count` is the number of landmarks in the map.
+        """
         if verdict.action is Action.RESTART and self._relocaliser.is_good_image(frame, count):
             state = replace(state, failed_recoveries=state.failed_recoveries + 1)
-            if state.failed_recoveries >= RESTART_AFTER and verdict.is_comparable:
+            if state.failed_recoveries >= RESTART_AFTER and verdict.can_be_reference:
                 # the findings concern a pose in the old map, which the new window does not continue
                 return self._begin(state, frame, frozenset(), tracks)
         return self._refuse(state, verdict, frame.stamp_ns, tracks)
@@ -443,8 +455,8 @@ class Localiser:
     def _begin(self, state: State, frame: StereoFrame, findings: Findings, tracks: Tracks | None = None) -> Outcome:
         """Begin a window at the last known pose with a pair and its findings.
 
-        The localiser is lost if the pair has too few landmarks, or if its findings exclude it as a keyframe. The state
-        is degraded if the pair has findings, or if the motion since the last pose is unobserved.
+        The localiser is lost if the pair has too few landmarks, or if it cannot be a reference for later pairs. The
+        state is degraded if the pair has findings, or if the motion since the last pose is unobserved.
         """
         keyframes = state.keyframes + 1
         clean_from = state.clean_from_keyframe
@@ -452,7 +464,7 @@ class Localiser:
             clean_from = keyframes + self._config.window_keyframes - 1
         findings |= guards.check_gap(keyframes=keyframes, clean_from_keyframe=clean_from)
         verdict = decide(findings)
-        if not verdict.is_comparable:
+        if not verdict.can_be_reference:
             return self._lose(state, verdict.reason, TrackingStatistics(inliers=0), tracks)
         pose = Pose.of(state.path.last.T_world_left)
         result = self._keyframes.begin(frame, pose, state.calibration, state.ground_memory.excluded.mask)

@@ -8,7 +8,7 @@ it: an accepted pair (A), a kept pair (K), a pair that begins a window (W), or a
 | `path.last.T_world_left` | last known pose, in the present map | A; adjustment of a keyframe |
 | `path.published.T_world_left` | pose published last, where the next step begins | A, K, W |
 | `path.published.stamp_ns` | stamp of the pose published last | A, K, W |
-| `path.last.known_ns` | stamp since which the motion is unobserved | A, W; first pair; external pose |
+| `path.last.known_ns` | stamp since which the motion is unobserved | A, W; first pair; external pose after `last_ns` |
 | `path.last.tracked_ns` | stamp from which missing pairs are counted | A, W |
 | `path.history.last_ns` | last stamp to which an external pose can be applied | A, W; external pose after it |
 | `path.datum.pending` | external pose that is not applied yet | `set_pose`; first pair; when the pose is applied |

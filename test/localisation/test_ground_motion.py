@@ -100,8 +100,8 @@ def test_a_refused_pair_does_not_replace_the_image_at_the_last_known_pose() -> N
     before = replace(GroundMemory.none((32, 32)), previous=np.zeros((16, 16), np.float32))
     after = replace(before, previous=np.ones((16, 16), np.float32), transfers=2)
     ground = Ground(None, frozenset(), NO_ROWS, MotionSize(0.0, 0.0), before, after)  # type: ignore[arg-type]
-    assert ground.refused() is before
-    learnt = ground._replace(outlasts_refusal=True).refused()
+    assert ground.memory_if_refused() is before
+    learnt = ground._replace(outlasts_refusal=True).memory_if_refused()
     assert learnt.previous is before.previous
     assert learnt.transfers == 2
 

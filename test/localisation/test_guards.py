@@ -27,7 +27,7 @@ def test_each_finding_has_a_rule_and_the_first_rule_gives_the_reason() -> None:
             verdict = decide({other, finding})
             assert verdict.reason == rule.reason
             assert verdict.inflation == rule.inflation | RULES[other].inflation
-            assert verdict.is_comparable == (rule.is_comparable and RULES[other].is_comparable)
+            assert verdict.can_be_reference == (rule.can_be_reference and RULES[other].can_be_reference)
     refusing = [rule.action.refuses for rule in RULES.values()]
     assert refusing == sorted(refusing, reverse=True)  # what refuses a pair comes first
     assert decide(set()) == (None, Action.ACCEPT, None, Inflation.NONE, True)
