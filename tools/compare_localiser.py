@@ -114,7 +114,7 @@ def digest(estimate: PoseEstimate) -> str:
     step = estimate.step
     arrays = [estimate.T_ds_rb.matrix, estimate.covariance]
     if step is not None:
-        arrays += [step.motion, step.uncertainty, step.noise_before, step.unsteady, np.array([step.seconds])]
+        arrays += [step.motion, step.uncertainty, step.noise_before, step.speed_change, np.array([step.seconds])]
     data = b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)
     data += repr((estimate.stamp_ns, estimate.state, estimate.reason, estimate.statistics)).encode()
     return f"{estimate.state.value[:4]} {hashlib.sha256(data).hexdigest()[:16]}"

@@ -1,26 +1,43 @@
 """Covariances of the estimates, composed of the named error sources.
 
-The formulas use the fields of `error_sources.ErrorSources` and these values:
+The results and the letters of the formulas are these values of the code. All other names in the formulas are fields of
+`error_sources.ErrorSources`.
 
-- `yaw_sigma`, `yaw_target`, `yaw_remaining`: standard deviation of the right camera's yaw, the yaw to be corrected, and
-  the part of this yaw that is not corrected yet, px (`OnlineCalibration`);
-- v: *variance factor*, the ratio of the squared residuals to their stated variance (Foerstner and Wrobel,
-  Photogrammetric Computer Vision, chapter 4);
-- Z: median depth, m, of the landmarks of the map (in P) or of the tracked landmarks (in Q and S);
-- f: focal length, px; b: baseline, m.
+| letter | meaning | in the code |
+|---|---|---|
+| P | pose | `pose_covariance` |
+| Q | step | `step_covariance`; with the added terms `StepEstimate.covariance` |
+| N | white noise of a pose | `pose_noise`, `StepEstimate.noise` |
+| S | systematic errors of a step | `systematic_step`, `StepEstimate.systematic` |
+| M | unobserved motion | `unobserved_motion` |
+| C | pose given the landmarks | `given_landmarks`, the inverse of `Tracks.information` |
+| W | newest keyframe in its window | `SlidingWindow.covariance` |
+| W + C | pose in its window | `PathErrors.in_window` |
+| O | W + C of the past pose to which an external pose applies | `Origin.in_window` |
+| A | directed errors | `PathErrors.directed_covariance` |
+| B | position error per pixel of disparity | `PathErrors.bias_since_origin.total` |
+| U | position error of the path before the correction of the yaw | `uncorrected` in `pose_covariance` |
+| K | newest keyframe given the previous keyframe | `KeyframeMotion.covariance` |
+| v | variance factor | `PublishedPose.variance_factor`, `updated_variance_factor` |
+| Z | median depth of the landmarks, m: of the map in P, of the tracked landmarks in Q and S | `depth_m` |
+| f, b | focal length, px; baseline, m | `RoverModel.fx`; f b is `RoverModel.focal_baseline` |
+
+The variance factor v is the ratio of the squared residuals to their stated variance (Foerstner and Wrobel,
+Photogrammetric Computer Vision, chapter 4). `yaw_sigma`, `yaw_target` and `yaw_remaining` are the standard deviation of
+the right camera's yaw, the yaw to be corrected, and the part of this yaw that is not corrected yet, px
+(`OnlineCalibration`).
 
 **Pose** (`pose_covariance`): left camera in the world, relative to the pose that placed the world in DS.
 
     P = start + adjustment_inflation D + A + blur + (disparity_px^2 + yaw_sigma^2 + (unsettled_yaw_ratio
-        yaw_remaining)^2) B B' + U U' + attitude + unimaged
+        yaw_remaining)^2) B B' + U U' + attitude + unobserved
     D = W + C - O
 
-- start: covariance of that pose, propagated to the present position. A new window adds to it `adjustment_inflation D`,
-  `unimaged` and `blur` of the pose at which the window begins.
-- D: drift within the window. W is the covariance of the newest keyframe from the bundle adjustment. C is the covariance
-  of the pose given the landmarks, and zero once the pose itself is an adjusted keyframe. O is zero unless an external
-  pose applies to a past pose of this window. O is then W + C of that past pose, propagated to the present position, and
-  negative eigenvalues of D are replaced by zero (`positive_part`).
+- start (`Origin.start`): covariance of that pose, propagated to the present position. A new window adds to it
+  `adjustment_inflation D`, `unobserved` and `blur` of the pose at which the window begins.
+- D: drift within the window. W comes from the bundle adjustment. C is zero once the pose itself is an adjusted
+  keyframe. O is zero unless an external pose applies to a past pose of this window. O is then W + C of that past pose,
+  propagated to the present position, and negative eigenvalues of D are replaced by zero (`positive_part`).
 - A: directed errors, which add up along the path (ambiguous motions, bending of the path by the lens), propagated to
   the present position.
 - blur: standard deviation blur_px / f, rad, about each axis, and this angle times Z in position (`blur_of`).
@@ -28,9 +45,9 @@ The formulas use the fields of `error_sources.ErrorSources` and these values:
   path that was travelled before the yaw was corrected, m.
 - attitude: (bent_attitude_ratio hypot(yaw_sigma, yaw_target))^2 + (followed_attitude_ratio d)^2, divided by f^2. d is
   the sum of the absolute drifts of the right camera that were followed, px (`followed_px`).
-- unimaged: unobserved motion. The motion to the last accepted pose counts as unobserved if the findings of that pose
-  require this (`findings.RULES`, `PathErrors.suspected`). The motion since that pose is unobserved while the pose is
-  kept (`PathErrors.unseen`).
+- unobserved (`PathErrors.unobserved`): M of two motions. The motion to the last accepted pose counts as unobserved if
+  the findings of that pose require this (`findings.RULES`, `PathErrors.unobserved_to_pose`). The motion since that pose
+  is unobserved while the pose is kept (`PathErrors.unobserved_since_pose`).
 
 Consecutive poses share most of P, and P shrinks when the yaw is estimated. The uncertainty of the motion between two
 poses is therefore composed of steps and not computed from P.
@@ -41,12 +58,11 @@ errors of different steps are independent.
     Q = step_inflation max(v, min_variance_factor) r (adjustment_inflation K + (keyframe_px Z / f)^2) + added
     r = max(step / max(keyframe interval, min_interval_ratio usual interval), min_step_ratio)
 
-- K: covariance of the newest keyframe given the previous keyframe. The keyframe interval is the motion between these
-  two. In a window of one keyframe, C replaces K, and the usual interval (`RoverModel.keyframe_rad`) is used. Steps and
-  intervals are measured as optical flow, rad.
+- The keyframe interval is the motion between the two newest keyframes. In a window of one keyframe, C replaces K, and
+  the usual interval (`RoverModel.keyframe_rad`) is used. Steps and intervals are measured as optical flow, rad.
 - added: the inflation by findings of the two poses of the step (`inflation_of`), the displacement of the previous pose
-  by a correction of the yaw (`PublishedPose.shared`), and the unobserved motion while the previous pose was kept
-  (`PublishedPose.unseen_rb`).
+  by a correction of the yaw, and M while the previous pose was kept (`PublishedPose.unobserved_rb`). Inflation and
+  displacement of the previous pose are in `PublishedPose.undone_by_next_step`.
 
 Before the first residuals, the factor before r is 1.
 
@@ -57,6 +73,7 @@ shear of the image rows over its variance.
 
 **Systematic** (`systematic_step`): errors common to all steps, which add up with their sign.
 
+    S = (position, attitude)
     position = hypot(disparity_px, yaw_sigma, yaw_remaining) Z / (f b) displacement
     attitude = hypot(lens_px, lens_ratio RMS of the residual disparities) / (f b) length
 
@@ -64,13 +81,13 @@ The remaining yaw enters a step in full. In the pose it is multiplied by `unsett
 U.
 
 **Twist** (`StepEstimate.motion_covariance`): the motion of a step divided by its duration. The covariance of the motion
-is the sum of Q, N of both poses, the squared systematic errors, and the covariance of a change of speed during an
-unobserved motion.
+is the sum of Q, N of both poses, the squares of S, and the covariance of a change of speed during an unobserved motion
+(`StepEstimate.speed_change`).
 
-**Unobserved motion** (`unseen_motion`): motion in a time t (seconds) at a speed s (m/s) and a turn rate w (rad/s),
+**Unobserved motion** (`unobserved_motion`): motion in a time t (seconds) at a speed s (m/s) and a turn rate w (rad/s),
 which are the last ones, but at least the configured ones.
 
-    diag(s t, s t, climb_ratio s t, tilt_ratio w t, tilt_ratio w t, w t)^2
+    M = diag(s t, s t, climb_ratio s t, tilt_ratio w t, tilt_ratio w t, w t)^2
 
 Each angle is at most `MAX_ANGLE_RAD`.
 
@@ -131,7 +148,7 @@ def pose_covariance(
     attitude[3:, 3:] = np.eye(3) * (attitude_px / model.fx) ** 2
     drift = start_and_drift(errors, position, model)
     directed = errors.directed_covariance.at(position)
-    return np.asarray(drift + directed + blur + disparity + attitude + errors.unimaged)
+    return np.asarray(drift + directed + blur + disparity + attitude + errors.unobserved)
 
 
 def blur_of(depth_m: float, model: RoverModel) -> MotionSize:
@@ -172,7 +189,7 @@ def lens_turn_per_m(calibration: OnlineCalibration, model: RoverModel) -> float:
 # ---- what findings add
 
 
-def unseen_motion(speed: Speed, seconds: float, model: RoverModel) -> FloatArray:
+def unobserved_motion(speed: Speed, seconds: float, model: RoverModel) -> FloatArray:
     """Return the covariance `(6, 6)` of an unobserved motion, in RB at its start.
 
     The rover may have continued at its last speed.
@@ -188,35 +205,35 @@ class AddedError(NamedTuple):
     """What findings add to the covariance of a pose, and of the steps to and from this pose."""
 
     #: `(6, 6)` covariance of the motion since the last pose as if unobserved, in RB at that pose; None if not required.
-    suspected_rb: FloatArray | None
+    unobserved_rb: FloatArray | None
     ambiguity: DirectedError | None  #: Error if another motion is the true one; None if not required.
 
     @property
     def of_step(self) -> FloatArray:
         """Covariance `(6, 6)` added to a step."""
-        suspected = ZERO if self.suspected_rb is None else self.suspected_rb
-        return suspected if self.ambiguity is None else suspected + self.ambiguity.covariance
+        unobserved = ZERO if self.unobserved_rb is None else self.unobserved_rb
+        return unobserved if self.ambiguity is None else unobserved + self.ambiguity.covariance
 
 
 def inflation_of(
-    inflation: Inflation, *, unseen_rb: FloatArray, moved: MotionSize, rival_distance: MotionSize
+    inflation: Inflation, *, unobserved_rb: FloatArray, moved: MotionSize, rival_distance: MotionSize
 ) -> AddedError:
     """Return what findings add to covariances, by the kinds of inflation that they require (`findings.RULES`).
 
     Args:
         inflation: Kinds of inflation that the findings of the pair require.
-        unseen_rb: `(6, 6)` covariance of the motion since the last pose as if unobserved, in RB at that pose.
+        unobserved_rb: `(6, 6)` covariance of the motion since the last pose as if unobserved, in RB at that pose.
         moved: Length and angle of the estimated motion since the last pose.
         rival_distance: Distance between the poses of two possible motions; zero if only one was found.
     """
     ambiguity = None
     if Inflation.AMBIGUITY in inflation:  # either motion, or a standstill, may be the true one
-        forwards_m, *_, heading_rad = np.sqrt(unseen_rb.diagonal())
+        forwards_m, *_, heading_rad = np.sqrt(unobserved_rb.diagonal())
         ambiguity = DirectedError(
             max(rival_distance.metres, moved.metres, forwards_m),
             max(rival_distance.radians, moved.radians, heading_rad),
         )
-    return AddedError(unseen_rb if Inflation.SUSPECTED in inflation else None, ambiguity)
+    return AddedError(unobserved_rb if Inflation.UNOBSERVED in inflation else None, ambiguity)
 
 
 # ---- a step
@@ -282,13 +299,13 @@ def step_covariance(
         covariance = keyframes.covariance
         shortest = sources.min_interval_ratio * model.keyframe_rad
         interval = max(keyframes.size.metres / depth_m + keyframes.size.radians, shortest)
-    shared = np.zeros(6)
-    shared[:3] = (sources.keyframe_px * depth_m / model.fx) ** 2
+    common = np.zeros(6)
+    common[:3] = (sources.keyframe_px * depth_m / model.fx) ** 2
     ratio = max(size / interval, sources.min_step_ratio)
     factor = 1.0
     if variance_factor is not None:
         factor = sources.step_inflation * max(variance_factor, sources.min_variance_factor)
-    covariance = factor * np.asarray(ratio * (sources.adjustment_inflation * covariance + np.diag(shared)))
+    covariance = factor * np.asarray(ratio * (sources.adjustment_inflation * covariance + np.diag(common)))
     lever = -step.of_rb.rotation @ model.T_rb_left.translation
     covariance = propagated_covariance(covariance, lever, step.R_rb_world)
     return symmetric(covariance) + MIN_VARIANCE * np.eye(6)

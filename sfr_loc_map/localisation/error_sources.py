@@ -31,7 +31,7 @@ class ErrorSources:
     covariance exceeds the errors and NEES falls below 1. If a value is too small, NEES exceeds 1.
 
     The letters at the beginning of each description name the formulas of `covariance` that use the field: P pose,
-    Q step, N noise, S systematic, M unobserved motion. The twist includes Q, N and S.
+    Q step, N noise, S systematic errors, M unobserved motion. The twist includes Q, N and S.
     """
 
     blur_px: float = 0.03

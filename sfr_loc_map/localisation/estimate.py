@@ -120,7 +120,7 @@ class StepEstimate:
     noise_before: FloatArray  #: White noise of the previous pose, in RB at that pose.
     #: `(6, 6)` covariance of a change of speed during an unobserved motion, whose mean velocity may differ from the
     #: velocity at its end. Zero otherwise.
-    unsteady: FloatArray
+    speed_change: FloatArray
 
     @property
     def uncertainty(self) -> FloatArray:
@@ -135,7 +135,7 @@ class StepEstimate:
         before = propagated_covariance(self.noise_before, T_before_now.translation)
         turn = np.kron(np.eye(2), T_before_now.rotation)
         systematic = np.diag(np.square(self.systematic))
-        total = self.covariance + before + turn @ self.noise @ turn.T + systematic + self.unsteady
+        total = self.covariance + before + turn @ self.noise @ turn.T + systematic + self.speed_change
         return symmetric(total)
 
 

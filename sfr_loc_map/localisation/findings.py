@@ -93,7 +93,7 @@ class Inflation(Flag):
     NONE = 0
     #: The motion since the last pose as if unobserved, because parts of the images may be stale. The covariance of the
     #: next accepted pose no longer includes it.
-    SUSPECTED = auto()
+    UNOBSERVED = auto()
     #: The largest of three sizes: the distance to the pose of the other motion, the estimated motion since the last
     #: pose, and this motion as if unobserved. The covariances of all later poses include it.
     AMBIGUITY = auto()
@@ -131,19 +131,19 @@ RULES: Final = {
     # Keyframe: the yaw is estimated from keyframes and would otherwise never be corrected.
     Finding.CALIBRATION: Rule(Action.DEGRADE, StateReason.CALIBRATION_DRIFT),
     # Keyframe: a rolling shutter shears all pairs, and without keyframes tracking would be lost.
-    Finding.SHEARED_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED),
+    Finding.SHEARED_ROWS: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # No keyframe: landmarks in stale parts would have wrong positions.
     Finding.PARTIAL_TRANSFER: Rule(
-        Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED, can_be_reference=False
+        Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED, can_be_reference=False
     ),
     # Keyframe: one exposure dominates, and without keyframes tracking would be lost.
-    Finding.DOUBLE_EXPOSURE: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED),
+    Finding.DOUBLE_EXPOSURE: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # Keyframe: a scene that changes quickly requires new landmarks, and outliers are removed.
-    Finding.UNEXPLAINED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED),
+    Finding.UNEXPLAINED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # Keyframe: one motion explains this pair, and only an earlier pair was faulty.
-    Finding.RECOVERING: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED),
+    Finding.RECOVERING: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # Keyframe: new landmarks are matched between the two images, which fails where one image is stale.
-    Finding.ONE_SIDED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.SUSPECTED),
+    Finding.ONE_SIDED: Rule(Action.DEGRADE, StateReason.TORN_IMAGES, Inflation.UNOBSERVED),
     # Keyframe: the window continues with the more likely motion. The covariance includes the ambiguity.
     Finding.GROUND_IN_DOUBT: Rule(Action.DEGRADE, StateReason.MOVING_REGIONS, Inflation.AMBIGUITY),
     Finding.AMBIGUOUS: Rule(Action.DEGRADE, StateReason.MOVING_REGIONS, Inflation.AMBIGUITY),

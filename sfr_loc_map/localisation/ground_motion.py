@@ -85,7 +85,7 @@ class Ground(NamedTuple):
         return cls(tracks, frozenset(), NO_ROWS, MotionSize(0.0, 0.0), memory, replace(memory, previous=None))
 
     def memory_if_accepted(self, *, can_be_reference: bool) -> GroundMemory:
-        """Return the memory if the pose is accepted; the pair replaces the earlier image only if it can be a reference."""
+        """Return the memory if the pose is accepted. Only a possible reference replaces the earlier image."""
         if self.earlier is None or not can_be_reference:
             return self.after
         return replace(self.after, earlier=self.earlier)

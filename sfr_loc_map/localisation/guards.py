@@ -104,7 +104,7 @@ def check_pose(tracks: Tracks, last: LastPose, stamp_ns: int, bounds: MotionBoun
     is_determined = is_finite and np.linalg.eigvalsh(tracks.information)[0] > 0.0
     if not is_determined:
         return frozenset({Finding.SINGULAR})
-    seconds = last.unseen_s(stamp_ns)
+    seconds = last.unobserved_s(stamp_ns)
     moved = size_between(Pose.of(last.T_world_left), tracks.pose)
     max_m = SLACK.metres + bounds.max_speed_m_s * seconds
     max_rad = SLACK.radians + bounds.max_turn_rad_s * seconds

@@ -57,7 +57,7 @@ class LastPose:
     period_ns: int = 0  #: Time between the last two tracked pairs; 0 if unknown.
     speed: Speed = Speed(0.0, 0.0)  #: Last speed.
 
-    def unseen_s(self, stamp_ns: int) -> float:
+    def unobserved_s(self, stamp_ns: int) -> float:
         """Return the time between the last known pose and a stamp, s; 0 before the first pair."""
         return 0.0 if self.known_ns is None else abs(stamp_ns - self.known_ns) / NS_PER_S
 
@@ -90,7 +90,7 @@ class LastPose:
     def since_last(self, stamp_ns: int, T_world_left: Transform) -> MotionSince:
         """Return the motion from the last known pose to a pose at a stamp."""
         T_last_now = self.T_world_left.inverse() @ T_world_left
-        return MotionSince(T_last_now, *size_of(T_last_now), self.unseen_s(stamp_ns))
+        return MotionSince(T_last_now, *size_of(T_last_now), self.unobserved_s(stamp_ns))
 
     def tracked(self, stamp_ns: int, T_world_left: Transform, since: MotionSince, *, was_known: bool) -> LastPose:
         """Return the pose of a tracked pair. The speed is updated only if the previous pose was not lost."""

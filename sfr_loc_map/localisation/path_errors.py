@@ -61,9 +61,9 @@ class Origin(NamedTuple):
 class PathErrors:
     """Components of the covariance of the present pose, accumulated since its origin.
 
-    Two components come from unobserved motions, `suspected` and `unseen`:
+    Two components come from unobserved motions. Their pose is the last accepted pose:
 
-    | event | `suspected` | `unseen` |
+    | event | `unobserved_to_pose` | `unobserved_since_pose` |
     |---|---|---|
     | accepted pair | is replaced by the inflation by its findings | is reset to zero |
     | kept pair | is unchanged, because the pose is the same | is the motion since the accepted pose |
@@ -75,10 +75,12 @@ class PathErrors:
     #: Covariance that earlier windows, and the motions between windows, added since the map was placed, at the start of
     #: the window. External poses with past stamps do not reset it.
     before_window: LocatedCovariance = LocatedCovariance(np.zeros(3), ZERO)
-    in_window: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of the present pose in its window.
-    #: Covariance of the motion to the last accepted pose as if unobserved, if its images may be partly stale.
-    suspected: FloatArray = field(default_factory=lambda: ZERO)
-    unseen: FloatArray = field(default_factory=lambda: ZERO)  #: Covariance of the unobserved motion since that pose.
+    #: W + C: covariance of the present pose in its window.
+    in_window: FloatArray = field(default_factory=lambda: ZERO)
+    #: M of the motion to the last accepted pose, which counts as unobserved if its images may be partly stale.
+    unobserved_to_pose: FloatArray = field(default_factory=lambda: ZERO)
+    #: M of the motion since that pose while it is kept.
+    unobserved_since_pose: FloatArray = field(default_factory=lambda: ZERO)
     bias: DisparityBias = DisparityBias(np.zeros(3), np.zeros(3))  #: Path integrals up to the present pose.
     #: Sum of the directed errors since the origin (ambiguous motions, bending by the lens).
     directed: DirectedError = DirectedError(0.0, 0.0)
@@ -92,13 +94,15 @@ class PathErrors:
         return DisparityBias(self.bias.total - before.total, self.bias.corrected - before.corrected)
 
     @property
-    def unimaged(self) -> FloatArray:
-        """Covariance `(6, 6)` of the unobserved motions."""
-        return self.suspected + self.unseen
+    def unobserved(self) -> FloatArray:
+        """Covariance `(6, 6)` of the unobserved motions to and since the last accepted pose."""
+        return self.unobserved_to_pose + self.unobserved_since_pose
 
-    def with_pose(self, *, in_window: FloatArray, suspected: FloatArray, bias: DisparityBias) -> PathErrors:
+    def with_pose(self, *, in_window: FloatArray, unobserved_to_pose: FloatArray, bias: DisparityBias) -> PathErrors:
         """Return the errors of a new pose that was estimated from images."""
-        return replace(self, in_window=in_window, suspected=suspected, unseen=ZERO, bias=bias)
+        return replace(
+            self, in_window=in_window, unobserved_to_pose=unobserved_to_pose, unobserved_since_pose=ZERO, bias=bias
+        )
 
     def placed(self, start: LocatedCovariance) -> PathErrors:
         """Return the errors after an external pose was applied to the last pose. Only the path integrals continue."""
@@ -121,9 +125,9 @@ class PathErrors:
             self, origin=origin, directed=since, directed_covariance=LocatedCovariance(position, since.covariance)
         )
 
-    def kept(self, unseen: FloatArray) -> PathErrors:
+    def kept(self, unobserved_since_pose: FloatArray) -> PathErrors:
         """Return the errors of a pose that is kept during an unobserved motion."""
-        return replace(self, unseen=unseen)
+        return replace(self, unobserved_since_pose=unobserved_since_pose)
 
     def adjusted(self, in_window: FloatArray) -> PathErrors:
         """Return the errors after an adjustment of the newest keyframe, with its new covariance in the window."""
@@ -147,14 +151,14 @@ class PathErrors:
             first_image: `(6, 6)` that the first image adds.
             in_window: `(6, 6)` of the first keyframe in the new window.
         """
-        start = LocatedCovariance(position, drift + self.unimaged + first_image)
+        start = LocatedCovariance(position, drift + self.unobserved + first_image)
         return replace(
             self,
             origin=self.origin._replace(start=start, in_window=None),
-            before_window=LocatedCovariance(position, accumulated + self.unimaged + first_image),
+            before_window=LocatedCovariance(position, accumulated + self.unobserved + first_image),
             in_window=in_window,
-            suspected=ZERO,
-            unseen=ZERO,
+            unobserved_to_pose=ZERO,
+            unobserved_since_pose=ZERO,
         )
 
     def with_directed(self, error: DirectedError, position: FloatArray) -> PathErrors:

@@ -40,7 +40,7 @@ from sfr_loc_map.localisation.covariance import (
     start_and_drift,
     step_covariance,
     systematic_step,
-    unseen_motion,
+    unobserved_motion,
     updated_variance_factor,
 )
 from sfr_loc_map.localisation.datum import MAX_AHEAD_NS, MAX_START_AHEAD_NS, Datum, PendingPose
@@ -70,9 +70,9 @@ class PublishedPose:
     T_world_left: Transform | None = None  #: The pose as it was published; adjustments do not move it.
     #: `(6, 6)` in RB: uncertainty of the step to this pose that the next step includes as well, because the next step
     #: may undo the error. It consists of the inflation by findings, and of the displacement by a correction of the yaw.
-    shared: FloatArray = field(default_factory=lambda: ZERO)
+    undone_by_next_step: FloatArray = field(default_factory=lambda: ZERO)
     #: `(6, 6)` in RB: covariance of the unobserved motion since the last accepted pose, while that pose was kept.
-    unseen_rb: FloatArray = field(default_factory=lambda: ZERO)
+    unobserved_rb: FloatArray = field(default_factory=lambda: ZERO)
     noise: FloatArray = field(default_factory=lambda: ZERO)  #: White noise `(6, 6)` of the pose, in RB.
     variance_factor: float | None = None  #: Variance factor v (`covariance`); None before the first residuals.
 
@@ -156,10 +156,10 @@ def _new_pose(path: PathState, pair: AcceptedPair, model: RoverModel) -> _NewPos
     """Return the pose of an accepted pair relative to the last known pose."""
     now = Transform(*pair.tracks.pose)
     since = path.last.since_last(pair.stamp_ns, now)
-    unseen = unseen_motion(path.last.speed, since.seconds, model)
+    unobserved = unobserved_motion(path.last.speed, since.seconds, model)
     added = inflation_of(
         pair.inflation,
-        unseen_rb=unseen,
+        unobserved_rb=unobserved,
         moved=MotionSize(since.metres, since.radians),
         rival_distance=pair.rival_distance,
     )
@@ -179,10 +179,10 @@ def _errors_with(
     depth_m = landmark_map.landmarks.median_depth
     per_px = (position - path.last.T_world_left.translation) * depth_m / model.focal_baseline
     bias = DisparityBias(errors.bias.total + per_px, errors.bias.corrected + per_px * calibration.corrected_px)
-    suspected_rb = pose.added.suspected_rb
+    unobserved_rb = pose.added.unobserved_rb
     return errors.with_pose(
         in_window=pose.given_landmarks + landmark_map.window.covariance,
-        suspected=ZERO if suspected_rb is None else _of_left(path, suspected_rb, model),
+        unobserved_to_pose=ZERO if unobserved_rb is None else _of_left(path, unobserved_rb, model),
         bias=bias,
     )
 
@@ -200,7 +200,7 @@ def _published_with(path: PathState, pose: _NewPose, model: RoverModel) -> Publi
     return PublishedPose(
         stamp_ns=pose.pair.stamp_ns,
         T_world_left=pose.T_world_left,
-        shared=pose.added.of_step,
+        undone_by_next_step=pose.added.of_step,
         noise=noise,
         variance_factor=factor,
     )
@@ -225,17 +225,17 @@ def _step_to(
     return StepEstimate(
         seconds=seconds,
         motion=step.vector,
-        covariance=of_images + before.shared + before.unseen_rb + pose.added.of_step,
+        covariance=of_images + before.undone_by_next_step + before.unobserved_rb + pose.added.of_step,
         systematic=systematic_step(step, depth_m, calibration, model),
         noise=published.noise,
         noise_before=before.noise,
-        unsteady=ZERO if pose.pair.was_known else unseen_motion(path.last.speed, seconds, model),
+        speed_change=ZERO if pose.pair.was_known else unobserved_motion(path.last.speed, seconds, model),
     )
 
 
 def kept(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PathState, StepEstimate]:
     """Return the path with the last pose kept at a stamp, and the step; the rover may have moved unobserved."""
-    errors = path.errors.kept(_unseen_of_left(path, stamp_ns, model))
+    errors = path.errors.kept(_unobserved_of_left(path, stamp_ns, model))
     published, step = _step_to_last_pose(path, stamp_ns, model)
     return replace(path, errors=errors, published=published), step
 
@@ -246,7 +246,7 @@ def restarted(
     """Return the path with a new window that begins at the last pose, and the step to it."""
     position = path.last.T_world_left.translation
     depth_m = landmark_map.landmarks.median_depth
-    until_now = path.errors.kept(_unseen_of_left(path, stamp_ns, model))
+    until_now = path.errors.kept(_unobserved_of_left(path, stamp_ns, model))
     errors = until_now.restarted(
         position,
         drift=start_and_drift(path.errors, position, model),
@@ -276,7 +276,7 @@ def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_ste
     published = path.published
     if has_yaw_step:
         moved = size_of(path.last.T_world_left.inverse() @ T_world_left)
-        published = replace(published, shared=published.shared + moved.covariance)
+        published = replace(published, undone_by_next_step=published.undone_by_next_step + moved.covariance)
     return replace(
         path, last=path.last.adjusted(T_world_left), errors=path.errors.adjusted(covariance), published=published
     )
@@ -297,9 +297,9 @@ def _past_pose(last: LastPose, errors: PathErrors, window: int, model: RoverMode
     )
 
 
-def _unseen_of_left(path: PathState, stamp_ns: int, model: RoverModel) -> FloatArray:
+def _unobserved_of_left(path: PathState, stamp_ns: int, model: RoverModel) -> FloatArray:
     """Return the covariance of the unobserved motion up to a stamp, for the left camera in the world."""
-    of_rb = unseen_motion(path.last.speed, path.last.unseen_s(stamp_ns), model)
+    of_rb = unobserved_motion(path.last.speed, path.last.unobserved_s(stamp_ns), model)
     return _of_left(path, of_rb, model)
 
 
@@ -318,11 +318,11 @@ def _step_to_last_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tup
     before = path.published
     seconds = 0.0 if before.stamp_ns is None else (stamp_ns - before.stamp_ns) / NS_PER_S
     speed = path.last.speed
-    unseen = unseen_motion(speed, path.last.unseen_s(stamp_ns), model)
-    growth = np.maximum(unseen - before.unseen_rb, unseen_motion(speed, seconds, model))
+    unobserved = unobserved_motion(speed, path.last.unobserved_s(stamp_ns), model)
+    growth = np.maximum(unobserved - before.unobserved_rb, unobserved_motion(speed, seconds, model))
     covariance = growth + MIN_VARIANCE * np.eye(6)
     now = path.last.T_world_left
-    published = replace(before, stamp_ns=stamp_ns, T_world_left=now, unseen_rb=unseen)
+    published = replace(before, stamp_ns=stamp_ns, T_world_left=now, unobserved_rb=unobserved)
     motion = np.zeros(6)
     if before.T_world_left is not None:
         motion = StepMotion.between(before.T_world_left, now, model).vector
@@ -379,10 +379,10 @@ def _rebased(path: PathState, pose: StartPose, at_ns: int, model: RoverModel) ->
     """Return the path, moved so that it passes through an external pose at a past stamp. Errors count from there."""
     past, apart_s = path.history.at(at_ns)
     T_ds_world = pose.T_ds_rb @ model.T_rb_left @ past.T_world_left.inverse()
-    unseen = unseen_motion(path.last.speed, apart_s, model)
-    unseen = symmetric(propagated_covariance(unseen, np.zeros(3), pose.T_ds_rb.rotation))
+    unobserved = unobserved_motion(path.last.speed, apart_s, model)
+    unobserved = symmetric(propagated_covariance(unobserved, np.zeros(3), pose.T_ds_rb.rotation))
     covariance = model.covariance_of_left(
-        pose.covariance + unseen, R_world_frame=T_ds_world.rotation.T, R_world_left=past.T_world_left.rotation
+        pose.covariance + unobserved, R_world_frame=T_ds_world.rotation.T, R_world_left=past.T_world_left.rotation
     )
     position = past.in_window.position
     if past.window == path.window:

@@ -154,11 +154,11 @@ def test_a_yaw_found_late_leaves_the_path_before_it_uncertain() -> None:
 def test_what_the_images_of_a_pose_may_not_show_lasts_until_the_next_pose() -> None:
     model = model_of(IN_CAMERA)
     clear = move(begun(), 1, STEP)
-    suspected = move(begun(), 1, STEP, inflation=Inflation.SUSPECTED)
-    added = of_path(suspected) - of_path(clear)
+    inflated = move(begun(), 1, STEP, inflation=Inflation.UNOBSERVED)
+    added = of_path(inflated) - of_path(clear)
     assert np.linalg.eigvalsh(added)[0] > 0.0
     now_ns = 2 * PERIOD_NS
-    for path in (suspected, trajectory.adjusted(suspected, Pose(np.eye(3), STEP), NOTHING, has_yaw_step=False)):
+    for path in (inflated, trajectory.adjusted(inflated, Pose(np.eye(3), STEP), NOTHING, has_yaw_step=False)):
         assert path is not None
         kept, of_kept = trajectory.kept(path, now_ns, model)
         clear_kept, of_clear = trajectory.kept(clear, now_ns, model)
