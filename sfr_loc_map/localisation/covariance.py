@@ -216,7 +216,7 @@ class AddedError(NamedTuple):
 
 
 def inflation_of(
-    inflation: Inflation, *, unobserved_rb: FloatArray, moved: MotionSize, rival_distance: MotionSize
+    inflation: Inflation, *, unobserved_rb: FloatArray, moved: MotionSize, other_distance: MotionSize
 ) -> AddedError:
     """Return what findings add to covariances, by the kinds of inflation that they require (`findings.RULES`).
 
@@ -224,14 +224,14 @@ def inflation_of(
         inflation: Kinds of inflation that the findings of the pair require.
         unobserved_rb: `(6, 6)` covariance of the motion since the last pose as if unobserved, in RB at that pose.
         moved: Length and angle of the estimated motion since the last pose.
-        rival_distance: Distance between the poses of two possible motions; zero if only one was found.
+        other_distance: Distance between the poses of two possible motions; zero if only one was found.
     """
     ambiguity = None
     if Inflation.AMBIGUITY in inflation:  # either motion, or a standstill, may be the true one
         forwards_m, *_, heading_rad = np.sqrt(unobserved_rb.diagonal())
         ambiguity = DirectedError(
-            max(rival_distance.metres, moved.metres, forwards_m),
-            max(rival_distance.radians, moved.radians, heading_rad),
+            max(other_distance.metres, moved.metres, forwards_m),
+            max(other_distance.radians, moved.radians, heading_rad),
         )
     return AddedError(unobserved_rb if Inflation.UNOBSERVED in inflation else None, ambiguity)
 

@@ -14,7 +14,7 @@ from sfr_loc_map.localisation.frontend.cell_change import CELL, cell_counts
 
 FIXED_LIFE: Final = 10
 """Lifetime, pairs, of a cell that was detected as fixed to the camera. Each pair, including the pair of the detection,
-reduces the lifetime by one unless the texture of the cell stays. Chosen by hand. If larger, ground that an arm has
+reduces the lifetime by one unless the cell is stationary. Chosen by hand. If larger, ground that an arm has
 uncovered has no landmarks for longer. If smaller, landmarks are created on a body whose illumination changes."""
 MOVING_LIFE: Final = 8
 """Lifetime, pairs, of a cell that was detected as moving. Each pair, including the pair of the detection, reduces the
@@ -50,7 +50,7 @@ class ExcludedCells:
         return replace(self, life=life, is_fixed=self.is_fixed & ~cells)
 
     def after_selection(
-        self, fixed: Mask | None, moving: Mask | None, stays: Mask, shape: tuple[int, int], *, has_excluded: bool
+        self, fixed: Mask | None, moving: Mask | None, stationary: Mask, shape: tuple[int, int], *, has_excluded: bool
     ) -> ExcludedCells:
         """Return the excluded cells after a pair, including the cells that the pair excludes.
 
@@ -59,7 +59,7 @@ class ExcludedCells:
         Args:
             fixed: `(R, C)` cells that are fixed to the camera; None if unknown.
             moving: `(R, C)` cells that move differently from the ground; None if unknown.
-            stays: `(R, C)` cells whose texture stays.
+            stationary: `(R, C)` stationary cells.
             shape: Height and width of the image.
             has_excluded: Whether landmarks of the pair were excluded. Masking starts with such a pair and continues
                 while any cell has lifetime left.
@@ -70,13 +70,13 @@ class ExcludedCells:
             excluded = excluded.with_fixed(fixed)
         if moving is not None:
             excluded = excluded.with_moving(moving)
-        excluded = excluded.aged(stays)
+        excluded = excluded.aged(stationary)
         return excluded.with_mask(shape) if is_masked else excluded
 
-    def aged(self, stays: Mask) -> ExcludedCells:
-        """Return the cells after another pair, without a mask. `stays` `(R, C)` marks cells whose texture stays."""
+    def aged(self, stationary: Mask) -> ExcludedCells:
+        """Return the cells after another pair, without a mask. `stationary` `(R, C)` marks stationary cells."""
         life = np.maximum(self.life - 1, 0)
-        life[self.is_fixed & stays & (life > 0)] = FIXED_LIFE
+        life[self.is_fixed & stationary & (life > 0)] = FIXED_LIFE
         moving_fraction = float(np.mean((life > 0) & ~self.is_fixed))
         return ExcludedCells(life, self.is_fixed, moving_fraction=moving_fraction)
 

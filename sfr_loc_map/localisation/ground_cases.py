@@ -33,16 +33,16 @@ class Case(Enum):
 
 
 CASES: Final[tuple[tuple[Case, Callable[[Evidence], bool]], ...]] = (
-    (Case.OWN_BODY, lambda e: e.is_beside_body),
+    (Case.OWN_BODY, lambda e: e.shows_own_body),
     (Case.UNTRUSTED, lambda e: not e.main.is_trusted),
     # parts of the images are stale, as in the previous pair
     (Case.PARTIAL_TRANSFER, lambda e: e.is_unusual and not e.is_contradicted and e.repeats_transfer),
     # one exposure dominates, and its motion explains more than half of the landmarks
     (Case.DOUBLE_EXPOSURE, lambda e: not e.is_contradicted and not e.is_half_unexplained and e.is_double_exposure),
     # one of two motions is a standstill: part of the images is that of the previous pair
-    (Case.PARTIAL_TRANSFER, lambda e: e.has_rival and e.may_be_transfer and e.has_standstill),
-    (Case.AMBIGUOUS, lambda e: e.has_rival and not (e.is_known and e.is_winner_clear)),
-    (Case.TWO_MOTIONS, lambda e: e.has_rival),
+    (Case.PARTIAL_TRANSFER, lambda e: e.has_other and e.may_be_transfer and e.has_standstill),
+    (Case.AMBIGUOUS, lambda e: e.has_other and not (e.is_known and e.is_decided)),
+    (Case.TWO_MOTIONS, lambda e: e.has_other),
     (Case.CONTRADICTED, lambda e: e.is_contradicted),
     (Case.PARTIAL_TRANSFER, lambda e: e.is_half_unexplained and e.may_be_transfer),
     # after more pairs than a partial transfer lasts, many landmarks may be on an object
@@ -53,8 +53,8 @@ CASES: Final[tuple[tuple[Case, Callable[[Evidence], bool]], ...]] = (
 )
 """Cases and their conditions. The first condition that is true determines the case.
 
-A condition is evaluated only if all conditions above are false. The first condition that requires a rival of the main
-motion triggers the search for a rival. The rows below `TWO_MOTIONS` apply to a single motion.
+A condition is evaluated only if all conditions above are false. The first condition that requires another
+motion triggers the search for it. The rows below `TWO_MOTIONS` apply to a single motion.
 """
 
 

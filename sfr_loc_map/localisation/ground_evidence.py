@@ -1,8 +1,7 @@
 """Evidence of a pair about the ground's motion: the conditions of the table of cases (`ground_cases.CASES`).
 
-The *main* motion is that of the given tracks, which may follow any motion, trusted or not. A *rival* is another rigid
-motion, of landmarks that the main motion does not explain. Each condition is a property. Properties that search for
-a motion or compare two motions are evaluated at their first use and cached, because a search takes some milliseconds.
+The terms are defined in `ground_motion`. Each condition is a property. Properties that search for a motion or compare
+two motions are evaluated at their first use and cached, because a search takes some milliseconds.
 """
 
 from __future__ import annotations
@@ -27,7 +26,8 @@ from sfr_loc_map.localisation.ground_memory import (
     MAX_MOVING,
     MAX_TRANSFERS,
     MAX_UNEXPLAINED,
-    Agreement,
+    Confidence,
+    Effect,
     GroundMemory,
     Phase,
 )
@@ -42,17 +42,18 @@ MAX_CONTRADICTING_KNOWN = 0.4
 """Maximum fraction of cells that contradict the motion of a known ground. Chosen by hand below one half, because an
 object may fill much of the view of a rover at rest. If larger, a pose that most of the image contradicts is accepted.
 If smaller, good poses are refused while a large object is in view."""
-MIN_STATIC_LANDMARKS = 12
-"""Minimum number of landmarks on static texture for this texture to be the rover's own body. Chosen by hand: twice the
+MIN_STATIONARY_LANDMARKS = 12
+"""Minimum number of landmarks in stationary cells for these cells to show the own body. Chosen by hand: twice the
 minimum of a pose (`pose_solver.MIN_LANDMARKS`). If smaller, more pairs cost the time of a search. If larger, a small
 body is detected only by its cells."""
 MIN_AGREEMENT = 0.3
-"""Minimum fraction of the landmarks searched for that a rival must explain. Chosen by hand. If larger, a rival among
-many outliers is missed. If smaller, chance agreement of outliers counts as a motion and degrades good pairs."""
+"""Minimum fraction of the landmarks searched for that the other motion must explain. Chosen by hand. If larger, another
+motion among many outliers is missed. If smaller, chance agreement of outliers counts as a motion and degrades good
+pairs."""
 CONVINCING = 0.6
-"""Fraction of the landmarks searched for from which a rival is accepted without further tests. Chosen by hand above one
-half: the majority agrees. If smaller, slow rivals near the main motion are accepted. If larger, more rivals must also
-differ in their image motion."""
+"""Fraction of the landmarks searched for from which the other motion is accepted without further tests. Chosen by
+hand above one half: the majority agrees. If smaller, slow motions near the main motion are accepted. If larger, more
+motions must also differ in their image motion."""
 MIN_DIFFERENCE_PX = 1.0
 """Minimum image motion, px, between the poses of two different motions. Chosen by hand: ten times the usual residual of
 an inlier (0.1 px), because two estimates of one motion differ slightly. If larger, slow objects are missed."""
@@ -172,14 +173,6 @@ class MotionTools(NamedTuple):
         return found[:-1].reshape(rows, columns) > 0
 
 
-class OtherMotion(NamedTuple):
-    """A motion other than the main motion."""
-
-    tracks: Tracks  #: Tracks of the landmarks that may follow this motion.
-    explained: Explained  #: What this motion explains.
-    excluded: Mask  #: `(M,)` landmarks of the main tracks that do not follow this motion.
-
-
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """Evidence of a pair about the ground's motion."""
@@ -215,7 +208,7 @@ class Evidence:
 
     @property
     def is_credible(self) -> bool:
-        """Whether the main motion is trusted, not contradicted, and not unusual unless the ground is known."""
+        """Whether the main motion is trusted, not contradicted, and usual or that of a known ground."""
         return self.main.is_trusted and not self.is_contradicted and (self.is_known or not self.is_unusual)
 
     @property
@@ -224,19 +217,24 @@ class Evidence:
         return self.tools.cells(self.explained.cell_index[self.explained.unexplained])
 
     @cached_property
-    def agreement(self) -> Agreement:
-        """Agreement of the main motion with the ground's motion."""
-        return Agreement(
-            has_moved=self.explained.motion_px > MOVED_PX,
-            agrees=self.memory.excluded.moving_fraction < MAX_MOVING and self.covers_doubt,
-            is_unusual=self.is_unusual,
-            unexplained_cells=self.unexplained_cells,
-        )
+    def confidence_after_one_motion(self) -> Confidence:
+        """Confidence after the pair if the main motion is the only one; a stationary image changes nothing."""
+        confidence = self.memory.confidence
+        if self.explained.motion_px <= MOVED_PX:
+            return confidence
+        agrees = self.memory.excluded.moving_fraction < MAX_MOVING and self.covers_doubt
+        return confidence.after_one_motion(agrees=agrees, unusual=self.unexplained_cells if self.is_unusual else None)
+
+    def confidence_after(self, effect: Effect) -> Confidence:
+        """Return the confidence in the ground's motion after the pair, by the effect of its case."""
+        if effect.leaves_doubt:
+            return self.memory.confidence.after_doubt(self.unexplained_cells)
+        return self.confidence_after_one_motion if effect.confirms else self.memory.confidence
 
     @property
     def stays_in_doubt(self) -> bool:
         """Whether the ground stays in doubt after the pair if the main motion is the only one."""
-        return self.memory.confidence.after_one_motion(self.agreement).phase is Phase.IN_DOUBT
+        return self.confidence_after_one_motion.phase is Phase.IN_DOUBT
 
     @property
     def covers_doubt(self) -> bool:
@@ -282,80 +280,62 @@ class Evidence:
     # ---- other motions
 
     @cached_property
-    def beside_static(self) -> Tracks | None:
-        """Another motion, of the landmarks outside static texture; None if there is none or if cells contradict it.
+    def motion_off_stationary(self) -> Tracks | None:
+        """Tracks of one motion of the landmarks outside stationary cells; None if not found or if cells contradict it.
 
-        With such a motion, the static texture is assumed to be the rover's own body.
+        With such a motion, the stationary cells are assumed to show the own body.
         """
-        on_static = self.explained.on_static
-        if np.count_nonzero(on_static) < MIN_STATIC_LANDMARKS:
+        on_stationary = self.explained.on_stationary
+        if np.count_nonzero(on_stationary) < MIN_STATIONARY_LANDMARKS:
             return None
-        other = self.tools.search(self.pair, self.main.landmarks.subset(~on_static))
-        if other is None:
+        found = self.tools.search(self.pair, self.main.landmarks.subset(~on_stationary))
+        if found is None:
             return None
-        start = self.main.pose
-        apart_px = self.tools.image_motion_px(self.pair, other, start=start, end=other.pose)
+        apart_px = self.tools.image_motion_px(self.pair, found, start=self.main.pose, end=found.pose)
         if self.main.is_trusted and apart_px < MIN_DIFFERENCE_PX:
             return None
-        fraction = self.tools.explained(self.pair, other).contradicting_fraction
-        return other if fraction < MAX_CONTRADICTING_UNKNOWN else None
+        fraction = self.tools.explained(self.pair, found).contradicting_fraction
+        return found if fraction < MAX_CONTRADICTING_UNKNOWN else None
 
     @property
-    def is_beside_body(self) -> bool:
-        """Whether the main motion is not credible, and there is another motion outside static texture."""
-        return not self.is_credible and self.beside_static is not None
+    def shows_own_body(self) -> bool:
+        """Whether the main motion is not credible, and the landmarks outside stationary cells have another motion."""
+        return not self.is_credible and self.motion_off_stationary is not None
 
     @cached_property
-    def beside_body(self) -> OtherMotion:
-        """The motion outside static texture, without the landmarks on that texture."""
-        assert self.beside_static is not None, "asked for only if there is one"
-        return self._other(self.beside_static, self.explained.on_static)
+    def other(self) -> Tracks | None:
+        """Tracks of the other motion, searched for if the main motion is contradicted or unusual; None if not found.
 
-    @cached_property
-    def rival(self) -> Tracks | None:
-        """A rival of a main motion that is contradicted or unusual; None without a rival.
-
-        The rival of a contradicted motion must not be contradicted itself. The rival of an unusual motion must explain
-        most landmarks searched for (`CONVINCING`), or its image motion must differ from that of the main motion.
+        If the main motion is contradicted, the other motion must not be contradicted. Otherwise, it must explain most
+        of the landmarks searched for (`CONVINCING`), or its image motion must differ from that of the main motion.
         """
         if not (self.is_contradicted or self.is_unusual):
             return None
-        rival = self.tools.search(self.pair, self.main.landmarks.subset(self.explained.unexplained))
-        if rival is None:
+        found = self.tools.search(self.pair, self.main.landmarks.subset(self.explained.unexplained))
+        if found is None:
             return None
         if self.is_contradicted:
-            fraction = self.tools.explained(self.pair, rival).contradicting_fraction
-            return None if fraction > MAX_CONTRADICTING_UNKNOWN else rival
-        if rival.inlier_count > CONVINCING * len(rival.inliers):
-            return rival
+            fraction = self.tools.explained(self.pair, found).contradicting_fraction
+            return None if fraction > MAX_CONTRADICTING_UNKNOWN else found
+        if found.inlier_count > CONVINCING * len(found.inliers):
+            return found
         least_px = max(MIN_DIFFERENCE_PX, MIN_DIFFERENCE_RATIO * self.explained.motion_px)
-        apart_px = self.tools.image_motion_px(self.pair, rival, start=self.main.pose, end=rival.pose)
-        return rival if apart_px > least_px else None
+        apart_px = self.tools.image_motion_px(self.pair, found, start=self.main.pose, end=found.pose)
+        return found if apart_px > least_px else None
 
     @property
-    def has_rival(self) -> bool:
-        """Whether the main motion has a rival."""
-        return self.rival is not None
+    def has_other(self) -> bool:
+        """Whether the other motion was found."""
+        return self.other is not None
 
-    @cached_property
-    def by_rival(self) -> OtherMotion:
-        """The rival's motion, without the landmarks that follow only the main motion."""
-        assert self.rival is not None, "asked for only if there is a rival"
-        return self._other(self.rival, self.main.inliers & ~self.follows_rival)
-
-    def _other(self, other: Tracks, excluded: Mask) -> OtherMotion:
-        """Track the landmarks of the main tracks, except for those of a mask `(M,)`, from another motion."""
-        tracks = self.tools.refined(self.pair, self.main.landmarks.subset(~excluded), other.pose)
-        return OtherMotion(tracks, self.tools.explained(self.pair, tracks), excluded)
-
-    # ---- the main motion against its rival
+    # ---- the main motion against the other motion
 
     @cached_property
     def has_standstill(self) -> bool:
-        """Whether the main motion or its rival is a standstill: part of the image may be that of the previous pair."""
+        """Whether one of the two motions is a standstill: part of the image may be that of the previous pair."""
         standstill = self.pair.prediction.guesses.standstill
         expected = self.pair.prediction.guesses.expected
-        motions = [tracks for tracks in (self.main, self.rival) if tracks is not None]
+        motions = [tracks for tracks in (self.main, self.other) if tracks is not None]
         slower_px = min(
             self.tools.image_motion_px(self.pair, tracks, start=standstill, end=tracks.pose) for tracks in motions
         )
@@ -364,32 +344,32 @@ class Evidence:
 
     @cached_property
     def weight_ratio(self) -> float:
-        """Weight of the main motion divided by that of its rival."""
-        assert self.rival is not None, "asked for only if there is a rival"
-        return self._weight(self.main, self.rival) / self._weight(self.rival, self.main)
+        """Weight of the main motion divided by that of the other motion."""
+        assert self.other is not None, "asked for only if there is another motion"
+        return self._weight(self.main, self.other) / self._weight(self.other, self.main)
 
     @property
-    def rival_wins(self) -> bool:
-        """Whether the rival has more weight than the main motion."""
+    def other_wins(self) -> bool:
+        """Whether the other motion has more weight than the main motion."""
         return self.weight_ratio < 1.0
 
     @property
-    def is_winner_clear(self) -> bool:
+    def is_decided(self) -> bool:
         """Whether the motion with more weight is clearly the ground's: much more weight, and over half is explained."""
         if 1.0 / CLEAR_RATIO < self.weight_ratio < CLEAR_RATIO:
             return False
-        winner_fraction = 1.0 - self.explained.unexplained_fraction
-        if self.rival_wins and self.rival is not None:
-            rival_ratio = self.rival.inlier_count / len(self.rival.inliers)
-            winner_fraction = self.explained.unexplained_fraction * rival_ratio
-        return winner_fraction >= 1.0 - MAX_UNEXPLAINED
+        explained_fraction = 1.0 - self.explained.unexplained_fraction
+        if self.other_wins and self.other is not None:
+            other_ratio = self.other.inlier_count / len(self.other.inliers)
+            explained_fraction = self.explained.unexplained_fraction * other_ratio
+        return explained_fraction >= 1.0 - MAX_UNEXPLAINED
 
     @property
-    def follows_rival(self) -> Mask:
-        """Mask `(M,)` of the landmarks of the main tracks that follow the rival."""
+    def follows_other(self) -> Mask:
+        """Mask `(M,)` of the landmarks of the main tracks that follow the other motion."""
         follows = np.zeros(len(self.explained.unexplained), np.bool_)
-        if self.rival is not None:
-            follows[np.flatnonzero(self.explained.unexplained)[self.rival.inliers]] = True
+        if self.other is not None:
+            follows[np.flatnonzero(self.explained.unexplained)[self.other.inliers]] = True
         return follows
 
     def _weight(self, tracks: Tracks, other: Tracks) -> float:

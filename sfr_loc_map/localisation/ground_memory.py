@@ -10,7 +10,7 @@ The ground is identified by its motion. The first phase is `LEARNING`:
 
 A case with `leaves_doubt` (`ground_cases.EFFECTS`) leads from each phase to `IN_DOUBT`, and an unusual moving pair
 prolongs this phase. The phase ends only if landmarks also follow the motion in the cells that were unexplained
-before. `GroundMemory.after` updates the memory with a pair.
+before. `GroundMemory.after` updates the memory with a pair. The terms are defined in `ground_motion`.
 
 Three values record faults of earlier pairs. They are separate because they answer different questions:
 
@@ -57,9 +57,9 @@ hand. If larger, small objects and stale parts bias the pose without a report. I
 outliers are degraded."""
 AFTER_TRANSFER = 0.5  #: Factor on `MIN_UNEXPLAINED` after a partial transfer: the next pair may be affected, too.
 MOSTLY_STALE = 0.5  #: Fraction of stale rows from which all rows of the next images may be stale.
-MAX_MOVING = 0.12
-"""Fraction of cells that are excluded because they move, from which a pair does not confirm the ground's motion. Chosen
-by hand, equal to `MIN_UNEXPLAINED`, because landmarks of these cells would be unexplained. If larger, doubt ends while
+MAX_MOVING = MIN_UNEXPLAINED
+"""Fraction of cells that are excluded because they move, from which a pair does not confirm the ground's motion. It is
+equal to `MIN_UNEXPLAINED`, because landmarks of these cells would be unexplained. If larger, doubt ends while
 a large object is in view. If smaller, doubt lasts while a small object is in view."""
 MAX_UNEXPLAINED = 0.47
 """Fraction of unexplained landmarks from which a motion is always unusual. Chosen by hand, slightly below the half from
@@ -85,15 +85,6 @@ class Phase(Enum):
     IN_DOUBT = auto()
 
 
-class Agreement(NamedTuple):
-    """Agreement of the main motion of a pair with the ground's motion."""
-
-    has_moved: bool  #: Whether the main motion moves the image.
-    agrees: bool  #: Whether few cells move, and inliers cover the cells that were unexplained before.
-    is_unusual: bool  #: Whether more landmarks than usual do not follow the main motion.
-    unexplained_cells: Mask  #: `(R, C)` cells of the landmarks that do not follow the main motion.
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Confidence:
     """The phase, and the number of pairs until its end."""
@@ -112,14 +103,19 @@ class Confidence:
             return replace(self, agreed_pairs=agreed_pairs)
         return Confidence(Phase.KNOWN) if self.phase is Phase.LEARNING else Confidence()
 
-    def after_one_motion(self, agreement: Agreement) -> Confidence:
-        """Return the confidence after a pair with one motion; a stationary image changes nothing."""
-        if self.phase is Phase.KNOWN or not agreement.has_moved:
+    def after_one_motion(self, *, agrees: bool, unusual: Mask | None) -> Confidence:
+        """Return the confidence after a moving pair with one motion.
+
+        Args:
+            agrees: Whether the pair confirms the motion.
+            unusual: `(R, C)` cells of the unexplained landmarks if there are more than usual; None otherwise.
+        """
+        if self.phase is Phase.KNOWN:
             return self
-        if agreement.agrees:
+        if agrees:
             return self.after_agreement()
-        if self.phase is Phase.IN_DOUBT and agreement.is_unusual:
-            return self.after_contradiction(agreement.unexplained_cells)
+        if self.phase is Phase.IN_DOUBT and unusual is not None:
+            return self.after_doubt(unusual)
         return self.after_interruption()
 
     def after_interruption(self) -> Confidence:
@@ -129,15 +125,16 @@ class Confidence:
         """
         return self if self.phase is Phase.IN_DOUBT else Confidence()
 
-    def after_contradiction(self, cells: Mask) -> Confidence:
-        """Return the confidence after two motions competed, or the image contradicted the pose.
+    def after_doubt(self, cells: Mask) -> Confidence:
+        """Return the confidence after two motions competed, the image contradicted the pose, or half was unexplained.
 
-        Landmarks in the cells `(R, C)` did not follow the motion. Few pairs end the doubt if the ground was known, or
-        if an earlier doubt had nearly ended. More pairs are required if the ground was still being learnt.
+        Landmarks in the cells `(R, C)` did not follow the motion. `AGREEING_PAIRS` pairs end the doubt if the ground
+        was known, or if an earlier doubt lacks at most this number of pairs. Otherwise `LONG_DOUBT_PAIRS` pairs are
+        required.
         """
         is_in_doubt = self.phase is Phase.IN_DOUBT
-        nearly_recovered = is_in_doubt and self.required_pairs - self.agreed_pairs <= AGREEING_PAIRS
-        is_short = self.phase is Phase.KNOWN or nearly_recovered
+        lacks_few_pairs = is_in_doubt and self.required_pairs - self.agreed_pairs <= AGREEING_PAIRS
+        is_short = self.phase is Phase.KNOWN or lacks_few_pairs
         if is_in_doubt and self.unexplained is not None:
             cells = self.unexplained | cells
         required_pairs = AGREEING_PAIRS if is_short else LONG_DOUBT_PAIRS
@@ -171,20 +168,9 @@ class EarlierImage(NamedTuple):
 
     image: FloatImage  #: Pyramid level `LEVEL` of a left image.
     pose: Pose  #: Pose of the left camera at that image.
-    #: Number of pairs that were compared with the image and changed the memory. Other refused pairs do not count. After
-    #: such pairs `ComparedPair.far_px` is too small, and fewer landmarks count as unexplained.
+    #: Number of pairs that were compared with the image and changed the memory. A refused pair that did not change the
+    #: memory is not counted, so that fewer landmarks count as unexplained in the next pair (`ComparedPair.far_px`).
     age: int = 0
-
-
-class LearntPair(NamedTuple):
-    """What the memory learns from a pair."""
-
-    excluded: ExcludedCells  #: Cells excluded from this pair on, also in a keyframe that the pair becomes.
-    earlier: EarlierImage  #: Image that the pair was compared with.
-    image: FloatImage  #: Pyramid level `MIXTURE_LEVEL` of its left image.
-    agreement: Agreement  #: Agreement of its main motion with the ground's motion.
-    unexplained_fraction: float  #: Fraction of the landmarks that do not follow the main motion.
-    is_moving: bool  #: Whether the pose is trusted and the image moved.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -211,24 +197,38 @@ class GroundMemory:
         """Whether faults of earlier pairs have no more effect: no recovery, no partial transfer, no doubt."""
         return self.recovering_pairs == 0 and self.transfers == 0 and self.confidence.phase is not Phase.IN_DOUBT
 
-    def after(self, effect: Effect, pair: LearntPair) -> GroundMemory:
-        """Return the memory after a pair, by the effect of its case."""
+    def after(
+        self,
+        effect: Effect,
+        *,
+        excluded: ExcludedCells,
+        earlier: EarlierImage,
+        image: FloatImage,
+        confidence: Confidence,
+        unexplained_fraction: float,
+        is_moving: bool,
+    ) -> GroundMemory:
+        """Return the memory after a pair.
+
+        Args:
+            effect: Effect of its case.
+            excluded: Cells excluded from this pair on, also in a keyframe that the pair becomes.
+            earlier: Image that the pair was compared with.
+            image: Pyramid level `MIXTURE_LEVEL` of its left image.
+            confidence: Confidence in the ground's motion after the pair.
+            unexplained_fraction: Fraction of the landmarks that do not follow the main motion.
+            is_moving: Whether the pose is trusted and the image moved.
+        """
         transfers = self.transfers + 1 if effect.is_transfer else 0
         return GroundMemory(
-            excluded=pair.excluded,
-            earlier=pair.earlier,
-            previous=pair.image,
-            confidence=self.confidence_after(effect, pair.agreement),
+            excluded=excluded,
+            earlier=earlier,
+            previous=image,
+            confidence=confidence,
             transfers=transfers,
-            recovering_pairs=self.recovering_after(effect, transfers, is_moving=pair.is_moving),
-            typical=self.typical_after(pair.unexplained_fraction) if effect.confirms else self.typical,
+            recovering_pairs=self.recovering_after(effect, transfers, is_moving=is_moving),
+            typical=self.typical_after(unexplained_fraction) if effect.confirms else self.typical,
         )
-
-    def confidence_after(self, effect: Effect, agreement: Agreement) -> Confidence:
-        """Return the confidence in the ground's motion after a pair, by the effect of its case."""
-        if effect.leaves_doubt:
-            return self.confidence.after_contradiction(agreement.unexplained_cells)
-        return self.confidence.after_one_motion(agreement) if effect.confirms else self.confidence
 
     def is_usual(self, unexplained: float) -> bool:
         """Return whether a fraction of unexplained landmarks is usual for the ground."""

@@ -1,15 +1,29 @@
 """Selection of the ground's motion among the rigid motions in an image.
 
-The ground is identified by its motion, not by its position in the image. A second rigid motion is searched for among
-the landmarks that the pose does not explain. The motion of the ground is the one that more landmarks follow and that
+The ground is identified by its motion, not by its position in the image. Another rigid motion is searched for among the
+landmarks that the pose does not explain. The motion of the ground is the one that more landmarks follow and that
 continues the previous motion. Landmarks of the other motion (own body, dirt on the lens, moving objects) are removed
 from the map, and their image cells are excluded for several pairs. If the evidence does not distinguish the two
 motions, the pose is ambiguous.
 
+| term | meaning |
+|---|---|
+| stationary cell | textured cell whose content did not move since the earlier image (`frontend/cell_change`) |
+| fixed cell | stationary cell for which a pose predicts image motion, and therefore fixed to the camera |
+| moving cell | cell of landmarks that move differently from the ground |
+| own body | what stationary cells show if the landmarks outside these cells agree on a motion |
+| main motion | motion of the given tracks, which may be any motion, trusted or not |
+| unexplained landmark | outlier of a motion, in view and outside fixed cells |
+| other motion | rigid motion of the landmarks that the main motion does not explain |
+| contradicted motion | motion that predicts a standstill in cells that changed |
+| unusual motion | motion with more unexplained landmarks than usual on this ground |
+| in doubt | state of the ground after a contradiction, after two motions competed, or if half was unexplained |
+
 `GroundSelector.begin_change` compares the left image with an earlier image, cell by cell, while landmarks are tracked.
 `GroundSelector.select` works in four steps:
 
-1. Gather the `Evidence` of the tracks and of the comparison (`ground_evidence.py`).
+1. Gather the `Evidence` of the tracks and of the comparison (`ground_evidence.py`). If many landmarks are unexplained,
+   all are first tracked again from the pose of the main motion.
 2. Determine the case (`ground_cases.case_of`) and its effect (`ground_cases.EFFECTS`).
 3. Select the tracks that follow the ground, and the landmarks and cells to exclude, by the case (`_selection`).
 4. Return the findings (`ground_cases.findings_of`) and the memory for the next pair (`GroundMemory.after`).
@@ -24,19 +38,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfr_loc_map.geometry.arrays import Mask
-from sfr_loc_map.geometry.camera import StereoCamera
 from sfr_loc_map.localisation.findings import Findings
 from sfr_loc_map.localisation.frontend.cell_change import LEVEL, Change, change_of
 from sfr_loc_map.localisation.frontend.cell_motion import MOVED_PX
 from sfr_loc_map.localisation.frontend.double_exposure import MIXTURE_LEVEL
-from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
+from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracks
 from sfr_loc_map.localisation.ground_cases import EFFECTS, Case, case_of, findings_of
-from sfr_loc_map.localisation.ground_evidence import CLEAR_RATIO, ComparedPair, Evidence, MotionTools, OtherMotion
-from sfr_loc_map.localisation.ground_memory import MIN_UNEXPLAINED, EarlierImage, GroundMemory, LearntPair
+from sfr_loc_map.localisation.ground_evidence import CLEAR_RATIO, ComparedPair, Evidence, MotionTools
+from sfr_loc_map.localisation.ground_memory import MIN_UNEXPLAINED, EarlierImage, GroundMemory
 from sfr_loc_map.localisation.motion_model import Prediction
 from sfr_loc_map.localisation.motion_size import MotionSize, size_between
 from sfr_loc_map.localisation.parallel import Pending, beside
-from sfr_loc_map.localisation.relocalisation import RecoveryImages, Relocaliser
+from sfr_loc_map.localisation.relocalisation import RecoveryImages
 
 COMPARED_PX = 3.0
 """Image motion, px, above which cells fixed to the camera are detected, and the compared image is replaced. Chosen by
@@ -59,7 +72,7 @@ class Selection(NamedTuple):
     not_ground: NDArray[np.intp] = NO_ROWS  #: `(N,)` window rows of the landmarks that do not move with the ground.
     fixed: Mask | None = None  #: `(R, C)` cells that are fixed to the camera.
     moving: Mask | None = None  #: `(R, C)` cells that move differently from the ground.
-    rival_distance: MotionSize = MotionSize(0.0, 0.0)  #: Distance to the pose of the other motion.
+    other_distance: MotionSize = MotionSize(0.0, 0.0)  #: Distance to the pose of the other motion.
 
     @property
     def is_moving(self) -> bool:
@@ -73,7 +86,7 @@ class Ground(NamedTuple):
     tracks: Tracks  #: Tracks that follow the ground.
     findings: Findings
     not_ground: NDArray[np.intp]  #: `(N,)` window rows of the landmarks that do not move with the ground.
-    rival_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
+    other_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
     before: GroundMemory  #: Memory before the pair.
     after: GroundMemory  #: Memory after the pair if its pose is accepted.
     earlier: EarlierImage | None = None  #: Image that the next pair is compared with, if this pair may be a keyframe.
@@ -96,13 +109,10 @@ class Ground(NamedTuple):
 
 
 class GroundSelector:
-    """Selects the ground's motion. It holds the tools, and keeps no state between calls."""
+    """Selects the ground's motion. No state is kept between calls."""
 
-    def __init__(
-        self, tracker: Tracker, relocaliser: Relocaliser, camera: StereoCamera, shape: tuple[int, int], min_tracked: int
-    ) -> None:
-        """The shape of the images is (height, width)."""
-        self._tools = MotionTools(tracker, relocaliser, camera, shape, min_tracked)
+    def __init__(self, tools: MotionTools) -> None:
+        self._tools = tools
 
     def begin_change(self, frame: StereoFrame, memory: GroundMemory) -> Pending[Change]:
         """Start to compare the left image with an earlier image, cell by cell, while the landmarks are tracked."""
@@ -132,15 +142,16 @@ class GroundSelector:
         excluded = memory.excluded.after_selection(
             selection.fixed,
             selection.moving,
-            change.stays,
+            change.stationary,
             self._tools.shape,
             has_excluded=len(selection.not_ground) > 0,
         )
-        learnt = LearntPair(
+        after = memory.after(
+            effect,
             excluded=excluded,
             earlier=earlier,
             image=frame.left[MIXTURE_LEVEL].image,
-            agreement=evidence.agreement,
+            confidence=evidence.confidence_after(effect),
             unexplained_fraction=evidence.explained.unexplained_fraction,
             is_moving=selection.is_moving,
         )
@@ -148,9 +159,9 @@ class GroundSelector:
             tracks=selection.tracks,
             findings=findings,
             not_ground=selection.not_ground,
-            rival_distance=selection.rival_distance,
+            other_distance=selection.other_distance,
             before=memory,
-            after=memory.after(effect, learnt),
+            after=after,
             earlier=earlier if effect.is_transfer else self._earlier_after(pair, selection, earlier),
             outlasts_refusal=effect.outlasts_refusal,
         )
@@ -178,11 +189,11 @@ class GroundSelector:
         """Return the tracks that follow the ground, and what to exclude, by the case."""
         match case:
             case Case.OWN_BODY:
-                return self._beside_body(evidence)
+                return self._off_own_body(evidence)
             case Case.AMBIGUOUS:
-                return self._likelier(evidence)
+                return self._either_of_two(evidence)
             case Case.TWO_MOTIONS:
-                return self._rival(evidence) if evidence.rival_wins else self._main_of_two(evidence)
+                return self._other_of_two(evidence) if evidence.other_wins else self._main_of_two(evidence)
             case Case.UNTRUSTED | Case.PARTIAL_TRANSFER | Case.DOUBLE_EXPOSURE | Case.CONTRADICTED:
                 return Selection(evidence.main, evidence.explained.motion_px)
             case Case.HALF_UNEXPLAINED | Case.UNEXPLAINED | Case.STILL_IN_DOUBT | Case.ONE_MOTION:
@@ -190,42 +201,46 @@ class GroundSelector:
                 not_ground = evidence.main.landmarks.rows[explained.on_fixed]
                 return Selection(evidence.main, explained.motion_px, not_ground=not_ground, fixed=explained.fixed_cells)
 
-    def _beside_body(self, evidence: Evidence) -> Selection:
-        """Select the motion of landmarks outside static texture, and exclude that texture as the own body."""
-        beside_static = _present(evidence.beside_static)
-        fixed = self._tools.explained(evidence.pair, beside_static).fixed_cells
-        return self._other(evidence, evidence.beside_body, fixed)
+    def _off_own_body(self, evidence: Evidence) -> Selection:
+        """Select the motion of the landmarks outside stationary cells, and exclude the landmarks in these cells."""
+        off_stationary = _present(evidence.motion_off_stationary)
+        fixed = self._tools.explained(evidence.pair, off_stationary).fixed_cells
+        return self._tracked_again(evidence, off_stationary, evidence.explained.on_stationary, fixed)
 
-    def _rival(self, evidence: Evidence) -> Selection:
-        """Select the rival, and exclude landmarks and cells that follow the main motion."""
-        other = evidence.by_rival
-        fixed = self._tools.cells(evidence.explained.cell_index[other.excluded])
-        return self._other(evidence, other, fixed)
-
-    def _other(self, evidence: Evidence, other: OtherMotion, fixed: Mask) -> Selection:
-        """Select another motion, and exclude the landmarks and cells `(R, C)` that do not follow it."""
-        not_ground = evidence.main.landmarks.rows[other.excluded]
-        motion_px = other.explained.motion_px
-        return Selection(other.tracks, motion_px, is_main=False, not_ground=not_ground, fixed=fixed)
-
-    def _likelier(self, evidence: Evidence) -> Selection:
+    def _either_of_two(self, evidence: Evidence) -> Selection:
         """Select the motion with more weight. Exclude nothing, because the other motion may be the ground's."""
-        rival = _present(evidence.rival)
-        distance = size_between(evidence.main.pose, rival.pose)
-        if not evidence.rival_wins:
-            return Selection(evidence.main, evidence.explained.motion_px, rival_distance=distance)
-        tracks = self._tools.refined(evidence.pair, evidence.main.landmarks, rival.pose)
+        other = _present(evidence.other)
+        distance = size_between(evidence.main.pose, other.pose)
+        if not evidence.other_wins:
+            return Selection(evidence.main, evidence.explained.motion_px, other_distance=distance)
+        tracks = self._tools.refined(evidence.pair, evidence.main.landmarks, other.pose)
         motion_px = self._tools.explained(evidence.pair, tracks).motion_px
-        return Selection(tracks, motion_px, is_main=False, rival_distance=distance)
+        return Selection(tracks, motion_px, is_main=False, other_distance=distance)
+
+    def _other_of_two(self, evidence: Evidence) -> Selection:
+        """Select the other motion, and exclude the landmarks that follow only the main motion, and their cells."""
+        only_main = evidence.main.inliers & ~evidence.follows_other
+        fixed = self._tools.cells(evidence.explained.cell_index[only_main])
+        return self._tracked_again(evidence, _present(evidence.other), only_main, fixed)
 
     def _main_of_two(self, evidence: Evidence) -> Selection:
-        """Select the main motion, and exclude what follows the rival or is fixed to the camera."""
-        rival = _present(evidence.rival)
+        """Select the main motion, and exclude what follows the other motion or is fixed to the camera."""
+        other = _present(evidence.other)
         fixed = evidence.explained.fixed_cells
-        moving = self._tools.cells(self._tools.explained(evidence.pair, rival).cell_index[rival.inliers])
-        not_ground = evidence.main.landmarks.rows[evidence.follows_rival | evidence.explained.on_fixed]
+        moving = self._tools.cells(self._tools.explained(evidence.pair, other).cell_index[other.inliers])
+        not_ground = evidence.main.landmarks.rows[evidence.follows_other | evidence.explained.on_fixed]
         motion_px = evidence.explained.motion_px
         return Selection(evidence.main, motion_px, not_ground=not_ground, fixed=fixed, moving=moving & ~fixed)
+
+    def _tracked_again(self, evidence: Evidence, other: Tracks, excluded: Mask, fixed: Mask) -> Selection:
+        """Select another motion: track the main tracks' landmarks again from its pose, without some of them.
+
+        The excluded landmarks `(M,)` and the fixed cells `(R, C)` do not follow this motion.
+        """
+        landmarks = evidence.main.landmarks
+        tracks = self._tools.refined(evidence.pair, landmarks.subset(~excluded), other.pose)
+        motion_px = self._tools.explained(evidence.pair, tracks).motion_px
+        return Selection(tracks, motion_px, is_main=False, not_ground=landmarks.rows[excluded], fixed=fixed)
 
 
 def _present(tracks: Tracks | None) -> Tracks:

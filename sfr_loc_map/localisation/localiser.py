@@ -9,7 +9,8 @@ A sparse, keyframe-based stereo odometry with a sliding window. `Localiser._loca
    pose with robust weights.
 4. Relocalise if the pose is not trusted: optical flow, then SIFT descriptors (`relocalisation`).
 5. Select the ground's motion among the motions in the image (`ground_motion`). If one motion does not explain the
-   tracks, search for a second motion and track the landmarks again. Remove landmarks of other motions from the map.
+   tracks, track the landmarks again from its pose. If many are still unexplained, search for another motion. Remove
+   landmarks that do not move with the ground from the map.
 6. Correct the right camera: estimate its rotation error, and correct its drift (`backend/online_calibration`).
 7. Judge: a table decides from the findings of all guards whether the pose is accepted (`guards`, `findings.RULES`).
 8. Complete: the pair becomes a keyframe if few landmarks are left or if they moved far in the image. For a keyframe,
@@ -93,6 +94,7 @@ from sfr_loc_map.localisation.findings import Action, Finding, Findings, Verdict
 from sfr_loc_map.localisation.frontend.cell_change import Change
 from sfr_loc_map.localisation.frontend.right_camera import RightOffset, right_shift
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
+from sfr_loc_map.localisation.ground_evidence import MotionTools
 from sfr_loc_map.localisation.ground_memory import GroundMemory
 from sfr_loc_map.localisation.ground_motion import Ground, GroundSelector
 from sfr_loc_map.localisation.guards import ShearMean
@@ -165,7 +167,7 @@ class Localiser:
         self._tracker = Tracker(config.min_tracked, rig.camera)
         self._relocaliser = Relocaliser(self._tracker, config, rig.camera)
         self._ground_selector = GroundSelector(
-            self._tracker, self._relocaliser, rig.camera, (rig.height, rig.width), config.min_tracked
+            MotionTools(self._tracker, self._relocaliser, rig.camera, (rig.height, rig.width), config.min_tracked)
         )
         self._keyframes = KeyframeMaker(rig, config, self._tracker)
         self._pending: Future[KeyframeResult] | None = None
@@ -386,7 +388,7 @@ class Localiser:
             was_known=state.status is not TrackingState.LOST,
             shear_chi2=corrected.shear_chi2,
             inflation=verdict.inflation,
-            rival_distance=ground.rival_distance,
+            other_distance=ground.other_distance,
         )
         path, step = trajectory.accepted(state.path, pair, landmark_map, corrected.calibration, self._model)
         recovery = state.recovery

@@ -98,7 +98,7 @@ class AcceptedPair(NamedTuple):
     was_known: bool  #: Whether the previous pose was not lost; it may have been kept.
     shear_chi2: float  #: Squared shear of the image rows over its variance.
     inflation: Inflation  #: What the findings of the pair add to the covariance.
-    rival_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
+    other_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
 
 
 class _NewPose(NamedTuple):
@@ -161,7 +161,7 @@ def _new_pose(path: PathState, pair: AcceptedPair, model: RoverModel) -> _NewPos
         pair.inflation,
         unobserved_rb=unobserved,
         moved=MotionSize(since.metres, since.radians),
-        rival_distance=pair.rival_distance,
+        other_distance=pair.other_distance,
     )
     given_landmarks = np.asarray(np.linalg.inv(pair.tracks.information))
     return _NewPose(pair, now, since, given_landmarks, added)

@@ -25,11 +25,11 @@ def after(
     *,
     fixed: Mask = NOTHING,
     moving: Mask | None = None,
-    stays: Mask = NOTHING,
+    stationary: Mask = NOTHING,
     has_excluded: bool = False,
 ) -> ExcludedCells:
     """Return the excluded cells after a pair."""
-    return excluded.after_selection(fixed, moving, stays, SHAPE, has_excluded=has_excluded)
+    return excluded.after_selection(fixed, moving, stationary, SHAPE, has_excluded=has_excluded)
 
 
 def test_cells_age_also_in_pairs_in_which_no_landmark_is_excluded() -> None:
@@ -45,7 +45,7 @@ def test_cells_age_also_in_pairs_in_which_no_landmark_is_excluded() -> None:
 def test_cells_that_are_fixed_do_not_age_while_their_texture_stays() -> None:
     excluded = after(ExcludedCells.none(SHAPE), fixed=one_cell())
     for _ in range(2 * FIXED_LIFE):
-        excluded = after(excluded, stays=one_cell())
+        excluded = after(excluded, stationary=one_cell())
     mask = after(excluded, has_excluded=True).mask
     assert mask is not None
     assert mask.any()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
@@ -32,11 +33,9 @@ from sfr_loc_map.localisation.ground_memory import (
     AGREEING_PAIRS,
     LONG_DOUBT_PAIRS,
     MAX_TRANSFERS,
-    Agreement,
     Confidence,
     EarlierImage,
     GroundMemory,
-    LearntPair,
     Phase,
 )
 from sfr_loc_map.localisation.ground_motion import NO_ROWS, Ground
@@ -81,19 +80,21 @@ def test_each_case_has_a_row_and_an_effect() -> None:
 
 def test_each_transfer_counts_so_that_a_row_of_them_ends() -> None:
     memory = GroundMemory.none((32, 32))
-    learnt = LearntPair(
-        memory.excluded,
-        EarlierImage(np.zeros((16, 16), np.float32), Pose(np.eye(3), np.zeros(3))),
-        np.zeros((16, 16), np.float32),
-        Agreement(has_moved=True, agrees=True, is_unusual=False, unexplained_cells=np.zeros((2, 2), np.bool_)),
-        0.0,
+    image = np.zeros((16, 16), np.float32)
+    after = partial(
+        GroundMemory.after,
+        excluded=memory.excluded,
+        earlier=EarlierImage(image, Pose(np.eye(3), np.zeros(3))),
+        image=image,
+        confidence=Confidence(),
+        unexplained_fraction=0.0,
         is_moving=True,
     )
     for _ in range(MAX_TRANSFERS):
         assert Evidence(None, None, None, None, memory).may_be_transfer  # type: ignore[arg-type]
-        memory = memory.after(EFFECTS[Case.PARTIAL_TRANSFER], learnt)
+        memory = after(memory, EFFECTS[Case.PARTIAL_TRANSFER])
     assert not Evidence(None, None, None, None, memory).may_be_transfer  # type: ignore[arg-type]
-    assert memory.after(EFFECTS[Case.TWO_MOTIONS], learnt).transfers == 0
+    assert after(memory, EFFECTS[Case.TWO_MOTIONS]).transfers == 0
 
 
 def test_a_refused_pair_does_not_replace_the_image_at_the_last_known_pose() -> None:
@@ -120,14 +121,14 @@ def test_doubt_lasts_longer_for_a_ground_that_was_not_known() -> None:
     assert after_agreements(learning, AGREEING_PAIRS) is Phase.KNOWN
     known = Confidence(Phase.KNOWN)
     for before, pairs in ((known, AGREEING_PAIRS), (learning, LONG_DOUBT_PAIRS)):
-        doubt = before.after_contradiction(cells)
+        doubt = before.after_doubt(cells)
         assert after_agreements(doubt, pairs - 1) is Phase.IN_DOUBT
         assert after_agreements(doubt, pairs) is Phase.LEARNING
         assert doubt.after_interruption() is doubt
     assert known.after_interruption().phase is Phase.LEARNING
 
 
-def test_a_rival_of_old_landmarks_alone_has_the_weight_of_old_landmarks() -> None:
+def test_another_motion_of_old_landmarks_alone_has_the_weight_of_old_landmarks() -> None:
     def followed(hosts: list[int]) -> SimpleNamespace:
         landmarks = SimpleNamespace(host=np.array(hosts), newest_host=max(hosts))
         return SimpleNamespace(
@@ -137,7 +138,7 @@ def test_a_rival_of_old_landmarks_alone_has_the_weight_of_old_landmarks() -> Non
     tools = SimpleNamespace(image_motion_px=lambda *_, **__: 1.0)
     pair = SimpleNamespace(prediction=SimpleNamespace(guesses=SimpleNamespace(expected=None)))
     evidence = Evidence(tools, pair, followed([0, 1, 2, 2]), None, None)  # type: ignore[arg-type]
-    evidence.__dict__["rival"] = followed([0, 0, 1])
+    evidence.__dict__["other"] = followed([0, 0, 1])
     assert evidence.weight_ratio == pytest.approx((2.0 * OLD_WEIGHT + 2.0) / (3.0 * OLD_WEIGHT))
 
 

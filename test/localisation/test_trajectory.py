@@ -82,7 +82,7 @@ def move(
         was_known=True,
         shear_chi2=0.0,
         inflation=inflation,
-        rival_distance=MotionSize(0.0, 0.0),
+        other_distance=MotionSize(0.0, 0.0),
     )
     calibration = known or OnlineCalibration(RIG.camera, 7)
     return trajectory.accepted(path, pair, map_of(NOTHING), calibration, model_of(rig))[0]  # type: ignore[arg-type]

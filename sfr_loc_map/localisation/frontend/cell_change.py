@@ -38,7 +38,7 @@ class Change(NamedTuple):
     """Comparison of the left image with an earlier one: masks `(R, C)` over R rows and C columns of cells."""
 
     changed: Mask  #: Cells whose content has moved.
-    stays: Mask  #: Stationary cells: textured cells whose content has not moved.
+    stationary: Mask  #: Textured cells whose content has not moved.
 
 
 @jit_fast_ir_inline
@@ -110,7 +110,7 @@ def change_of(before: FloatImage, now: FloatImage) -> Change:
     rows = now.shape[0] // CELL_SIDE
     columns = now.shape[1] // CELL_SIDE
     changed = np.zeros((rows, columns), np.bool_)
-    stays = np.zeros((rows, columns), np.bool_)
+    stationary = np.zeros((rows, columns), np.bool_)
     residual = np.empty((CELL_SIDE, CELL_SIDE), np.float32)
     for row in range(rows):
         for column in range(columns):
@@ -124,8 +124,8 @@ def change_of(before: FloatImage, now: FloatImage) -> Change:
             structure = _neighbour_covariance(residual)
             texture = _gradient_variance(cell_now)
             changed[row, column] = structure > NOISE_CORRELATION * noise and structure > MIN_CHANGE * texture
-            stays[row, column] = not changed[row, column] and texture > MIN_GRADIENT + noise / MAX_CELL_NOISE
-    return Change(changed, stays)
+            stationary[row, column] = not changed[row, column] and texture > MIN_GRADIENT + noise / MAX_CELL_NOISE
+    return Change(changed, stationary)
 
 
 def cell_counts(shape: tuple[int, int]) -> tuple[int, int]:

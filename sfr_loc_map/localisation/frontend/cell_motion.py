@@ -1,4 +1,4 @@
-"""Comparison of a pose with the cells of the left image that changed or stayed since an earlier image (`cell_change`).
+"""Comparison of a pose with the changed and the stationary cells of the left image (`cell_change`).
 
 Stationary cells for which the pose predicts image motion are fixed to the camera. Changed cells for which the pose
 predicts no motion contradict the pose. Outliers in view that are not fixed to the camera are unexplained.
@@ -43,7 +43,7 @@ class Explained(NamedTuple):
 
     motion_px: float  #: Quantile `MOTION_QUANTILE` of the image motion of the landmarks, px; 0 without landmarks.
     cell_index: NDArray[np.intp]  #: `(M,)` numbers of the cells that contain the landmarks' projections; R * C outside.
-    on_static: Mask  #: `(M,)` landmarks whose host pixels are in stationary cells.
+    on_stationary: Mask  #: `(M,)` landmarks whose host pixels are in stationary cells.
     on_fixed: Mask  #: `(M,)` outliers whose host pixels are in cells fixed to the camera.
     unexplained: Mask  #: `(M,)` outliers in view whose host pixels and projections are outside all fixed cells.
     unexplained_fraction: float  #: Fraction of `unexplained` among the landmarks in view.
@@ -129,7 +129,7 @@ def explain(
         landmarks: The M landmarks.
         host_uv: `(M, 2)` host pixels of their patches.
         inliers: `(M,)` landmarks that agree with the pose.
-        change: Cells of the image that changed or stayed since the earlier image.
+        change: Cells of the image that changed or are stationary since the earlier image.
         camera: The camera.
         shape: Height and width of the image.
         far_px: Image motion, px, from which a landmark that is not an inlier is ignored instead of counted as an
@@ -140,7 +140,7 @@ def explain(
     height, width = shape
     motion_px = np.full(count, np.nan)
     cell = np.zeros(count, np.intp)
-    stays = np.zeros(count, np.bool_)
+    stationary = np.zeros(count, np.bool_)
     is_outlier = np.zeros(count, np.bool_)
     in_view = 0
     motion_sum = np.zeros((rows, columns))
@@ -151,7 +151,7 @@ def explain(
         before = _project(reference, landmarks, n, camera)
         motion_px[n] = np.hypot(now.u - before.u, now.v - before.v)
         cell[n] = _cell_of(now.u, now.v, rows, columns)
-        stays[n] = _is_set(change.stays, _cell_of(host_uv[n, 0], host_uv[n, 1], rows, columns))
+        stationary[n] = _is_set(change.stationary, _cell_of(host_uv[n, 0], host_uv[n, 1], rows, columns))
         is_evidence = inliers[n] or motion_px[n] < far_px
         is_inside = BORDER < now.u < width - 1 - BORDER and BORDER < now.v < height - 1 - BORDER
         if not (is_evidence and is_inside):
@@ -168,7 +168,7 @@ def explain(
     contradicting = 0
     for row in range(rows):
         for column in range(columns):
-            if change.stays[row, column]:
+            if change.stationary[row, column]:
                 # Near the focus of expansion, motion varies from cell to cell: all landmarks nearby must move.
                 has_landmarks = _around(landmark_count, row, column, 1).total > 0.0
                 fixed_cells[row, column] = (
@@ -193,7 +193,7 @@ def explain(
     return Explained(
         motion_px=reorder_to_rank(known_px[:known], int(MOTION_QUANTILE * known)) if known else 0.0,
         cell_index=cell,
-        on_static=stays,
+        on_stationary=stationary,
         on_fixed=fixed,
         unexplained=rest,
         unexplained_fraction=rest_count / max(in_view, 1),

@@ -9,6 +9,9 @@ homography H of each pose maps the host image to the tracked image. At a pixel x
 The factors a and b are estimated by linear least squares, together with a shift of the tracked exposure, whose pose has
 a small error. The weight of the other exposure is b / (|a| + |b|). In an image of a single exposure, the weight is zero
 up to noise, whatever the brightness and contrast.
+
+The evidence is injected faults. In one drive with ghosts of 69 % in bursts, an error of a step was 110 times its 3
+sigma without this test, and 0.71 times with it (measurements/localiser_injected_faults.md).
 """
 
 from __future__ import annotations
