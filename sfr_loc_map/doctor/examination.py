@@ -14,9 +14,9 @@ from sfr_loc_map.doctor.silence import Publisher, Reliability, silence_of
 from sfr_loc_map.doctor.transport import COMPARABLE_NS, MUCH_LOST, loss_fix
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage, IntArray
-from sfr_loc_map.geometry.rectification import StereoRectifier, rectified_rig, rig_of_rectified
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import NS_PER_S, SIDES, stamp_of
+from sfr_loc_map.io.calibration.rectification import StereoRectifier, rectified_rig, rig_of_rectified
 from sfr_loc_map.io.images.codec import SampleDepth, samples_of
 from sfr_loc_map.message_types import COMPRESSED, IMAGE
 from sfr_loc_map.metrics.association import nearest_stamps

@@ -21,9 +21,7 @@ from std_msgs.msg import Header
 
 from sfr_loc_map.config import param
 from sfr_loc_map.geometry.extrinsics import RB_FRAME
-from sfr_loc_map.geometry.odometry_buffer import OdometryBuffer
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
-from sfr_loc_map.geometry.thinned_path import ThinnedPath
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import NS_PER_S, Task, stamp_of
 from sfr_loc_map.io.source_config import ExtrinsicsConfig
@@ -34,7 +32,9 @@ from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.message_types import Level
 from sfr_loc_map.nodes.input.extrinsics import Extrinsics
+from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
 from sfr_loc_map.nodes.input.stereo_input import ReceivedPair
+from sfr_loc_map.nodes.input.thinned_path import ThinnedPath
 from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
 from sfr_loc_map.nodes.ros import messages

@@ -29,8 +29,8 @@ from helpers.own_domain import in_own_domain
 from helpers.peer import Peer
 from helpers.processes import IMPORTS, ROOT
 from sfr_loc_map.child_process import child_environment
-from sfr_loc_map.geometry.camera_info import projection
 from sfr_loc_map.inputs import SIDES, stamp_of
+from sfr_loc_map.io.calibration.camera_info import projection
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.nodes.launch.processes import Supervisor
 from sfr_loc_map.nodes.lifecycle.diagnostics import values_of

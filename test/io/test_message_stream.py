@@ -15,10 +15,10 @@ from helpers.broken_sources import rewritten_bag
 from helpers.made_scene import LOC_RIG, START_NS, loc_pair, nav_pair, true_pose, write_bag, write_folder
 from sfr_loc_map.faults.kinds import parse_fault
 from sfr_loc_map.faults.source import faulty
-from sfr_loc_map.geometry.camera_info import rig_from_camera_info
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.bag.bag import TYPESTORE
+from sfr_loc_map.io.calibration.camera_info import rig_from_camera_info
 from sfr_loc_map.io.convert import ConvertOptions, convert
 from sfr_loc_map.io.images.codec import samples_of
 from sfr_loc_map.io.message_stream import Message, begin_of, between, end_of, messages_of, parts_of_pairs, topics_of

@@ -22,18 +22,18 @@ from helpers.manager import Capture, LocalNode, Manager, localised
 from helpers.node_scenes import MOUNT, calls, params, raw, send_infos, send_pair
 from helpers.peer import Peer
 from sfr_loc_map.errors import ConfigError
-from sfr_loc_map.geometry.odometry_buffer import OdometryBuffer
-from sfr_loc_map.geometry.rectification import rectified_rig, rig_of_rectified
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoPair
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, Task, stamp_of
 from sfr_loc_map.io.bag import messages as bag_messages
+from sfr_loc_map.io.calibration.rectification import rectified_rig, rig_of_rectified
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.localiser import Localiser
 from sfr_loc_map.localisation.visualisation import draw_tracks
 from sfr_loc_map.message_types import Level
+from sfr_loc_map.nodes.input.odometry_buffer import OdometryBuffer
 from sfr_loc_map.nodes.lifecycle.diagnostics import values_of
 from sfr_loc_map.nodes.localisation_node import LocalisationNode
 from sfr_loc_map.nodes.ros.messages import (

@@ -24,8 +24,11 @@ import msgspec
 import numpy as np
 
 from sfr_loc_map.errors import InputError, naming
-from sfr_loc_map.geometry.camera_info import projection, rig_from_projections
-from sfr_loc_map.geometry.rectification import (
+from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.inputs import SIDES, parse_yaml, read_text, refusing
+from sfr_loc_map.io.calibration.camera_info import projection, rig_from_projections
+from sfr_loc_map.io.calibration.rectification import (
     CalibratedCamera,
     RawCamera,
     StereoRectifier,
@@ -33,9 +36,6 @@ from sfr_loc_map.geometry.rectification import (
     rectified_rig,
     rig_of_rectified,
 )
-from sfr_loc_map.geometry.stereo import StereoRig
-from sfr_loc_map.geometry.transform import Transform
-from sfr_loc_map.inputs import SIDES, parse_yaml, read_text, refusing
 from sfr_loc_map.io.calibration.rig_file import read_rig
 
 ENDINGS = (".yaml", ".yml", ".xml", ".json", ".txt")

@@ -9,10 +9,10 @@ from typing import Any
 import msgspec
 
 from sfr_loc_map.errors import GeometryError
-from sfr_loc_map.geometry.camera_info import baseline_from_projection
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, read_bytes, refusing
+from sfr_loc_map.io.calibration.camera_info import baseline_from_projection
 from sfr_loc_map.io.tables.text_table import BOM
 
 

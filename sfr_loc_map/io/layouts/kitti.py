@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 
 from sfr_loc_map.errors import InputError, OutputError
-from sfr_loc_map.geometry.camera_info import projection, rig_from_projections
 from sfr_loc_map.geometry.stamped_poses import covered, sampled
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, read_table, refusing
+from sfr_loc_map.io.calibration.camera_info import projection, rig_from_projections
 from sfr_loc_map.io.images.codec import encode_png, read_grey
 from sfr_loc_map.io.images.files import ImageFileSequence, ImagePair, whole_pairs
 from sfr_loc_map.io.layouts.writer import TableWriter

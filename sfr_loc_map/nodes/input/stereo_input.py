@@ -14,11 +14,11 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sfr_loc_map.config import param
 from sfr_loc_map.doctor.transport import MUCH_LOST, loss_fix
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.rectification import StereoRectifier, rectified_rig, rig_of_rectified
 from sfr_loc_map.geometry.run_order import AGREEING, RunOrder
 from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Side, stamp_of
+from sfr_loc_map.io.calibration.rectification import StereoRectifier, rectified_rig, rig_of_rectified
 from sfr_loc_map.io.images.codec import SampleDepth, Samples, samples_of
 from sfr_loc_map.localisation.parallel import both
 from sfr_loc_map.nodes.input.camera_info_pair import CameraInfoPair

@@ -14,11 +14,11 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from helpers.made_worlds import START_NS, World, assert_is_world, assert_same_pairs, write_bag
 from helpers.message_bags import write_messages
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.rectification import rectified_rig
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag import messages
 from sfr_loc_map.io.bag.bag import TYPESTORE, Bag, read_odometry
 from sfr_loc_map.io.bag.writer import CheckedWriter
+from sfr_loc_map.io.calibration.rectification import rectified_rig
 from sfr_loc_map.io.layouts.bag_source import open_bag
 from sfr_loc_map.io.message_stream import messages_of
 from sfr_loc_map.io.registry import open_source

@@ -21,12 +21,12 @@ from campaigns.recordings.drive import Drive
 from campaigns.recordings.rows import ROWS
 from helpers.made_worlds import blob, centre_of, seen_at
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.camera_info import rig_from_camera_info
-from sfr_loc_map.geometry.rectification import rectified_rig
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec, quat_from_matrix
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.io.calibration.camera_info import rig_from_camera_info
 from sfr_loc_map.io.calibration.files import Calibration, read_calibration
+from sfr_loc_map.io.calibration.rectification import rectified_rig
 
 SIZE = (200, 160)
 D = {

@@ -14,13 +14,13 @@ import pytest
 from helpers.kalibr_chains import CHAINS, LENSES, T_CAM1_CAM0, T_IMU_CAM0, T_IMU_CAM1, kalibr, matrix
 from helpers.made_worlds import START_NS, blob, centre_of
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.camera_info import projection
-from sfr_loc_map.geometry.rectification import rectified_rig, rig_of_rectified
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.trajectory import Trajectory, Truth
 from sfr_loc_map.inputs import SIDES
 from sfr_loc_map.io.bag.messages import camera_info
+from sfr_loc_map.io.calibration.camera_info import projection
 from sfr_loc_map.io.calibration.files import read_calibration
+from sfr_loc_map.io.calibration.rectification import rectified_rig, rig_of_rectified
 from sfr_loc_map.io.images.codec import encode_png
 from sfr_loc_map.io.registry import open_source
 from sfr_loc_map.io.source_config import SourceConfig

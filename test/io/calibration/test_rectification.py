@@ -8,10 +8,10 @@ import pytest
 
 from helpers.made_worlds import blob, centre_of, seen_at
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.camera_info import projection
-from sfr_loc_map.geometry.rectification import rectified_rig
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
 from sfr_loc_map.geometry.stereo import StereoRig
+from sfr_loc_map.io.calibration.camera_info import projection
+from sfr_loc_map.io.calibration.rectification import rectified_rig
 
 RIG = StereoRig(200, 160, 150.0, 150.0, 99.5, 79.5, 0.12)
 K = (140.0, 0.0, 101.0, 0.0, 141.0, 78.0, 0.0, 0.0, 1.0)

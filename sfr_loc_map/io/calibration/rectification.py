@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import FloatArray, GreyImage
-from sfr_loc_map.geometry.camera_info import TOLERANCE, rig_from_camera_info, rig_from_projections
 from sfr_loc_map.geometry.plausibility import check_camera, check_distortion, check_extrinsics
 from sfr_loc_map.geometry.stereo import SAME_PX, StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import SIDES, refusing
+from sfr_loc_map.io.calibration.camera_info import TOLERANCE, rig_from_camera_info, rig_from_projections
 
 Rectify = Callable[[GreyImage, GreyImage], tuple[GreyImage, GreyImage]]
 COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidistant": (4,), "fisheye": (4,)}
