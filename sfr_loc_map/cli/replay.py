@@ -45,8 +45,8 @@ if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
     from sfr_loc_map.metrics.limits import Limits
     from sfr_loc_map.nodes.replay.options import ReplayOptions
-    from sfr_loc_map.nodes.replay.scored_replay import ScoredReplay
-    from sfr_loc_map.runs.replay_result import ReplayFiles
+    from sfr_loc_map.nodes.replay.run import ScoredReplay
+    from sfr_loc_map.runs.replay_files import ReplayFiles
     from sfr_loc_map.scoring.inputs import Correction
 
 PLAYED = "Playback of the source"
@@ -164,7 +164,7 @@ def replay(
     """Play a source to the nodes over topics, record their results and score them."""
     propose("... --out out", why="keeps report, estimate and cloud")
     with live_beside(live, live_port, isolated=True) as page:  # first, because its imports are faster
-        from sfr_loc_map.runs.replay_result import ReplayFiles
+        from sfr_loc_map.runs.replay_files import ReplayFiles
         from sfr_loc_map.scoring.settings import score_settings
 
         opened, read_from = open_as(source, remap, config)
@@ -233,7 +233,7 @@ def _replayed(
     source: Source, options: ReplayOptions, limits: Limits | None, correction: Correction, files: ReplayFiles | None
 ) -> ScoredReplay:
     """Replay and score with progress bars."""
-    from sfr_loc_map.nodes.replay.scored_replay import replay_and_score
+    from sfr_loc_map.nodes.replay.run import replay_and_score
 
     parts = ((Task.LOCALISATION, source.loc), (Task.MAPPING, source.nav))
     with progress_bar("pairs") as bar:

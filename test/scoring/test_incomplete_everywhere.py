@@ -31,10 +31,10 @@ from sfr_loc_map.report.junit import junit
 from sfr_loc_map.report.page import overall_of, render_page
 from sfr_loc_map.report.test_report import render_test_report
 from sfr_loc_map.runs.calls import CallRecord, stats_of
-from sfr_loc_map.runs.replay_result import CollectedRun
+from sfr_loc_map.runs.collected_run import CollectedRun
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.monitor_score import MonitorScore
-from sfr_loc_map.scoring.replay_score import score_replay
+from sfr_loc_map.scoring.score_collected import score_replay
 from sfr_loc_map.scoring.score_run import score_run
 from sfr_loc_map.suite.statistics.summary import ScoredJob, Summary, groups_of
 

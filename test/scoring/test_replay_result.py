@@ -29,11 +29,12 @@ from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.nodes.replay.external_poses import with_converted_poses
 from sfr_loc_map.report.page import overall_of
 from sfr_loc_map.runs.calls import CallRecord
+from sfr_loc_map.runs.collected_run import CollectedRun, ExternalRun
 from sfr_loc_map.runs.offline import MapRun, map_pairs
-from sfr_loc_map.runs.replay_result import CollectedRun, ExternalRun, ReplayFiles, save_replay
+from sfr_loc_map.runs.replay_files import ReplayFiles, save_replay
 from sfr_loc_map.scoring.inputs import Correction, ScoreInputs
 from sfr_loc_map.scoring.monitor_score import MonitorScore
-from sfr_loc_map.scoring.replay_score import score_replay
+from sfr_loc_map.scoring.score_collected import score_replay
 from sfr_loc_map.scoring.score_run import score_files
 
 SAMPLE = Path(__file__).parents[2] / "sample" / "sample.mcap"

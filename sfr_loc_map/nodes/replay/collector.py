@@ -15,8 +15,8 @@ from sfr_loc_map.errors import InputError, NodeError
 from sfr_loc_map.inputs import Task, stamp_of
 from sfr_loc_map.message_types import StatusKind
 from sfr_loc_map.nodes.replay.external import ExternalNode
+from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.nodes.replay.replay_peer import ANSWER_TIMEOUT_S, ReplayPeer
-from sfr_loc_map.nodes.replay.results import Results
 from sfr_loc_map.nodes.ros.messages import cloud_from_msg, covariance_of, odometry_row
 from sfr_loc_map.nodes.ros.peer import POLL_S
 from sfr_loc_map.runs.calls import decode_call
@@ -32,7 +32,7 @@ class ResultCollector:
     def __init__(
         self,
         peer: ReplayPeer,
-        results: Results,
+        results: ReceivedResults,
         external: ExternalNode | None,
         *,
         pairs_per_map: int,

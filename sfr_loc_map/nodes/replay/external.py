@@ -31,12 +31,12 @@ from sfr_loc_map.nodes.launch.processes import ChildProcess
 from sfr_loc_map.nodes.replay.answer_book import AnswerBook
 from sfr_loc_map.nodes.replay.options import ExternalOptions
 from sfr_loc_map.nodes.replay.process_watch import ProcessWatch, processes_named
+from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.nodes.replay.replay_peer import ReplayPeer
-from sfr_loc_map.nodes.replay.results import Results
 from sfr_loc_map.nodes.ros import messages
 from sfr_loc_map.nodes.ros.publishers import UNKNOWN_NODE
 from sfr_loc_map.nodes.ros.qos import LATCHED
-from sfr_loc_map.runs.replay_result import ExternalRun
+from sfr_loc_map.runs.collected_run import ExternalRun
 
 DEPTH = 1000
 PUBLISHER_GRACE_S = 2.0
@@ -51,7 +51,7 @@ class ExternalNode(ABC):
     kind: type[Any]
 
     def __init__(
-        self, peer: ReplayPeer, options: ExternalOptions, command: ChildProcess | None, results: Results
+        self, peer: ReplayPeer, options: ExternalOptions, command: ChildProcess | None, results: ReceivedResults
     ) -> None:
         """Take the process of the node, None if the node was not started by the replay.
 
@@ -191,7 +191,7 @@ class ExternalLocaliser(ExternalNode):
         peer: ReplayPeer,
         options: ExternalOptions,
         command: ChildProcess | None,
-        results: Results,
+        results: ReceivedResults,
         loc: LocSequence,
     ) -> None:
         """Create the publisher of converted poses. The convention may require the rig and the ground truth."""
@@ -239,7 +239,7 @@ class ExternalMapper(ExternalNode):
         peer: ReplayPeer,
         options: ExternalOptions,
         command: ChildProcess | None,
-        results: Results,
+        results: ReceivedResults,
         nav: NavSequence,
     ) -> None:
         """Create the publisher of converted clouds, whose points are transformed to LM by the poses of the pairs."""
@@ -277,7 +277,7 @@ def _ended(command: ChildProcess) -> str:
 
 
 def external_node(
-    peer: ReplayPeer, source: Source, options: ExternalOptions, command: ChildProcess | None, results: Results
+    peer: ReplayPeer, source: Source, options: ExternalOptions, command: ChildProcess | None, results: ReceivedResults
 ) -> ExternalNode:
     """Return the external node of a replay."""
     if options.task is Task.LOCALISATION and source.loc is not None:

@@ -15,7 +15,7 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.convention import converted_estimates
 from sfr_loc_map.metrics.records import ConventionRecord
 from sfr_loc_map.runs.calls import CallRecord, estimates_of, stats_of
-from sfr_loc_map.runs.replay_result import CollectedRun
+from sfr_loc_map.runs.collected_run import CollectedRun
 from sfr_loc_map.scoring.conversion import corrected
 from sfr_loc_map.scoring.inputs import Correction, DriveToScore
 

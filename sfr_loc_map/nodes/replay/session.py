@@ -24,8 +24,8 @@ from sfr_loc_map.nodes.replay.external import external_node
 from sfr_loc_map.nodes.replay.options import ReplayOptions, node_arguments
 from sfr_loc_map.nodes.replay.pacing import PairTracker
 from sfr_loc_map.nodes.replay.player import Player
+from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.nodes.replay.replay_peer import ReplayPeer
-from sfr_loc_map.nodes.replay.results import Results
 from sfr_loc_map.nodes.ros import environment
 from sfr_loc_map.runs.offline import check_count
 from sfr_loc_map.topics import RECTIFIED, Role, names
@@ -42,7 +42,7 @@ class Running(NamedTuple):
     collector: ResultCollector
 
 
-def replay(source: Source, options: ReplayOptions, progress: Progress, say: Say) -> tuple[Results, bool]:
+def replay(source: Source, options: ReplayOptions, progress: Progress, say: Say) -> tuple[ReceivedResults, bool]:
     """Replay a source through the nodes; return the results, and whether a signal ended the replay early.
 
     `progress` is called with the rig of each played pair.
@@ -101,7 +101,7 @@ def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[Runnin
         if options.external is not None and options.external.command:
             command = stack.enter_context(user_command(options.external.command, folder))
         peer = stack.enter_context(ReplayPeer(supervisor))
-        results = Results()
+        results = ReceivedResults()
         external = None
         if options.external is not None:
             external = external_node(peer, source, options.external, command, results)
@@ -121,7 +121,7 @@ def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[Runnin
         yield Running(peer, player, collector)
 
 
-def _missing_poses(source: Source, results: Results) -> str:
+def _missing_poses(source: Source, results: ReceivedResults) -> str:
     """Return what the estimate lacks, as a text for the page; empty if nearly every image has a pose."""
     images = 0 if source.loc is None else len(source.loc)
     posed = len({stamp_ns for stamp_ns, _, _ in results.rows})

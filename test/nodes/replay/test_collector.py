@@ -9,8 +9,8 @@ from sfr_loc_map.errors import InputError, NodeError
 from sfr_loc_map.message_types import Level, StatusKind
 from sfr_loc_map.nodes.lifecycle.diagnostics import status_msg
 from sfr_loc_map.nodes.replay.collector import ResultCollector
+from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.nodes.replay.replay_peer import ReplayPeer
-from sfr_loc_map.nodes.replay.results import Results
 from sfr_loc_map.topics import DIAGNOSTICS
 
 
@@ -18,7 +18,7 @@ from sfr_loc_map.topics import DIAGNOSTICS
 def test_an_unusable_input_and_an_internal_fault_are_different_errors(kind: StatusKind, error: type[Exception]) -> None:
     supervisor = SimpleNamespace(processes={"localisation_node": None}, check=lambda: None)
     with ReplayPeer(supervisor) as peer:
-        collector = ResultCollector(peer, Results(), None, pairs_per_map=3, is_lock_step=True)
+        collector = ResultCollector(peer, ReceivedResults(), None, pairs_per_map=3, is_lock_step=True)
         publisher = peer.ros_node.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)
         for name in ("another_node", "localisation_node"):
             status = status_msg(f"{name}: {kind}", Level.ERROR, f"{name} has failed", {})
@@ -30,7 +30,7 @@ def test_an_unusable_input_and_an_internal_fault_are_different_errors(kind: Stat
 def test_a_replay_at_a_rate_fails_with_an_internal_fault_and_continues_after_an_unusable_input() -> None:
     supervisor = SimpleNamespace(processes={"mapping_node": None}, check=lambda: None)
     with ReplayPeer(supervisor) as peer:
-        collector = ResultCollector(peer, Results(), None, pairs_per_map=3, is_lock_step=False)
+        collector = ResultCollector(peer, ReceivedResults(), None, pairs_per_map=3, is_lock_step=False)
         publisher = peer.ros_node.create_publisher(DiagnosticArray, DIAGNOSTICS, 10)
         for kind in (StatusKind.INPUT, StatusKind.FAULT):
             collector.note_sent("loc", 1, 0.0)

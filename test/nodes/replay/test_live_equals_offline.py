@@ -22,7 +22,7 @@ from sfr_loc_map.metrics.score_json import to_dict
 from sfr_loc_map.nodes.replay.options import ReplayOptions
 from sfr_loc_map.nodes.replay.session import Running, play, running
 from sfr_loc_map.runs.offline import start_pose
-from sfr_loc_map.scoring.replay_score import score_replay
+from sfr_loc_map.scoring.score_collected import score_replay
 
 POSES, PAIRS = 12, 3
 EXACT = 1e-12

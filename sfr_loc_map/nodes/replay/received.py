@@ -13,11 +13,11 @@ from sfr_loc_map.inputs import Task
 from sfr_loc_map.metrics.config import MappingState
 from sfr_loc_map.nodes.replay.answer_book import AnswerBook
 from sfr_loc_map.runs.calls import CallRecord, published_or_of_call
-from sfr_loc_map.runs.replay_result import CollectedRun, ExternalRun
+from sfr_loc_map.runs.collected_run import CollectedRun, ExternalRun
 
 
 @dataclass(slots=True)
-class Results:
+class ReceivedResults:
     """Pairs that were published to the nodes, and results that the nodes have published."""
 
     #: Stamp, position (m) and quaternion (x, y, z, w) of each odometry message, as received.

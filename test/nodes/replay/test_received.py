@@ -4,7 +4,7 @@ import numpy as np
 
 from sfr_loc_map.geometry.cloud import PointCloud
 from sfr_loc_map.inputs import Task
-from sfr_loc_map.nodes.replay.results import Results
+from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.runs.calls import CallRecord
 
 
@@ -14,10 +14,12 @@ def cloud(count: int) -> PointCloud:
     return PointCloud.from_structured(records)
 
 
-def results(*stamps_ns: int) -> Results:
+def results(*stamps_ns: int) -> ReceivedResults:
     points = [(stamp_ns, cloud(stamp_ns).xyz.astype(np.float64)) for stamp_ns in stamps_ns]
     sent_pairs = {("nav", stamp_ns) for stamp_ns in (10, 20, 30)}
-    return Results(sent_pairs=sent_pairs, points=points, clouds=[(stamp_ns, cloud(stamp_ns)) for stamp_ns in stamps_ns])
+    return ReceivedResults(
+        sent_pairs=sent_pairs, points=points, clouds=[(stamp_ns, cloud(stamp_ns)) for stamp_ns in stamps_ns]
+    )
 
 
 def test_clouds_of_each_pair_are_taken_together_and_one_is_the_map_of_all() -> None:
@@ -35,12 +37,12 @@ def test_points_without_pixels_stay_points() -> None:
     found.clouds.pop()
     whole, points, stamps = found.external_map()
     assert (whole, points.shape, stamps) == (None, (60, 3), (10, 20, 30))
-    assert Results().external_map() == (None, None, ())
+    assert ReceivedResults().external_map() == (None, None, ())
 
 
 def test_a_cloud_is_of_the_pairs_that_its_call_names() -> None:
     """Whatever the order of clouds and calls; a cloud whose call is missing is not complete."""
-    found = Results(clouds=[(20, cloud(5)), (30, cloud(7)), (40, cloud(9))])
+    found = ReceivedResults(clouds=[(20, cloud(5)), (30, cloud(7)), (40, cloud(9))])
     assert found.last_map() == (None, ())
     for state, stamp_ns, pairs in (("fused", 30, (10, 30)), ("fused", 20, (20,)), ("mapped_set", 20, (20,))):
         found.calls[Task.MAPPING][state, stamp_ns] = CallRecord(

@@ -1,43 +1,14 @@
-"""The results of a replay, and their files."""
+"""The files of a replay."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from sfr_loc_map.atomic import write_text
-from sfr_loc_map.geometry.arrays import FloatArray
-from sfr_loc_map.geometry.cloud import PointCloud
-from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.io.clouds.cloud_file import save_cloud, save_points
 from sfr_loc_map.io.tables.trajectory_file import save_trajectory
-from sfr_loc_map.metrics.records import ConventionRecord, ExternalScore, FindingRecord, MethodRecord
-from sfr_loc_map.runs.calls import CallRecord, save_stats
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ExternalRun:
-    """The results about an external node in a replay."""
-
-    method: MethodRecord
-    score: ExternalScore  # how it behaved
-    findings: tuple[FindingRecord, ...]  # errors in its answers
-    log: str = ""  # output of its process; empty if the process was not started here
-    convention: ConventionRecord | None = None  # conversion of its results
-    as_published: Trajectory | None = None  # its poses as it published them
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CollectedRun:
-    """The results of a replay."""
-
-    estimate: Trajectory  # empty without a drive
-    cloud: PointCloud | None  # the last cloud
-    records: Sequence[CallRecord]  # all calls of localiser and mapper
-    mapped_ns: tuple[int, ...]  # stamps of the pairs of the cloud, in the order of the points' `pair`
-    external: ExternalRun | None = None  # its poses are converted by `nodes.replay.external_poses`
-    points: FloatArray | None = None  # `(N, 3)` in LM, of an external mapper without pixels
+from sfr_loc_map.runs.calls import save_stats
+from sfr_loc_map.runs.collected_run import CollectedRun
 
 
 class ReplayFiles:

@@ -13,12 +13,13 @@ from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.nodes.replay.external_poses import with_converted_poses
 from sfr_loc_map.nodes.replay.options import ReplayOptions
-from sfr_loc_map.nodes.replay.results import Results
+from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.nodes.replay.session import replay
+from sfr_loc_map.runs.collected_run import CollectedRun
 from sfr_loc_map.runs.offline import states_text, tracking_warning
-from sfr_loc_map.runs.replay_result import CollectedRun, ReplayFiles, save_replay
+from sfr_loc_map.runs.replay_files import ReplayFiles, save_replay
 from sfr_loc_map.scoring.inputs import Correction
-from sfr_loc_map.scoring.replay_score import score_replay
+from sfr_loc_map.scoring.score_collected import score_replay
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +82,7 @@ def replay_and_score(
     )
 
 
-def _remarks(results: Results, options: ReplayOptions) -> Iterator[str]:
+def _remarks(results: ReceivedResults, options: ReplayOptions) -> Iterator[str]:
     """Yield remarks on missing results and on the answers of an external node; raise a NodeError without a cloud."""
     theirs = None if options.external is None else options.external.task  # its answers are counted in the score
     played = len(results.sent_stamps(Task.LOCALISATION.rig))

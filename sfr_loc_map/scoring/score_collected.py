@@ -19,7 +19,8 @@ from sfr_loc_map.metrics.config import ScoreConfig
 from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.runs.calls import stats_of
-from sfr_loc_map.runs.replay_result import CollectedRun, ReplayFiles
+from sfr_loc_map.runs.collected_run import CollectedRun
+from sfr_loc_map.runs.replay_files import ReplayFiles
 from sfr_loc_map.scoring.inputs import CloudToScore, DriveToScore, Run, ScoreInputs
 from sfr_loc_map.scoring.load import estimates_of_calls, with_read_files
 from sfr_loc_map.scoring.score_run import score_run
