@@ -43,7 +43,6 @@ from sfr_loc_map.mapping.config import MappingConfig
 
 if TYPE_CHECKING:
     from sfr_loc_map.io.sequence import Source
-    from sfr_loc_map.metrics.limits import Limits
     from sfr_loc_map.nodes.replay.options import ReplayOptions
     from sfr_loc_map.nodes.replay.run import ScoredReplay
     from sfr_loc_map.runs.replay_files import ReplayFiles
@@ -51,25 +50,15 @@ if TYPE_CHECKING:
 
 PLAYED = "Playback of the source"
 UNDER_TEST = "External node in place of ours"
-HELP = """Play a source to the three nodes over topics, collect their results and score them.
-
-The node /sfr_player offers the services ~/pause and ~/resume (std_srvs/Trigger). Ctrl-C ends the replay:
-the results up to then are scored and written, and the exit code is 130.
-
-With --external another node replaces ours. It subscribes to the images of its task and publishes nav_msgs/Odometry or
-sensor_msgs/PointCloud2 with the stamp of each pair. In lock step the replay waits for each answer (--answer-timeout).
-A crash or a missing answer is a finding, and the replay continues. See docs/candidates.md.
-"""
 
 
 @app.command(
-    help=HELP,
     epilog=examples(
         "sfr replay data/ --start truth --out out/",
         "sfr replay drive.mcap --rate 1 --duration 30 --out out/ --overwrite",
         "sfr replay data/ --limits limits.yaml --condition distance=10",
         "sfr replay data/ --external localisation --command 'python3 my_node.py' --convention frame=left_optical",
-    ),
+    )
 )
 def replay(
     source: SourceArgument,
@@ -161,8 +150,15 @@ def replay(
     spacing: SpacingOption = 10,
     rebase: RebaseOption = "pose",
 ) -> None:
-    """Play a source to the nodes over topics, record their results and score them."""
-    propose("... --out out", why="keeps report, estimate and cloud")
+    """Play a source to the three nodes over topics, collect their results and score them.
+
+    The node /sfr_player offers the services ~/pause and ~/resume (std_srvs/Trigger). Ctrl-C ends the replay:
+    the results up to then are scored and written, and the exit code is 130.
+
+    With --external another node replaces ours. It subscribes to the images of its task and publishes nav_msgs/Odometry
+    or sensor_msgs/PointCloud2 with the stamp of each pair. In lock step the replay waits for each answer
+    (--answer-timeout). A crash or a missing answer is a finding, and the replay continues. See docs/candidates.md.
+    """
     with live_beside(live, live_port, isolated=True) as page:  # first, because its imports are faster
         from sfr_loc_map.runs.replay_files import ReplayFiles
         from sfr_loc_map.scoring.settings import score_settings
@@ -185,7 +181,8 @@ def replay(
             mapping=read_config(MappingConfig, read_from, "mapping"),
             parameter_file=read_from if read_from is not None and is_ros_parameter_file(read_from) else None,
             score=score_settings(by.conditions, spacing=spacing, rebase=rebase, partial=partial),
-            limits=by.limits_file,
+            limits_file=by.limits_file,
+            limits=by.limits,
             start=first_pose(opened, start, start_offset),
             rate=rate,
             offset_s=start_offset,
@@ -197,7 +194,7 @@ def replay(
         )
         files = None if out is None else ReplayFiles(out)
         with _room_for(files, (source, limits, config), overwrite=overwrite):
-            outcome = _replayed(opened, options, by.limits, correction, files)
+            outcome = _replayed(opened, options, correction, files)
             try:
                 present(
                     outcome.score, None if files is None else str(files.report), None if files is None else files.page
@@ -230,7 +227,7 @@ def _room_for(files: ReplayFiles | None, inputs: Iterable[Path | None], *, overw
 
 
 def _replayed(
-    source: Source, options: ReplayOptions, limits: Limits | None, correction: Correction, files: ReplayFiles | None
+    source: Source, options: ReplayOptions, correction: Correction, files: ReplayFiles | None
 ) -> ScoredReplay:
     """Replay and score with progress bars."""
     from sfr_loc_map.nodes.replay.run import replay_and_score
@@ -246,7 +243,6 @@ def _replayed(
         return replay_and_score(
             source,
             options,
-            limits,
             correction,
             files,
             command=shlex.join(["sfr", *sys.argv[1:]]),
@@ -261,7 +257,9 @@ def _report_files(outcome: ScoredReplay, files: ReplayFiles | None) -> None:
         say(remark, err=True)
     if outcome.warning is not None:
         warn(outcome.warning)
-    if files is not None:
-        page = files.page if files.page.exists() else files.report
-        say(f"report: {page}")
-        propose(f"open {page} in a browser")
+    if files is None:
+        propose("... --out out", why="keeps report, estimate and cloud")
+        return
+    page = files.page if files.page.exists() else files.report
+    say(f"report: {page}")
+    propose(f"open {page} in a browser")

@@ -33,7 +33,7 @@ def score_replay(
     limits: Limits | None,
     *,
     files: ReplayFiles | None = None,
-    settings: Mapping[str, object] = MappingProxyType({}),
+    settings: Mapping[Task, Mapping[str, object]] = MappingProxyType({}),
     limits_file: Path | None = None,
     command: str | None = None,
 ) -> Score:
@@ -71,19 +71,18 @@ def score_replay(
         else:
             in_memory["cloud"] = hash_arrays([cloud.loaded.xyz])
     task = Task.MAPPING if drive is None else Task.LOCALISATION
-    prefix = f"{task}."
-    own = {name.removeprefix(prefix): value for name, value in settings.items() if name.startswith(prefix)}
+    configuration = {f"{part}.{name}": value for part, own in settings.items() for name, value in own.items()}
     run = Run(
         inputs,
         stats,
         drive=drive,
         cloud=cloud,
-        method=record_of_ours(task, own),
+        method=record_of_ours(task, settings.get(task, {})),
         unposed_images=unposed,
         nav_stamps_ns=nav_stamps_ns,
         unmapped_pairs=unmapped,
         in_memory=in_memory,
-        settings=settings,
+        settings=configuration,
     )
     if (node := result.external) is not None:
         run = replace(run, method=node.method, external=node.score, findings=node.findings, convention=node.convention)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -157,7 +158,8 @@ def test_the_states_of_an_external_node_that_reports_none_are_unknown(tmp_path: 
     source = open_source(write_folder(tmp_path / "source", 12, 0))
     truth = source.loc.ground_truth
     estimate = Trajectory(truth.stamps_ns, 0.999 * truth.positions, truth.quats_xyzw)
-    calls = [] if state is None else [CallRecord(int(stamp), 0.1, state) for stamp in truth.stamps_ns]
+    seconds = math.nan if state is None else 0.1
+    calls = [CallRecord(int(stamp), seconds, state or "") for stamp in truth.stamps_ns]
     answers = AnswerCounts(pairs=12, answered=12)
     node = ExternalScore(task="localisation", topic="t", frames="odom", answers=answers, latency_s=None)
     run = ExternalRun(MethodRecord(name="n", version=None, kind=MethodKind.EXTERNAL), node, ())

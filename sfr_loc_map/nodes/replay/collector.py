@@ -105,7 +105,7 @@ class ResultCollector:
         if self._external is not None and self._external.options.task is Task.MAPPING:
             return 0
         mapped = self.results.sent_stamps(Task.MAPPING.rig)
-        maps, left = divmod(len(mapped), max(self._pairs_per_map, 1))
+        maps, left = divmod(len(mapped), self._pairs_per_map)
         if not left:
             return maps
         for stamp_ns in mapped:

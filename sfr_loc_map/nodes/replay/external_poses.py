@@ -23,19 +23,19 @@ from sfr_loc_map.scoring.inputs import Correction, DriveToScore
 def with_converted_poses(
     result: CollectedRun, source: Source, config: ScoreConfig, correction: Correction
 ) -> CollectedRun:
-    """Return a result with the poses of an external localiser converted to RB in DS, and one call for each pose.
+    """Return a result with the poses of an external localiser converted to RB in DS, as are their calls.
 
-    A result without an external localiser is returned unchanged.
+    Each pose requires a call. A result without an external localiser is returned unchanged.
     """
     published = result.estimate
     run, loc = result.external, source.loc
     if run is None or run.score.task != Task.LOCALISATION or loc is None or not len(published):
         return result
     calls = {call.stamp_ns: call for call in result.records if call.task is Task.LOCALISATION}
-    estimates = estimates_of(published, stats_of([*calls.values()]) if calls else None)
+    estimates = estimates_of(published, stats_of([*calls.values()]))
     estimates, convention = _converted(estimates, loc, config, correction)
     stamps_ns = published.stamps_ns.tolist()
-    records = [_call_of(estimates, row, calls.get(stamp_ns)) for row, stamp_ns in enumerate(stamps_ns)]
+    records = [_call_of(estimates, row, calls[stamp_ns]) for row, stamp_ns in enumerate(stamps_ns)]
     records += [call for call in result.records if call.task is Task.MAPPING]
     external = replace(run, as_published=published, convention=convention)
     return replace(result, estimate=estimates.trajectory, records=records, external=external)
@@ -59,16 +59,10 @@ def _converted(
     return converted, ConventionRecord(declared=declared.settings)
 
 
-def _call_of(estimates: Estimates, row: int, call: CallRecord | None) -> CallRecord:
-    """Return the call of a converted pose: the reported call with the converted covariance and without its step.
-
-    Time and state are unknown where the node reports no call.
-    """
-    stamp_ns = int(estimates.trajectory.stamps_ns[row])
-    if call is None:
-        call = CallRecord(stamp_ns, float("nan"))
+def _call_of(estimates: Estimates, row: int, call: CallRecord) -> CallRecord:
+    """Return the call of a converted pose with the converted covariance and without its step."""
     state = TrackingState.LOST.value if estimates.lost[row] else call.state
-    return replace(call, stamp_ns=stamp_ns, state=state, covariance=_full_covariance(estimates, row), step=None)
+    return replace(call, state=state, covariance=_full_covariance(estimates, row), step=None)
 
 
 def _full_covariance(estimates: Estimates, row: int) -> FloatArray | None:

@@ -21,6 +21,7 @@ from sfr_loc_map.localisation.config import LocalisationConfig
 from sfr_loc_map.localisation.estimate import StartPose
 from sfr_loc_map.mapping.config import MAX_PAIRS, MappingConfig
 from sfr_loc_map.metrics.config import ScoreConfig
+from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.pose_convention import PoseConvention
 from sfr_loc_map.nodes.launch.live_process import LiveProcess
 from sfr_loc_map.runs.offline import start_pose
@@ -61,7 +62,8 @@ class ReplayOptions:
     localisation: LocalisationConfig  #: Parameters of the localiser.
     mapping: MappingConfig  #: Parameters of the mapper.
     score: ScoreConfig  #: Settings of the monitor's score.
-    limits: Path | None  #: Limits file for the monitor's verdicts; None: no limits.
+    limits_file: Path | None  #: Limits file for the monitor's verdicts; None: no limits.
+    limits: Limits | None  #: Content of the limits file.
     start: StartPose | None  #: Pose of RB in DS at the start, with its stamp; None: identity.
     rate: float  #: Multiple of the recorded speed; 0: lock step, which waits for the results of each pair.
     offset_s: float  #: Start of the replay, s after the first message.
@@ -90,9 +92,9 @@ def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict
             "sync": {"stamp_tolerance_s": STAMP_TOLERANCE_S},
         }
     )
-    given[Task.MAPPING.node]["pairs_per_map"] = len(source.nav) if source.nav is not None else MAX_PAIRS
-    if options.limits is not None:
-        given[MONITOR_NODE]["limits_file"] = str(options.limits.resolve())
+    given[Task.MAPPING.node]["pairs_per_map"] = pairs_per_map(source)
+    if options.limits_file is not None:
+        given[MONITOR_NODE]["limits_file"] = str(options.limits_file.resolve())
     external = options.external
     found = {}
     for node, parameters in given.items():
@@ -107,6 +109,11 @@ def node_arguments(source: Source, options: ReplayOptions, folder: Path) -> dict
     if external is not None and external.converted_topic != RESULTS[external.task]:
         found[MONITOR_NODE] += ["-r", f"{RESULTS[external.task]}:={external.converted_topic}"]
     return found
+
+
+def pairs_per_map(source: Source) -> int:
+    """Return the number of pairs of a map, which contains all pairs of the source."""
+    return MAX_PAIRS if source.nav is None else len(source.nav)
 
 
 def _tracked_body(source: Source) -> dict[str, Any]:

@@ -9,7 +9,6 @@ from sfr_loc_map.config import changed
 from sfr_loc_map.errors import NodeError, naming
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.io.sequence import Source
-from sfr_loc_map.metrics.limits import Limits
 from sfr_loc_map.metrics.score import Score
 from sfr_loc_map.nodes.replay.external_poses import with_converted_poses
 from sfr_loc_map.nodes.replay.options import ReplayOptions
@@ -36,7 +35,6 @@ class ScoredReplay:
 def replay_and_score(
     source: Source,
     options: ReplayOptions,
-    limits: Limits | None,
     correction: Correction,
     files: ReplayFiles | None,
     command: str,
@@ -63,10 +61,10 @@ def replay_and_score(
         source,
         result,
         options.score,
-        limits,
+        options.limits,
         files=files,
-        settings=changed(options.localisation, "localisation.") | changed(options.mapping, "mapping."),
-        limits_file=options.limits,
+        settings={Task.LOCALISATION: changed(options.localisation), Task.MAPPING: changed(options.mapping)},
+        limits_file=options.limits_file,
         command=command,
     )
     localised = [record for record in result.records if record.task is Task.LOCALISATION]

@@ -21,7 +21,7 @@ from sfr_loc_map.nodes.input.extrinsics import publish_extrinsics
 from sfr_loc_map.nodes.launch.processes import Supervisor, user_command
 from sfr_loc_map.nodes.replay.collector import ResultCollector
 from sfr_loc_map.nodes.replay.external import external_node
-from sfr_loc_map.nodes.replay.options import ReplayOptions, node_arguments
+from sfr_loc_map.nodes.replay.options import ReplayOptions, node_arguments, pairs_per_map
 from sfr_loc_map.nodes.replay.pacing import PairTracker
 from sfr_loc_map.nodes.replay.player import Player
 from sfr_loc_map.nodes.replay.received import ReceivedResults
@@ -106,9 +106,9 @@ def running(source: Source, options: ReplayOptions, say: Say) -> Iterator[Runnin
         if options.external is not None:
             external = external_node(peer, source, options.external, command, results)
         player = Player(peer, topics, options.rate, paused=options.paused)
-        pairs_per_map = 0 if source.nav is None else len(source.nav)
         is_lock_step = options.rate <= 0.0
-        collector = ResultCollector(peer, results, external, pairs_per_map=pairs_per_map, is_lock_step=is_lock_step)
+        count = pairs_per_map(source)
+        collector = ResultCollector(peer, results, external, pairs_per_map=count, is_lock_step=is_lock_step)
         if source.loc is not None and source.loc.rig.T_rb_sb is not None:
             publish_extrinsics(peer.ros_node, source.loc.rig.T_rb_sb)
         say("waiting for the nodes")

@@ -60,6 +60,7 @@ def test_live_equals_offline(tmp_path: Path, own_domain: None) -> None:
         localisation=LocalisationConfig(),
         mapping=MappingConfig(),
         score=config,
+        limits_file=None,
         limits=None,
         start=start_pose(source.loc, "truth"),
         rate=0.0,
