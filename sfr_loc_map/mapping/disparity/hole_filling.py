@@ -1,13 +1,26 @@
 """Filling of invalid pixels with the disparity of a surface beside them, if both images support it.
 
-A hole is a region of invalid pixels. Pixels in completely saturated neighbourhoods are never filled. For all other
-pixels the matching costs decide.
+A hole is a region of invalid pixels. The hypotheses of a pixel are the nearest surfaces along eight directions,
+extrapolated as planes (`hole_hypotheses`). Each hypothesis has a matching cost over the neighbourhood of the pixel, in
+which invalid pixels have a larger weight than valid ones. A pixel is filled if all of these conditions are met, in the
+order of their evaluation:
 
-The hypotheses of a pixel are the nearest surfaces along eight directions, extrapolated as planes. Each hypothesis has a
-matching cost over the neighbourhood of the pixel, in which invalid pixels have a larger weight than valid ones. The
-maximum cost of a filled pixel is a percentile of the costs of valid pixels beside holes in the same pair. A hypothesis
-is rejected if the corresponding pixel of the right image belongs to another surface. Limits and alternatives are
-described in measurements/mapper_trials.md.
+1. Its neighbourhood is not completely saturated (`fill_holes`).
+2. A measured pixel is within `REACH`, or in later passes a pixel that was filled in the pass before. Hypotheses of
+   other pixels have not changed (`fill_holes`).
+3. A hypothesis is possible: the corresponding pixel is inside the right image and belongs to no other surface
+   (`_is_contradicted`). The possible hypothesis with the lowest cost is chosen (`_best_hypothesis`).
+4. Its cost is at most the `COST_PERCENTILE` of the costs of valid pixels beside holes in the same pair (`_cost_limit`).
+5. Every hypothesis of another surface costs more by a margin of `MARGIN_SIGMAS`, divided by the root of the effective
+   number of pixels. Hypotheses that are not possible count, too: if the images also match on such a surface, the
+   matching costs are ambiguous, and the pixel is not filled.
+6. The hypothesis is confirmed: its surface is on opposite sides of the pixel, or the matcher agrees, or its cost is
+   lower by the margin than at disparities `ALTERNATIVE_PX` to either side.
+7. With the pixels that the pass proposes, at least `MIN_SAME_SURFACE` neighbours are on its surface, and its
+   corresponding pixel still belongs to no other surface (`_on_their_surface`).
+8. After all passes, its depth is less than `MAX_DEPTH_RATIO` times that of a nearby surface (`fill_holes`).
+
+Limits and alternatives are described in measurements/mapper_trials.md.
 """
 
 from __future__ import annotations
@@ -22,6 +35,15 @@ from numba import prange
 from sfr_loc_map.geometry.arrays import F, FloatArray32, FloatImage, IntArray, Mask
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 from sfr_loc_map.mapping.disparity.disparity_map import DisparityMap
+from sfr_loc_map.mapping.disparity.hole_hypotheses import (
+    DIRECTION_COUNT,
+    REACH,
+    HoleScene,
+    Hypotheses,
+    hypotheses,
+    is_enclosed,
+    surface_slope,
+)
 from sfr_loc_map.mapping.disparity.matching_cost import NO_COST, plane_cost
 from sfr_loc_map.mapping.disparity.pixel_status import PixelStatus
 from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX, RightSurfaces, depth_ratio, right_surfaces
@@ -30,10 +52,6 @@ from sfr_loc_map.mapping.filters import dilated
 PASSES = 2
 """Number of passes. Pixels filled in one pass provide hypotheses for their neighbours in the next pass. A third pass
 adds less than 0.001 to the density."""
-REACH = 12
-"""Maximum distance over which a plane is extrapolated, rows or columns. With 6 or 24 the density of five pairs changes
-by 0.0015 or less (measurements/mapper_trials.md)."""
-SLOPE_PX = 2  #: Distance over which the slope of a surface is measured, pixels: one cell of the refined field.
 COST_PERCENTILE = 93.0
 """The maximum cost of a filled pixel is this percentile of the costs of valid pixels beside holes. Real images match
 less well than rendered images, so that no fixed cost suits both (measurements/mapper_trials.md).
@@ -64,22 +82,6 @@ hand."""
 NEARBY_PX = 7
 """Distance within which depths are compared, rows or columns. With 3 or 15 the density of five pairs changes by 0.0004
 or less (measurements/mapper_trials.md)."""
-DIRECTIONS = np.array([[0, 1], [0, -1], [1, 0], [-1, 0], [1, 1], [-1, -1], [1, -1], [-1, 1]])
-"""Row and column step of each direction; opposite directions follow each other."""
-DIRECTION_COUNT = len(DIRECTIONS)
-"""Number of hypotheses of a pixel."""
-
-
-class HoleScene(NamedTuple):
-    """Input of a pass, `(H, W)` each."""
-
-    left: FloatImage  #: Integer grey levels.
-    right: FloatImage  #: Corrected grey levels.
-    disparity: FloatImage  #: Pixels.
-    valid: Mask  #: Pixels with a valid disparity, measured or filled in an earlier pass.
-    fillable: Mask  #: Invalid pixels that may be filled.
-    initial: FloatImage  #: Disparities of the semi-global matching, pixels; NaN at unmatched pixels.
-    distance: FloatImage  #: Rows or columns to the nearest valid pixel.
 
 
 class FilledPixels(NamedTuple):
@@ -87,14 +89,6 @@ class FilledPixels(NamedTuple):
 
     px: FloatImage  #: Disparities after the pass, pixels.
     accepted: Mask  #: Pixels that the pass has filled.
-
-
-class Hypotheses(NamedTuple):
-    """The nearest surface along each direction as a plane at a pixel, `(8,)` each; NaN without a surface."""
-
-    disparity: FloatArray32  #: Disparity of the plane at the pixel, pixels.
-    slope_x: FloatArray32  #: Slope of the plane along rows, pixels per pixel.
-    slope_y: FloatArray32  #: Slope of the plane along columns, pixels per pixel.
 
 
 class HypothesisCosts(NamedTuple):
@@ -112,24 +106,26 @@ def fill_holes(disparity_map: DisparityMap) -> DisparityMap:
     """
     measured = disparity_map.valid
     unsaturated = ~disparity_map.saturation.saturated
-    scene = _scene(disparity_map, disparity_map.px, measured, unsaturated)
-    cost_limit = _cost_limit(scene)
+    cost_limit = _cost_limit(_scene(disparity_map, disparity_map.px, measured, unsaturated))
     if cost_limit is None:
         return disparity_map
     min_margin = F(MARGIN_SIGMAS * disparity_map.noise_grey)
-    filled = _filled(scene, cost_limit, min_margin)
-    valid = measured | filled.accepted
-    for _ in range(PASSES - 1):
-        has_new_hypotheses = dilated(filled.accepted, REACH)
-        scene = _scene(disparity_map, filled.px, valid, unsaturated & has_new_hypotheses)
+    px = disparity_map.px
+    valid = measured
+    newly_valid = measured
+    for _ in range(PASSES):
+        has_new_hypotheses = dilated(newly_valid, REACH)
+        scene = _scene(disparity_map, px, valid, unsaturated & has_new_hypotheses)
         filled = _filled(scene, cost_limit, min_margin)
+        px = filled.px
         valid = valid | filled.accepted
+        newly_valid = filled.accepted
     # Depths are compared after all passes. A rejected pixel may therefore have provided a hypothesis in a later pass.
-    has_similar_depth = depth_ratio(np.where(valid, filled.px, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
+    has_similar_depth = depth_ratio(np.where(valid, px, F(0.0)), NEARBY_PX) < MAX_DEPTH_RATIO
     is_filled = valid & ~measured & has_similar_depth
     return replace(
         disparity_map,
-        px=np.where(is_filled, filled.px, disparity_map.px),
+        px=np.where(is_filled, px, disparity_map.px),
         sigma_px=np.where(is_filled, np.maximum(disparity_map.sigma_px, MIN_FILLED_SIGMA_PX), disparity_map.sigma_px),
         status=np.where(is_filled, np.uint8(PixelStatus.FILLED), disparity_map.status),
     )
@@ -150,11 +146,7 @@ def _scene(disparity_map: DisparityMap, px: FloatImage, valid: Mask, allowed: Ma
 
 
 def _filled(scene: HoleScene, cost_limit: np.float32, min_margin: np.float32) -> FilledPixels:
-    """Return the disparities and the accepted pixels of one pass.
-
-    A proposed disparity is accepted if enough of its neighbours are on its surface and the right image does not
-    contradict it (`_on_their_surface`).
-    """
+    """Return the disparities and the accepted pixels of one pass."""
     proposed_px = _fill_pass(scene, right_surfaces(scene.disparity, scene.valid), cost_limit, min_margin)
     is_proposed = np.isfinite(proposed_px)
     px = np.where(is_proposed, proposed_px, scene.disparity)
@@ -183,7 +175,7 @@ def _fill_pass(scene: HoleScene, surfaces: RightSurfaces, cost_limit: np.float32
     out = np.full((rows, cols), F(np.nan))
     for y in prange(rows):
         for x in range(cols):
-            if scene.fillable[y, x] and scene.distance[y, x] <= REACH:
+            if scene.fillable[y, x]:
                 out[y, x] = _best_hypothesis(scene, surfaces, cost_limit, min_margin, y, x)
     return out
 
@@ -192,19 +184,11 @@ def _fill_pass(scene: HoleScene, surfaces: RightSurfaces, cost_limit: np.float32
 def _best_hypothesis(
     scene: HoleScene, surfaces: RightSurfaces, cost_limit: np.float32, min_margin: np.float32, y: int, x: int
 ) -> np.float32:
-    """Return the disparity of the best hypothesis of a pixel, NaN if it is not good enough.
-
-    A hypothesis is possible if the corresponding pixel of the right image belongs to no other surface. The possible
-    hypothesis with the lowest cost is accepted if all of the following conditions are met:
-
-    - Its cost is at most `cost_limit`.
-    - Hypotheses of other surfaces cost more by the margin, which decreases with the effective number of pixels.
-    - It is confirmed: its surface is on opposite sides of the pixel, or the matcher agrees, or its cost is lower by the
-      margin than at disparities `ALTERNATIVE_PX` to either side.
+    """Return the disparity of the best hypothesis of a pixel, NaN if it does not meet the conditions 3 to 6.
 
     If the refined field agrees with the hypothesis, the disparity of the field is returned.
     """
-    planes = _hypotheses(scene, y, x)
+    planes = hypotheses(scene, y, x)
     possible = np.zeros(DIRECTION_COUNT, np.bool_)
     count = 0
     for k in range(DIRECTION_COUNT):
@@ -230,7 +214,7 @@ def _best_hypothesis(
     required = cost[best] + min_margin / np.sqrt(costs.effective_pixels[best])
     if cost[best] > cost_limit or lowest_other < required:
         return F(np.nan)
-    is_confirmed = _is_enclosed(planes, disparity) or abs(scene.initial[y, x] - disparity) < SURFACE_JUMP_PX
+    is_confirmed = is_enclosed(planes, disparity) or abs(scene.initial[y, x] - disparity) < SURFACE_JUMP_PX
     if not is_confirmed:
         for side in (-ALTERNATIVE_PX, ALTERNATIVE_PX):
             alternative = plane_cost(
@@ -240,17 +224,6 @@ def _best_hypothesis(
                 return F(np.nan)
     own: np.float32 = scene.disparity[y, x]
     return own if abs(own - disparity) < SURFACE_JUMP_PX else disparity
-
-
-@jit_rows_inline
-def _is_enclosed(planes: Hypotheses, disparity: np.float32) -> bool:
-    """Return whether the surface of a disparity is found in two opposite directions."""
-    is_enclosed = False
-    for k in range(0, DIRECTION_COUNT, 2):
-        one = abs(planes.disparity[k] - disparity) < SURFACE_JUMP_PX
-        opposite = abs(planes.disparity[k + 1] - disparity) < SURFACE_JUMP_PX
-        is_enclosed |= one and opposite
-    return is_enclosed
 
 
 @jit_rows_inline
@@ -279,59 +252,6 @@ def _hypothesis_costs(scene: HoleScene, y: int, x: int, planes: Hypotheses) -> H
     return HypothesisCosts(cost, effective_pixels)
 
 
-@jit_rows_inline
-def _hypotheses(scene: HoleScene, y: int, x: int) -> Hypotheses:
-    """Return the nearest surface along each direction, extrapolated to the pixel as a plane.
-
-    All pixels nearer than `distance` are invalid, so that the search along a direction advances by `distance`.
-    """
-    rows, cols = scene.disparity.shape
-    planes = np.full((3, DIRECTION_COUNT), F(np.nan))
-    disparities = planes[0]
-    slopes_x = planes[1]
-    slopes_y = planes[2]
-    for k in range(DIRECTION_COUNT):
-        dy = DIRECTIONS[k, 0]
-        dx = DIRECTIONS[k, 1]
-        steps = int(scene.distance[y, x])
-        while steps <= REACH:
-            v = y + steps * dy
-            u = x + steps * dx
-            if not (0 <= v < rows and 0 <= u < cols):
-                break
-            if scene.valid[v, u]:
-                slope_x = _surface_slope(scene, v, u, 0, 1)
-                slope_y = _surface_slope(scene, v, u, 1, 0)
-                disparities[k] = scene.disparity[v, u] - F(steps) * (slope_x * F(dx) + slope_y * F(dy))
-                slopes_x[k] = slope_x
-                slopes_y[k] = slope_y
-                break
-            steps += int(scene.distance[v, u])
-    return Hypotheses(disparities, slopes_x, slopes_y)
-
-
-@jit_rows_inline
-def _surface_slope(scene: HoleScene, y: int, x: int, dy: int, dx: int) -> np.float32:
-    """Return the slope of a valid pixel's surface along an axis, from valid pixels of this surface on either side.
-
-    The slopes in `surfaces` use all pixels, valid or not, and therefore include jumps.
-    """
-    rows, cols = scene.disparity.shape
-    centre = scene.disparity[y, x]
-    rise = F(0.0)
-    run = F(0.0)
-    for side in (-SLOPE_PX, SLOPE_PX):
-        v = y + side * dy
-        u = x + side * dx
-        if 0 <= v < rows and 0 <= u < cols and scene.valid[v, u]:
-            step = scene.disparity[v, u] - centre
-            if abs(step) < SURFACE_JUMP_PX:
-                rise += step if side > 0 else -step
-                run += F(SLOPE_PX)
-    slope: np.float32 = rise / max(run, F(1.0))
-    return slope
-
-
 @jit_rows
 def _own_costs(scene: HoleScene, flat_indices: IntArray) -> FloatArray32:
     """Return the matching costs `(N,)` of valid pixels, given by flat indices, at their own disparity."""
@@ -340,8 +260,8 @@ def _own_costs(scene: HoleScene, flat_indices: IntArray) -> FloatArray32:
     for n in prange(len(flat_indices)):
         y = flat_indices[n] // cols
         x = flat_indices[n] % cols
-        slope_x = _surface_slope(scene, y, x, 0, 1)
-        slope_y = _surface_slope(scene, y, x, 1, 0)
+        slope_x = surface_slope(scene, y, x, 0, 1)
+        slope_y = surface_slope(scene, y, x, 1, 0)
         out[n] = plane_cost(scene.left, scene.right, scene.valid, y, x, scene.disparity[y, x], slope_x, slope_y).cost
     return out
 
