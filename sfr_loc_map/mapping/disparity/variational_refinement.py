@@ -75,11 +75,13 @@ right image shows another surface there. The optimum is flat (measurements/mappe
 MIN_WEIGHT = F(0.1)
 """Lower bound of the mean weight that divides the squared residuals of a cell. It limits the inflation of the variance
 where nearly all residuals around a cell are outliers. Chosen by hand."""
-ROUGHNESS_SPACING = 4
-"""Spacing of the second differences that measure roughness, cells: at 8 pixels they exceed the noise of the field."""
-CAUCHY_SCALE = 10.0
-"""Ratio of the scale of the Cauchy weights to the second difference of a surface with the measured curvature. With half
-or twice the value the errors of rendered pairs are 7 to 14 % larger (measurements/mapper_trials.md)."""
+ROUGHNESS_LEVEL = 2
+"""Number of doublings of the cells' spacing at which roughness is measured: second differences at 4 cells, which are 8
+pixels, exceed the noise of the field."""
+CAUCHY_SCALE = 4.9
+"""Ratio of the scale of the Cauchy weights to the measured second differences, both at the spacing at which roughness
+is measured. With half or twice the value the errors of rendered pairs are 7 to 14 % larger
+(measurements/mapper_trials.md)."""
 EDGE_FACTOR = 10.0
 """Second differences above this multiple of the median are edges, not the shape of the ground. Chosen by hand: normally
 distributed second differences do not reach it."""
@@ -95,8 +97,8 @@ ROUGHNESS_WINDOW = 5
 (measurements/mapper_trials.md)."""
 GRID_FACTOR = 2.8
 """Growth of the typical second difference per doubling of the spacing, `2^1.5`: between fractal ground (2 or less) and
-a surface of constant curvature (4). With 2 or 4 the errors of rendered pairs are 1 to 9 % larger
-(measurements/mapper_trials.md)."""
+a surface of constant curvature (4). With 2 or 4 and the same scale on the finest grid, the errors of rendered pairs are
+1 to 9 % larger (measurements/mapper_trials.md)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,7 +141,7 @@ class SolvedField(NamedTuple):
 
 
 class Roughness(NamedTuple):
-    """Scale of the Cauchy weights of second differences around each cell, pixels."""
+    """Scale of the Cauchy weights of second differences around each cell on the finest grid, pixels."""
 
     along_x: FloatImage  #: `(h, w)`, along rows.
     along_y: FloatImage  #: `(h, w)`, along columns.
@@ -211,12 +213,9 @@ def linearise(left: LeftImage, right: FloatImage, cells: FloatImage) -> Linearis
 
 
 def _roughness(cells: FloatImage) -> Roughness:
-    """Return the scale of the Cauchy weights, from second differences at a spacing of `ROUGHNESS_SPACING` cells.
-
-    A surface of constant curvature has second differences proportional to the square of the spacing.
-    """
-    bending = second_differences(downsample_mean(cells, ROUGHNESS_SPACING))
-    factor = F(CAUCHY_SCALE / ROUGHNESS_SPACING**2)
+    """Return the scale of the Cauchy weights on the finest grid, from second differences on a coarser grid."""
+    bending = second_differences(downsample_mean(cells, 2**ROUGHNESS_LEVEL))
+    factor = F(CAUCHY_SCALE / GRID_FACTOR**ROUGHNESS_LEVEL)
     return Roughness(
         upsample_bilinear(_local_size(bending.along_x), cells.shape) * factor,
         upsample_bilinear(_local_size(bending.along_y), cells.shape) * factor,
