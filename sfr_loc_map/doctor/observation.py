@@ -108,7 +108,10 @@ class Observation:
         return next((node for node in self.nodes if node.rig == rig), None)
 
     def image_name(self, rig: str) -> str:
-        """Return the last part of the names of a rig's images: as its node subscribes, else rectified before raw."""
+        """Return the last part of the topic names of a rig's images: the name to which its node subscribes.
+
+        Without a node, return the raw name if only raw images are published, else the rectified name.
+        """
         node = self.node(rig)
         if node is not None:
             return RAW if node.rectifies else RECTIFIED

@@ -12,13 +12,13 @@ from sfr_loc_map.geometry.arrays import FloatImage, GreyImage
 from sfr_loc_map.geometry.stereo import StereoPair
 
 BODY_DEPTH, OBJECT_DEPTH, SHADOW_DEPTH = 6.0, 8.0, 12.0
-"""Depths of the own body, of a crossing object and of the ground in the own shadow, in baselines.
+"""Depths of the rover's own body, of a crossing object and of the ground in the rover's shadow, in baselines.
 
 They are 0.7, 1.0 and 1.4 m with the simulated rig, nearer than the ground in the middle of its image.
 """
 TEXTURE_CONTRAST = 30.0  #: Standard deviation of the texture of body and object, grey levels (chosen by eye).
 SHADOW_BRIGHTNESS, DIRT_BRIGHTNESS = 0.35, 0.4
-"""Factors on grey levels in the own shadow, which is lit only by the sky, and under dirt (chosen by eye)."""
+"""Factors on grey levels in the rover's shadow, which is lit only by the sky, and under dirt (chosen by eye)."""
 SCRATCH_LIGHT = 60.0  #: Grey levels by which the strongest scratches are brighter or darker.
 SPOT_RADIUS = 0.04  #: Typical radius of a spot of dirt, fraction of the image's width (chosen by eye).
 SPEED = 0.006  #: Motion of a texture from pair to pair, fraction of the image's width: 3 px at 512.
@@ -31,7 +31,7 @@ def in_view(draw: Callable[[Affected], Views], at: Affected) -> StereoPair:
 
 
 def with_body(at: Affected) -> Views:
-    """Cover the bottom with a fixed texture near the cameras."""
+    """Cover the bottom rows of both images with a fixed texture, at the depth of the rover's own body."""
     rig = at.rig
     disparity = rig.fx / BODY_DEPTH
     texture = _texture(rig.height, rig.width + int(disparity) + 2, at.pair.left, at.fixed)
@@ -56,7 +56,7 @@ def with_arm(at: Affected) -> Views:
 
 
 def with_texture(at: Affected) -> Views:
-    """Cover the bottom with a texture that moves sideways, at the depth of the own body."""
+    """Cover the bottom rows of both images with a texture that moves sideways, at the depth of the rover's own body."""
     rig = at.rig
     shift = round(SPEED * rig.width) * at.moment.pair
     texture = np.roll(_texture(rig.height, 2 * rig.width, at.pair.left, at.fixed), shift, axis=1)
@@ -67,7 +67,7 @@ def with_texture(at: Affected) -> Views:
 
 
 def with_reflection(at: Affected) -> Views:
-    """Blend with a fixed texture at the depth of the own body."""
+    """Blend both images with a fixed texture at the depth of the rover's own body."""
     rig = at.rig
     texture, kept = _texture(rig.height, rig.width, at.pair.left, at.fixed), 1.0 - at.amount
     there = moved(texture, -rig.fx / BODY_DEPTH)

@@ -79,12 +79,12 @@ class RecordedBag(NamedTuple):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Source(Shown):
-    """An opened data set folder, bag or sequence: `loc` is its drive and `nav` its mapping pairs, None if absent."""
+    """An opened data set folder, bag or sequence. A field is None if the source does not contain it."""
 
     path: Path
     format: SourceFormat  #: Shown to users. The processing does not depend on it.
-    loc: LocSequence | None
-    nav: NavSequence | None
+    loc: LocSequence | None  #: The drive.
+    nav: NavSequence | None  #: The mapping pairs.
     missing_loc_ns: tuple[int, ...] = ()  #: Stamps of localisation pairs that are listed but have no images.
     missing_nav_ns: tuple[int, ...] = ()  #: Stamps of mapping pairs that are listed but have no images.
     configuration: Path | None = None  #: File of the configuration that the source is read with.

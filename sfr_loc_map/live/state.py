@@ -128,7 +128,7 @@ class LiveReport:
 
 
 def _errors_to_plain(score: Score) -> dict[str, Any] | None:
-    """Return the position errors of the sub-trajectories of the first condition, m, by the frame of their end."""
+    """Return the position errors, m, over the first condition with their end frames; None without a trajectory."""
     drive = None if score.details is None else score.details.trajectory
     if drive is None:
         return None

@@ -126,7 +126,7 @@ class Viewer:
         return [text_message("calls", {"calls": calls})]
 
     def _next_media(self) -> PageMedia | None:
-        """Return a displayed image or map that was not sent yet, of the topic that has waited longest."""
+        """Return a new image or map for the views that the page shows, of the topic that has waited longest."""
         newest = self._state.shown_media(self)
         never_sent = [topic for topic in newest if topic not in self._sent_media]
         for topic in (*never_sent, *self._sent_media):

@@ -281,7 +281,7 @@ class Evidence:
 
     @cached_property
     def motion_off_stationary(self) -> Tracks | None:
-        """Tracks of one motion of the landmarks outside stationary cells; None if not found or if cells contradict it.
+        """Tracks of another motion, of the landmarks outside stationary cells; None if not found or if contradicted.
 
         With such a motion, the stationary cells are assumed to show the own body.
         """

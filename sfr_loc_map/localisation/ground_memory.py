@@ -248,9 +248,9 @@ class GroundMemory:
         return typical + gain * (unexplained - typical)
 
     def recovering_after(self, effect: Effect, transfers: int, *, is_moving: bool) -> int:
-        """Return the number of moving pairs that stay degraded after a pair.
+        """Return for how many pairs with motion after a pair the pose stays degraded.
 
-        After a partial transfer it is at least the smaller of `transfers` and `AGREEING_PAIRS`.
+        After a partial transfer the number is at least the smaller of `transfers` and `AGREEING_PAIRS`.
         """
         if effect.is_transfer:
             return max(self.recovering_pairs, min(transfers, AGREEING_PAIRS))
@@ -259,7 +259,7 @@ class GroundMemory:
         return self.still_recovering(is_moving=is_moving)
 
     def still_recovering(self, *, is_moving: bool) -> int:
-        """Return the number of moving pairs that earlier pairs still degrade; only a moving pair reduces it."""
+        """Return for how many further pairs with motion the pose stays degraded; other pairs do not count."""
         return max(self.recovering_pairs - 1, 0) if is_moving else self.recovering_pairs
 
     def in_new_window(self, frame: StereoFrame, pose: Pose) -> GroundMemory:

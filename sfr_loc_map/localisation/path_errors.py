@@ -65,7 +65,7 @@ class PathErrors:
 
     | event | `unobserved_to_pose` | `unobserved_since_pose` |
     |---|---|---|
-    | accepted pair | is replaced by the inflation by its findings | is reset to zero |
+    | accepted pair | becomes the inflation that the findings of the pair require | becomes zero |
     | kept pair | is unchanged, because the pose is the same | is the motion since the accepted pose |
     | adjustment of a keyframe | is unchanged, because its images may be partly stale | is already zero |
     | new window | is moved to the start of the window | is moved to the start of the window |

@@ -64,7 +64,7 @@ MIN_ROW_RANGE: Final = 8
 hand. If larger, stale rows of weak texture are not detected. If smaller, rows without texture count as stale."""
 MIN_STALE_FRACTION: Final = 0.05
 """Fraction of stale rows from which an image is partially transferred: fewer rows contain few landmarks."""
-PROBE: Final = 64  #: Row step of a first comparison, which decides for nearly all images.
+PROBE: Final = 64  #: Row step of a quick comparison, which shows for nearly all images that they differ.
 
 
 class StaleRows(NamedTuple):

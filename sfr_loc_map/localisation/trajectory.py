@@ -95,7 +95,7 @@ class AcceptedPair(NamedTuple):
     stamp_ns: int
     tracks: Tracks
     chi_median: float  #: Median squared Mahalanobis residual per degree of freedom; NaN without residuals.
-    was_known: bool  #: Whether the previous pose was not lost; it may have been kept.
+    was_known: bool  #: Whether the pose before this pair was known (tracked or kept, not lost).
     shear_chi2: float  #: Squared shear of the image rows over its variance.
     inflation: Inflation  #: What the findings of the pair add to the covariance.
     other_distance: MotionSize  #: Distance to the pose of another possible motion; zero if none was found.
@@ -341,7 +341,7 @@ def given(path: PathState, pose: StartPose, model: RoverModel) -> PathState:
 
 
 def with_pending_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tuple[PathState, bool]:
-    """Apply the pending pose after the pair of a stamp; also return whether the map must be discarded.
+    """Return the path with the pending external pose applied if its stamp is reached, and whether to discard the map.
 
     The map is discarded if no pose was accepted since the stamp of the external pose, because the position of the
     external pose in the map is then unknown.

@@ -63,7 +63,7 @@ class PairedDifference(Record, frozen=True, kw_only=True, omit_defaults=False):
 
 
 class SideBySide(Record, frozen=True, kw_only=True, omit_defaults=False):
-    """One figure of complete runs, which cannot be paired: the value of each run, None if unknown."""
+    """One figure of whole runs, which have no parts to pair: the value of each run, None if unknown."""
 
     figure: str  #: Displayed name of the figure, with part and statistic.
     unit: str

@@ -165,10 +165,10 @@ def has_near(stamps: IntArray, among: IntArray, near_ns: int) -> Mask:
 def needs_frame(needed: IntArray, true_ns: IntArray, near_ns: int, mode: AssociationMode | str) -> Mask:
     """Return which expected stamps are judged only if their estimate is a frame; both stamps are ascending.
 
-    No figure contains the error of an estimate that is not a frame. With an interpolated truth every estimate should be
-    a frame. With a matched truth every estimate at a true pose should be a frame, that is every estimate unless the
-    truth is sparser than the images. The ends of the truth are excluded, because a file may have rounded the stamp of
-    an estimate outwards.
+    A frame is an estimate paired with a true pose (docs/metrics.md). No figure contains the error of an estimate that
+    is not a frame. With an interpolated truth, every estimate is expected to be a frame. With a matched truth, every
+    estimate at a true pose is expected to be a frame: every estimate unless the truth is sparser than the images. The
+    ends of the truth are excluded, because a file may have rounded the stamp of an estimate outwards.
     """
     if not len(true_ns):
         return np.zeros(len(needed), np.bool_)

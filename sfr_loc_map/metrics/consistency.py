@@ -163,7 +163,10 @@ def normalised_square(error: FloatArray, covariance: FloatArray) -> float:
 
 
 def relative_errors(frames: Frames, starts: IntArray, ends: IntArray) -> FloatArray:
-    """Return the errors `(M, 6)` of position (m) and attitude (rad) over sub-trajectories, in the estimate's DS."""
+    """Return the errors `(M, 6)` of position (m) and attitude (rad) over sub-trajectories.
+
+    The true motion is first rotated by the attitude error at the start, so that both motions start with one attitude.
+    """
     to_estimate = quat_multiply(frames.attitude[starts], quat_conjugate(frames.true_attitude[starts]))
     true_move = quat_rotate(to_estimate, frames.true_position[ends] - frames.true_position[starts])
     position = (frames.position[ends] - frames.position[starts]) - true_move
@@ -177,7 +180,10 @@ def relative_errors(frames: Frames, starts: IntArray, ends: IntArray) -> FloatAr
 
 
 def relative_covariance(start: StepSums, end: StepSums, position: FloatArray) -> FloatArray | None:
-    """Return Q `(6, 6)` of the end at a position, from the sums at start and end; None if a step is unknown."""
+    """Return Q `(6, 6)`, the covariance of the end given the start; None if a step between them is unknown.
+
+    Q is defined in the module's docstring. `position` is the position of the end.
+    """
     if end.unknown_steps > start.unknown_steps:
         return None
     carry = propagation(position)

@@ -68,7 +68,7 @@ def raw_contradiction(score: Score) -> str | None:
 
 
 def _required(score: Score) -> Iterator[str]:
-    """Yield the limited figures whose details, errors, or rows of other frames and of motion are absent."""
+    """Yield which details, errors, or rows of other frames and of motion are absent for a limited figure."""
     yield from _required_details(score)
     drive = score.association
     for limit in () if score.rules is None or drive is None else score.rules.limits:
@@ -89,7 +89,7 @@ def _required(score: Score) -> Iterator[str]:
 
 
 def _required_details(score: Score) -> Iterator[str]:
-    """Yield the limited figures of the map and of the calls whose details are absent.
+    """Yield for which limited figures of the map and of the calls the details are absent.
 
     The report of a run in progress names no inputs and has no details. Details are also absent for the times of a
     target, the answers of an external node, and points without pixels.
@@ -110,7 +110,7 @@ def _required_details(score: Score) -> Iterator[str]:
 
 
 def _of_judged(score: Score) -> Iterator[str]:
-    """Yield the absent rows of completeness, and the fractions `judged` that do not follow from these rows."""
+    """Yield that rows of completeness are absent, and the contradictions between these rows and `judged`."""
     for row in score.rows("judged"):
         part = RowPart.of(row.part)
         if row.value is None:
@@ -163,7 +163,7 @@ def _of_thinned(row: Figure, rows: SubTrajectoryRows) -> Iterator[str]:
 
 
 def _computed_again(row: Figure, errors: FloatArray, rounding: float) -> Iterator[str]:
-    """Yield the statistics of a row that differ from the statistics of all its errors `(n, d)`.
+    """Yield the contradictions between the statistics of a row and those of all its errors `(n, d)`.
 
     A statistic that the row does not have is not compared, so that older scores without the statistic can be read.
     """
@@ -177,7 +177,7 @@ def _computed_again(row: Figure, errors: FloatArray, rounding: float) -> Iterato
 
 
 def _as_the_sample(row: Figure, sizes: FloatArray, rounding: float) -> Iterator[str]:
-    """Yield the statistics of a row that are inconsistent with the sizes of some of its errors."""
+    """Yield the contradictions between the statistics of a row and the sizes of a sample of its errors."""
     if row.n is None or not len(sizes):
         return
     if row.max is not None and sizes.max() > row.max + rounding:
@@ -206,7 +206,7 @@ def _of_points(score: Score) -> Iterator[str]:
 
 
 def _of_pairs(score: Score) -> Iterator[str]:
-    """Yield the figures of map points that do not follow from the rows of the pairs."""
+    """Yield the contradictions between the figures of the map points and the rows of the single pairs."""
     for name in ("point_error", "disparity_error"):
         row = score.figure(name, part=None)
         if row is None:
@@ -219,7 +219,7 @@ def _of_pairs(score: Score) -> Iterator[str]:
 
 
 def _of_first_calls(score: Score) -> Iterator[str]:
-    """Yield the times of calls that do not follow from the rows of the first call and of the calls after the first."""
+    """Yield the contradictions between the times of all calls and the rows of the first call and of the other calls."""
     node = None if score.external is None else score.external.task
     for kind in CallKind:
         for place in (Place.HOST, Place.TARGET):
@@ -235,7 +235,7 @@ def _of_first_calls(score: Score) -> Iterator[str]:
 
 
 def _of_parts(row: Figure, parts: Sequence[Figure]) -> Iterator[str]:
-    """Yield the statistics of a row that do not follow from the rows of its parts, which contain all its values."""
+    """Yield the contradictions between the statistics of a row and those of its parts, which contain all its values."""
     known = [part for part in parts if part.n]
     if not known or row.n is None:
         return
@@ -259,7 +259,7 @@ def _of_calls(score: Score) -> Iterator[str]:
 
 
 def _of_memory(score: Score, kind: str, plots: CallPlots) -> Iterator[str]:
-    """Yield a contradiction between the peak memory and the calls in the data of the plots (all, or the slowest)."""
+    """Yield a contradiction between the peak memory and the calls in the data of the plots (all or the slowest)."""
     row = score.figure("peak", part=kind)
     peaks = [value for value in plots.series.peak_rss_bytes if value is not None and value > 0.0]
     if row is None or row.value is None or not peaks or score.external is not None:
@@ -270,7 +270,7 @@ def _of_memory(score: Score, kind: str, plots: CallPlots) -> Iterator[str]:
 
 
 def _of_times(row: Figure, plots: CallPlots) -> Iterator[str]:
-    """Yield the statistics of times that contradict the slowest calls of each block, or the histogram of all calls."""
+    """Yield the contradictions of the statistics of times with the slowest calls of each block or the histogram."""
     times = [value for value in plots.series.processing_time_s if value is not None]
     if times and row.max is not None and max(times) != row.max:
         yield f"max of {row.label} is {row.max:.9g}, but its calls give {max(times):.9g}"

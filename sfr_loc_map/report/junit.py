@@ -24,7 +24,8 @@ judged is an error so that a pipeline fails if the command ends with exit code 3
 def junit(scores: Mapping[str, Score], without: Mapping[str, str] | None = None) -> str:
     """Return the verdicts as JUnit XML with a test case per limit.
 
-    Each name in `without` (name and reason) and each score without a verdict gets one test case with an error.
+    `without` maps the name of each job without a score to the reason. Each such job gets one test case with an error,
+    and so does each score without verdicts that is incomplete or contradictory.
     """
     unjudged = dict(without or {})
     for name, score in scores.items():

@@ -26,7 +26,7 @@ IN_MEMORY = "(in memory)"  #: Path of an input that is not a file.
 
 @dataclass(frozen=True, slots=True)
 class ScoreInputs:
-    """Input files of a score; None if a file is not given."""
+    """Input files of a score. A field is None if its file is not given."""
 
     estimate: Path | None = None  #: Estimated trajectory (TUM, csv or bag).
     truth: Path | None = None  #: True trajectory (TUM, csv, bag or data set folder).

@@ -33,8 +33,8 @@ def settle_on_terrain(
     """Return origins `(N, 3)` and rotations `(N, 3, 3)`, RB to DS, with the wheels on the ground.
 
     `x` and `y` `(N,)` are the position of the origin in DS, metres; the heading is measured from east to north. Each
-    wheel touches the ground where its rim meets the ground first. A rocker-bogie suspension averages the wheels, so the
-    body is parallel to the least-squares plane through the six wheel centres.
+    wheel is lowered until its rim touches the ground, which need not happen below the axle. A rocker-bogie suspension
+    averages the wheels, so the body is parallel to the least-squares plane through the six wheel centres.
     """
     c, s = np.cos(heading), np.sin(heading)
     wx = x[:, None] + c[:, None] * WHEELS_RB_M[:, 0] - s[:, None] * WHEELS_RB_M[:, 1]

@@ -48,8 +48,8 @@ class FrameSeries:
     def chosen(self, child: str = "", parent: str = "") -> dict[str, Frame]:
         """Return the frames that have a parent, by name without leading or trailing slashes.
 
-        Transforms of a frame to several parents are never mixed. On the chain from `child` up to `parent` the parent
-        in the chain is used. Elsewhere the first parent is used, and `Frame.other_parents` has the others.
+        Transforms of a frame to several parents are never mixed. A frame on the chain from `child` up to `parent` has
+        its parent in this chain. Any other frame has its first parent; `Frame.other_parents` names the others.
         """
         way = _way(self._by_child, child, parent) if parent else {}
         frames = {}

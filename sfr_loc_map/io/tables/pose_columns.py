@@ -285,7 +285,10 @@ def header_cells(line: str, separator: str | None, width: int) -> list[str]:
 
 
 def _by_header(before: Sequence[str], separator: str | None, rows: Sequence[Sequence[str]]) -> PoseColumns | None:
-    """Return the columns named by the header: the last line before the rows with enough names; None without header."""
+    """Return the columns named by the header, or None without a header.
+
+    The header is the last line before the rows that names a stamp, x, y, and z or down.
+    """
     width = max((len(cells) for cells in rows), default=0)
     for line in reversed(before):
         cells = _aligned(header_cells(line, separator, width), rows, width)

@@ -135,7 +135,7 @@ def _step_equations(
 
 
 def _shift_of(equations: _StepEquations) -> tuple[float, float]:
-    """Return the shift, px, and its variance, px^2, from a step without shears."""
+    """Return the shift, px, and its variance, px^2, from the equations of pose and shift; the shears are held at 0."""
     size = SHIFT + 1
     information = equations.information[:size, :size]
     inverse_row = np.linalg.solve(information, np.eye(size)[SHIFT])

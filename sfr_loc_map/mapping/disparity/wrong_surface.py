@@ -74,16 +74,16 @@ class JumpScene(NamedTuple):
 class JumpFeatures(NamedTuple):
     """Features of N pixels `(N,)` float32 each; the network's weights are in this order."""
 
-    window_margin: FloatArray32  #: Window cost of the best other surface minus the own cost, grey levels.
+    window_margin: FloatArray32  #: Window cost of the best other surface minus `window_cost`, grey levels.
     close_margin: FloatArray32  #: The same margin over 3 x 3 pixels.
     effective_pixels: FloatArray32  #: Number of pixels with equal weights that is equivalent to the window.
-    window_cost: FloatArray32  #: Window cost at the own disparity, grey levels.
+    window_cost: FloatArray32  #: Window cost at the disparity of the pixel, grey levels.
     close_cost: FloatArray32  #: The same cost over 3 x 3 pixels.
-    jump_px: FloatArray32  #: Disparity of the other surface minus the own one, pixels; 0 if none exists.
+    jump_px: FloatArray32  #: Disparity of the other surface minus that of the pixel, pixels; 0 if none exists.
     contrast: FloatArray32  #: Standard deviation of the grey levels of the window.
-    same_surface: FloatArray32  #: Weighted fraction of the window on the own surface.
+    same_surface: FloatArray32  #: Weighted fraction of the window on the surface of the pixel.
     nearer_surface: FloatArray32  #: Weighted fraction of the window on nearer surfaces.
-    occluder_px: FloatArray32  #: Disparity of the nearest surface at the same right pixel minus the own one, pixels.
+    occluder_px: FloatArray32  #: Disparity of the nearest surface at the same right pixel minus that of the pixel.
     slope_x: FloatArray32  #: Slope of the disparity along the row, pixels per pixel.
     slope_y: FloatArray32  #: Slope of the disparity along the column, pixels per pixel.
     sigma_px: FloatArray32  #: Standard deviation of the disparity, pixels.
@@ -93,16 +93,16 @@ class SurfaceCosts(NamedTuple):
     """Matching costs of a pixel at its own disparity and at the disparity of the best other surface nearby."""
 
     own: ConstantCost
-    window_margin: np.float32  #: Window cost of the other surface minus the own cost; about `NO_COST` if none exists.
+    window_margin: np.float32  #: Window cost of the other surface minus that of `own`; about `NO_COST` if none exists.
     close_margin: np.float32  #: The same margin over 3 x 3 pixels.
-    jump_px: np.float32  #: Disparity of the other surface minus the own one, pixels; 0 if none exists.
+    jump_px: np.float32  #: Disparity of the other surface minus that of the pixel, pixels; 0 if none exists.
 
 
 class Neighbourhood(NamedTuple):
     """Contrast and surfaces of the window around a pixel."""
 
     contrast: np.float32  #: Standard deviation of the grey levels.
-    same_surface: np.float32  #: Weighted fraction on the own surface.
+    same_surface: np.float32  #: Weighted fraction on the surface of the pixel.
     nearer_surface: np.float32  #: Weighted fraction on nearer surfaces.
 
 
@@ -176,7 +176,7 @@ def _features_of_surroundings(scene: JumpScene, flat_indices: IntArray) -> Float
 
 @jit_rows_inline
 def _surface_costs(scene: JumpScene, y: int, x: int) -> SurfaceCosts:
-    """Return the costs of the own surface, and of the nearest or farthest surface nearby, whichever matches better."""
+    """Return the costs of the pixel's surface and of the nearest or farthest surface nearby, whichever fits better."""
     rows, cols = scene.disparity.shape
     own = scene.disparity[y, x]
     low = own
@@ -204,7 +204,7 @@ def _surface_costs(scene: JumpScene, y: int, x: int) -> SurfaceCosts:
 def _neighbourhood(scene: JumpScene, y: int, x: int) -> Neighbourhood:
     """Return the contrast and the surfaces of the window around a pixel, weighted by similarity of grey level.
 
-    Only valid pixels count for the own surface, but valid and invalid pixels count for nearer surfaces, because the
+    Only valid pixels count for the pixel's surface, but valid and invalid pixels count for nearer surfaces, because the
     network was trained with these features.
     """
     disparity = scene.disparity
@@ -236,7 +236,7 @@ def _neighbourhood(scene: JumpScene, y: int, x: int) -> Neighbourhood:
 
 @jit_rows_inline
 def _occluder(disparity: FloatImage, y: int, x: int) -> np.float32:
-    """Return the disparity of the nearest surface at the same right pixel minus the own disparity, pixels, at least 0.
+    """Return the disparity of the nearest surface at the same right pixel minus that of the pixel, pixels, at least 0.
 
     Right columns are compared with a tolerance, and both valid and invalid disparities count, because the network was
     trained with this feature. `surfaces.occlusion_mask` is stricter, because it decides without other features.

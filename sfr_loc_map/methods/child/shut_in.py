@@ -88,7 +88,7 @@ def _children() -> list[int]:
 
 
 def main() -> None:
-    """Start and restrict the supervised child, report the restrictions, and execute the command."""
+    """Fork. The parent supervises; the child restricts itself, reports the restrictions and becomes the command."""
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     LIBC.prctl(PR_SET_CHILD_SUBREAPER, 1)
     LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)

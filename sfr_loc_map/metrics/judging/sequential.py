@@ -29,7 +29,7 @@ class FixedPlan(NamedTuple):
 
 
 class SequentialTest(NamedTuple):
-    """The acceptable and the unacceptable fraction of failures, and the risks of both errors."""
+    """The acceptable and the unacceptable fraction of failures, and the confidence and power of the test."""
 
     good: float
     bad: float
@@ -78,8 +78,8 @@ class SequentialTest(NamedTuple):
             if bdtr(allowed, drives, self.good) >= self.power:
                 return FixedPlan(drives, allowed)
             allowed += 1
-        shares = f"{100.0 * self.good:g} % and {100.0 * self.bad:g} %"
-        raise ConfigError(f"fractions of failures {shares} need more than {MOST_DRIVES} drives: give a smaller 'good'")
+        shares = f"distinguish a failure fraction of {100.0 * self.good:g} % ('good') from {100.0 * self.bad:g} %"
+        raise ConfigError(f"more than {MOST_DRIVES} drives are needed to {shares}: give a smaller 'good'")
 
     def course(self, share: float) -> Course:
         """Return the exact probabilities of the outcomes for a true fraction of failures."""

@@ -18,9 +18,9 @@ from sfr_loc_map.metrics.verdict import Verdict
 
 
 class Common(NamedTuple):
-    """The common verdict over several scores; None if there is no common verdict."""
+    """The common verdict over several scores."""
 
-    state: VerdictState | None
+    state: VerdictState | None  #: None if there is no common verdict.
     text: str = ""  #: Why there is no common verdict; empty if there is one, or if no score was judged.
 
 

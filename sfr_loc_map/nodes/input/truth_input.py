@@ -54,7 +54,7 @@ class TruthFrame:
     """
 
     def __init__(self, frame: str) -> None:
-        """Take `PARENT:CHILD`; raise a ConfigError for any other text."""
+        """Accept a frame and one of its ancestors as `PARENT:CHILD`; raise a ConfigError for any other text."""
         self._parent, _, self._child = (name.strip("/") for name in frame.rpartition(":"))
         if not self._parent or not self._child:
             raise ConfigError(f"truth.frame is '{frame}': a node needs both frames, PARENT:CHILD")
@@ -176,7 +176,7 @@ class FrameTruthInput(TruthInput):
     """Receives true poses from /tf and /tf_static, each of which has several publishers."""
 
     def __init__(self, frame: str) -> None:
-        """Take the frame; raise a ConfigError if it is not `PARENT:CHILD`."""
+        """Accept a frame and one of its ancestors as `PARENT:CHILD`; raise a ConfigError for any other text."""
         self._frame = frame
         self._reader = TruthFrame(frame)
 

@@ -21,7 +21,7 @@ ANSWER_TIMEOUT_S = 120.0
 SETTLE_S = 0.3  #: Time for the nodes to discover each other after this node has discovered all of them.
 PAGE_TIMEOUT_S = 30.0
 PAGE_TOPICS = (ESTIMATE, TRUE_POSES, REPORT)
-"""Topics to which a page always subscribes."""
+"""Topics to which the node of the live page always subscribes. The replay waits for these subscriptions."""
 
 
 class ReplayPeer(Peer):

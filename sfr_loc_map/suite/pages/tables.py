@@ -73,7 +73,7 @@ OF_DRIVES: tuple[tuple[str, Unit, str, str, str | None], ...] = (
     ("call p95", MILLISECOND, "localisation", "p95", None),
     ("peak", MIB, "peak", "value", CallKind.LOCALISATION),
 )
-"""Columns of the table of drives after the compared errors: title, unit, figure, statistic, part."""
+"""Columns of the table of drives, right of those of the compared errors: title, unit, figure, statistic, part."""
 BUDGET: Columns = (
     ("source of error", HEAD, "source"),
     ("fraction alone", PERCENT, "alone.value"),

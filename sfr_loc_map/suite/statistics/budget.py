@@ -43,10 +43,10 @@ class DriveErrors:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A figure of the budget, None if unknown, with its interval, None for fewer than `MIN_DRIVES` drives."""
+    """A figure of the budget and its 95 % interval."""
 
-    value: float | None = None
-    ci95: tuple[float, float] | None = None
+    value: float | None = None  #: None if unknown.
+    ci95: tuple[float, float] | None = None  #: None for fewer than `MIN_DRIVES` drives.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

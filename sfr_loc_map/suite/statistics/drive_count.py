@@ -17,7 +17,7 @@ from sfr_loc_map.suite.statistics.summary import ScoredJob, samples_by_drive
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveCount:
-    """The number of drives that prove a requirement; None if unknown or if no number suffices."""
+    """The number of drives needed to prove a requirement. A field is None if unknown or if no number suffices."""
 
     runs: str  #: Runs of the suite; empty without a suite.
     limit: str  #: Name of the limit; empty without a suite.

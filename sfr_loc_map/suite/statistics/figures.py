@@ -36,7 +36,10 @@ class FigureName:
 
 
 def figures_of(score: Score) -> dict[FigureName, float]:
-    """Return the defined figures of a score; all figures except counts are positive."""
+    """Return the figures of a score that have a value, except values that are not positive and not counts.
+
+    The logarithms of all figures but counts are compared.
+    """
     found: dict[FigureName, float | None] = {}
     errors = [kind for kind in KINDS.values() if kind.subject is Subject.TRAJECTORY]
     for condition in score.conditions:

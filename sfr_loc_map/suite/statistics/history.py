@@ -48,7 +48,7 @@ class Scale:
 
 LOG = partial(Scale, lambda x: np.log(np.where(x > 0.0, x, np.nan)), lambda value: float(np.exp(value)))
 COUNT = Scale(lambda x: 2.0 * np.sqrt(x + 0.375), lambda value: max(0.0, (0.5 * value) ** 2 - 0.375), 1.0)
-"""Count n as `2 sqrt(n + 3/8)`, whose standard deviation is 1 for Poisson counts (Anscombe 1948)."""
+"""Scale of a count n: `2 sqrt(n + 3/8)`, whose standard deviation is about 1 for Poisson counts (Anscombe 1948)."""
 #: The floors are chosen: changes of 5 % of an error or a time, 10 % of a NEES, 2 % of memory and 10 % of the drives
 #: count as noise.
 SCALES: Mapping[ComparedKind, Scale] = {
