@@ -13,7 +13,7 @@ NAME = PACKAGE.name
 FLOORS = (
     {
         *("__init__", "atomic", "display", "errors", "inputs", "config", "jit", "kernels", "child_process", "signals"),
-        *("host_clock", "memory_mark", "message_types", "topics"),
+        *("host_clock", "memory_mark", "message_types", "run_order", "stamp_pairing", "topics"),
     },
     {"geometry"},
     {"io", "localisation", "mapping", "metrics"},

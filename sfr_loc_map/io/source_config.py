@@ -10,10 +10,10 @@ from typing import Any, get_type_hints
 
 from sfr_loc_map.config import SECTIONS, build, param, read_sections, suggestion
 from sfr_loc_map.errors import ConfigError, GeometryError, SfrError
-from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.io.truth.config import TruthConfig
+from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S
 
 NAME = "sfr.yaml"
 TOPIC = re.compile(r"(/[A-Za-z_]\w*)+")  #: The name of a topic. File names do not match because they have an ending.

@@ -15,7 +15,6 @@ from threading import RLock
 from typing import Any
 
 from sfr_loc_map.errors import InputError, SfrError
-from sfr_loc_map.geometry.run_order import AnyOrder, CommonRuns
 from sfr_loc_map.inputs import one_line
 from sfr_loc_map.live import updates
 from sfr_loc_map.live.headline import headline
@@ -31,6 +30,7 @@ from sfr_loc_map.report.page import overall_of
 from sfr_loc_map.report.score_plots import error_sizes
 from sfr_loc_map.report.score_tables import score_tables
 from sfr_loc_map.report.tables import Cell, Table
+from sfr_loc_map.run_order import AnyOrder, CommonRuns
 from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.topics import ESTIMATE, REPORT, TRUE_POSES
 

@@ -19,7 +19,6 @@ from stereo_msgs.msg import DisparityImage
 
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import InputError, SfrError
-from sfr_loc_map.geometry.run_order import AGREEING
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.inputs import Task, stamp_of
@@ -37,6 +36,7 @@ from sfr_loc_map.nodes.lifecycle.runner import run
 from sfr_loc_map.nodes.pair_node import PairNode, PairNodeConfig
 from sfr_loc_map.nodes.ros import messages
 from sfr_loc_map.nodes.ros.qos import profile
+from sfr_loc_map.run_order import AGREEING
 from sfr_loc_map.runs.calls import CallRecord, call_of_fusion, call_of_stages
 from sfr_loc_map.topics import CLOUD, DISPARITY, ELEVATION, HAZARD, NAV_POSE
 

@@ -24,7 +24,6 @@ from sfr_loc_map import __version__
 from sfr_loc_map.config import param
 from sfr_loc_map.doctor.silence import Reliability
 from sfr_loc_map.errors import InputError, MetricsError, SfrError
-from sfr_loc_map.geometry.run_order import AnyOrder, CommonRuns
 from sfr_loc_map.inputs import MAX_TEXT_BYTES, SIDES, Side, Task, parse_json, stamp_of
 from sfr_loc_map.io.calibration.rectification import rig_of_rectified
 from sfr_loc_map.io.images.codec import points_image
@@ -49,6 +48,7 @@ from sfr_loc_map.nodes.ros.messages import cloud_from_msg, covariance_of, odomet
 from sfr_loc_map.nodes.ros.qos import LATCHED, RELIABILITIES, profile
 from sfr_loc_map.nodes.ros.transport import TransportGaps
 from sfr_loc_map.nodes.score_publisher import ScorePacing, ScorePublisher
+from sfr_loc_map.run_order import AnyOrder, CommonRuns
 from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.scoring.monitor_score import MonitorScore
 from sfr_loc_map.topics import CLOUD, ESTIMATE, NAV_POSE, TRUE_POINTS, call_topic, configuration_topic

@@ -14,7 +14,6 @@ from std_msgs.msg import String
 
 from sfr_loc_map.config import param
 from sfr_loc_map.errors import ConfigError, InputError
-from sfr_loc_map.geometry.run_order import AGREEING
 from sfr_loc_map.geometry.stereo import StereoRig
 from sfr_loc_map.inputs import Task
 from sfr_loc_map.message_types import Level
@@ -24,6 +23,7 @@ from sfr_loc_map.nodes.lifecycle.managed_node import ManagedNode
 from sfr_loc_map.nodes.lifecycle.parameters import NodeConfig
 from sfr_loc_map.nodes.lifecycle.worker import Overload
 from sfr_loc_map.nodes.ros.transport import latencies
+from sfr_loc_map.run_order import AGREEING
 from sfr_loc_map.runs.calls import CallRecord, encode_call
 
 CALL_DEPTH = 1000  #: Calls kept for a slow subscriber.

@@ -12,7 +12,6 @@ import numpy as np
 from sfr_loc_map.config import flatten, yaml_text
 from sfr_loc_map.errors import SfrError
 from sfr_loc_map.geometry.extrinsics import COULD_BE
-from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S, below_half_period
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.inputs import NS_PER_S, SIDES
 from sfr_loc_map.io.bag.bag import Bag, Topic, read_frame_tree
@@ -26,6 +25,7 @@ from sfr_loc_map.io.truth.of_bag import could_be_truth
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE
 from sfr_loc_map.metrics.association import nearest_stamps
 from sfr_loc_map.source_setup.topic_guess import SeenTopic, guess_topics
+from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S, below_half_period
 from sfr_loc_map.topics import COMPRESSED_END, TRUE_POSES
 
 SHORT_M = 12.0  #: Shorter drives, m, have too few sub-trajectories of 5 m, so that 1 m is proposed.

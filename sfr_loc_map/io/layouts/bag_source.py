@@ -14,7 +14,6 @@ import numpy as np
 
 from sfr_loc_map.errors import InputError
 from sfr_loc_map.geometry.arrays import GreyImage
-from sfr_loc_map.geometry.stamp_pairing import match_stamps
 from sfr_loc_map.geometry.stereo import PosedStereoPair, StereoPair
 from sfr_loc_map.geometry.trajectory import Trajectory
 from sfr_loc_map.geometry.transform import Transform
@@ -31,6 +30,7 @@ from sfr_loc_map.io.tables.text_table import check_order
 from sfr_loc_map.io.truth.config import AS_THE_SOURCE_HAS_IT
 from sfr_loc_map.io.truth.read import resolve_truth, truth_of_file
 from sfr_loc_map.message_types import CAMERA_INFO, COMPRESSED, IMAGE, ODOMETRY, POINTS, POSE
+from sfr_loc_map.stamp_pairing import match_stamps
 from sfr_loc_map.topics import NAV_POSE, RAW, RECTIFIED, TRUE_POINTS, TRUE_POSES
 
 LOOK_AHEAD = 32

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import deque
 from threading import Condition
 
-from sfr_loc_map.geometry.run_order import RunOrder
 from sfr_loc_map.geometry.stamped_poses import pose_at
 from sfr_loc_map.geometry.transform import Transform
+from sfr_loc_map.run_order import RunOrder
 
 CAPACITY = 5000  #: Number of stored messages: 100 s at 50 Hz.
 MAX_GAP_NS = 500_000_000

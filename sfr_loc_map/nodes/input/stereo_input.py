@@ -14,8 +14,6 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sfr_loc_map.config import param
 from sfr_loc_map.doctor.transport import MUCH_LOST, loss_fix
 from sfr_loc_map.errors import InputError
-from sfr_loc_map.geometry.run_order import AGREEING, RunOrder
-from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
 from sfr_loc_map.geometry.stereo import StereoPair, StereoRig
 from sfr_loc_map.inputs import NS_PER_S, SIDES, Side, stamp_of
 from sfr_loc_map.io.calibration.rectification import StereoRectifier, rectified_rig, rig_of_rectified
@@ -29,6 +27,8 @@ from sfr_loc_map.nodes.ros.environment import EXPORT_LINE
 from sfr_loc_map.nodes.ros.messages import check_image
 from sfr_loc_map.nodes.ros.qos import RELIABILITIES, profile
 from sfr_loc_map.nodes.ros.transport import TransportGaps
+from sfr_loc_map.run_order import AGREEING, RunOrder
+from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S, StampPairing
 from sfr_loc_map.topics import COMPRESSED_END
 
 LOSS_WINDOW = 40  #: Minimum number of images over which the fraction lost in transport is computed.

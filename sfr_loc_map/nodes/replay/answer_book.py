@@ -7,9 +7,9 @@ import time
 import numpy as np
 from msgspec.structs import asdict, replace
 
-from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S
 from sfr_loc_map.metrics.formulas import Statistics, statistics
 from sfr_loc_map.metrics.records import AnswerCounts, FindingKind, FindingRecord
+from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S
 
 MAX_IN_A_ROW = 10
 """Number of consecutive pairs without an answer after which the replay stops waiting until the node answers."""

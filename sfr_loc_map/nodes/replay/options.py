@@ -11,7 +11,6 @@ import yaml
 
 from sfr_loc_map.config import changed, load_yaml, node_parameters
 from sfr_loc_map.errors import ConfigError, naming
-from sfr_loc_map.geometry.stamp_pairing import STAMP_TOLERANCE_S
 from sfr_loc_map.geometry.trajectory import Truth
 from sfr_loc_map.inputs import MONITOR_NODE, NS_PER_S, Task
 from sfr_loc_map.io.message_stream import begin_of
@@ -26,6 +25,7 @@ from sfr_loc_map.metrics.pose_convention import PoseConvention
 from sfr_loc_map.nodes.launch.live_process import LiveProcess
 from sfr_loc_map.runs.offline import start_pose
 from sfr_loc_map.scoring.inputs import Correction
+from sfr_loc_map.stamp_pairing import STAMP_TOLERANCE_S
 from sfr_loc_map.topics import RESULTS
 
 CONVERTED = "external/converted"

@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sfr_loc_map.geometry.rotation import matrix_from_rotvec
-from sfr_loc_map.geometry.run_order import LEAP_NS, AnyOrder, CommonRuns, RunOrder, StampOrder
-from sfr_loc_map.geometry.stamp_pairing import StampPairing, match_stamps
 from sfr_loc_map.geometry.transform import Transform
 from sfr_loc_map.nodes.input.thinned_path import ThinnedPath
 from sfr_loc_map.nodes.ros.transport import TransportGaps
+from sfr_loc_map.run_order import LEAP_NS, AnyOrder, CommonRuns, RunOrder, StampOrder
+from sfr_loc_map.stamp_pairing import StampPairing, match_stamps
 
 S, MS = 1_000_000_000, 1_000_000
 NOW = 1_800_000_000 * S
