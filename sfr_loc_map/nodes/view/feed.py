@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from functools import partial
 from threading import Event, Thread
 from typing import Any
@@ -86,7 +85,7 @@ class RosFeed(Peer):
         self._next_images: dict[str, tuple[float, int]] = {}  # by rig: time of the next pair, stamp of the last
         self._images = TrackedImages(self._show_image)
         self._maps = MapFeed(state, lambda: self._has_publisher(ELEVATION))
-        self._map_worker = Worker("sfr-live-maps", Overload.ALL, MAX_MAPS, lambda error, was_message: None)
+        self._map_worker = Worker("sfr-live-maps", Overload.ALL, MAX_MAPS, self._log_fault)
         self._closed = Event()
         self._thread = Thread(target=self._spin, name="sfr-live-ros", daemon=True)
         state.set_operator(NodeOperator(self.ros_node))
@@ -109,8 +108,12 @@ class RosFeed(Peer):
             try:
                 self.executor.spin_once(timeout_sec=SPIN_S)
             except Exception as error:  # an invalid message must not stop the page
-                if not self._closed.is_set():
-                    self.ros_node.get_logger().error(f"live: {error!r}", throttle_duration_sec=5.0)
+                self._log_fault(error)
+
+    def _log_fault(self, error: Exception, _: bool = False) -> None:
+        """Log an exception, except an invalid message, which the receiving node reports."""
+        if not isinstance(error, SfrError) and not self._closed.is_set():
+            self.ros_node.get_logger().error(f"live: {error!r}", throttle_duration_sec=5.0)
 
     # ---- subscriptions
 
@@ -185,8 +188,7 @@ class RosFeed(Peer):
 
         def received(raw: bytes, info: dict[str, Any]) -> None:
             gaps.add(info)
-            with suppress(SfrError, ValueError):  # the receiving node reports invalid messages
-                callback(raw, (info.get("source_timestamp") or time.time_ns()) / NS_PER_S)
+            callback(raw, (info.get("source_timestamp") or time.time_ns()) / NS_PER_S)
 
         return self.subscribe(kind, topic, received, qos, raw=True)
 

@@ -11,6 +11,7 @@ import rclpy
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CompressedImage
 
+from sfr_loc_map.errors import InputError
 from sfr_loc_map.inputs import NS_PER_S
 from sfr_loc_map.live.state import LiveState
 from sfr_loc_map.live.updates import View
@@ -43,3 +44,16 @@ def test_an_image_of_each_transport_is_shown(own_domain: None, name: str) -> Non
         node.destroy_node()
         assert feed is not None
     assert state.media["loc/left"].full_size == (64, 48)
+
+
+@pytest.mark.parametrize("error", [InputError("an invalid cloud"), KeyError("a defect")], ids=["invalid", "defect"])
+def test_an_exception_of_a_map_is_logged_unless_the_message_is_invalid(
+    own_domain: None, capfd: pytest.CaptureFixture[str], error: Exception
+) -> None:
+    def fail() -> None:
+        raise error
+
+    with RosFeed(LiveState()) as feed:
+        feed._map_worker.enqueue(fail)
+        feed._map_worker.wait_idle()
+    assert ("live: KeyError('a defect')" in capfd.readouterr().err) == isinstance(error, KeyError)
