@@ -275,12 +275,28 @@ def read_sections(path: Path) -> dict[str, Any]:
     return sections
 
 
-def section(path: Path | None, name: str) -> Mapping[str, Any]:
-    """Return the values of a section of a configuration file; empty without a file or the section."""
-    found: Mapping[str, Any] = {} if path is None else read_sections(path).get(name, {})
-    return found
+@dataclass(frozen=True, slots=True)
+class Configuration:
+    """The sections of a configuration file; without a file, there are no sections."""
+
+    path: Path | None
+    sections: Mapping[str, Any]
+
+    @classmethod
+    def read(cls, path: Path | None) -> Configuration:
+        """Read a file (`read_sections`)."""
+        return cls(path, {} if path is None else read_sections(path))
+
+    def section(self, name: str) -> Mapping[str, Any]:
+        """Return the values of a section; empty if it is missing."""
+        found: Mapping[str, Any] = self.sections.get(name, {})
+        return found
+
+    def build(self, config_type: type[C], name: str) -> C:
+        """Return the parameters of a section, such as `localisation`, or those of a plain mapping."""
+        return build(config_type, self.section(name) or self.section(""), origin=f"{self.path}, {name}")
 
 
 def read_config(config_type: type[C], path: Path | None, part: str) -> C:
     """Read the parameters of a section, such as `localisation`, from a configuration file; None gives the defaults."""
-    return build(config_type, section(path, part) or section(path, ""), origin=f"{path}, {part}")
+    return Configuration.read(path).build(config_type, part)

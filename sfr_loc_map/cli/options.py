@@ -15,7 +15,7 @@ import yaml
 from typer import Argument, Option
 
 from sfr_loc_map.cli.output import say
-from sfr_loc_map.config import build, read_sections
+from sfr_loc_map.config import Configuration, build, read_sections
 from sfr_loc_map.errors import ConfigError, MissingExtraError
 from sfr_loc_map.inputs import OURS, Task, parse_yaml
 from sfr_loc_map.metrics.config import Condition
@@ -230,16 +230,15 @@ class Judgement:
         return tuple(map(Condition.parse, (*(self.conditions or ()), *of_limits)))
 
 
-def judgement(limits_file: Path | None, conditions: list[str] | None, config: Path | None = None) -> Judgement:
+def judgement(limits_file: Path | None, conditions: list[str] | None, config: Configuration) -> Judgement:
     """Return the limits and conditions of the options, or else those of the configuration."""
     from sfr_loc_map.metrics.judging.limits_file import load_limits
 
-    sections = {} if config is None else read_sections(config)
-    named, listed = sections.get("limits"), sections.get("conditions")
+    named, listed = config.sections.get("limits"), config.sections.get("conditions")
     if not isinstance(named, str | None) or not isinstance(listed, list | None):
-        raise ConfigError(f"{config}: 'limits' must be a file name and 'conditions' a list such as [distance=5]")
-    if limits_file is None and config is not None and named:
-        limits_file = config.parent / named
+        raise ConfigError(f"{config.path}: 'limits' must be a file name and 'conditions' a list such as [distance=5]")
+    if limits_file is None and config.path is not None and named:
+        limits_file = config.path.parent / named
     limits = None if limits_file is None else load_limits(limits_file)
     return Judgement(limits_file, limits, conditions or listed)
 

@@ -35,7 +35,7 @@ from sfr_loc_map.cli.options import (
 )
 from sfr_loc_map.cli.output import check_outputs, make_folder, progress_bar, say, warn
 from sfr_loc_map.cli.verdict import conclude, present
-from sfr_loc_map.config import read_config, section
+from sfr_loc_map.config import Configuration
 from sfr_loc_map.errors import InterruptedRunError
 from sfr_loc_map.inputs import Task, printable
 from sfr_loc_map.localisation.config import LocalisationConfig
@@ -164,7 +164,8 @@ def replay(
         from sfr_loc_map.scoring.settings import score_settings
 
         opened, read_from = open_as(source, remap, config)
-        by = judgement(limits, condition, read_from)
+        parameters = Configuration.read(read_from)
+        by = judgement(limits, condition, parameters)
         correction = correction_of(convention, apply_diagnosis)
         require_ros("replay")
         from sfr_loc_map.nodes.replay.options import (
@@ -177,8 +178,8 @@ def replay(
 
         node = {"command": command, "watch": watch, "answers": answers, "frames": frames}
         options = ReplayOptions(
-            localisation=read_config(LocalisationConfig, read_from, "localisation"),
-            mapping=read_config(MappingConfig, read_from, "mapping"),
+            localisation=parameters.build(LocalisationConfig, "localisation"),
+            mapping=parameters.build(MappingConfig, "mapping"),
             parameter_file=read_from if read_from is not None and is_ros_parameter_file(read_from) else None,
             score=score_settings(by.conditions, spacing=spacing, rebase=rebase, partial=partial),
             limits_file=by.limits_file,
@@ -188,7 +189,7 @@ def replay(
             offset_s=start_offset,
             duration_s=math.inf if duration is None else duration,
             paused=start_paused,
-            monitor=section(read_from, "monitor"),
+            monitor=parameters.section("monitor"),
             page=page,
             external=node_under_test(task_under_test(opened, external, method), node, answer_timeout, correction),
         )

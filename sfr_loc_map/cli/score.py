@@ -37,7 +37,7 @@ from sfr_loc_map.cli.options import (
 )
 from sfr_loc_map.cli.output import HTML_SUFFIXES, STANDARD_OUTPUT, beside, check_outputs, check_suffix, say, show
 from sfr_loc_map.cli.verdict import NO_LIMITS, conclude, is_judged, not_judged, present
-from sfr_loc_map.config import build, flatten
+from sfr_loc_map.config import Configuration, build, flatten
 from sfr_loc_map.errors import ConfigError, FailedVerdictError
 from sfr_loc_map.io.bag.files import is_bag
 from sfr_loc_map.metrics.config import ScoreConfig, aligned_error_config
@@ -200,7 +200,7 @@ def score(
     check_outputs(json_path, html, junit, points, pieces, inputs=read, overwrite=overwrite)
     if config_file is None and (truth.is_dir() or is_bag(truth)):
         config_file = named_beside(truth)
-    by = judgement(limits, condition, config_file)
+    by = judgement(limits, condition, Configuration.read(config_file))
     config = score_settings(
         by.conditions,
         spacing=spacing,

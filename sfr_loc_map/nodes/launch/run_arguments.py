@@ -7,7 +7,7 @@ from pathlib import Path
 
 import yaml
 
-from sfr_loc_map.config import changed, node_parameters, read_config, read_sections, section
+from sfr_loc_map.config import Configuration, changed, node_parameters
 from sfr_loc_map.errors import ConfigError
 from sfr_loc_map.inputs import MONITOR_NODE, Task
 from sfr_loc_map.io.source_config import CalibrationConfig, SourceConfig
@@ -21,7 +21,8 @@ def run_arguments(config: Path, written: Path) -> list[str]:
 
     Settings that apply only to recordings raise a ConfigError, because a node receives topics as drivers publish them.
     """
-    sections = read_sections(config)
+    given = Configuration.read(config)
+    sections = given.sections
     how = SourceConfig.of(sections, config)
     if how.calibration != CalibrationConfig() or how.sync.right_offset_s:
         raise ConfigError(
@@ -35,9 +36,9 @@ def run_arguments(config: Path, written: Path) -> list[str]:
         )
     found = node_parameters(
         {
-            "localisation": changed(read_config(LocalisationConfig, config, "localisation")),
-            "mapping": changed(read_config(MappingConfig, config, "mapping")),
-            "monitor": section(config, "monitor"),
+            "localisation": changed(given.build(LocalisationConfig, "localisation")),
+            "mapping": changed(given.build(MappingConfig, "mapping")),
+            "monitor": given.section("monitor"),
             "truth": changed(replace(how.truth, source="", columns="")),
             "extrinsics": changed(how.extrinsics),
             "sync": {"stamp_tolerance_s": how.sync.stamp_tolerance_s},
