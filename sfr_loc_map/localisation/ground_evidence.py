@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sfr_loc_map.geometry.arrays import FloatImage, Mask
 from sfr_loc_map.geometry.camera import Pose, StereoCamera
 from sfr_loc_map.localisation.frontend.cell_change import Change, cell_counts
-from sfr_loc_map.localisation.frontend.cell_motion import MOVED_PX, Explained, explain
+from sfr_loc_map.localisation.frontend.cell_motion import MOVED_PX, Explained, explain, image_motion
 from sfr_loc_map.localisation.frontend.double_exposure import MIXTURE_LEVEL, mixture_of
 from sfr_loc_map.localisation.frontend.landmarks import ALIGNED_LANDMARKS, Landmarks
 from sfr_loc_map.localisation.frontend.tracking import StereoFrame, Tracker, Tracks
@@ -117,17 +117,10 @@ class MotionTools(NamedTuple):
 
     def explained(self, pair: ComparedPair, tracks: Tracks) -> Explained:
         """Return what the motion from the earlier image to the pose of some tracks explains in a pair."""
-        return self._explained(pair, tracks, pair.earlier_pose, tracks.pose)
-
-    def image_motion_px(self, pair: ComparedPair, tracks: Tracks, *, start: Pose, end: Pose) -> float:
-        """Return the image motion of the landmarks of some tracks between two poses, px."""
-        return self._explained(pair, tracks, start, end).motion_px
-
-    def _explained(self, pair: ComparedPair, tracks: Tracks, start: Pose, end: Pose) -> Explained:
         landmarks = tracks.landmarks
         return explain(
-            end,
-            start,
+            tracks.pose,
+            pair.earlier_pose,
             landmarks.estimates,
             landmarks.planes.uv,
             tracks.inliers,
@@ -136,6 +129,10 @@ class MotionTools(NamedTuple):
             self.shape,
             pair.far_px,
         )
+
+    def image_motion_px(self, tracks: Tracks, *, start: Pose, end: Pose) -> float:
+        """Return the image motion of the landmarks of some tracks between two poses, px."""
+        return image_motion(start, end, tracks.landmarks.estimates, self.camera)
 
     def shows_other(self, image: FloatImage, landmarks: Landmarks, shown: Pose, other: Pose) -> bool:
         """Return whether an image at the pose `shown` also shows some landmarks from another pose.
@@ -291,7 +288,7 @@ class Evidence:
         found = self.tools.search(self.pair, self.main.landmarks.subset(~on_stationary))
         if found is None:
             return None
-        apart_px = self.tools.image_motion_px(self.pair, found, start=self.main.pose, end=found.pose)
+        apart_px = self.tools.image_motion_px(found, start=self.main.pose, end=found.pose)
         if self.main.is_trusted and apart_px < MIN_DIFFERENCE_PX:
             return None
         fraction = self.tools.explained(self.pair, found).contradicting_fraction
@@ -320,7 +317,7 @@ class Evidence:
         if found.inlier_count > CONVINCING * len(found.inliers):
             return found
         least_px = max(MIN_DIFFERENCE_PX, MIN_DIFFERENCE_RATIO * self.explained.motion_px)
-        apart_px = self.tools.image_motion_px(self.pair, found, start=self.main.pose, end=found.pose)
+        apart_px = self.tools.image_motion_px(found, start=self.main.pose, end=found.pose)
         return found if apart_px > least_px else None
 
     @property
@@ -336,10 +333,8 @@ class Evidence:
         standstill = self.pair.prediction.guesses.standstill
         expected = self.pair.prediction.guesses.expected
         motions = [tracks for tracks in (self.main, self.other) if tracks is not None]
-        slower_px = min(
-            self.tools.image_motion_px(self.pair, tracks, start=standstill, end=tracks.pose) for tracks in motions
-        )
-        expected_px = self.tools.image_motion_px(self.pair, self.main, start=standstill, end=expected)
+        slower_px = min(self.tools.image_motion_px(tracks, start=standstill, end=tracks.pose) for tracks in motions)
+        expected_px = self.tools.image_motion_px(self.main, start=standstill, end=expected)
         return slower_px < max(MIN_DIFFERENCE_PX, STANDSTILL_RATIO * expected_px)
 
     @cached_property
@@ -378,6 +373,6 @@ class Evidence:
         old = float(np.count_nonzero(tracks.inliers & are_old))
         weight = tracks.inlier_count + (OLD_WEIGHT - 1.0) * old
         expected = self.pair.prediction.guesses.expected
-        to_own_px = self.tools.image_motion_px(self.pair, tracks, start=expected, end=tracks.pose)
-        to_other_px = self.tools.image_motion_px(self.pair, tracks, start=expected, end=other.pose)
+        to_own_px = self.tools.image_motion_px(tracks, start=expected, end=tracks.pose)
+        to_other_px = self.tools.image_motion_px(tracks, start=expected, end=other.pose)
         return weight * EXPECTED_WEIGHT if to_own_px < EXPECTED_RATIO * to_other_px else weight

@@ -109,6 +109,109 @@ def _project(pose: Pose, landmarks: LandmarkEstimates, n: int, camera: StereoCam
     return _Pixel(u, v)
 
 
+class _LandmarkMotion(NamedTuple):
+    """Image motion of M landmarks between two poses."""
+
+    px: FloatArray  #: `(M,)` length, px; NaN for a landmark behind a camera.
+    uv: FloatArray  #: `(M, 2)` projections at the second pose, px; NaN behind the camera.
+
+
+class _CellMotion(NamedTuple):
+    """Image motion of the landmarks in each of R x C cells; motions above `MAX_MOTION_PX` are clipped."""
+
+    total: FloatArray  #: `(R, C)` sum of the motions, px.
+    landmarks: FloatArray  #: `(R, C)` number of landmarks.
+    smallest: FloatArray  #: `(R, C)` smallest motion, px; `MAX_MOTION_PX` without landmarks.
+
+
+@jit_fast_ir_inline
+def _landmark_motion(start: Pose, end: Pose, landmarks: LandmarkEstimates, camera: StereoCamera) -> _LandmarkMotion:
+    """Return the image motion of landmarks between two poses."""
+    count = len(landmarks.inverse_depth)
+    px = np.full(count, np.nan)
+    uv = np.empty((count, 2))
+    for n in range(count):
+        now = _project(end, landmarks, n, camera)
+        before = _project(start, landmarks, n, camera)
+        px[n] = np.hypot(now.u - before.u, now.v - before.v)
+        uv[n, 0] = now.u
+        uv[n, 1] = now.v
+    return _LandmarkMotion(px, uv)
+
+
+@jit_fast_ir_inline
+def _quantile(motion_px: FloatArray) -> float:
+    """Return the quantile `MOTION_QUANTILE` of image motions `(M,)`, without NaN; 0 for none."""
+    known_px = np.empty(len(motion_px))
+    known = 0
+    for n in range(len(motion_px)):
+        if not np.isnan(motion_px[n]):
+            known_px[known] = motion_px[n]
+            known += 1
+    return reorder_to_rank(known_px[:known], int(MOTION_QUANTILE * known)) if known else 0.0
+
+
+@jit_fast_ir_inline
+def _are_in_view(motion: _LandmarkMotion, inliers: Mask, shape: tuple[int, int], far_px: float) -> Mask:
+    """Return which landmarks `(M,)` are in the image, without outliers that move by `far_px` or more."""
+    height, width = shape
+    in_view = np.zeros(len(inliers), np.bool_)
+    for n in range(len(inliers)):
+        is_evidence = inliers[n] or motion.px[n] < far_px
+        is_inside = BORDER < motion.uv[n, 0] < width - 1 - BORDER and BORDER < motion.uv[n, 1] < height - 1 - BORDER
+        in_view[n] = is_evidence and is_inside
+    return in_view
+
+
+@jit_fast_ir_inline
+def _cell_motion(motion_px: FloatArray, cells: NDArray[np.intp], in_view: Mask, rows: int, columns: int) -> _CellMotion:
+    """Return the image motion in each cell, of the landmarks in view. `cells` are their cell numbers."""
+    total = np.zeros((rows, columns))
+    count = np.zeros((rows, columns))
+    smallest = np.full((rows, columns), MAX_MOTION_PX)
+    for n in range(len(cells)):
+        if in_view[n] and cells[n] < rows * columns:
+            row = cells[n] // columns
+            column = cells[n] % columns
+            total[row, column] += min(motion_px[n], MAX_MOTION_PX)
+            count[row, column] += 1.0
+            smallest[row, column] = min(motion_px[n], smallest[row, column])
+    return _CellMotion(total, count, smallest)
+
+
+@jit_fast_ir_inline
+def _fixed_cells(motion: _CellMotion, stationary: Mask) -> Mask:
+    """Return the stationary cells in which the pose predicts image motion.
+
+    Near the focus of expansion, motion varies from cell to cell. All landmarks in and beside the cell must move.
+    """
+    fixed = np.zeros(stationary.shape, np.bool_)
+    for row in range(stationary.shape[0]):
+        for column in range(stationary.shape[1]):
+            if stationary[row, column]:
+                has_landmarks = _around(motion.landmarks, row, column, 1).total > 0.0
+                fixed[row, column] = has_landmarks and _around(motion.smallest, row, column, 1).smallest > MOVED_PX
+    return fixed
+
+
+@jit_fast_ir_inline
+def _contradicting_count(motion: _CellMotion, changed: Mask) -> int:
+    """Return the number of changed cells in which the pose predicts no image motion."""
+    contradicting = 0
+    for row in range(changed.shape[0]):
+        for column in range(changed.shape[1]):
+            if changed[row, column]:
+                near = _around(motion.landmarks, row, column, NEAR).total
+                contradicting += _around(motion.total, row, column, NEAR).total < STATIONARY_PX * near
+    return contradicting
+
+
+@jit_fast
+def image_motion(start: Pose, end: Pose, landmarks: LandmarkEstimates, camera: StereoCamera) -> float:
+    """Return the quantile `MOTION_QUANTILE` of the image motion of landmarks, px; 0 without landmarks."""
+    return _quantile(_landmark_motion(start, end, landmarks, camera).px)
+
+
 @jit_fast
 def explain(
     pose: Pose,
@@ -135,68 +238,35 @@ def explain(
         far_px: Image motion, px, from which a landmark that is not an inlier is ignored instead of counted as an
             outlier.
     """
-    count = len(landmarks.inverse_depth)
+    count = len(inliers)
     rows, columns = change.changed.shape
-    height, width = shape
-    motion_px = np.full(count, np.nan)
-    cell = np.zeros(count, np.intp)
-    stationary = np.zeros(count, np.bool_)
-    is_outlier = np.zeros(count, np.bool_)
-    in_view = 0
-    motion_sum = np.zeros((rows, columns))
-    landmark_count = np.zeros((rows, columns))
-    smallest_motion = np.full((rows, columns), MAX_MOTION_PX)
+    motion = _landmark_motion(reference, pose, landmarks, camera)
+    in_view = _are_in_view(motion, inliers, shape, far_px)
+    cells = np.empty(count, np.intp)
     for n in range(count):
-        now = _project(pose, landmarks, n, camera)
-        before = _project(reference, landmarks, n, camera)
-        motion_px[n] = np.hypot(now.u - before.u, now.v - before.v)
-        cell[n] = _cell_of(now.u, now.v, rows, columns)
-        stationary[n] = _is_set(change.stationary, _cell_of(host_uv[n, 0], host_uv[n, 1], rows, columns))
-        is_evidence = inliers[n] or motion_px[n] < far_px
-        is_inside = BORDER < now.u < width - 1 - BORDER and BORDER < now.v < height - 1 - BORDER
-        if not (is_evidence and is_inside):
-            continue
-        is_outlier[n] = not inliers[n]
-        in_view += 1
-        if cell[n] < rows * columns:
-            row = cell[n] // columns
-            column = cell[n] % columns
-            motion_sum[row, column] += min(motion_px[n], MAX_MOTION_PX)
-            landmark_count[row, column] += 1.0
-            smallest_motion[row, column] = min(motion_px[n], smallest_motion[row, column])
-    fixed_cells = np.zeros((rows, columns), np.bool_)
-    contradicting = 0
-    for row in range(rows):
-        for column in range(columns):
-            if change.stationary[row, column]:
-                # Near the focus of expansion, motion varies from cell to cell: all landmarks nearby must move.
-                has_landmarks = _around(landmark_count, row, column, 1).total > 0.0
-                fixed_cells[row, column] = (
-                    has_landmarks and _around(smallest_motion, row, column, 1).smallest > MOVED_PX
-                )
-            if change.changed[row, column]:
-                near = _around(landmark_count, row, column, NEAR).total
-                contradicting += _around(motion_sum, row, column, NEAR).total < STATIONARY_PX * near
-    fixed = np.zeros(count, np.bool_)
-    rest = np.zeros(count, np.bool_)
-    rest_count = 0
-    known_px = np.empty(count)
-    known = 0
+        cells[n] = _cell_of(motion.uv[n, 0], motion.uv[n, 1], rows, columns)
+    cell_motion = _cell_motion(motion.px, cells, in_view, rows, columns)
+    fixed_cells = _fixed_cells(cell_motion, change.stationary)
+    on_stationary = np.zeros(count, np.bool_)
+    on_fixed = np.zeros(count, np.bool_)
+    unexplained = np.zeros(count, np.bool_)
+    unexplained_count = 0
+    in_view_count = 0
     for n in range(count):
         host_cell = _cell_of(host_uv[n, 0], host_uv[n, 1], rows, columns)
-        fixed[n] = _is_set(fixed_cells, host_cell) and not inliers[n]
-        rest[n] = is_outlier[n] and not (fixed[n] or _is_set(fixed_cells, cell[n]))
-        rest_count += rest[n]
-        if not np.isnan(motion_px[n]):
-            known_px[known] = motion_px[n]
-            known += 1
+        on_stationary[n] = _is_set(change.stationary, host_cell)
+        if not inliers[n]:
+            on_fixed[n] = _is_set(fixed_cells, host_cell)
+            unexplained[n] = in_view[n] and not (on_fixed[n] or _is_set(fixed_cells, cells[n]))
+        unexplained_count += unexplained[n]
+        in_view_count += in_view[n]
     return Explained(
-        motion_px=reorder_to_rank(known_px[:known], int(MOTION_QUANTILE * known)) if known else 0.0,
-        cell_index=cell,
-        on_stationary=stationary,
-        on_fixed=fixed,
-        unexplained=rest,
-        unexplained_fraction=rest_count / max(in_view, 1),
+        motion_px=_quantile(motion.px),
+        cell_index=cells,
+        on_stationary=on_stationary,
+        on_fixed=on_fixed,
+        unexplained=unexplained,
+        unexplained_fraction=unexplained_count / max(in_view_count, 1),
         fixed_cells=fixed_cells,
-        contradicting_fraction=contradicting / max(rows * columns, 1),
+        contradicting_fraction=_contradicting_count(cell_motion, change.changed) / max(rows * columns, 1),
     )
