@@ -16,7 +16,7 @@ def test_times_of_a_target_belong_to_the_estimate_by_stamp(judge: Judge) -> None
     few = judge.calls(judge.estimate.stamps_ns[:50])
     result, score = judge("--target", "board", "--target-timing", few)
     assert (result.code, score["target"]["matched_share"]) == (0, 50 / POSES)
-    assert "the times of board are of 12.5 % of the estimates" in result.err
+    assert "the times of board cover only 12.5 % of the estimates" in result.err
     other = ("--target", "board", "--target-timing", judge.calls(range(5, 55)))
     result, _ = judge(*other)
     assert result.code == 2
