@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Say = Callable[[str], None]
 """Function that prints a line of progress of a suite."""
 Progress = Callable[[int, int, tuple[Job, JobOutcome] | None], None]
-"""Function of the number of finished tasks, of all tasks, and the last task with its outcome (None at the start)."""
+"""Function of the numbers of finished and of all tasks, and of the last task with its outcome (None at the start)."""
 
 
 def run_suite(

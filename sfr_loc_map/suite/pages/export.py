@@ -22,7 +22,7 @@ EXPERIMENT = "sfr suite"  #: Name of the MLflow experiment.
 
 
 def suite_junit(summary: Summary) -> str:
-    """Return JUnit XML with a test case per limit over all drives and per drive, and per task without a result."""
+    """Return JUnit XML: test cases for the limits over all drives, for those of each drive, and for missing results."""
     failed = {item.label: f"{item.cause}: {item.message}" for item in summary.failures}
     refused = {item.path: item.reason for item in summary.refusals}
     judged = {

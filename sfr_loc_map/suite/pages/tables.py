@@ -231,7 +231,7 @@ def budget_tables(budgets: Sequence[Budget]) -> list[Table]:
 
 
 def worst_first(summary: Summary) -> list[ScoredJob]:
-    """Return the drives with a trajectory by decreasing mean + 3 sigma of position."""
+    """Return the drives with a trajectory in the order of decreasing mean + 3 sigma of position."""
     drives = [drive for drive in summary.drives if drive.score.association is not None]
     return sorted(drives, key=lambda drive: -1.0 if drive.figure is None else drive.figure, reverse=True)
 

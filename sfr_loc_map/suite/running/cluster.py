@@ -37,7 +37,7 @@ JOINED = "sfr-joined"  #: Topic of the event by which a worker reports its code.
 OVER_TIME = "sfr-over-time"  #: Topic of the event by which a task reports that it exceeds its time limit.
 OVER_MEMORY = "worker-restart-memory"  #: Topic of the event by which the Dask nanny reports an exceeded memory limit.
 ASK_EVERY_S = 1.0  #: Period of requests for the workers of the scheduler.
-SAY_AFTER_S = 2.0  #: Time without a worker after which it is reported.
+SAY_AFTER_S = 2.0  #: Time without a worker after which a message is printed.
 SHOWN = 10  #: Maximum number of reported workers with different code.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 

@@ -34,7 +34,7 @@ class DriveTrace:
     grey: tuple[int, ...] = ()  #: Pixels of the first left image; empty without images.
 
     def is_copy_of(self, other: DriveTrace) -> bool:
-        """Return whether both traces are of one drive. False if there is no ground truth."""
+        """Return whether both traces are of one drive; False without ground truth."""
         if not self.poses or (self.poses, len(self.grey)) != (other.poses, len(other.grey)):
             return False
         apart_m = np.subtract(self.path_m, other.path_m).reshape(-1, 3)

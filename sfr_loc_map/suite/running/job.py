@@ -40,7 +40,7 @@ class JobSource:
 
     name: str  #: Short name, unique in the suite.
     kind: SourceKind  #: Origin of the data.
-    path: str  #: Path of the source, its URL before the plan, the scenario, or the estimate.
+    path: str  #: Path of the source (before the plan, its URL), of the scenario, or of the estimate.
     truth: str = ""  #: Truth of an estimate; otherwise empty.
     settings: Mapping[str, object] = field(default_factory=dict)  #: All settings of a simulation; otherwise empty.
     sha256: str  #: Hash of the content, or of the settings; empty before the plan.

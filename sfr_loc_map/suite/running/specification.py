@@ -74,7 +74,7 @@ class SuiteSpecification:
     sources: tuple[JobSource, ...]  #: One for each match and each seed; files have no hashes yet.
     refusals: tuple[Refusal, ...]  #: Entries without a match, or with a server that does not answer.
     faults: tuple[str, ...]  #: Injected faults; the source without faults comes first, as an empty text.
-    configurations: Mapping[str, Mapping[str, object]]  #: Parameters by dotted name, by the configuration's name.
+    configurations: Mapping[str, Mapping[str, object]]  #: Parameters of each configuration, by dotted name.
     tasks: tuple[JobKind, ...] | None  #: Requested tasks; None: the tasks for which each source has data.
     budget: tuple[str, ...]  #: Names of the sources of error of a budget; empty if there is none.
     scoring: TrajectoryScoreConfig  #: Settings of the scores, including conditions that only the limits name.
@@ -269,7 +269,7 @@ def _method(values: Mapping[str, object], task: Task, folder: Path) -> dict[str,
 
 
 def chosen_method(section: Mapping[str, object], task: Task) -> Method | None:
-    """Return the method in a section of a configuration, None for ours; raise MethodError if it is missing."""
+    """Return the method in a section of a configuration; None for the built-in method. MethodError if it is missing."""
     if METHOD_KEYS[0] not in section:
         return None
     return find_method(str(section["method"]), task, str(section.get("method_config", "")))

@@ -21,12 +21,12 @@ ALL, NONE, ONLY = "all sources", "no source", "only "  #: Names of two variants,
 
 @dataclass(frozen=True, slots=True)
 class ErrorSource:
-    """A source of error: a fault, or settings of the simulation that disable the source."""
+    """A source of error: an injected fault, or an error of the simulation that settings can disable."""
 
     name: str  #: Displayed name, such as `image noise`.
     without: Mapping[str, object] = field(default_factory=dict)  #: Settings that disable the source, by dotted name.
-    fault: str = ""  #: The fault as for `--fault`; empty if the source is given by settings.
-    sigma: float | None = None  #: Standard deviation of the normal amount, drawn for each seed; None: fixed.
+    fault: str = ""  #: The fault as for `--fault`; empty for an error of the simulation.
+    sigma: float | None = None  #: Standard deviation of the fault's amount, which is drawn for each seed; None: fixed.
 
     def fault_of(self, seed: int) -> str:
         """Return the fault in all drives of one seed; empty if the source has no fault."""
@@ -41,7 +41,7 @@ class ErrorSource:
 class Variant:
     """A scenario with a subset of its sources of error."""
 
-    name: str  #: From `variant_name`.
+    name: str  #: Unique name, as `variant_name` returns it.
     active: tuple[ErrorSource, ...]
     inactive: tuple[ErrorSource, ...]
 

@@ -45,7 +45,7 @@ class SearchResult:
     left_out: Mapping[Point, str]  #: Points whose scenario cannot be run, with the reason. They do not count as misses.
     tried: tuple[Tried, ...]  #: Points of the search with a result, in the order of the search.
     found: Tried  #: The point with the least margin.
-    case: Tried  #: The smallest change of the scenario that still fails; the found point if it does not fail.
+    case: Tried  #: The smallest change of the scenario that still misses the limit; `found` if it meets the limit.
     slices: tuple[Slice, ...]
     coverage: tuple[Coverage, ...]
     correlations: tuple[float, ...]  #: Rank correlation of each parameter with the ratio.

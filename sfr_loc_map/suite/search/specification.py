@@ -68,7 +68,7 @@ class SearchSpecification:
     scenario: Path
     base: Mapping[str, object]  #: All settings of the scenario, with the changes of the file.
     changes: Mapping[str, object]  #: Settings that the file changes.
-    seeds: tuple[int, ...]  #: Seeds of each point, whose ratio is that of its worst seed.
+    seeds: tuple[int, ...]  #: Seeds with which each point is run. The ratio of a point is that of its worst seed.
     parameters: tuple[Parameter, ...]
     scoring: TrajectoryScoreConfig
     settings: SearchSettings

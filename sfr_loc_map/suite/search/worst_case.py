@@ -126,7 +126,7 @@ def search_worst(chooser: Chooser, evaluate: Evaluate, runs: int, batch: int) ->
 
 
 def reduced(found: Tried, usual: Point, evaluate: Evaluate) -> Tried:
-    """Return the smallest change of the scenario that still fails; the found point if it does not fail.
+    """Return the smallest change of the scenario that still misses the limit; `found` if it meets the limit.
 
     First, each parameter in turn is reset to its usual value if the case still fails with that value. Then each
     remaining parameter is moved towards its usual value by bisection.

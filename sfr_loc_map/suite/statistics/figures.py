@@ -11,7 +11,7 @@ from sfr_loc_map.metrics.score import Score
 
 MAP_ERRORS = [kind for kind in CATALOGUE if kind.subject is Subject.MAP and TOTAL in kind.compared]
 """Map errors that are compared."""
-LEAST_SHARE = 1e-4  #: Uncovered fraction of a completely covered map, because fractions are compared as logarithms.
+LEAST_SHARE = 1e-4  #: Minimum uncovered fraction of a map, because the logarithms of fractions are compared.
 
 
 class ComparedKind(StrEnum):
@@ -29,7 +29,7 @@ class ComparedKind(StrEnum):
 
 @dataclass(frozen=True, slots=True, order=True)
 class FigureName:
-    """A figure, of which smaller is better: kind and name with unit, such as `position over 5 m, m`."""
+    """A figure whose smaller values are better: its kind, and its name with unit, such as `position over 5 m, m`."""
 
     kind: ComparedKind
     name: str

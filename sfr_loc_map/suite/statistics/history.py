@@ -73,7 +73,7 @@ def _figure(value: object) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Night:
-    """A suite of a history: name, commit, and by drive the label, path and figures; no figures without a result."""
+    """One suite of a history. Labels, paths and figures are by drive; a drive without a result has no figures."""
 
     name: str
     commit: str | None
