@@ -41,7 +41,7 @@ class Extrinsics:
         self._base_frame, self._sb_frame, self._tree = base_frame, sb_frame, FrameTree()
 
     def subscribe(self, endpoints: Endpoints, say: Callable[[str], object]) -> None:
-        """Subscribe to /tf_static if the parameters have no extrinsics; report this by `say`."""
+        """Subscribe to /tf_static if the parameters have no extrinsics; report this through `say`."""
         if self.T_rb_sb is not None:
             return
         kind = tf_message_type()
@@ -51,7 +51,7 @@ class Extrinsics:
         say(f"the extrinsics of the stereo rig (parameters T_rb_locsb) are not given: {source}")
 
     def look(self, camera_frame: str, baseline_m: float, say: Callable[[str], object]) -> None:
-        """Search the received transforms for the frame of the left camera; report found extrinsics by `say`."""
+        """Search the received transforms for the frame of the left camera; report found extrinsics through `say`."""
         if self.T_rb_sb is None:
             found = rig_in_body(self._tree, camera_frame, baseline_m, self._base_frame, self._sb_frame)
             if found is not None:

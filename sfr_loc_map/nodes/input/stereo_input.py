@@ -236,7 +236,7 @@ class StereoInput:
         self._order.restart()
 
     def restart_if_set_back(self, now_ns: int) -> bool:
-        """Restart if a clock was set back to a time that differs from the last pair's; return whether it was."""
+        """Restart if a clock was set back to another time than that of the last pair; return whether this happened."""
         if not self._order.restart_if_set_back(now_ns):
             return False
         self._forget_waiting()

@@ -21,7 +21,7 @@ from sfr_loc_map.signals import END_SIGNALS
 
 
 def run(factory: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
-    """Run a node until a signal; return 0, or 2 if an SfrError prevents the start, which is printed in one line."""
+    """Run a node until a signal and return 0. If an SfrError prevents the start, print it in one line and return 2."""
     node: Node | None = None
     has_ros_started = has_node_started = False
 

@@ -39,7 +39,7 @@ class AnswerBook:
             self._answered(stamp_ns, received_s)
 
     def note_answer(self, stamp_ns: int, frames: str, problem: str) -> bool:
-        """Note an answer, its frames (`parent -> child` of a pose, `parent` of a cloud) and why it is unusable, if so.
+        """Note an answer, its frames (`parent -> child` of a pose, `parent` of a cloud), and why it is unusable, or "".
 
         Returns whether the answer is used.
         """

@@ -23,7 +23,7 @@ from sfr_loc_map.runs.calls import decode_call
 from sfr_loc_map.topics import CLOUD, DIAGNOSTICS, ESTIMATE, call_topic
 
 QUEUE_DEPTH = 1000
-QUIET_S = 5.0  #: Time after the last result for which a replay at a rate waits for more, s.
+QUIET_S = 5.0  #: Time for which a replay at a rate waits for further results after the last one, s.
 
 
 class ResultCollector:

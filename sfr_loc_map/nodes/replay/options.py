@@ -39,7 +39,7 @@ class ExternalOptions:
     task: Task  #: Task of the node.
     topic: str  #: Topic of its results.
     command: str = ""  #: Command that starts the node; empty: the user starts it.
-    #: Process whose CPU and memory are measured: process id or part of a command line; empty: that of the command.
+    #: Process whose CPU and memory are measured: process id or part of a command line; empty: the process of `command`.
     watch: str = ""
     #: Required frames of the answers: `parent -> child` of a pose, `parent` of a cloud. Empty: as in the first answer.
     frames: str = ""
