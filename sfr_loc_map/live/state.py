@@ -35,7 +35,7 @@ from sfr_loc_map.runs.calls import CallRecord
 from sfr_loc_map.topics import ESTIMATE, REPORT, TRUE_POSES
 
 MAX_NODES, MAX_TOPICS, MAX_STAMPS, MAX_PROBLEMS, MAX_CALLS = 32, 32, 2000, 20, 600
-MAX_VALUES, MAX_LETTERS = 100, 300  #: Number of values of a node's health that are kept, and length of each text.
+MAX_VALUES, MAX_LETTERS = 100, 300  #: Maximum number of kept values of a node's health, and maximum length of a text.
 MAX_REPORT_CHARACTERS = 8_000_000
 CALL_TIMES = ("processing_time_s", "latency_transport_s", "latency_receive_to_publish_s")  #: Displayed times.
 
