@@ -89,7 +89,7 @@ class Frames(NamedTuple):
 
 
 class Matches(NamedTuple):
-    """Pairs of an estimate and a true pose whose stamps agree, by their rows, in ascending order of the stamps."""
+    """Rows of the estimates and of the true poses whose stamps agree, in ascending order of the stamps."""
 
     estimate_rows: Rows
     true_rows: Rows

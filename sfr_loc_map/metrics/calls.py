@@ -142,7 +142,7 @@ def has_memory(rows: Iterable[Figure]) -> bool:
 def completeness_rows(
     calls: Sequence[Calls], expected_ns: Mapping[Task, IntArray | None], place: Place = Place.HOST
 ) -> Iterator[Figure]:
-    """Yield the rows that compare measured with expected calls; for each kind the last file that has it is used."""
+    """Yield the rows that compare measured with expected calls; each kind of call is taken from its last file."""
     found: dict[CallKind, tuple[Calls, NDArray[np.intp]]] = {}
     for item in calls:
         kinds = item.kinds

@@ -53,7 +53,7 @@ class FigureKind(NamedTuple):
 
 
 ERRORS_BEYOND = "errors_beyond"
-"""Fraction of the frames that no judged sub-trajectory starts or ends at and whose error exceeds the judged errors."""
+"""Fraction of the frames whose error far exceeds the judged errors; no judged sub-trajectory starts or ends at them."""
 ALIGNED = ("ape", "rpe")  #: Figures of the aligned estimate, which cannot be limited.
 TOTAL = "mean_plus_3sigma"  #: The statistic that the specification limits.
 OF_ERRORS = ("mean", "sigma", TOTAL)  #: Displayed statistics of errors and of the times of API calls.

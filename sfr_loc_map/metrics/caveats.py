@@ -19,7 +19,7 @@ MAX_EXCESS = 0.05  #: Fraction of the true path that is noise above which a warn
 
 
 def truth_caveats(about: TruthRecord) -> Iterator[str]:
-    """Yield the restrictions of a score by this truth."""
+    """Yield how this truth restricts the score: one sentence for each missing or noisy component."""
     if not about.attitude:
         tilt = "" if about.tilt_deg is None else f", tilt {about.tilt_deg:.3g} deg"
         yield (
@@ -53,5 +53,5 @@ def reading_caveats(score: Score) -> Iterator[str]:
 
 
 def inputs_caveats(score: Score) -> Iterator[str]:
-    """Yield the warnings of limits or calls that were not compared, and of limits that another score judges."""
+    """Yield the warnings about limits or calls that were not compared, and about limits that another score judges."""
     yield from (text for text in score.warnings if text.endswith((NOT_COMPARED, JUDGED_ELSEWHERE, NOT_BOUND)))

@@ -53,7 +53,7 @@ HONEST_SCALES = (0.8, 1.25)  #: Range of scales that are attributed to the metho
 LATE_GAIN, LATE_POSES = 2.0, 30
 """An estimate is late by one pair if its rotations from pose to pose match those of the previous pair better: by this
 factor in the sum of squared differences, over at least this number of poses."""
-SIMPLER = 2.0  #: A mismatch with fitted numbers must leave this many times less disagreement than one without.
+SIMPLER = 2.0  #: Factor by which a mismatch with fitted numbers must leave less disagreement than one without.
 MAX_POSES, MIN_POSES = 20_000, 8
 SUB_TRAJECTORIES = 400
 MIN_LEVER_M, MAX_TILT_DEG = 0.05, 60.0

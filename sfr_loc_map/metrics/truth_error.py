@@ -43,7 +43,7 @@ def truth_error_rows(truth: Trajectory, frames_ns: IntArray) -> Iterator[Figure]
 
 
 def turn_rows(condition: str, sigma_deg: float, moves: FloatArray) -> Iterator[Figure]:
-    """Yield the position error at N+x by the error of the true attitude at N, which rotates the re-based estimate.
+    """Yield the position error at N+x that an error of the true attitude at N causes by rotating the re-based estimate.
 
     The value is the standard deviation of the error vector in m, over sub-trajectories with the true displacements
     `moves` `(M, 3)`. Unknown heights are ignored.
@@ -56,7 +56,7 @@ def turn_rows(condition: str, sigma_deg: float, moves: FloatArray) -> Iterator[F
 
 
 def truth_noise(sigmas: tuple[float, float], move: FloatArray) -> FloatArray:
-    """Return the covariance of position and attitude at N+x by the noise of the truth at N and N+x.
+    """Return the covariance of position and attitude at N+x that the noise of the truth at N and N+x causes.
 
     `sigmas` are in m and deg. The noise of the attitude at N rotates the displacement `move`.
     """

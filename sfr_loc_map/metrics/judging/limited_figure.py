@@ -1,4 +1,4 @@
-"""The limited number of a score: a row and a column of the table of figures, and the error of the truth in it."""
+"""The limited number of a score: a row and a column of the table of figures, and the effect of the truth's error."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ EXPANSION = {
     **{"mean": 1.0, "sigma": 1.0, "rmse": 1.0, "mean_plus_3sigma": 3.0, "max": 3.0},
     **{name: float(math.ceil(NormalDist().inv_cdf(0.5 + percent / 200.0))) for name, percent in QUANTILES.items()},
 }
-"""Largest error of each statistic, in standard deviations of the error of the truth. For a quantile it is the quantile
-of a normal error, rounded up to 1, 2 or 3. The standard library is used because scipy is slow to import."""
+"""Largest error of each statistic, in standard deviations of the error of the truth. For a quantile, it is the same
+quantile of a normal error, rounded up to 1, 2 or 3. The standard library is used because scipy is slow to import."""
 
 
 class LimitedFigure(NamedTuple):
