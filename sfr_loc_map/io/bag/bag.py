@@ -71,7 +71,7 @@ class Bag:
     """A bag; `topics` maps names to types. An `unfinished` bag was not closed and is read up to its last record."""
 
     def __init__(self, path: Path, remap: Mapping[str, str] | None = None, stamps: str = "header") -> None:
-        """Read the topics of a folder or file (.mcap, .db3, .bag of ROS 1); `remap`: new names by name in the bag.
+        """Read the topics of a folder or file (.mcap, .db3, .bag of ROS 1); `remap` maps names in the bag to new names.
 
         `stamps`: "header", or "record" to replace the stamps of headers by the times of recording.
         """
@@ -268,7 +268,7 @@ def read_frame_tree(bag: Bag) -> FrameTree:
 
 
 def read_extrinsics(bag: Bag, camera_frame: str, baseline_m: float, base_frame: str = "") -> RigInBody | None:
-    """Return the pose of the rig from /tf_static, else from the parameters of a recorded localisation node, or None."""
+    """Return the pose of the rig from /tf_static, or else from a recorded localisation node; None without either."""
     if (found := rig_in_body(read_frame_tree(bag), camera_frame, baseline_m, base_frame)) is not None:
         return RigInBody(found.T_rb_sb, f"/tf_static, {found.text}")
     configuration = configuration_topic(Task.LOCALISATION)

@@ -23,7 +23,7 @@ def is_bag(path: Path) -> bool:
 
 
 def is_ros1_bag(path: Path) -> bool:
-    """Return whether a path is a ROS 1 bag by its ending and its first bytes; an empty file is one by its ending."""
+    """Return whether a path is a ROS 1 bag by its ending and first bytes; for an empty file, by its ending alone."""
     return path.suffix in ROS1_SUFFIXES and path.is_file() and _ends(path, len(ROS1_MAGIC))[0] in (ROS1_MAGIC, b"")
 
 

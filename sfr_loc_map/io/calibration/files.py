@@ -150,7 +150,7 @@ def parse_opencv_yaml(text: str) -> Any:  # noqa: ANN401 - any YAML
 
 
 def _numbers(content: Mapping[str, Any], *names: str) -> tuple[float, ...]:
-    """Return the numbers of a matrix, row by row, by the first of `names` in the content; ValueError without it."""
+    """Return the numbers, row by row, of the first matrix of `names` in the content; ValueError if there is none."""
     name = next((name for name in names if name in content), None)
     if name is None:
         raise ValueError(f"it has no {' or '.join(names)}")

@@ -103,7 +103,7 @@ class SampleDepth:
     """
 
     def __init__(self, say: Callable[[str], object], name: str, bits: int = 0) -> None:
-        """`say` reports the depth of the images of `name` when it is detected; `bits` fixes the depth unless 0."""
+        """`say` reports the depth of the images of `name` when it is detected. A `bits` above 0 fixes the depth."""
         self.bits = bits
         self._say, self._name, self._is_given = say, name, bits > 0
 

@@ -40,7 +40,7 @@ _log = logging.getLogger(__name__)
 
 
 class _BagPairs:
-    """The pairs of the cameras of a task, read by the topics of the bag and the configuration."""
+    """The pairs of the cameras of a task, read from the topics of the bag as the configuration requires."""
 
     task: Task
     mounted_by = ""  #: Origin, in the bag, of the pose of the rig on the rover; empty if the bag has no such pose.
@@ -107,7 +107,7 @@ class _BagPairs:
 
     @cached_property
     def _pairs(self) -> dict[int, dict[str, int]]:
-        """The stamps of the messages of each complete pair by topic, by the pair's stamp; only stamps are read."""
+        """For the stamp of each complete pair, the stamps of its messages by topic. Only stamps are read."""
         stamps: dict[str, list[int]] = {topic.name: [] for topic in self._topics}
         for topic, stamp_ns, _ in self._bag.stream(self._topics):
             stamps[topic.name].append(stamp_ns)
@@ -180,7 +180,7 @@ class BagLocSequence(_BagPairs):
 
     @cached_property
     def ground_truth(self) -> Trajectory | None:
-        """True poses as configured, else from `ground_truth/odometry`, or None; read at the first use."""
+        """True poses from the configured origin, or else from `ground_truth/odometry`; None without either."""
         return resolve_truth(self._bag.path, self._own_truth, self._config.truth, self._config.remap)
 
     def _own_truth(self) -> Trajectory | None:
@@ -269,7 +269,7 @@ def open_bag(path: Path, config: SourceConfig | None = None) -> Source:
 
 
 def image_name(bag: Bag, rig: str) -> str | None:
-    """Return the last part of the names of a rig's image topics: rectified ones, else raw ones; None without images."""
+    """Return the last part of the names of a rig's image topics, if possible of rectified images; None without any."""
     for name in (RECTIFIED, RAW):
         if any(bag.find(f"{rig}/{side}/{name}", IMAGE, COMPRESSED) for side in SIDES):
             return name

@@ -33,7 +33,8 @@ from sfr_loc_map.io.truth.config import TrackedPoses
 
 CAMERAS = ("cam0", "cam1")
 TRUTH = "state_groundtruth_estimate0"
-TRUTHS = (TRUTH, "mocap0", "vicon0", "gt0", "leica0")  #: By preference: TUM-VI has mocap0, EuRoC vicon0, leica0.
+TRUTHS = (TRUTH, "mocap0", "vicon0", "gt0", "leica0")
+"""Folders of the truth in the order of preference: mocap0 is of TUM-VI, vicon0 and leica0 are of EuRoC."""
 LIST_HEADER = "#timestamp [ns],filename"
 _log = logging.getLogger(__name__)
 

@@ -177,9 +177,9 @@ def parse_table(
     """Return the stamps and numbers of a text; empty lines, comments and the first `skip` lines are ignored.
 
     The text is given in blocks of complete lines. `places` are the columns to read, from 0. If `stamp` is given, it
-    converts the first of these columns to nanoseconds. `more`: lines may have further columns. Without a `separator`
-    spaces separate. Messages name the text `name` and the content of a line `form`. `tolerant`: up to a fraction
-    `MAX_BROKEN` of invalid rows is skipped and counted.
+    converts the first of these columns to nanoseconds. With `more`, lines may have further columns. Without a
+    `separator`, cells are separated by spaces. Messages call the text `name` and the content of a line `form`. With
+    `tolerant`, invalid rows up to the fraction `MAX_BROKEN` are skipped and counted.
     """
     reader = _RowReader(form, tuple(places), stamp, separator, more, tolerant)
     columns = len(places) - (stamp is not None)

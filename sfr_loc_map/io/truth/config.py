@@ -66,7 +66,7 @@ class TrackedBody:
 
     @property
     def has_lever(self) -> bool:
-        """Whether the pose of the tracked body in RB is not the identity."""
+        """Whether the pose of the tracked body in RB differs from the identity."""
         return (self.lever_arm_m, self.lever_quat_xyzw) != (NO_LEVER, NO_TURN)
 
     def applied(self, poses: Trajectory, variances: FloatArray | None = None, read_from: str = "") -> Truth:
