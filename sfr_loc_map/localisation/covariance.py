@@ -152,13 +152,13 @@ def pose_covariance(
 
 
 def blur_of(depth_m: float, model: RoverModel) -> MotionSize:
-    """Return the standard deviations of a pose by an error of the whole image, for landmarks at a median depth."""
+    """Return the standard deviations of a pose that an error of the whole image causes, for a median depth."""
     blur_rad = model.sources.blur_px / model.fx
     return MotionSize(blur_rad * depth_m, blur_rad)
 
 
 def start_and_drift(errors: PathErrors, position: FloatArray, model: RoverModel) -> FloatArray:
-    """Return the terms start and `adjustment_inflation D` of the pose covariance P."""
+    """Return the sum of the terms start and `adjustment_inflation D` of the pose covariance P."""
     drift = errors.in_window
     origin = errors.origin
     if origin.in_window is not None:
@@ -334,7 +334,7 @@ def pose_noise(
 
 
 def systematic_step(step: StepMotion, depth_m: float, calibration: OnlineCalibration, model: RoverModel) -> FloatArray:
-    """Return the signed one-sigma effects `(6,)` of errors common to all steps on one step, in RB.
+    """Return the signed one-sigma effects `(6,)` on one step, in RB, of the errors that all steps share.
 
     The depth is the median depth of the landmarks, m.
     """

@@ -35,7 +35,7 @@ class ExcludedCells:
 
     @classmethod
     def none(cls, shape: tuple[int, int]) -> ExcludedCells:
-        """Return the value without excluded cells, for images of a shape (height, width)."""
+        """Return an instance without excluded cells, for images of a shape (height, width)."""
         count = cell_counts(shape)
         return cls(np.zeros(count, np.int64), np.zeros(count, np.bool_))
 

@@ -52,7 +52,7 @@ class Action(Enum):
 
     @property
     def refuses(self) -> bool:
-        """Whether the pose of the pair is not accepted."""
+        """Whether the pose of the pair is refused."""
         return self in (Action.KEEP, Action.REJECT, Action.RESTART)
 
 
@@ -76,7 +76,7 @@ class Finding(Enum):
     PARTIAL_TRANSFER = auto()  #: Unknown parts of the images are stale.
     DOUBLE_EXPOSURE = auto()  #: The exposures of two pairs are blended, and the pose may be that of the earlier pair.
     UNEXPLAINED = auto()  #: An unusually large fraction of the landmarks does not follow the pose.
-    #: An earlier pair had stale rows or a finding about the ground's motion, and too few moving pairs have followed.
+    #: An earlier pair had stale rows or a finding about the ground's motion; too few pairs with motion have followed.
     RECOVERING = auto()
     ONE_SIDED = auto()  #: Few inliers are observed in both images although both have texture. One image may be stale.
     GROUND_IN_DOUBT = auto()  #: Only one motion was found, but the ground is in doubt (`ground_memory.Phase.IN_DOUBT`).
@@ -176,7 +176,7 @@ class Verdict(NamedTuple):
 
     @property
     def refuses(self) -> bool:
-        """Whether the pose of the pair is not accepted."""
+        """Whether the pose of the pair is refused."""
         return self.action.refuses
 
 

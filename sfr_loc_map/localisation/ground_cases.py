@@ -82,7 +82,7 @@ EFFECTS: Final = {
 
 
 def findings_of(case: Case, memory: GroundMemory, *, is_trusted: bool, is_moving: bool) -> Findings:
-    """Return the findings of a case; without any, `RECOVERING` if earlier pairs still degrade this pair.
+    """Return the findings of a case; if there are none, `RECOVERING` if faults of earlier pairs degrade this pair.
 
     Args:
         case: The case of the pair.

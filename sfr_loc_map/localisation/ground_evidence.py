@@ -43,7 +43,7 @@ MAX_CONTRADICTING_KNOWN = 0.4
 object may fill much of the view of a rover at rest. If larger, a pose that most of the image contradicts is accepted.
 If smaller, good poses are refused while a large object is in view."""
 MIN_STATIONARY_LANDMARKS = 12
-"""Minimum number of landmarks in stationary cells for these cells to show the own body. Chosen by hand: twice the
+"""Minimum number of landmarks in stationary cells for these cells to show the rover. Chosen by hand: twice the
 minimum of a pose (`pose_solver.MIN_LANDMARKS`). If smaller, more pairs cost the time of a search. If larger, a small
 body is detected only by its cells."""
 MIN_AGREEMENT = 0.3
@@ -223,7 +223,7 @@ class Evidence:
         return confidence.after_one_motion(agrees=agrees, unusual=self.unexplained_cells if self.is_unusual else None)
 
     def confidence_after(self, effect: Effect) -> Confidence:
-        """Return the confidence in the ground's motion after the pair, by the effect of its case."""
+        """Return the confidence in the ground's motion after the pair, given the effect of the pair's case."""
         if effect.leaves_doubt:
             return self.memory.confidence.after_doubt(self.unexplained_cells)
         return self.confidence_after_one_motion if effect.confirms else self.memory.confidence
@@ -280,7 +280,7 @@ class Evidence:
     def motion_off_stationary(self) -> Tracks | None:
         """Tracks of another motion, of the landmarks outside stationary cells; None if not found or if contradicted.
 
-        With such a motion, the stationary cells are assumed to show the own body.
+        With such a motion, the stationary cells are assumed to show the rover itself.
         """
         on_stationary = self.explained.on_stationary
         if np.count_nonzero(on_stationary) < MIN_STATIONARY_LANDMARKS:
@@ -350,7 +350,7 @@ class Evidence:
 
     @property
     def is_decided(self) -> bool:
-        """Whether the motion with more weight is clearly the ground's: much more weight, and over half is explained."""
+        """Whether the motion with more weight has far more weight and explains enough landmarks to be the ground's."""
         if 1.0 / CLEAR_RATIO < self.weight_ratio < CLEAR_RATIO:
             return False
         explained_fraction = 1.0 - self.explained.unexplained_fraction

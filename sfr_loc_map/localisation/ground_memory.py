@@ -1,6 +1,7 @@
 """Memory of the ground's motion between two pairs, and the phases of its identification.
 
-The ground is identified by its motion. The first phase is `LEARNING`:
+The ground is identified by its motion. A moving pair has a trusted pose and an image that moved. The first phase is
+`LEARNING`:
 
 | phase | meaning | next phase |
 |---|---|---|
@@ -184,7 +185,7 @@ class GroundMemory:
     previous: FloatImage | None = None
     confidence: Confidence = Confidence()
     transfers: int = 0  #: Number of consecutive partially transferred pairs.
-    recovering_pairs: int = 0  #: Number of moving pairs that stay degraded (`Finding.RECOVERING`).
+    recovering_pairs: int = 0  #: Number of further moving pairs that stay degraded (`Finding.RECOVERING`).
     typical: float | None = None  #: Typical fraction of unexplained landmarks; None before the first pair.
 
     @classmethod
@@ -211,10 +212,10 @@ class GroundMemory:
         """Return the memory after a pair.
 
         Args:
-            effect: Effect of its case.
+            effect: Effect of the pair's case.
             excluded: Cells excluded from this pair on, also in a keyframe that the pair becomes.
             earlier: Image that the pair was compared with.
-            image: Pyramid level `MIXTURE_LEVEL` of its left image.
+            image: Pyramid level `MIXTURE_LEVEL` of the pair's left image.
             confidence: Confidence in the ground's motion after the pair.
             unexplained_fraction: Fraction of the landmarks that do not follow the main motion.
             is_moving: Whether the pose is trusted and the image moved.

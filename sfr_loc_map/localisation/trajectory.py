@@ -283,7 +283,7 @@ def adjusted(path: PathState, pose: Pose, covariance: FloatArray, *, has_yaw_ste
 
 
 def _past_pose(last: LastPose, errors: PathErrors, window: int, model: RoverModel, *, was_known: bool) -> PastPose:
-    """Return the last pose for the history; `was_known` is True if the previous pose was not lost."""
+    """Return the last pose for the history; `was_known` is True if the pose before it was tracked or kept, not lost."""
     position = last.T_world_left.translation
     return PastPose(
         stamp_ns=last.tracked_ns,
@@ -334,7 +334,7 @@ def _step_to_last_pose(path: PathState, stamp_ns: int, model: RoverModel) -> tup
 
 
 def given(path: PathState, pose: StartPose, model: RoverModel) -> PathState:
-    """Return the path with an external pose, which, after the first pair, waits for a pair at or after its stamp."""
+    """Return the path with an external pose. After the first pair, this pose waits for a pair at or after its stamp."""
     if not path.datum.has_pairs:
         return _placed(path, pose, pose.stamp_ns, model)
     return replace(path, datum=replace(path.datum, pending=PendingPose(pose, MAX_AHEAD_NS)))
