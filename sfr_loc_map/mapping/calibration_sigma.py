@@ -21,7 +21,8 @@ from sfr_loc_map.mapping.disparity.right_camera import MIN_ROTATION_PX, CameraRo
 
 SIGNIFICANT_SIGMAS = 3.0  #: A yaw above this many standard deviations is significant: 0.3 % by chance.
 MIN_SIGNIFICANT_YAW_DEG = 0.02
-"""Lower bound of a significant yaw, deg. It changes disparities by 0.3 pixels at a focal length of 800 pixels."""
+"""Lower bound of a significant yaw, deg. It changes disparities by 0.3 pixels at a focal length of 800 pixels. Chosen
+by hand: the bound has an effect only if the configured uncertainties are small."""
 
 
 class CalibrationSigma(NamedTuple):

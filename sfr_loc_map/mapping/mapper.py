@@ -1,8 +1,8 @@
 """The mapper: one call per stereo pair, and one call that fuses up to three of them.
 
-LM is the local map, the frame of the points. NAVSB is the frame of the stereo rig for mapping; `StereoRig` calls this
-frame SB. `T_lm_navsb` is the pose of a pair in LM, and `T_sb_left` is the pose of the left camera in NAVSB. Disparities
-refer to the left image and are in pixels. Lengths are in metres.
+LM is the local map, the frame of the points. NAVSB is the frame of the stereo rig for mapping, and SB is the frame of
+any stereo rig, so that SB is NAVSB in the mapper. Disparities refer to the left image and are in pixels. Lengths are in
+metres.
 
 The stages of `Mapper.process`, with their modules and results:
 
@@ -121,7 +121,8 @@ class Mapper:
         filled = fill_holes(estimated)
         unrolled = without_roll(filled, rotation, self._rig)
         in_range = within_range(unrolled, self._search.min_disparity_px)
-        view = view_of_pair(in_range, self._rig, T_lm_navsb @ self._rig.T_sb_left)
+        T_lm_sb = T_lm_navsb  # the SB of the mapping rig
+        view = view_of_pair(in_range, self._rig, T_lm_sb @ self._rig.T_sb_left)
         calibration_of_pair = calibration_sigma(rotation, self._rig, self._config.calibration)
         sigma = sigma_of_view(view, in_range.saturation, calibration_of_pair, self._rig)
         findings = findings_of_pair(in_range, rotation, self._rig, self._config.calibration)

@@ -17,7 +17,7 @@ from sfr_loc_map.mapping.disparity.surfaces import SURFACE_JUMP_PX
 LEVELS = 3  #: Grids of the refinement: cells of 2, 4 and 8 pixels. Images are padded to a multiple of the largest cell.
 MEAN_RADIUS_CELLS = 3
 """Half the side of the window of the edge-preserving mean, cells. A window of 14 pixels averages the noise of the
-matcher, which has steps of 1/16 or 1/8 pixel."""
+matcher, which has steps of 1/16 or 1/8 pixel. Chosen by hand."""
 MEAN_TOLERANCES_PX = (F(1.5), F(0.7))
 """Tolerances of the first and the second mean, pixels: cells that differ by less are averaged. The first tolerance
 exceeds the matcher's noise in noisy images. The second tolerance preserves edges that the first mean reveals, and its

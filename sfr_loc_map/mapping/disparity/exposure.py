@@ -16,7 +16,9 @@ MIN_GREY = 2.0
 """Pixels up to this grey level may be saturated and are excluded from the exposure. Pixels count as saturated only at 0
 and 255 (`saturation`). Chosen by hand."""
 MAX_GREY = 253.0  #: Pixels from this grey level on may be saturated and are excluded as well. Chosen by hand.
-EXPOSURE_QUANTILES = (0.1, 0.5, 0.9)  #: Quantiles of the grey levels that are compared; outliers are beyond them.
+EXPOSURE_QUANTILES = (0.1, 0.5, 0.9)
+"""Quantiles of the grey levels that are compared. Chosen by hand: outer quantiles that are nearer to 0 and 1 include
+outliers, and outer quantiles that are nearer to the median determine the gain less accurately."""
 MIN_GREY_RANGE = 8.0
 """Minimum range between the outer quantiles for a gain, grey levels. Rounding changes the ratio of smaller ranges by
 several percent."""

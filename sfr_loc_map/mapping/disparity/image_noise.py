@@ -17,13 +17,17 @@ GREY_STRIDE = 4  #: The steps between grey levels are measured on every fourth p
 DEFAULT_VARIANCE = F(25.0)
 """Variance of a residual if too few residuals are available, grey levels squared. Chosen by hand: the variance of a
 noisy camera. Only images of less than 13 000 pixels and images that hardly overlap have too few residuals."""
-NOISE_BINS = 8  #: Ranges of the grey level in which the noise is measured, with equal numbers of residuals.
+NOISE_BINS = 8
+"""Ranges of the grey level in which the noise is measured, with equal numbers of residuals. Chosen by hand: with fewer
+ranges the dependence on the grey level is less resolved, and with more ranges each variance is less accurate."""
 MIN_PER_BIN = 50  #: Minimum number of residuals in each range: the variance is then accurate to 33 %.
-SAMPLED_PIXELS = np.s_[::8, ::4]  #: Pixels whose residuals are used to measure the noise: 30 000 of 1 megapixel.
+SAMPLED_PIXELS = np.s_[::8, ::4]
+"""Pixels whose residuals are used to measure the noise: 30 000 of 1 megapixel. Chosen by hand: fewer samples make the
+variances less accurate, and more samples take longer."""
 SAMPLED_CELLS = np.s_[::4, ::2]  #: The cells of these pixels.
 MIN_LEVEL_VARIANCE = 1.0
 """Lower bound of the variance of the grey levels, grey levels squared. The variance is a divisor, and close grey levels
-do not determine a slope."""
+do not determine a slope. Chosen by hand: a larger bound flattens the line of images with low contrast."""
 BLOCK_PIXELS = 16.0  #: Pixels of a block of 4 x 4, by which averaging reduces the variance of white noise.
 NOISE_MASK = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]], F)
 """Difference of two Laplacians, which cancels smooth structure (Immerkaer 1996)."""

@@ -15,8 +15,12 @@ StatusImage = NDArray[np.uint8]  #: `(H, W)`, the `PixelStatus` of each pixel.
 class PixelStatus(IntEnum):
     """Status of a pixel. The reason of an invalid pixel is the first failed test in the order of the values.
 
-    A saturated pixel that fails an earlier test has the reason of that test, but is not filled, either. A filled pixel
-    does not keep its reason. The status does not indicate points that the fusion drops.
+    A pixel that is saturated and fails an earlier test has the reason of that test. Like all saturated pixels, it is
+    not filled. A filled pixel does not keep its reason.
+
+    The status is that of one pair. Two steps of the fusion ignore valid pixels without changing their status:
+    `multiview.fixed_content` removes content that is fixed to the image, and `multiview.projection` compares points
+    only with pixels whose neighbours are valid and on one surface.
     """
 
     MEASURED = 0  #: Valid: passed all tests.

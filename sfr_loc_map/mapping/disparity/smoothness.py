@@ -16,7 +16,9 @@ from sfr_loc_map.geometry.arrays import F, FloatImage
 from sfr_loc_map.jit import jit_rows, jit_rows_inline
 
 MIN_DIAGONAL = F(1e-12)  #: Added to the diagonal, which must not be 0, 1 / px^2.
-BLOCK_ROWS = 32  #: Rows of a block, which one thread computes, so that intermediate results stay in its cache.
+BLOCK_ROWS = 32
+"""Rows of a block, which one thread computes, so that intermediate results stay in its cache. Chosen by hand: smaller
+blocks compute more border rows twice, and larger blocks may not fit into the cache."""
 
 
 class SmoothnessWeights(NamedTuple):

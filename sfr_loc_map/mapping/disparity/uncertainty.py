@@ -16,7 +16,9 @@ NOISE_INFORMATION = F(SLOPE_NOISE_GAIN)
 """Apparent information of one cell from noise alone, 1 / px^2: four pixels times the ratio of the variance of a slope
 to the variance of a residual. The slope is measured in the mean of both images, whose noise has a quarter of the
 residual's variance."""
-MIN_INFORMATION = F(1e-3)  #: Lower bound of the information of a cell, 1 / px^2; it must not be 0.
+MIN_INFORMATION = F(1e-3)
+"""Lower bound of the information of a cell, 1 / px^2, which is a divisor. The data of such a cell alone have a standard
+deviation of 32 px, far above `MAX_SIGMA_PX`."""
 MAX_SIGMA_PX = F(2.0)
 """Upper bound of the standard deviation, pixels. Chosen by hand: the closed form assumes linearity, and an error of
 more than one or two pixels is a wrong match, which the validity tests detect."""
@@ -35,7 +37,7 @@ CREASE_CELLS = 3
 overestimates the error 1 to 6 pixels away from a crease (measurements/mapper_trials.md)."""
 MAX_CREASE_PX = F(1.0)
 """Upper bound of the second difference of a crease, pixels. Larger second differences are edges between surfaces, and
-the error beside an edge does not grow with the height of the edge."""
+the error beside an edge does not grow with the height of the edge. Chosen by hand: `SURFACE_JUMP_PX`."""
 
 
 def disparity_sigma(refined: RefinedDisparity) -> FloatImage:

@@ -20,7 +20,9 @@ SAMPLING_STRIDE = 3  #: Every third pixel of every third row is used; 100 000 sa
 HALF_WEIGHT_SIGMAS = 2.0
 """Residuals of this many standard deviations have half the weight (`cauchy_weight`). The value is below 2.385, which
 has an efficiency of 95 %, because wrong disparities are outliers."""
-MIN_RESIDUAL_SIGMA = 1e-3  #: Added to the standard deviation of residuals, grey levels: it must not be 0.
+MIN_RESIDUAL_SIGMA = 1e-3
+"""Added to the standard deviation of residuals, grey levels, which is a divisor. The value is far below the rounding
+noise of images (0.3)."""
 DAMPING = 1e-9
 """Added to the diagonal of the normal equations, as a fraction of their trace, so that they can be inverted. The
 weakest term, the saddle, has about 1e-3 of the trace."""

@@ -26,13 +26,17 @@ from sfr_loc_map.mapping.pair_view import PairView
 STRIDE = 3
 """Every third pixel of every third row is compared. These pixels are called samples, and images of samples are
 `(h, w)`. The samples are dense enough, because the smallest region is `REGION_SAMPLES` samples wide."""
-WINDOW_SAMPLES = 9  #: Side of the window over which grey levels are compared, samples: 27 pixels.
+WINDOW_SAMPLES = 9
+"""Side of the window over which grey levels are compared, samples: 27 pixels. Chosen by hand: smaller windows contain
+less texture, and larger windows contain more ground beside fixed content."""
 MIN_SIMILARITY = F(0.8)
 """Minimum similarity of the grey levels of fixed content. The similarity is 1 for equal windows, and 0.8 if the noise
-has half the standard deviation of the content."""
+has half the standard deviation of the content. Chosen by hand: a larger threshold misses fixed content in noisy images,
+and a smaller threshold removes ground that is similar to itself."""
 MIN_WINDOW_FRACTION = F(0.6)  #: Minimum fraction of the window with points of both pairs. Chosen by hand.
 MIN_MOTION_PX = 8.0
-"""Minimum motion of ground in the image, pixels: a third of a window. With less motion, ground is similar to itself."""
+"""Minimum motion of ground in the image, pixels: a third of a window. With less motion, ground is similar to
+itself. With a larger threshold, fixed content is detected only between pairs that differ more. Chosen by hand."""
 REGION_SAMPLES = 5
 """Side of the smallest region, samples: 15 pixels, about half of the window. Chosen by hand."""
 MIN_REGION_FRACTION = 0.003  #: Minimum fraction of the image that is removed. Chosen by hand.

@@ -12,14 +12,8 @@ centimetres apart on the ground, and the rows of another pair are between them. 
 point with the larger weight is kept.
 
 Two ranges are compared along the ray of the other camera, and their difference is applied along the point's own ray.
-This approximation assumes that the cameras are at nearly the same position, as in a panorama. On a plane with the
-normal n, a difference d along the unit ray e' of the other camera corresponds to `d (e' . n) / (e . n)` along the
-point's own ray e, and the standard deviation changes by the same factor. Within the panoramas of the development data
-and of the sample, the factor is 0.95 to 1.05, and converting the difference changes the mean error of the fused points
-by less than 0.01 mm. If the cameras are 4 m apart along the line of sight, the factor is 0.4 to 1.8. Without the
-conversion, the error of the fused points is then 14 % larger for the farther camera and 2 % larger for the nearer
-camera. On rendered pairs that are metres apart, fusion increased the error of near points, with and without the
-conversion (measurements/mapper_trials.md).
+This approximation assumes that the cameras are at nearly the same position, as in a panorama. Pairs that are metres
+apart should not be fused, because fusion increases the error of their near points (measurements/mapper_trials.md).
 """
 
 from __future__ import annotations

@@ -26,7 +26,8 @@ ENOUGH_POINTS = 10_000
 enough for six parameters."""
 BLURS_PX = (12.0, 5.0, 2.0, 0.7)
 """Standard deviations of the Gaussians that blur the compared images, pixels. A rotation of 1 deg moves content by 14
-pixels at a focal length of 800 pixels."""
+pixels at a focal length of 800 pixels. Each blur is less than half of the blur before, so that the estimate at one blur
+is within the range of convergence of the next. Chosen by hand."""
 MAX_STEPS_PER_BLUR = 6
 """Maximum number of Gauss-Newton steps at each blur; the next blur continues from an estimate that has not converged.
 Chosen by hand."""
@@ -46,7 +47,7 @@ decides between them. Chosen by hand."""
 POSE_HALF_WEIGHT_SIGMAS = 3.0
 """Residuals of this many standard deviations have half the weight (`cauchy_weight`). The value exceeds 2.385, which has
 an efficiency of 95 %, because the residuals of a wrong pose are large."""
-MIN_NORMALISED_SIGMA = 1e-6  #: Added to the standard deviation of residuals, which must not be 0.
+MIN_NORMALISED_SIGMA = 1e-6  #: Added to the standard deviation of residuals, which is a divisor and typically about 1.
 
 
 class RegisteredViews(NamedTuple):
