@@ -220,7 +220,10 @@ def score(
         command=shlex.join(["sfr", *sys.argv[1:]]),
     )
     if diagnose:
-        _diagnose(inputs, estimate, json_path, lenient=lenient)
+        unused = {"--html": html, "--junit": junit, "--points": points, "--pieces": pieces, "--convention": convention}
+        if given := [name for name, value in unused.items() if value]:
+            raise ConfigError(f"'--diagnose' shows the convention mismatches and makes no score: omit {given[0]}")
+        _diagnose(inputs, config, json_path, lenient=lenient)
         return
     inputs = _measured_on(inputs, target, target_timing, target_run)
     if align is not None and inputs.estimate is None:
@@ -320,7 +323,7 @@ def _propose_next(result: Score, json_path: str | None, html: Path | None) -> No
         propose("... --html report.html", why="the same command, with a page of figures")
 
 
-def _diagnose(inputs: ScoreInputs, estimate: Path, json_path: str | None, *, lenient: bool) -> None:
+def _diagnose(inputs: ScoreInputs, config: ScoreConfig, json_path: str | None, *, lenient: bool) -> None:
     """Show the convention mismatches that may explain the disagreement; raise FailedVerdictError if one does.
 
     The disagreement is the root sum of squares of the position error per distance travelled and the attitude error in
@@ -330,7 +333,7 @@ def _diagnose(inputs: ScoreInputs, estimate: Path, json_path: str | None, *, len
     from sfr_loc_map.report.tables import Cell, Column, Table
     from sfr_loc_map.scoring.conversion import diagnose_run
 
-    diagnosis = diagnose_run(inputs, ScoreConfig())
+    diagnosis = diagnose_run(inputs, config)
     rows = [(Cell.head("as it is"), Cell.number(diagnosis.disagreement, undefined="no stamp in common"), Cell(""))]
     rows += [
         (Cell.head(f"without: {item.mismatch}"), Cell.number(item.disagreement), Cell(item.setting))
@@ -345,6 +348,8 @@ def _diagnose(inputs: ScoreInputs, estimate: Path, json_path: str | None, *, len
                 say(f"sfr score ... --convention {diagnosis.found.setting} corrects it")
         raise FailedVerdictError(f"estimate and truth contradict each other by convention: {diagnosis.found.mismatch}")
     if diagnosis.disagreement is None:
-        not_judged([f"'{estimate}' and '{inputs.truth}' have fewer than {MIN_POSES} stamps in common"], lenient=lenient)
+        not_judged(
+            [f"'{inputs.estimate}' and '{inputs.truth}' have fewer than {MIN_POSES} stamps in common"], lenient=lenient
+        )
     elif json_path != STANDARD_OUTPUT:
         say("no single convention mismatch explains the disagreement, if there is any")

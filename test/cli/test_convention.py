@@ -78,6 +78,23 @@ def test_a_diagnosis_reads_columns_as_a_score_does(
     assert "--convention metres_per_unit=0.001 corrects it" in found.out
 
 
+def test_a_diagnosis_associates_as_a_score_does_and_refuses_what_it_does_not_make(
+    sfr: Sfr, tmp_path: Path, source: Path, estimate: Trajectory
+) -> None:
+    late = Trajectory(estimate.stamps_ns + 40_000_000, 1e3 * estimate.positions, estimate.quats_xyzw)
+    save_trajectory(tmp_path / "late.csv", late)
+    words = ["score", tmp_path / "late.csv", source, "--diagnose"]
+    disagreements = []
+    for how in ("match", "interpolate"):
+        sfr(*words, "--associate", how, "--json", tmp_path / f"{how}.json")
+        disagreements.append(json.loads((tmp_path / f"{how}.json").read_text())["disagreement"])
+    assert disagreements[0] is None, "no stamp is that of a true pose"
+    assert disagreements[1] > 1.0
+    refused = sfr(*words, "--html", tmp_path / "page.html")
+    assert (refused.code, (tmp_path / "page.html").exists()) == (2, False)
+    assert "omit --html" in refused.err
+
+
 def test_a_diagnosis_is_applied_only_where_asked_for_and_the_score_says_so(
     sfr: Sfr, tmp_path: Path, source: Path, estimate: Trajectory
 ) -> None:
