@@ -93,7 +93,7 @@ class GraphObserver(Peer):
         in_tf = self._frames.find(RB_FRAME, LOCSB_FRAME) is not None
         is_played = PLAYER_NODE in self.ros_node.get_node_names()
         return Observation(
-            f"the graph of ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}",
+            f"the graph of ROS domain {environment.domain()}",
             live=True,
             prefix=self._full_name(""),
             topics={name: self._topic(name, full_name, others[full_name]) for name, full_name in found.items()},

@@ -17,6 +17,7 @@ from sfr_loc_map.doctor.silence import silence_of
 from sfr_loc_map.errors import NodeError
 from sfr_loc_map.io.bag.bag import TYPESTORE
 from sfr_loc_map.io.bag.writer import BagRecorder
+from sfr_loc_map.nodes.ros import environment
 from sfr_loc_map.nodes.ros.messages import message_type
 from sfr_loc_map.nodes.ros.peer import Peer
 from sfr_loc_map.nodes.ros.publishers import publishers_of
@@ -62,7 +63,7 @@ def record(path: Path, options: RecordOptions, say: Callable[[str], None]) -> di
         silences = recorder.silences()
     if not bag.count:
         shutil.rmtree(path)
-        domain = os.environ.get("ROS_DOMAIN_ID") or "0"
+        domain = environment.domain()
         reason = f"{silences[0]}; " if silences else "no topic to record has a publisher; "
         raise NodeError(f"no message was received in ROS domain {domain}: {reason}sfr doctor examines the graph")
     for text in silences:

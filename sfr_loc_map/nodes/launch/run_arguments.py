@@ -1,7 +1,8 @@
-"""Derive the arguments of the nodes from an `sfr.yaml`."""
+"""Write the parameter files of nodes, and derive the arguments of the nodes from an `sfr.yaml`."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,9 +55,14 @@ def run_arguments(config: Path, written: Path) -> list[str]:
         raw = f"{task.rig}/left/image_raw"
         names = (name.removesuffix(COMPRESSED_END) for name in how.remap.values())
         found[task.node]["input.rectify"] = any(name.endswith(raw) for name in names)
-    content = {f"/**/{node}": {"ros__parameters": parameters} for node, parameters in found.items()}
-    written.write_text(yaml.safe_dump(content), encoding="utf-8")
-    return ["--params-file", str(written), *(word for rule in remaps_of(how) for word in ("-r", rule))]
+    return [*write_parameters(found, written), *(word for rule in remaps_of(how) for word in ("-r", rule))]
+
+
+def write_parameters(parameters: Mapping[str, Mapping[str, object]], path: Path) -> list[str]:
+    """Write the parameters of each node to a file; return the arguments that name the file."""
+    content = {f"/**/{node}": {"ros__parameters": dict(values)} for node, values in parameters.items()}
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    return ["--params-file", str(path)]
 
 
 def remaps_of(how: SourceConfig) -> list[str]:

@@ -6,7 +6,6 @@ the replay, this is a finding.
 
 from __future__ import annotations
 
-import os
 import time
 from abc import ABC, abstractmethod
 from dataclasses import replace
@@ -33,7 +32,7 @@ from sfr_loc_map.nodes.replay.options import ExternalOptions
 from sfr_loc_map.nodes.replay.process_watch import ProcessWatch, processes_named
 from sfr_loc_map.nodes.replay.received import ReceivedResults
 from sfr_loc_map.nodes.replay.replay_peer import ReplayPeer
-from sfr_loc_map.nodes.ros import messages
+from sfr_loc_map.nodes.ros import environment, messages
 from sfr_loc_map.nodes.ros.publishers import UNKNOWN_NODE
 from sfr_loc_map.nodes.ros.qos import LATCHED
 from sfr_loc_map.runs.collected_run import ExternalRun
@@ -89,7 +88,7 @@ class ExternalNode(ABC):
             return any(graph.count_subscribers(topic) for topic in topics)
 
         def problem() -> str:
-            domain = os.environ.get("ROS_DOMAIN_ID") or 0
+            domain = environment.domain()
             return (
                 f"no external node in ROS domain {domain} subscribes to {' or '.join(topics)}: start the node with "
                 "--command, or set ROS_DOMAIN_ID for both, and remap its topics; no subscription"

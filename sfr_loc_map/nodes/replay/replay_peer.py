@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from typing import Any
 
@@ -13,6 +12,7 @@ from sfr_loc_map.errors import NodeError
 from sfr_loc_map.inputs import MONITOR_NODE, PLAYER_NODE, Task
 from sfr_loc_map.nodes.launch.live_process import LiveProcess
 from sfr_loc_map.nodes.launch.processes import Supervisor
+from sfr_loc_map.nodes.ros import environment
 from sfr_loc_map.nodes.ros.peer import Peer
 from sfr_loc_map.nodes.ros.services import call_service
 from sfr_loc_map.topics import ESTIMATE, REPORT, RESULTS, TRUE_POSES, call_topic
@@ -101,7 +101,7 @@ class ReplayPeer(Peer):
         for name in (PLAYER_NODE, *self.supervisor.processes):
             if found.count((name, self.ros_node.get_namespace())) > 1:
                 raise NodeError(
-                    f"another {name} is in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0} and would interfere: "
+                    f"another {name} is in ROS domain {environment.domain()} and would interfere: "
                     f"unset ROS_DOMAIN_ID, so that the replay uses its own domain, or end that node (a killed node "
                     f"stays visible for 20 s)"
                 )

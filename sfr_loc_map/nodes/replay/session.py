@@ -21,7 +21,8 @@ from sfr_loc_map.nodes.input.extrinsics import publish_extrinsics
 from sfr_loc_map.nodes.launch.processes import Supervisor, user_command
 from sfr_loc_map.nodes.replay.collector import ResultCollector
 from sfr_loc_map.nodes.replay.external import external_node
-from sfr_loc_map.nodes.replay.options import ReplayOptions, node_arguments, pairs_per_map
+from sfr_loc_map.nodes.replay.node_arguments import node_arguments, pairs_per_map
+from sfr_loc_map.nodes.replay.options import ReplayOptions
 from sfr_loc_map.nodes.replay.pacing import PairTracker
 from sfr_loc_map.nodes.replay.player import Player
 from sfr_loc_map.nodes.replay.received import ReceivedResults

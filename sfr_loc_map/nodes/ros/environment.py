@@ -31,6 +31,11 @@ def prepare(environment: MutableMapping[str, str] = os.environ) -> None:
     environment.setdefault("AMENT_PREFIX_PATH", sys.prefix)
 
 
+def domain() -> str:
+    """Return the ROS domain of this process, for messages."""
+    return os.environ.get("ROS_DOMAIN_ID") or "0"
+
+
 def see_whole_graph(environment: MutableMapping[str, str] = os.environ) -> None:
     """Become a super client of a discovery server; normal clients see only endpoints of their own topics."""
     if environment.get("ROS_DISCOVERY_SERVER") and not environment.get("ROS_SUPER_CLIENT"):
